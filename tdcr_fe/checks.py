@@ -2,93 +2,214 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from tdcr_fe.robot import Robot
+    from tdcr_fe.robot import Backbone, Disks, Robot, Tendon
 
 #: A key (dotted, as in the file) and a sentence: the value, and what is allowed.
 Problem = tuple[str, str]
 
 
-def robot_problems(robot: Robot) -> list[Problem]:
-    """Every contradiction between the parts of a robot."""
+class Contradiction(NamedTuple):
+    """One thing that does not fit.
+
+    Attributes
+    ----------
+    key : str
+        Dotted, as in ``robot.toml``.
+    value : str
+        What was given, as text.
+    allowed : str
+        What is allowed instead.
+    """
+
+    key: str
+    value: str
+    allowed: str
+
+
+def backbone_contradictions(backbone: Backbone) -> list[Contradiction]:
+    """What is wrong with the numbers of the backbone."""
+    found = []
+    for name in ("length", "radius", "youngs_modulus"):
+        value = getattr(backbone, name)
+        if not 0.0 < value < math.inf:
+            found.append(Contradiction(f"backbone.{name}", f"{value:g}", "must be positive and finite"))
+    if not -1.0 < backbone.poisson_ratio <= 0.5:
+        found.append(
+            Contradiction("backbone.poisson_ratio", f"{backbone.poisson_ratio:g}", "must lie above -1, up to 0.5")
+        )
+    if not 0.0 <= backbone.density < math.inf:
+        found.append(Contradiction("backbone.density", f"{backbone.density:g}", "must be finite, zero or more"))
+    if found:
+        return found
+    overrides = {
+        "EI": "bending_stiffness", "GJ": "torsional_stiffness", "EA": "axial_stiffness", "GA": "shear_stiffness"
+    }  # fmt: skip
+    for name, override in overrides.items():
+        try:
+            value = float(getattr(backbone, name))
+        except OverflowError:
+            value = math.inf
+        if not 0.0 < value < math.inf:
+            source = override if getattr(backbone, override) is not None else "radius"
+            found.append(
+                Contradiction(
+                    f"backbone.{source}",
+                    f"{getattr(backbone, source):g}",
+                    f"must give a stiffness {name} that is positive and finite, not {value:g}",
+                )
+            )
+    return found
+
+
+def disk_contradictions(disks: Disks, length: float) -> list[Contradiction]:
+    """What is wrong with the disks on a backbone of that length [m]."""
     from tdcr_fe.robot import ARC_TOLERANCE
 
-    problems: list[Problem] = []
-    backbone, disks = robot.backbone, robot.disks
-    positive = {
-        "backbone.length": backbone.length,
-        "backbone.radius": backbone.radius,
-        "backbone.youngs_modulus": backbone.youngs_modulus,
-        "backbone stiffness EI": backbone.EI,
-        "backbone stiffness GJ": backbone.GJ,
-        "backbone stiffness EA": backbone.EA,
-        "backbone stiffness GA": backbone.GA,
-    }
-    problems += [
-        (k, f"{v:g} is not allowed; must be positive") for k, v in positive.items() if not v > 0.0
-    ]
     s = np.asarray(disks.positions, dtype=float)
     if s.size == 0:
-        problems.append(("disks.positions", "empty; at least one disk is needed"))
-        return problems
+        return [Contradiction("disks.positions", "[]", "at least one disk is needed")]
     if not np.all(np.isfinite(s)) or np.any(np.diff(s) <= ARC_TOLERANCE) or s[0] <= ARC_TOLERANCE:
-        problems.append(
-            ("disks.positions", f"{list(disks.positions)}; must ascend, all above 0 and apart from each other")
+        return [
+            Contradiction(
+                "disks.positions",
+                f"{_short(disks.positions)}",
+                f"must ascend from above 0 to at most the length, {length:g} m, each apart from the next",
+            )
+        ]
+    found = []
+    if s[-1] > length + ARC_TOLERANCE:
+        found.append(
+            Contradiction(
+                f"disks.positions[{s.size - 1}]", f"{s[-1]:.9g}", f"lies beyond the tip; at most {length:.9g} m"
+            )
         )
-        return problems
-    if s[-1] > backbone.length + ARC_TOLERANCE:
-        problems.append(("disks.positions", f"{s[-1]:g} lies beyond the tip at {backbone.length:g} m"))
-    if disks.thickness < 0.0:
-        problems.append(("disks.thickness", f"{disks.thickness:g}; must not be negative"))
+    if not 0.0 <= disks.thickness < math.inf:
+        found.append(Contradiction("disks.thickness", f"{disks.thickness:g}", "must be finite, zero or more"))
     elif disks.thickness > 0.0:
         gaps = np.diff(np.concatenate(([0.0], s)))
         gaps[0] += disks.thickness / 2.0
         if disks.thickness >= gaps.min():
-            problems.append(
-                ("disks.thickness", f"{disks.thickness:g} leaves no flexible backbone between the disks")
-            )
-    if disks.mass < 0.0:
-        problems.append(("disks.mass", f"{disks.mass:g}; must not be negative"))
-    for name, count in Counter(robot.tendon_names).items():
-        if count > 1:
-            problems.append(("tendons", f"the name {name!r} is used {count} times; names must differ"))
-    for i, tendon in enumerate(robot.tendons):
-        key = f"tendons[{i}]"
-        if tendon.friction_coefficient < 0.0:
-            problems.append((f"{key}.friction_coefficient", f"{tendon.friction_coefficient:g}; must be >= 0"))
-        if tendon.axial_stiffness is not None and not tendon.axial_stiffness > 0.0:
-            problems.append((f"{key}.axial_stiffness", f"{tendon.axial_stiffness:g}; must be positive"))
-        end = robot.end(tendon)
-        if np.min(np.abs(s - end)) > ARC_TOLERANCE:
-            nearest = s[np.argmin(np.abs(s - end))]
-            problems.append(
-                (f"{key}.end", f"{end:g} m is where no disk is; the nearest disk is at {nearest:.9g} m")
-            )
-            continue
-        holes_at = np.concatenate(([0.0], s[s <= end + ARC_TOLERANCE]))
-        arcs = getattr(tendon.routing, "arc_lengths", None)
-        if arcs is not None and (
-            len(arcs) != len(holes_at) or np.max(np.abs(np.asarray(arcs) - holes_at)) > ARC_TOLERANCE
-        ):
-            problems.append(
-                (f"{key}.holes", f"{len(arcs)} holes; {len(holes_at)} are needed, base plate and disks up to the end")
-            )
-            continue
-        distance = np.linalg.norm(tendon.routing.position(holes_at, end), axis=1)
-        outside = np.flatnonzero(distance > disks.radius)
-        if outside.size:
-            k = int(outside[0])
-            where = "base plate" if k == 0 else f"disk {k}"
-            problems.append(
-                (
-                    f"{key}.offset",
-                    f"the hole in the {where} lies {distance[k]:g} m from the backbone, outside the disk of "
-                    f"radius {disks.radius:g} m",
+            found.append(
+                Contradiction(
+                    "disks.thickness",
+                    f"{disks.thickness:g}",
+                    f"must leave flexible backbone between the disks, which are {np.diff(s, prepend=0.0).min():g} m "
+                    "apart at the closest",
                 )
             )
-    return problems
+    if not 0.0 <= disks.mass < math.inf:
+        found.append(Contradiction("disks.mass", f"{disks.mass:g}", "must be finite, zero or more"))
+    if not disks.radius > 0.0:
+        found.append(Contradiction("disks.radius", f"{disks.radius:g}", "must be positive"))
+    return found
+
+
+def name_contradictions(names: Sequence[str]) -> list[Contradiction]:
+    """Names of tendons that are used more than once."""
+    return [
+        Contradiction(
+            f"tendons[{len(names) - 1 - list(reversed(names)).index(name)}].name",
+            f"{name!r}",
+            f"the name is used {count} times; names must differ",
+        )
+        for name, count in Counter(names).items()
+        if count > 1
+    ]
+
+
+def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: float) -> list[Contradiction]:
+    """What is wrong with one tendon among sound disks on a backbone of that length [m]."""
+    from tdcr_fe.robot import ARC_TOLERANCE
+
+    key = f"tendons[{index}]"
+    found = []
+    if not 0.0 <= tendon.friction_coefficient < math.inf:
+        found.append(
+            Contradiction(
+                f"{key}.friction_coefficient", f"{tendon.friction_coefficient:g}", "must be finite, zero or more"
+            )
+        )
+    if tendon.axial_stiffness is not None and not 0.0 < tendon.axial_stiffness < math.inf:
+        found.append(
+            Contradiction(f"{key}.axial_stiffness", f"{tendon.axial_stiffness:g}", "must be positive and finite")
+        )
+    s = np.asarray(disks.positions, dtype=float)
+    end = length if tendon.end is None else tendon.end
+    if not np.min(np.abs(s - end)) <= ARC_TOLERANCE:
+        near = np.sort(s[np.argsort(np.abs(s - end))[:2]])
+        disks_near = " and ".join(f"{x:.9g}" for x in near)
+        found.append(
+            Contradiction(
+                f"{key}.end",
+                f"{end:.9g}" if tendon.end is not None else f"not given, so the tip at {end:.9g}",
+                f"no disk is there; the nearest {'disks are' if near.size > 1 else 'disk is'} at {disks_near} m",
+            )
+        )
+        return found
+    holes_at = np.concatenate(([0.0], s[s <= end + ARC_TOLERANCE]))
+    arcs = getattr(tendon.routing, "arc_lengths", None)
+    if arcs is not None and (
+        len(arcs) != len(holes_at) or np.max(np.abs(np.asarray(arcs) - holes_at)) > ARC_TOLERANCE
+    ):
+        found.append(hole_count_contradiction(index, len(arcs), len(holes_at)))
+        return found
+    distance = np.linalg.norm(tendon.routing.position(holes_at, end), axis=1)
+    outside = np.flatnonzero(~(distance <= disks.radius * (1.0 + 1e-9)))
+    if outside.size:
+        k = int(outside[0])
+        where = "base plate" if k == 0 else f"disk {k}"
+        if tendon.routing.kind == "points":
+            name = f"holes[{k}]"
+        else:
+            name = "end_offset" if k > 0 and hasattr(tendon.routing, "end_offset") else "offset"
+        value = getattr(tendon.routing, name, None)
+        found.append(
+            Contradiction(
+                f"{key}.{name}",
+                f"{value:g}" if value is not None else f"{distance[k]:g} m from the backbone",
+                f"the hole in the {where} must not lie outside the disk of radius {disks.radius:g} m",
+            )
+        )
+    return found
+
+
+def hole_count_contradiction(index: int, count: int, needed: int) -> Contradiction:
+    """A free list of ``count`` holes where ``needed`` are."""
+    return Contradiction(
+        f"tendons[{index}].holes",
+        f"{count} hole{'s' * (count != 1)}",
+        f"{needed} are needed at their places: the base plate and every disk up to the tendon's end",
+    )
+
+
+def robot_contradictions(robot: Robot) -> list[Contradiction]:
+    """Every contradiction between the parts of a robot."""
+    found = backbone_contradictions(robot.backbone)
+    on_disks = disk_contradictions(robot.disks, robot.backbone.length)
+    found += on_disks
+    found += name_contradictions(robot.tendon_names)
+    if not any(c.key.startswith("disks.positions") for c in on_disks):
+        for i, tendon in enumerate(robot.tendons):
+            found += tendon_contradictions(i, tendon, robot.disks, robot.backbone.length)
+    return found
+
+
+def robot_problems(robot: Robot) -> list[Problem]:
+    """Every contradiction between the parts of a robot, as keys and sentences."""
+    return [(c.key, f"{c.value}; {c.allowed}") for c in robot_contradictions(robot)]
+
+
+def _short(values: Sequence[float], keep: int = 6) -> str:
+    """A list as text, its middle left out where it is long."""
+    texts = [f"{v:g}" for v in values]
+    if len(texts) > keep:
+        texts = [*texts[: keep - 2], "...", texts[-1]]
+    return "[" + ", ".join(texts) + "]"
