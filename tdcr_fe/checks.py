@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 #: A key (dotted, as in the file) and a sentence: the value, and what is allowed.
 Problem = tuple[str, str]
 
+_POSITIVE = "must be positive and finite"
+_NOT_NEGATIVE = "must be finite, zero or more"
+
 
 class Contradiction(NamedTuple):
     """One thing that does not fit.
@@ -40,18 +43,23 @@ def backbone_contradictions(backbone: Backbone) -> list[Contradiction]:
     for name in ("length", "radius", "youngs_modulus"):
         value = getattr(backbone, name)
         if not 0.0 < value < math.inf:
-            found.append(Contradiction(f"backbone.{name}", f"{value:g}", "must be positive and finite"))
+            found.append(Contradiction(f"backbone.{name}", f"{value:g}", _POSITIVE))
     if not -1.0 < backbone.poisson_ratio <= 0.5:
         found.append(
-            Contradiction("backbone.poisson_ratio", f"{backbone.poisson_ratio:g}", "must lie above -1, up to 0.5")
+            Contradiction(
+                "backbone.poisson_ratio", f"{backbone.poisson_ratio:g}", "must be above -1, up to 0.5"
+            )
         )
     if not 0.0 <= backbone.density < math.inf:
-        found.append(Contradiction("backbone.density", f"{backbone.density:g}", "must be finite, zero or more"))
+        found.append(Contradiction("backbone.density", f"{backbone.density:g}", _NOT_NEGATIVE))
     if found:
         return found
     overrides = {
-        "EI": "bending_stiffness", "GJ": "torsional_stiffness", "EA": "axial_stiffness", "GA": "shear_stiffness"
-    }  # fmt: skip
+        "EI": "bending_stiffness",
+        "GJ": "torsional_stiffness",
+        "EA": "axial_stiffness",
+        "GA": "shear_stiffness",
+    }
     for name, override in overrides.items():
         try:
             value = float(getattr(backbone, name))
@@ -88,25 +96,19 @@ def disk_contradictions(disks: Disks, length: float) -> list[Contradiction]:
     if s[-1] > length + ARC_TOLERANCE:
         found.append(
             Contradiction(
-                f"disks.positions[{s.size - 1}]", f"{s[-1]:.9g}", f"lies beyond the tip; at most {length:.9g} m"
+                f"disks.positions[{s.size - 1}]", f"{s[-1]:.9g}", f"beyond the tip; at most {length:.9g} m"
             )
         )
     if not 0.0 <= disks.thickness < math.inf:
-        found.append(Contradiction("disks.thickness", f"{disks.thickness:g}", "must be finite, zero or more"))
+        found.append(Contradiction("disks.thickness", f"{disks.thickness:g}", _NOT_NEGATIVE))
     elif disks.thickness > 0.0:
         gaps = np.diff(np.concatenate(([0.0], s)))
         gaps[0] += disks.thickness / 2.0
         if disks.thickness >= gaps.min():
-            found.append(
-                Contradiction(
-                    "disks.thickness",
-                    f"{disks.thickness:g}",
-                    f"must leave flexible backbone between the disks, which are {np.diff(s, prepend=0.0).min():g} m "
-                    "apart at the closest",
-                )
-            )
+            sentence = f"must leave flexible backbone between the disks, so less than {gaps.min():g} m"
+            found.append(Contradiction("disks.thickness", f"{disks.thickness:g}", sentence))
     if not 0.0 <= disks.mass < math.inf:
-        found.append(Contradiction("disks.mass", f"{disks.mass:g}", "must be finite, zero or more"))
+        found.append(Contradiction("disks.mass", f"{disks.mass:g}", _NOT_NEGATIVE))
     if not disks.radius > 0.0:
         found.append(Contradiction("disks.radius", f"{disks.radius:g}", "must be positive"))
     return found
@@ -133,27 +135,23 @@ def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: floa
     found = []
     if not 0.0 <= tendon.friction_coefficient < math.inf:
         found.append(
-            Contradiction(
-                f"{key}.friction_coefficient", f"{tendon.friction_coefficient:g}", "must be finite, zero or more"
-            )
+            Contradiction(f"{key}.friction_coefficient", f"{tendon.friction_coefficient:g}", _NOT_NEGATIVE)
         )
     if tendon.axial_stiffness is not None and not 0.0 < tendon.axial_stiffness < math.inf:
-        found.append(
-            Contradiction(f"{key}.axial_stiffness", f"{tendon.axial_stiffness:g}", "must be positive and finite")
-        )
+        found.append(Contradiction(f"{key}.axial_stiffness", f"{tendon.axial_stiffness:g}", _POSITIVE))
     s = np.asarray(disks.positions, dtype=float)
     end = length if tendon.end is None else tendon.end
     if not np.min(np.abs(s - end)) <= ARC_TOLERANCE:
         near = np.sort(s[np.argsort(np.abs(s - end))[:2]])
-        disks_near = " and ".join(f"{x:.9g}" for x in near)
+        value = f"{end:.9g}" if tendon.end is not None else f"not given, so the tip at {end:.9g}"
+        nearest = " and ".join(f"{x:.9g}" for x in near)
+        are = "disks are" if near.size > 1 else "disk is"
         found.append(
-            Contradiction(
-                f"{key}.end",
-                f"{end:.9g}" if tendon.end is not None else f"not given, so the tip at {end:.9g}",
-                f"no disk is there; the nearest {'disks are' if near.size > 1 else 'disk is'} at {disks_near} m",
-            )
+            Contradiction(f"{key}.end", value, f"no disk is there; the nearest {are} at {nearest} m")
         )
-        return found
+        end = float(s[np.argmin(np.abs(s - end))])
+        if tendon.routing.kind == "points":
+            return found
     holes_at = np.concatenate(([0.0], s[s <= end + ARC_TOLERANCE]))
     arcs = getattr(tendon.routing, "arc_lengths", None)
     if arcs is not None and (
@@ -170,11 +168,11 @@ def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: floa
             name = f"holes[{k}]"
         else:
             name = "end_offset" if k > 0 and hasattr(tendon.routing, "end_offset") else "offset"
-        value = getattr(tendon.routing, name, None)
+        offset = getattr(tendon.routing, name, None)
         found.append(
             Contradiction(
                 f"{key}.{name}",
-                f"{value:g}" if value is not None else f"{distance[k]:g} m from the backbone",
+                f"{offset:g}" if offset is not None else f"{distance[k]:g} m from the backbone",
                 f"the hole in the {where} must not lie outside the disk of radius {disks.radius:g} m",
             )
         )
