@@ -102,10 +102,9 @@ def disk_contradictions(disks: Disks, length: float) -> list[Contradiction]:
     if not 0.0 <= disks.thickness < math.inf:
         found.append(Contradiction("disks.thickness", f"{disks.thickness:g}", _NOT_NEGATIVE))
     elif disks.thickness > 0.0:
-        gaps = np.diff(np.concatenate(([0.0], s)))
-        gaps[0] += disks.thickness / 2.0
-        if disks.thickness >= gaps.min():
-            sentence = f"must leave flexible backbone between the disks, so less than {gaps.min():g} m"
+        limit = min([2.0 * s[0], *np.diff(s)])
+        if disks.thickness >= limit:
+            sentence = f"must leave flexible backbone between the disks, so less than {limit:g} m"
             found.append(Contradiction("disks.thickness", f"{disks.thickness:g}", sentence))
     if not 0.0 <= disks.mass < math.inf:
         found.append(Contradiction("disks.mass", f"{disks.mass:g}", _NOT_NEGATIVE))

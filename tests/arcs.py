@@ -1,0 +1,75 @@
+"""Results of a made-up solver for tests of tables and pictures: every step is a circular arc."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tdcr_fe.loading import LoadStep, Model, resolve
+from tdcr_fe.results import SequenceResult, StepResult
+from tdcr_fe.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.routing import ParallelRouting
+
+
+def paper_robot(tendons: int = 1) -> Robot:
+    """The paper's single-segment robot; further tendons at equal angles about the backbone."""
+    return Robot(
+        Backbone(0.25, 0.4e-3, 85e9, 0.3, 5600.0),
+        Disks.equally_spaced(13, 0.25, mass=0.17e-3, radius=5e-3),
+        tuple(
+            Tendon(f"t{i + 1}", ParallelRouting(4.5e-3, 360.0 * i / tendons), friction_coefficient=0.3)
+            for i in range(tendons)
+        ),
+        name="single-segment",
+    )
+
+
+def arc_step(robot: Robot, number: int, angle: float, phi: float, tensions: np.ndarray, **rest) -> StepResult:
+    """A backbone bent by ``angle`` [rad] towards ``phi`` [rad]; tension falls by a tenth at every hole."""
+    length = robot.backbone.length
+    s = np.linspace(0.0, length, 27)
+    a = angle * s / length
+    kappa = angle / length
+    if abs(kappa) < 1e-12:
+        x, z = 0.0 * s, s
+    else:
+        x, z = (1.0 - np.cos(a)) / kappa, np.sin(a) / kappa
+    positions = np.column_stack((x * np.cos(phi), x * np.sin(phi), z))
+    axis = np.array([-np.sin(phi), np.cos(phi), 0.0])
+    rotations = Rotation.from_rotvec(a[:, None] * axis).as_matrix()
+    profiles, states = [], []
+    for tendon, tension in zip(robot.tendons, tensions, strict=True):
+        n = len(robot.hole_arc_lengths(tendon)) - 1
+        profiles.append(tension * 0.9 ** np.arange(n))
+        states.append((*("pull" if i % 2 else "stick" for i in range(n - 1)), "anchor"))
+    given = dict(label="", converged=True, iterations=4, substeps=1, residual=1e-11)
+    return StepResult(
+        step=number,
+        s=s,
+        positions=positions,
+        rotations=rotations,
+        base_tensions=np.asarray(tensions, dtype=float),
+        displacements=np.full(len(robot.tendons), 4.5e-3 * angle),
+        tensions=tuple(profiles),
+        hole_states=tuple(states),
+        **{**given, **rest},
+    )
+
+
+def arc_result(robot: Robot | None = None, steps: list[LoadStep] | None = None, **rest) -> SequenceResult:
+    """What `simulate` might give for these steps: angle in proportion to tension, tip load turns the plane."""
+    robot = robot or paper_robot()
+    names = robot.tendon_names
+    if steps is None:
+        steps = [LoadStep(f"pull {t}", {names[0]: t}) for t in (0.5, 1.0, 1.5, 2.0, 2.5)]
+        steps += [LoadStep(f"release {t}", {names[0]: t}) for t in (2.0, 1.5, 1.0, 0.5, 0.0)]
+    solved, before, angle = [], 0.0, 0.0
+    for number, (step, state) in enumerate(zip(steps, resolve(robot, steps), strict=True), start=1):
+        total = float(state.values.sum())
+        goal = 0.56 * total
+        angle = max(goal, angle) if total >= before else min(angle, 0.1 + 0.6 * total + 0.1 * (total > 1))
+        before = total
+        force = sum((np.array(x.force) for x in state.loads.values()), np.zeros(3))
+        phi = float(np.arctan2(10.0 * force[1], 1.0))
+        solved.append(arc_step(robot, number, angle, phi, state.values, label=step.label))
+    return SequenceResult(robot, Model(), tuple(solved), message="solved", wall_time=0.1, **rest)
