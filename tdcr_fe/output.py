@@ -179,7 +179,8 @@ def plain(value: Any) -> Any:
 
 def write_json(value: Any, path: Path) -> None:
     """Write a value as JSON that any reader takes (no NaN)."""
-    path.write_text(json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
+    text = json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    path.write_bytes(text.encode("utf-8", errors="backslashreplace"))  # names of files may hold any byte
 
 
 def check_place(out: str | os.PathLike[str]) -> Path:

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm
+from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
@@ -51,6 +51,8 @@ _STYLE: dict[str, Any] = {
 }
 _TENDON_COLOURS = ("#d1495b", "#00798c", "#e08e1b", "#6a4c93", "#3f784c", "#8d6346")
 _PLATE = "#3b3b3b"
+_PATH = "#888888"
+_DASHES = (0, (2, 2))
 _MM = 1e3
 
 
@@ -59,42 +61,36 @@ def _chosen(count: int, at_most: int) -> list[int]:
     return sorted({int(k) for k in np.linspace(0, count - 1, min(count, at_most)).round()})
 
 
-def _turning_points(result: SequenceResult) -> list[int]:
-    """Steps worth a closer look: the first, the last, and where a tension turns round, the largest angle."""
-    n = len(result.steps)
-    chosen = {n - 1, int(np.argmax(result.bending_angles))}
-    tensions = np.array([s.base_tensions for s in result.steps]).reshape(n, -1)
-    chosen |= {int(k) for k in np.argmax(tensions, axis=0)} if tensions.size else set()
-    for k in _chosen(n, DETAILED_STEPS):
-        if len(chosen) < DETAILED_STEPS:
-            chosen.add(k)
-    return sorted(chosen)[: 2 * DETAILED_STEPS]
+def _distinct(result: SequenceResult) -> list[int]:
+    """Steps whose tips lie apart from each other: the most bent, the last, then always the farthest."""
+    tips = result.tips
+    chosen = [int(np.argmax(result.bending_angles)), len(tips) - 1]
+    gap = np.min(np.linalg.norm(tips[:, None] - tips[chosen], axis=2), axis=1)
+    while len(chosen) < min(DETAILED_STEPS, len(tips)):
+        chosen.append(int(np.argmax(gap)))
+        gap = np.minimum(gap, np.linalg.norm(tips - tips[chosen[-1]], axis=1))
+    return sorted(set(chosen))
 
 
 class _StepColours:
-    """A colour for each step, and the bar that explains them."""
+    """A colour for each step, and the bar that explains them; without the map's end that fades on white."""
 
     def __init__(self, result: SequenceResult, drawn: Sequence[int]) -> None:
         self.numbers = [result.steps[k].step for k in drawn]
-        edges = np.array([*(n - 0.5 for n in self.numbers), self.numbers[-1] + 0.5])
-        self.map = colormaps["viridis"].resampled(256)
-        self.norm = BoundaryNorm(edges, 256) if len(edges) > 2 else None
-        self.count = len(drawn)
+        self.colours = colormaps["viridis"](np.linspace(0.0, 0.92, len(drawn)))
 
     def __call__(self, i: int) -> Any:
-        """Colour of the i-th drawn step; the brightest end of the map is left out, it fades on white."""
-        return self.map(0.92 * i / max(self.count - 1, 1))
+        """Colour of the i-th drawn step."""
+        return self.colours[i]
 
     def bar(self, figure: Figure, axes: Any, **where: Any) -> None:
         """Add the bar beside ``axes``; nothing for a single step."""
-        if self.count < 2:
+        count = len(self.numbers)
+        if count < 2:
             return
-        colours = self.map(np.linspace(0.0, 0.92, self.count))
-        listed = colormaps["viridis"].resampled(self.count)
-        listed = type(self.map)(colours) if hasattr(self.map, "colors") else listed
-        norm = BoundaryNorm(np.arange(self.count + 1) - 0.5, self.count)
-        bar = figure.colorbar(ScalarMappable(norm, listed), ax=axes, **where)
-        ticks = _chosen(self.count, 12)
+        norm = BoundaryNorm(np.arange(count + 1) - 0.5, count)
+        bar = figure.colorbar(ScalarMappable(norm, ListedColormap(self.colours)), ax=axes, **where)
+        ticks = _chosen(count, 12)
         bar.set_ticks(ticks, labels=[str(self.numbers[i]) for i in ticks])
         bar.minorticks_off()
         bar.set_label("load step")
@@ -144,61 +140,74 @@ def _planar(
     axes: Axes, result: SequenceResult, i: int, j: int, drawn: list[int], colours: _StepColours
 ) -> None:
     """Project onto the world axes ``i`` and ``j``."""
-    detailed = set(_turning_points(result))
+    detailed = set(_distinct(result))
     for n, k in enumerate(drawn):
         step, colour = result.steps[k], colours(n)
         curve = _backbone(result, step) * _MM
         if k in detailed:
             for ring in _rings(result, step)[1:] * _MM:
                 axes.fill(
-                    ring[:, i], ring[:, j], facecolor=colour, edgecolor=colour, alpha=0.28, lw=0.6, zorder=2
+                    ring[:, i], ring[:, j], fc=(*colour[:3], 0.3), ec=(*colour[:3], 0.8), lw=0.8, zorder=2
                 )
             for tendon, tendon_colour in zip(result.robot.tendons, _cycle(result), strict=True):
                 line = _tendon_line(result, step, tendon) * _MM
-                axes.plot(line[:, i], line[:, j], color=tendon_colour, lw=0.8, alpha=0.75, zorder=3)
-        axes.plot(curve[:, i], curve[:, j], color=colour, lw=1.9 if k in detailed else 0.9, zorder=4)
+                axes.plot(line[:, i], line[:, j], color=tendon_colour, lw=0.9, alpha=0.85, zorder=3)
+        width, alpha = (1.9, 1.0) if k in detailed else (1.0, 0.7)
+        axes.plot(curve[:, i], curve[:, j], color=colour, lw=width, alpha=alpha, zorder=4)
     plate = 1.6 * result.robot.disks.radius * _MM
     axes.plot([-plate, plate], [0.0, 0.0], color=_PLATE, lw=4, solid_capstyle="butt", zorder=5)
-    tips = result.tips * _MM
-    if len(tips) > 1:
-        axes.plot(tips[:, i], tips[:, j], color="#888888", lw=0.8, ls=(0, (2, 2)), zorder=1)
-    axes.set_aspect("equal", adjustable="datalim")
+    if _path_is_drawn(result):
+        tips = result.tips * _MM
+        axes.plot(tips[:, i], tips[:, j], color=_PATH, lw=0.9, ls=_DASHES, zorder=1)
     axes.set_xlabel(f"{'xyz'[i]} [mm]")
     axes.set_ylabel(f"{'xyz'[j]} [mm]")
+    axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
 
 
-def _spatial(axes: Any, result: SequenceResult, drawn: list[int], colours: _StepColours) -> None:
-    """The shapes in three dimensions, on a 3D axes."""
-    detailed = set(_turning_points(result))
-    extent = []
+def _spatial(axes: Any, result: SequenceResult, drawn: list[int], colours: _StepColours, box: Array) -> None:
+    """The shapes in three dimensions, on a 3D axes that spans ``box`` [mm], shape (3, 2)."""
+    detailed = set(_distinct(result))
     for n, k in enumerate(drawn):
         step, colour = result.steps[k], colours(n)
         curve = _backbone(result, step) * _MM
-        extent.append(curve)
         if k in detailed:
             rings = list(_rings(result, step)[1:] * _MM)
             axes.add_collection3d(
-                Poly3DCollection(rings, facecolor=(*colour[:3], 0.25), edgecolor=colour, lw=0.5)
+                Poly3DCollection(rings, facecolor=(*colour[:3], 0.25), edgecolor=colour, lw=0.6)
             )
             for tendon, tendon_colour in zip(result.robot.tendons, _cycle(result), strict=True):
                 line = _tendon_line(result, step, tendon) * _MM
-                axes.add_collection3d(Line3DCollection([line], colors=[tendon_colour], lw=0.8, alpha=0.75))
-        axes.plot(*curve.T, color=colour, lw=1.9 if k in detailed else 0.9)
+                axes.add_collection3d(Line3DCollection([line], colors=[tendon_colour], lw=0.9, alpha=0.85))
+        width, alpha = (1.9, 1.0) if k in detailed else (1.0, 0.7)
+        axes.plot(*curve.T, color=colour, lw=width, alpha=alpha)
     plate = _rings(result, result.steps[0])[0] * _MM * [1.6, 1.6, 1.0]
     axes.add_collection3d(Poly3DCollection([plate], facecolor=_PLATE, edgecolor=_PLATE, alpha=0.8))
-    if len(result.tips) > 1:
-        axes.plot(*(result.tips * _MM).T, color="#888888", lw=0.8, ls=(0, (2, 2)))
-    points = np.concatenate([*extent, plate])
-    low, high = points.min(axis=0), points.max(axis=0)
-    span = np.maximum(high - low, 0.25 * (high - low).max())
-    middle = (low + high) / 2.0
-    for name, m, w in zip("xyz", middle, span, strict=True):
-        getattr(axes, f"set_{name}lim")(m - w / 2.0, m + w / 2.0)
-        getattr(axes, f"set_{name}label")(f"{name} [mm]")
-        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4))
+    if _path_is_drawn(result):
+        axes.plot(*(result.tips * _MM).T, color=_PATH, lw=0.9, ls=_DASHES)
+    span = box[:, 1] - box[:, 0]
+    for name, limits, width in zip("xyz", box, span, strict=True):
+        getattr(axes, f"set_{name}lim")(*limits)
+        getattr(axes, f"set_{name}label")(f"{name} [mm]", labelpad=6.0)
+        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4 if width > 0.6 * span.max() else 2))
         getattr(axes, f"{name}axis").pane.set_facecolor("#fafafa")
-    axes.set_box_aspect(span, zoom=0.88)
-    axes.view_init(elev=20.0, azim=-60.0)
+    axes.tick_params(pad=1.0, labelsize=8.5)
+    axes.set_box_aspect(span, zoom=0.95)
+    axes.view_init(elev=22.0, azim=-55.0)
+
+
+def _path_is_drawn(result: SequenceResult) -> bool:
+    """Whether the way of the tip from step to step is still readable."""
+    return 1 < len(result.steps) <= 40
+
+
+def _box(result: SequenceResult, drawn: list[int]) -> Array:
+    """World box around everything drawn, none of its sides slim [mm], shape (3, 2)."""
+    points = np.concatenate([_backbone(result, result.steps[k]) for k in drawn]) * _MM
+    around = 2.0 * result.robot.disks.radius * _MM
+    low = np.minimum(points.min(axis=0), 0.0) - around
+    high = np.maximum(points.max(axis=0), 0.0) + around
+    slim = np.maximum(0.45 * (high - low).max() - (high - low), 0.0) / 2.0
+    return np.stack((low - slim, high + slim), axis=1)
 
 
 def _cycle(result: SequenceResult) -> list[str]:
@@ -212,7 +221,8 @@ def _tendon_legend(figure: Figure, result: SequenceResult, **where: Any) -> None
             Line2D([], [], color=c, lw=1.4, label=f"tendon {n}")
             for n, c in zip(names, _cycle(result), strict=True)
         ]
-        handles.append(Line2D([], [], color="#888888", lw=0.9, ls=(0, (2, 2)), label="path of the tip"))
+        if _path_is_drawn(result):
+            handles.append(Line2D([], [], color=_PATH, lw=0.9, ls=_DASHES, label="path of the tip"))
         figure.legend(handles=handles[:12], **where)
 
 
@@ -229,18 +239,24 @@ def shapes(result: SequenceResult) -> Figure:
     matplotlib.figure.Figure
     """
     _refuse_empty(result)
-    drawn = sorted({*_chosen(len(result.steps), DRAWN_STEPS), *_turning_points(result)})
+    drawn = sorted({*_chosen(len(result.steps), DRAWN_STEPS), *_distinct(result)})
     with rc_context(_STYLE):
-        figure = Figure(figsize=(12.0, 4.6), layout="constrained")
-        grid = figure.add_gridspec(1, 3, width_ratios=[1.0, 1.0, 1.15])
+        box = _box(result, drawn)
+        span = box[:, 1] - box[:, 0]
+        ratios = [*(span[:2] / span[2]), max(1.0, 0.85 * float(np.hypot(*span[:2]) / span[2]))]
+        figure = Figure(figsize=(min(3.6 * sum(ratios) + 2.6, 16.0), 5.0), layout="constrained")
+        grid = figure.add_gridspec(1, 3, width_ratios=ratios)
         colours = _StepColours(result, drawn)
-        side, front = figure.add_subplot(grid[0]), figure.add_subplot(grid[1])
-        _planar(side, result, 0, 2, drawn, colours)
-        _planar(front, result, 1, 2, drawn, colours)
-        side.set_title("Seen along y")
-        front.set_title("Seen along x")
+        side = figure.add_subplot(grid[0])
+        front = figure.add_subplot(grid[1], sharey=side)
+        for axes, i, title in ((side, 0, "Seen along y"), (front, 1, "Seen along x")):
+            _planar(axes, result, i, 2, drawn, colours)
+            axes.set_xlim(*box[i])
+            axes.set_ylim(*box[2])
+            axes.set_aspect("equal", adjustable="box")
+            axes.set_title(title)
         space = figure.add_subplot(grid[2], projection="3d")
-        _spatial(space, result, drawn, colours)
+        _spatial(space, result, drawn, colours, box)
         colours.bar(figure, [side, front, space], shrink=0.75, pad=0.02, aspect=28)
         figure.suptitle(f"{result.robot.name}: shapes of the backbone", x=0.01, ha="left", weight="bold")
         _tendon_legend(figure, result, loc="outside lower left", ncols=6)
@@ -265,7 +281,7 @@ def tensions(result: SequenceResult) -> Figure:
     _refuse_empty(result)
     if not result.robot.tendons:
         raise ValueError("the robot has no tendons whose tension could be drawn")
-    drawn = sorted({*_chosen(len(result.steps), 24), *_turning_points(result)})
+    drawn = sorted({*_chosen(len(result.steps), 24), *_distinct(result)})
     with rc_context(_STYLE):
         count = len(result.robot.tendons)
         columns = min(count, 3)
@@ -305,9 +321,7 @@ def tensions(result: SequenceResult) -> Figure:
                 for s, m in markers.items()
             ]  # fmt: skip
             figure.legend(handles=handles, loc="outside lower left", ncols=3)
-        figure.suptitle(
-            f"{result.robot.name}: tension along the tendons", x=0.01, ha="left", weight="bold"
-        )
+        figure.suptitle(f"{result.robot.name}: tension along the tendons", x=0.01, ha="left", weight="bold")
     return figure
 
 
@@ -372,9 +386,7 @@ def hysteresis(result: SequenceResult) -> Figure | None:
         ]
         figure.legend(handles=handles, loc="outside lower left", ncols=3)
         colours.bar(figure, list(axes[: len(driven)]), pad=0.02, aspect=28)
-        figure.suptitle(
-            f"{result.robot.name}: hysteresis of the tip angle", x=0.01, ha="left", weight="bold"
-        )
+        figure.suptitle(f"{result.robot.name}: hysteresis of the tip angle", x=0.01, ha="left", weight="bold")
     return figure
 
 
