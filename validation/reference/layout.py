@@ -1,0 +1,100 @@
+"""Where the multiple shooting cuts the backbone: stations, intervals between them, and what sits at each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.robot import ARC_TOLERANCE, Robot
+from tdcr_fe.validation.reference.section import Section
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Stations along the backbone; interval i lies between stations i and i + 1.
+
+    Attributes
+    ----------
+    s : ndarray, shape (n + 1,)
+        Arc lengths of the stations, base first, tip last [m].
+    nodes : ndarray of int
+        Stations that are reported: base, disks, load points, tip.
+    section : Section
+        Law of the n intervals.
+    point_mass : ndarray, shape (n + 1,)
+        Disks and tip mass [kg].
+    mass_per_length : float
+        Of the backbone [kg/m].
+    """
+
+    s: Array
+    nodes: Index
+    section: Section
+    point_mass: Array
+    mass_per_length: float
+
+    @property
+    def lengths(self) -> Array:
+        """Of the intervals [m], shape (n,)."""
+        return np.diff(self.s)
+
+    def station(self, s: float) -> int:
+        """The station at an arc length [m]."""
+        index = int(np.argmin(np.abs(self.s - s)))
+        if abs(self.s[index] - s) > 2.0 * ARC_TOLERANCE:
+            raise ValueError(f"no station at {s:g} m")
+        return index
+
+
+def _merge(points: Iterable[float]) -> list[float]:
+    merged: list[float] = []
+    for point in points:
+        if all(abs(point - other) > ARC_TOLERANCE for other in merged):
+            merged.append(point)
+    return merged
+
+
+def lay_out(robot: Robot, load_points: Iterable[float], max_interval: float) -> Layout:
+    """Cut the backbone of a robot.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    load_points
+        Arc lengths of concentrated loads [m].
+    max_interval
+        Longest interval over the length of the backbone [1].
+
+    Returns
+    -------
+    Layout
+        With stations at base, tip, disks, load points, ends of rigid inserts and of stiffness patches.
+    """
+    backbone, disks = robot.backbone, robot.disks
+    length = backbone.length
+    reported = _merge([0.0, length, *disks.positions, *(min(p, length) for p in load_points)])
+    half = disks.thickness / 2.0
+    inserts = [(max(0.0, d - half), min(length, d + half)) for d in disks.positions] if half > 0.0 else []
+    edges = [e for insert in inserts for e in insert]
+    edges += [min(max(e, 0.0), length) for p in backbone.patches for e in (p.start, p.end)]
+    cuts = np.array(sorted(_merge([*reported, *edges])))
+    pieces = np.maximum(1, np.ceil(np.diff(cuts) / (max_interval * length) - 1e-9).astype(int))
+    fine = [a + (b - a) * np.arange(n) / n for a, b, n in zip(cuts[:-1], cuts[1:], pieces, strict=True)]
+    s = np.concatenate((*fine, [length]))
+    middles = 0.5 * (s[1:] + s[:-1])
+    rigid = np.zeros(len(middles), dtype=bool)
+    for a, b in inserts:
+        rigid |= (middles > a) & (middles < b)
+    nodes = np.array([int(np.argmin(np.abs(s - r))) for r in sorted(reported)])
+    mass = np.zeros(len(s))
+    for d in disks.positions:
+        mass[int(np.argmin(np.abs(s - d)))] += disks.mass
+    mass[-1] += robot.tip_mass
+    return Layout(s, nodes, Section.of(backbone, middles, rigid), mass, backbone.mass_per_length)

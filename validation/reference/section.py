@@ -1,0 +1,235 @@
+r"""The section law: strain from wrench and its derivative, for a stack of intervals at once.
+
+Strain is :math:`\xi = [\kappa, \gamma]`, wrench :math:`\Lambda = [m, n]`, both in the section frame
+(third axis along the tangent); the unloaded strain is :math:`\xi_0 = [p_x, p_y, 0, 0, 0, 1]`.
+
+Linear: :math:`\Lambda = \mathrm{diag}(EI, EI, GJ, GA, GA, EA) (\xi - \xi_0)`, the paper's Eq. 5.
+
+Superelastic: with :math:`k` the magnitude of the bending strain :math:`(\kappa - \kappa_0)_{x,y}`, the
+bending moment has its direction and the magnitude
+
+.. math:: M(k) = EI\,[\,r k + (1 - r)(k - w(\mathrm{sp}((k - k_c)/w) - \mathrm{sp}(-k_c/w)))\,],
+
+with :math:`\mathrm{sp}(x) = \log(1 + e^x)`, :math:`k_c` = threshold strain / radius, :math:`w = 0.025 k_c`
+and :math:`r` the plateau ratio, so that the slope is :math:`EI (r + (1 - r) / (1 + e^{(k - k_c)/w}))`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.robot import Backbone, Superelastic
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+def bending_moment(
+    curvature: Array, stiffness: Array, law: Superelastic, radius: float
+) -> tuple[Array, Array]:
+    """Superelastic bending moment and its slope.
+
+    Parameters
+    ----------
+    curvature
+        Magnitude of the bending strain, >= 0 [1/m], shape (n,).
+    stiffness
+        Initial bending stiffness [N m^2], shape (n,).
+    law
+        Threshold and plateau.
+    radius
+        Of the backbone [m].
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Moment [N m] and slope [N m^2], each of shape (n,).
+    """
+    threshold = law.threshold_strain / radius
+    width = 0.025 * threshold
+    x = (curvature - threshold) / width
+    soft = width * (np.logaddexp(0.0, x) - np.logaddexp(0.0, -threshold / width))
+    ratio = law.plateau_ratio
+    moment = stiffness * (ratio * curvature + (1.0 - ratio) * (curvature - soft))
+    slope = stiffness * (ratio + (1.0 - ratio) * 0.5 * (1.0 - np.tanh(0.5 * x)))
+    return moment, slope
+
+
+def bending_curvature(
+    moment: Array, stiffness: Array, law: Superelastic, radius: float
+) -> tuple[Array, Array]:
+    """Inverse of `bending_moment`: curvature [1/m] and slope dM/dk [N m^2] at a moment >= 0 [N m].
+
+    The moment is concave in the curvature, so Newton from the elastic curvature climbs to the root.
+    """
+    curvature = moment / stiffness
+    for _ in range(60):
+        value, slope = bending_moment(curvature, stiffness, law, radius)
+        change = (moment - value) / slope
+        curvature = curvature + change
+        if np.all(np.abs(change) <= 1e-14 * (1.0 + np.abs(curvature))):
+            break
+    return curvature, bending_moment(curvature, stiffness, law, radius)[1]
+
+
+@dataclass(frozen=True)
+class Section:
+    """Section law of a stack of intervals.
+
+    Attributes
+    ----------
+    stiffness : ndarray, shape (n, 6)
+        ``EI, EI, GJ, GA, GA, EA`` [N m^2, N].
+    rest : ndarray, shape (6,)
+        Unloaded strain [1/m, 1].
+    rigid : ndarray of bool, shape (n,)
+        Intervals that keep their unloaded strain.
+    superelastic : Superelastic or None
+    radius : float
+        Of the backbone [m].
+    """
+
+    stiffness: Array
+    rest: Array
+    rigid: Mask
+    superelastic: Superelastic | None
+    radius: float
+
+    @classmethod
+    def of(cls, backbone: Backbone, middles: Array, rigid: Mask) -> Section:
+        """The law of intervals with the given middles [m]."""
+        bending, torsion = backbone.stiffness_factors(middles)
+        one = np.ones_like(middles)
+        stiffness = np.stack(
+            (
+                backbone.EI * bending,
+                backbone.EI * bending,
+                backbone.GJ * torsion,
+                backbone.GA * one,
+                backbone.GA * one,
+                backbone.EA * one,
+            ),
+            axis=1,
+        )
+        rest = np.array([*backbone.precurvature, 0.0, 0.0, 0.0, 1.0])
+        return cls(stiffness, rest, rigid, backbone.superelastic, backbone.radius)
+
+    def take(self, index: NDArray[np.intp]) -> Section:
+        """The law of some of the intervals."""
+        return Section(self.stiffness[index], self.rest, self.rigid[index], self.superelastic, self.radius)
+
+    def strain(self, wrench: Array) -> tuple[Array, Array]:
+        """Strain, shape (n, 6), and its derivative with respect to the wrench, shape (n, 6, 6)."""
+        compliance = np.where(self.rigid[:, None], 0.0, 1.0 / self.stiffness)
+        strain = self.rest + compliance * wrench
+        derivative = compliance[:, :, None] * np.eye(6)
+        if self.superelastic is not None:
+            size = np.hypot(wrench[:, 0], wrench[:, 1])
+            curvature, slope = bending_curvature(size, self.stiffness[:, 0], self.superelastic, self.radius)
+            free = ~self.rigid
+            zero = size == 0.0
+            safe = np.where(zero, 1.0, size)
+            direction = wrench[:, :2] / safe[:, None]
+            secant = np.where(zero, compliance[:, 0], curvature / safe) * free
+            tangent = free / slope
+            strain[:, :2] = self.rest[:2] + secant[:, None] * wrench[:, :2]
+            derivative[:, :2, :2] = secant[:, None, None] * np.eye(2) + (
+                (tangent - secant)[:, None, None] * direction[:, :, None] * direction[:, None, :]
+            )
+        return strain, derivative
+
+    def wrench(self, strain: Array) -> tuple[Array, Array]:
+        """Wrench, (n, 6), and its derivative by the strain, (n, 6, 6); rigidity is ignored."""
+        change = strain - self.rest
+        wrench = self.stiffness * change
+        derivative = self.stiffness[:, :, None] * np.eye(6)
+        if self.superelastic is not None:
+            size = np.hypot(change[:, 0], change[:, 1])
+            moment, slope = bending_moment(size, self.stiffness[:, 0], self.superelastic, self.radius)
+            zero = size == 0.0
+            safe = np.where(zero, 1.0, size)
+            direction = change[:, :2] / safe[:, None]
+            secant = np.where(zero, self.stiffness[:, 0], moment / safe)
+            wrench[:, :2] = secant[:, None] * change[:, :2]
+            derivative[:, :2, :2] = secant[:, None, None] * np.eye(2) + (
+                (slope - secant)[:, None, None] * direction[:, :, None] * direction[:, None, :]
+            )
+        return wrench, derivative
+
+
+@dataclass(frozen=True)
+class TendonCourse:
+    """Continuous tendons at one place of every interval.
+
+    Attributes
+    ----------
+    lever : ndarray, shape (n, n_tendons, 3, 6)
+        ``[-r^, 1]``: strain to the derivative of the tendon's position, without the routing's own part.
+    slope : ndarray, shape (n, n_tendons, 3)
+        Derivative of the routing in the section frame [1].
+    square : ndarray, shape (n, n_tendons, 6, 6)
+        ``lever.T @ lever``.
+    """
+
+    lever: Array
+    slope: Array
+    square: Array
+
+
+def coupled_strain(
+    section: Section, course: TendonCourse, tension: Array, wrench: Array, start: Array
+) -> tuple[Array, Array, Array, Array]:
+    r"""Strain of the rod where rod and continuous tendons together carry a wrench.
+
+    The tendons' distributed forces (paper, Eq. 9) act between rod and tendon, so they are internal to a
+    section that cuts both: :math:`\Lambda = H(\xi - \xi_0) + \sum_i T_i [r_i \times t_i, t_i]` with the
+    tendon's unit tangent :math:`t_i = v_i / |v_i|`, :math:`v_i = \kappa \times r_i + \gamma + r_i'`.
+    Differentiating this balance gives the coupled terms of Eq. 9. The strain minimises a strictly convex
+    energy; Newton finds it.
+
+    Parameters
+    ----------
+    section
+        Law of n intervals.
+    course
+        The tendons there.
+    tension
+        Of each tendon, zero beyond its end [N], shape (n, n_tendons).
+    wrench
+        Of rod and tendons together [N m, N], shape (n, 6).
+    start
+        First guess of the strain, shape (n, 6).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Strain (n, 6); its derivatives with respect to the wrench (n, 6, 6) and to the tensions
+        (n, 6, n_tendons); the tendons' stretch |v| per arc length and its derivative with respect to the
+        strain stacked as (n, n_tendons, 7).
+    """
+    strain: Array = np.where(section.rigid[:, None], section.rest, start)
+    inverse: Array
+    free = ~section.rigid
+    for _ in range(40):
+        v = (course.lever @ strain[:, None, :, None])[..., 0] + course.slope
+        size = np.sqrt(np.einsum("nti,nti->nt", v, v))
+        gradient = ((v / size[..., None])[:, :, None, :] @ course.lever)[:, :, 0, :]
+        value, matrix = section.wrench(strain)
+        value += (tension[:, None, :] @ gradient)[:, 0, :]
+        bend = course.square - gradient[..., :, None] * gradient[..., None, :]
+        matrix += np.einsum("nt,ntij->nij", tension / size, bend)
+        inverse = np.linalg.inv(matrix)
+        change = free[:, None] * (inverse @ (wrench - value)[..., None])[..., 0]
+        strain = strain + change
+        if np.max(np.abs(change), initial=0.0) <= 1e-10 * (1.0 + np.max(np.abs(strain), initial=0.0)):
+            break
+    inverse *= free[:, None, None]
+    along: Array = -inverse @ np.swapaxes(gradient, 1, 2)
+    v = (course.lever @ strain[:, None, :, None])[..., 0] + course.slope
+    size = np.sqrt(np.einsum("nti,nti->nt", v, v))
+    gradient = ((v / size[..., None])[:, :, None, :] @ course.lever)[:, :, 0, :]
+    stretch: Array = np.concatenate((size[..., None], gradient), axis=-1)
+    return strain, inverse, along, stretch

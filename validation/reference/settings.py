@@ -1,0 +1,52 @@
+"""Numerical choices of the reference: how finely it integrates and how hard it iterates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ReferenceSettings:
+    """Numerical settings, apart from the physics.
+
+    Attributes
+    ----------
+    sample_at : tuple of float
+        Extra arc lengths at which the shape is given [m].
+    samples_per_bay : int
+        Extra points between neighbouring nodes at which the shape is given.
+    substeps : int
+        Substeps of a load step that does not say how many.
+    presliding : float
+        Motion of a tendon through a hole from no friction to full friction [m].
+    max_interval : float
+        Longest interval of the multiple shooting, over the length of the backbone [1].
+    max_step : float
+        Longest Runge-Kutta step, over the length of the backbone [1].
+    tolerance : float
+        Largest scaled residual of a converged state: moments over EI/L, forces over EI/L^2 [1].
+    max_iterations : int
+        Of Newton's method, in one attempt.
+    max_bisections : int
+        How often a substep may be halved before the solver gives up.
+    """
+
+    sample_at: tuple[float, ...] = ()
+    samples_per_bay: int = 0
+    substeps: int = 1
+    presliding: float = 1e-6
+    max_interval: float = 0.125
+    max_step: float = 0.08
+    tolerance: float = 1e-9
+    max_iterations: int = 30
+    max_bisections: int = 10
+
+    def __post_init__(self) -> None:
+        for name in ("presliding", "max_interval", "max_step", "tolerance"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name} = {getattr(self, name)}; must be positive")
+        for name in ("substeps", "max_iterations"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} = {getattr(self, name)}; must be at least 1")
+        if self.samples_per_bay < 0 or self.max_bisections < 0:
+            raise ValueError("samples_per_bay and max_bisections must not be negative")

@@ -1,0 +1,320 @@
+"""One equilibrium: the equations of the multiple shooting and Newton's method for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, LinAlgWarning, lu_factor, lu_solve
+
+from tdcr_fe.loading import Load, Model
+from tdcr_fe.robot import Robot
+from tdcr_fe.validation.reference.layout import Layout, lay_out
+from tdcr_fe.validation.reference.lie import adjoint, hat
+from tdcr_fe.validation.reference.rod import Flow, Rod
+from tdcr_fe.validation.reference.settings import ReferenceSettings
+from tdcr_fe.validation.reference.tendons import (
+    Driver,
+    History,
+    Segments,
+    Tendons,
+    straight_segments,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Concentrated loads summed at the stations.
+
+    Attributes
+    ----------
+    world, section : ndarray, shape (n + 1, 6)
+        Moment and force in world frame and in section frame [N m, N].
+    """
+
+    world: Array
+    section: Array
+
+
+@dataclass(frozen=True)
+class State:
+    """A configuration with its unknowns.
+
+    Attributes
+    ----------
+    unknowns : ndarray
+        Starting wrenches (and weights) of the intervals, tensions, mobilisations.
+    rotations, positions : ndarray, shapes (n + 1, 3, 3), (n + 1, 3)
+        Of the stations [m].
+    wrenches : ndarray, shape (n, 6)
+        At the starts of the intervals, section frames [N m, N].
+    tensions : ndarray, shape (n_segments,)
+        [N].
+    mobilisation : ndarray, shape (n_friction,)
+        [1].
+    lengths, angles : ndarray, shapes (n_segments,), (n_holes,)
+        Of the tendons' segments [m], and at their holes [rad].
+    residual : float
+        Largest scaled residual [1].
+    """
+
+    unknowns: Array
+    rotations: Array
+    positions: Array
+    wrenches: Array
+    tensions: Array
+    mobilisation: Array
+    lengths: Array
+    angles: Array
+    residual: float
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Outcome of one run of Newton's method."""
+
+    state: State
+    converged: bool
+    iterations: int
+
+
+class Statics:
+    """Equilibrium of a robot.
+
+    Unknown are the wrench at the start of every interval in its section frame, with gravity the weight per
+    length in that frame, the tension of every tendon segment, and the mobilisation of friction. Poses follow
+    from the base by integrating interval after interval, so the kinematics are always exact; what is
+    solved for is the balance of wrenches at the stations and the tendons' equations.
+
+    Parameters
+    ----------
+    robot, model
+        What is modelled.
+    load_points
+        Arc lengths where concentrated loads will act [m].
+    settings
+        Numerical settings.
+    """
+
+    def __init__(
+        self, robot: Robot, model: Model, load_points: list[float], settings: ReferenceSettings
+    ) -> None:
+        if model.tendon_path == "continuous" and model.friction != "none":
+            raise ValueError(
+                f"friction {model.friction!r} with tendon_path 'continuous'; only 'none' goes with it"
+            )
+        self.robot, self.model, self.settings = robot, model, settings
+        self.layout: Layout = lay_out(robot, load_points, settings.max_interval)
+        backbone = robot.backbone
+        self.gravity = np.asarray(model.gravity, dtype=float)
+        self.weight = self.layout.mass_per_length * self.gravity
+        self.heavy = bool(np.any(self.weight != 0.0))
+        self.continuous = model.tendon_path == "continuous"
+        self.rod = Rod(
+            self.layout.section,
+            self.layout.s[:-1],
+            self.layout.lengths,
+            settings.max_step * backbone.length,
+            self.heavy,
+            robot if self.continuous else None,
+        )
+        self.tendons = Tendons(robot, model, self.layout)
+        n = len(self.layout.lengths)
+        self.n, self.width = n, 9 if self.heavy else 6
+        self.rod_size = n * self.width
+        self.size = self.rod_size + self.tendons.size + self.tendons.n_friction
+        self.force_scale = backbone.EI / backbone.length**2
+        self.moment_scale = backbone.EI / backbone.length
+        self.length_scale = 0.01 * backbone.length
+        self._wrench_scale = np.repeat([self.moment_scale, self.force_scale], 3)
+        self._before = np.tri(n + 1, n, -1, dtype=bool)[:, None, :, None]
+        rest = self.evaluate(np.zeros(self.size), self.no_forces(), None, self.tendons.start(), 1.0)[0]
+        self.tendons.rest = rest.lengths
+        #: The unloaded state, without weight; its unknowns are a start with weight.
+        self.rest = replace(rest, unknowns=self._weights(), residual=0.0)
+
+    def _weights(self) -> Array:
+        """Unknowns of the unloaded state, but for the weights in the frames of the intervals."""
+        x = np.zeros(self.size)
+        if self.heavy:
+            x[: self.rod_size].reshape(self.n, 9)[:, 6:] = self.weight
+        return x
+
+    def no_forces(self) -> Forces:
+        """No concentrated loads, and no weight of the disks."""
+        return Forces(np.zeros((self.n + 1, 6)), np.zeros((self.n + 1, 6)))
+
+    def forces(self, loads: list[tuple[float, Load]]) -> Forces:
+        """Factors and loads, with the weight of disks and tip mass."""
+        result = self.no_forces()
+        result.world[:, 3:] = self.layout.point_mass[:, None] * self.gravity
+        for factor, load in loads:
+            target = result.world if load.frame == "world" else result.section
+            target[self.layout.station(load.at)] += factor * np.array([*load.moment, *load.force])
+        return result
+
+    def evaluate(
+        self, x: Array, forces: Forces, driver: Driver | None, history: History, presliding: float
+    ) -> tuple[State, Array, Array]:
+        """State, scaled residual and its Jacobian at given unknowns."""
+        n, width, tendons = self.n, self.width, self.tendons
+        z = x[: self.rod_size].reshape(n, width)
+        tension = x[self.rod_size : self.rod_size + tendons.size]
+        mobilisation = x[self.rod_size + tendons.size :]
+        flow = self.rod.integrate(
+            z[:, :6], z[:, 6:] if self.heavy else None, tension if self.continuous else None
+        )
+        rotations, positions = np.empty((n + 1, 3, 3)), np.zeros((n + 1, 3))
+        rotations[0] = np.eye(3)
+        for k in range(n):
+            positions[k + 1] = positions[k] + rotations[k] @ flow.position[k]
+            rotations[k + 1] = rotations[k] @ flow.rotation[k]
+        spatial = adjoint(rotations[1:], positions[1:]) @ flow.d_pose
+        twists = self._twists(spatial)
+        m = twists.shape[2]
+
+        residual = np.zeros(self.size)
+        jacobian = np.zeros((self.size, self.size))
+        rod = residual[: self.rod_size].reshape(n, width)
+        rows = jacobian[: self.rod_size].reshape(n, width, self.size)
+        blocks = jacobian[: self.rod_size, : self.rod_size].reshape(n, width, n, width)
+        each = np.arange(n)
+        rod[:, :6] = flow.wrench
+        rod[:-1, :6] -= z[1:, :6]
+        blocks[each, :6, each, :] = flow.d_wrench[:, :, :width]
+        blocks[each[:-1], :6, each[1:], :6] -= np.eye(6)
+        rows[:, :6, self.rod_size : m] = flow.d_wrench[:, :, width:]
+
+        # concentrated loads; their derivative comes from the turning of the section
+        turn = twists[:, :3]
+        back = np.swapaxes(rotations[1:], 1, 2)
+        moment, force = forces.world[1:, :3], forces.world[1:, 3:]
+        rod[:, :3] -= (back @ moment[:, :, None])[..., 0] + forces.section[1:, :3]
+        rod[:, 3:6] -= (back @ force[:, :, None])[..., 0] + forces.section[1:, 3:]
+        for i in np.flatnonzero(np.any(forces.world[1:] != 0.0, axis=1)):
+            rows[i, :3, :m] -= back[i] @ hat(moment[i]) @ turn[i + 1]
+            rows[i, 3:6, :m] -= back[i] @ hat(force[i]) @ turn[i + 1]
+        if self.heavy:
+            forth = np.swapaxes(rotations[:-1], 1, 2)
+            rod[:, 6:] = z[:, 6:] - (forth @ self.weight[:, None])[..., 0]
+            blocks[each, 6:, each, 6:] += np.eye(3)
+            rows[:, 6:, :m] -= (forth @ hat(self.weight)) @ turn[:-1]
+
+        if self.continuous:
+            lengths, angles = flow.tendon_length.sum(axis=0), np.zeros(0)
+            d_lengths, d_angles = self._tendon_columns(flow), np.zeros((0, m))
+        else:
+            segments = straight_segments(tendons, rotations, positions, twists)
+            lengths, angles = segments.lengths, segments.angles
+            d_lengths, d_angles = segments.d_lengths, segments.d_angles
+            self._pull(rod, rows, segments, tension, rotations, turn)
+
+        rod[:, :6] /= self._wrench_scale
+        rows[:, :6] /= self._wrench_scale[:, None]
+        if self.heavy:
+            scale = np.max(np.abs(self.weight))
+            rod[:, 6:] /= scale
+            rows[:, 6:] /= scale
+        if driver is not None and tendons.size:
+            columns = slice(self.rod_size, self.rod_size + tendons.size)
+            residual[self.rod_size :], by_rod, by_tension, by_friction = tendons.equations(
+                lengths,
+                angles,
+                d_lengths,
+                d_angles,
+                tension,
+                mobilisation,
+                driver,
+                history,
+                presliding,
+                self.force_scale,
+                self.length_scale,
+            )
+            jacobian[self.rod_size :, :m] += by_rod
+            jacobian[self.rod_size :, columns] += by_tension
+            jacobian[self.rod_size :, self.rod_size + tendons.size :] += by_friction
+        state = State(
+            unknowns=x,
+            rotations=rotations,
+            positions=positions,
+            wrenches=z[:, :6],
+            tensions=tension,
+            mobilisation=mobilisation,
+            lengths=lengths,
+            angles=angles,
+            residual=float(np.max(np.abs(residual), initial=0.0)),
+        )
+        return state, residual, jacobian
+
+    def _twists(self, spatial: Array) -> Array:
+        """Spatial twists of the stations by the unknowns of the rod, and by tensions along the rod."""
+        n, width = self.n, self.width
+        own = spatial[:, :, :width].transpose(1, 0, 2)
+        twists = np.where(self._before, own[None], 0.0).reshape(n + 1, 6, self.rod_size)
+        if spatial.shape[2] == width:
+            return twists
+        shared = np.zeros((n + 1, 6, spatial.shape[2] - width))
+        np.cumsum(spatial[:, :, width:], axis=0, out=shared[1:])
+        return np.concatenate((twists, shared), axis=2)
+
+    def _tendon_columns(self, flow: Flow) -> Array:
+        """Derivative of the lengths of continuous tendons by the unknowns of the rod and by the tensions."""
+        own = flow.d_length[:, :, : self.width].transpose(1, 0, 2).reshape(self.tendons.size, self.rod_size)
+        return np.concatenate((own, flow.d_length[:, :, self.width :].sum(axis=0)), axis=1)
+
+    def _pull(
+        self, rod: Array, rows: Array, segments: Segments, tension: Array, rotations: Array, turn: Array
+    ) -> None:
+        """Take the wrenches of straight segments on the disks off the balance (paper, Eqs. 12 and 32)."""
+        tendons, m = self.tendons, turn.shape[2]
+        pulled = tension[:, None] * segments.directions
+        d_pulled = tension[:, None, None] * segments.d_directions
+        ends = ((tendons.head, tendons.head_hole, -1.0), (tendons.tail, tendons.tail_hole, 1.0))
+        for at, hole, sign in ends:
+            down = np.swapaxes(rotations[at], 1, 2)
+            arm = sign * np.concatenate((hat(hole) @ down, down), axis=1)
+            local = (arm @ pulled[:, :, None])[..., 0]
+            by_rod = arm @ (d_pulled + hat(pulled) @ turn[at])
+            by_tension = (arm @ segments.directions[:, :, None])[..., 0]
+            for first, last in zip(tendons.first, tendons.last, strict=True):
+                # the first tail is the base plate, which is held
+                k = np.arange(first + (sign > 0.0), last)
+                rod[at[k] - 1, :6] -= local[k]
+                rows[at[k] - 1, :6, :m] -= by_rod[k]
+                rows[at[k] - 1, :6, self.rod_size + k] -= by_tension[k]
+
+    def solve(
+        self, start: Array, forces: Forces, driver: Driver, history: History, presliding: float
+    ) -> Attempt:
+        """Newton's method with a line search from given unknowns."""
+        x = start.copy()
+        state, residual, jacobian = self.evaluate(x, forces, driver, history, presliding)
+        merit = float(np.linalg.norm(residual))
+        friction = slice(self.rod_size + self.tendons.size, None)
+        for iteration in range(1, self.settings.max_iterations + 1):
+            try:
+                step = lu_solve(lu_factor(jacobian, check_finite=False), -residual, check_finite=False)
+            except (LinAlgError, LinAlgWarning, ValueError):
+                return Attempt(state, False, iteration)
+            if not np.all(np.isfinite(step)):
+                return Attempt(state, False, iteration)
+            share = 1.0
+            for _ in range(8):
+                trial = x + share * step
+                trial[friction] = np.clip(trial[friction], -1.0, 1.0)
+                new = self.evaluate(trial, forces, driver, history, presliding)
+                size = float(np.linalg.norm(new[1]))
+                if np.isfinite(size) and size <= max(
+                    (1.0 - 1e-3 * share) * merit, 1e-2 * self.settings.tolerance
+                ):
+                    break
+                share *= 0.5
+            else:
+                return Attempt(state, state.residual <= self.settings.tolerance, iteration)
+            x, (state, residual, jacobian), merit = trial, new, size
+            if state.residual <= self.settings.tolerance:
+                return Attempt(state, True, iteration)
+        return Attempt(state, False, self.settings.max_iterations)

@@ -1,0 +1,318 @@
+"""Tendons: their segments, what has passed each hole, and how the tension changes at a hole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.loading import Model
+from tdcr_fe.robot import Robot, Tendon
+from tdcr_fe.validation.reference.layout import Layout
+from tdcr_fe.validation.reference.lie import hat
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+
+def hole_points(robot: Robot, tendon: Tendon) -> Array:
+    """Where the tendon passes base plate and disks, in their section frames [m], shape (n + 1, 3)."""
+    holes = robot.holes(tendon)
+    return np.concatenate((holes, np.zeros((len(holes), 1))), axis=1)
+
+
+def tension_after(
+    tension: Array, mobilisation: Array, angle: Array, mu: Array, adhesion: Array
+) -> tuple[Array, Array, Array, Array]:
+    r"""Tension on the far side of holes (Capstan law, paper Eq. 28, with stick and adhesion).
+
+    Pulled through (s >= 0): :math:`\max(0, T e^{-s \mu\theta} - s a)`; released (s < 0):
+    :math:`(T + |s| a) e^{|s| \mu\theta}`.
+
+    Parameters
+    ----------
+    tension
+        On the side of the base [N], shape (n,).
+    mobilisation
+        Share of the friction that acts, s in -1..1 [1], shape (n,).
+    angle
+        Turning angle of the tendon at the hole [rad], shape (n,).
+    mu, adhesion
+        Friction coefficient [1] and drop [N], shape (n,).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        The tension [N] and its derivatives with respect to tension, mobilisation and angle, each (n,).
+    """
+    factor = np.exp(-mobilisation * mu * angle)
+    pull = mobilisation >= 0.0
+    inner = np.where(pull, tension, tension - mobilisation * adhesion)
+    value = inner * factor - np.where(pull, mobilisation * adhesion, 0.0)
+    d_s = -mu * angle * inner * factor - adhesion * np.where(pull, 1.0, factor)
+    d_angle = -mobilisation * mu * inner * factor
+    lost = pull & (value < 0.0) & (adhesion > 0.0)
+    keep = np.where(lost, 0.0, 1.0)
+    return value * keep, factor * keep, d_s * keep, d_angle * keep
+
+
+@dataclass(frozen=True)
+class Driver:
+    """What the actuators impose.
+
+    Attributes
+    ----------
+    by_displacement : ndarray of bool, shape (n_tendons,)
+    values : ndarray, shape (n_tendons,)
+        Tension [N] or displacement [m].
+    """
+
+    by_displacement: Mask
+    values: Array
+
+
+@dataclass(frozen=True)
+class History:
+    """What the tendons remember between substeps.
+
+    Attributes
+    ----------
+    mobilisation : ndarray, shape (n_friction,)
+        [1].
+    passed : ndarray, shape (n_friction,)
+        Tendon that has passed towards the base since the unloaded state [m].
+    """
+
+    mobilisation: Array
+    passed: Array
+
+
+class Tendons:
+    """The tendons' segments one after another, and the equations for their tensions.
+
+    A segment runs from hole to hole; with continuous tendons each tendon is a single segment.
+
+    Parameters
+    ----------
+    robot, model, layout
+        What is modelled, and the stations.
+    """
+
+    def __init__(self, robot: Robot, model: Model, layout: Layout) -> None:
+        self.count = len(robot.tendons)
+        self.continuous = model.tendon_path == "continuous"
+        first, last, tail, head, tail_hole, head_hole = [], [], [], [], [], []
+        holes: list[int] = []
+        mu: list[float] = []
+        adhesion: list[float] = []
+        owner: list[int] = []
+        size = 0
+        for i, tendon in enumerate(robot.tendons):
+            points = hole_points(robot, tendon)
+            at = np.array([layout.station(s) for s in robot.hole_arc_lengths(tendon)])
+            n = 1 if self.continuous else len(at) - 1
+            first.append(size)
+            last.append(size + n)
+            if not self.continuous:
+                tail.append(at[:-1])
+                head.append(at[1:])
+                tail_hole.append(points[:-1])
+                head_hole.append(points[1:])
+                holes += range(size, size + n - 1)
+                free = model.friction == "none"
+                mu += [0.0 if free else tendon.friction_coefficient] * (n - 1)
+                adhesion += [0.0 if free else tendon.adhesion] * (n - 1)
+                owner += [i] * (n - 1)
+            size += n
+        self.size = size
+        self.first = np.array(first, dtype=np.intp)
+        self.last = np.array(last, dtype=np.intp)
+        empty = np.zeros(0, dtype=np.intp)
+        self.tail = np.concatenate((*tail, empty)).astype(np.intp)
+        self.head = np.concatenate((*head, empty)).astype(np.intp)
+        self.tail_hole = np.concatenate((*tail_hole, np.zeros((0, 3))))
+        self.head_hole = np.concatenate((*head_hole, np.zeros((0, 3))))
+        #: Segment on the base side of every hole between base plate and anchor.
+        self.holes = np.array(holes, dtype=np.intp)
+        self.mu = np.array(mu)
+        self.adhesion = np.array(adhesion)
+        stiffness = [np.inf if t.axial_stiffness is None else t.axial_stiffness for t in robot.tendons]
+        counts = self.last - self.first
+        self.flexibility = np.repeat(1.0 / np.array([*stiffness, np.inf]), [*counts, 0])
+        self._friction(model, np.array(owner, dtype=np.intp))
+
+    def _friction(self, model: Model, owner: Index) -> None:
+        """Which holes share a mobilisation, and which segments tell how much tendon has passed."""
+        self.rest = np.zeros(self.size)
+        self.base_sum = np.zeros((self.count, self.size))
+        for i in range(self.count):
+            self.base_sum[i, self.first[i] : self.last[i]] = 1.0
+        #: Sums what the segments beyond each hole have given off.
+        self.beyond = self.base_sum[owner] * (np.arange(self.size) > self.holes[:, None])
+        rough = (self.mu > 0.0) | (self.adhesion > 0.0)
+        #: Friction variable of every hole; -1 without friction.
+        self.variable = np.full(len(self.holes), -1, dtype=np.intp)
+        rows: list[Array] = []
+        if model.friction == "per-tendon":
+            for i in np.unique(owner[rough]):
+                self.variable[rough & (owner == i)] = len(rows)
+                rows.append(self.base_sum[i])
+        else:
+            for hole in np.flatnonzero(rough):
+                self.variable[hole] = len(rows)
+                rows.append(self.beyond[hole])
+        self.n_friction = len(rows)
+        self.passed_sum = np.array(rows).reshape(len(rows), self.size)
+        self.rough = np.flatnonzero(self.variable >= 0)
+
+    def start(self) -> History:
+        """The unloaded state."""
+        return History(np.zeros(self.n_friction), np.zeros(self.n_friction))
+
+    def taken_in(self, lengths: Array, tension: Array) -> tuple[Array, Array, Array]:
+        """Unstretched tendon given off by each segment [m] and its derivatives by length and tension."""
+        stretch = 1.0 + self.flexibility * tension
+        return self.rest - lengths / stretch, -1.0 / stretch, lengths * self.flexibility / stretch**2
+
+    def equations(
+        self,
+        lengths: Array,
+        angles: Array,
+        d_lengths: Array,
+        d_angles: Array,
+        tension: Array,
+        mobilisation: Array,
+        driver: Driver,
+        history: History,
+        presliding: float,
+        force_scale: float,
+        length_scale: float,
+    ) -> tuple[Array, Array, Array, Array]:
+        """Equations for tensions and mobilisations.
+
+        Parameters
+        ----------
+        lengths, angles
+            Of the segments [m], (n_segments,), and at the holes [rad], (n_holes,).
+        d_lengths, d_angles
+            Their derivatives with respect to z unknowns of the rod, (n_segments, z) and (n_holes, z).
+        tension, mobilisation
+            Unknowns [N], (n_segments,), and [1], (n_friction,).
+        driver, history
+            What is imposed, and what is remembered.
+        presliding
+            Motion from no to full friction [m].
+        force_scale, length_scale
+            That make tension and displacement comparable [N, m].
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Residual (n_segments + n_friction,) and its derivatives by the rod's unknowns, by the tensions and
+            by the mobilisations. Tension rows are over ``force_scale``.
+        """
+        n, f = self.size, self.n_friction
+        residual = np.zeros(n + f)
+        by_rod = np.zeros((n + f, d_lengths.shape[1]))
+        by_tension = np.zeros((n + f, n))
+        by_friction = np.zeros((n + f, f))
+        taken, by_length, by_pull = self.taken_in(lengths, tension)
+
+        base = tension[self.first]
+        excess = self.base_sum @ taken - driver.values
+        force = np.where(driver.by_displacement, base, base - driver.values) / force_scale
+        # a displacement is met, or the tendon is slack and its path shorter than what is left of it
+        slack = driver.by_displacement & (force < excess / length_scale)
+        driven = driver.by_displacement & ~slack
+        residual[self.first] = np.where(driven, excess / length_scale, force)
+        by_tension[self.first[~driven], self.first[~driven]] = 1.0 / force_scale
+        if driven.any():
+            rows = self.first[driven]
+            part = self.base_sum[driven] / length_scale
+            by_rod[rows] = (part * by_length) @ d_lengths
+            by_tension[rows] = part * by_pull
+
+        holes, after = self.holes, self.holes + 1
+        share = np.zeros(len(holes))
+        share[self.rough] = mobilisation[self.variable[self.rough]]
+        value, d_tension, d_share, d_angle = tension_after(
+            tension[holes], share, angles, self.mu, self.adhesion
+        )
+        residual[after] = (tension[after] - value) / force_scale
+        by_tension[after, after] = 1.0 / force_scale
+        by_tension[after, holes] = -d_tension / force_scale
+        by_rod[after] = (-d_angle / force_scale)[:, None] * d_angles
+        by_friction[after[self.rough], self.variable[self.rough]] = -d_share[self.rough] / force_scale
+
+        if f:
+            moved = self.passed_sum @ taken - history.passed
+            weight = 1.0 / max(presliding, 1e-4)
+            gap = weight * (moved - presliding * (mobilisation - history.mobilisation))
+            trial = mobilisation + gap
+            stick = np.abs(trial) <= 1.0
+            residual[n:] = np.where(stick, -gap, mobilisation - np.sign(trial))
+            by_friction[n + np.arange(f), np.arange(f)] = np.where(stick, weight * presliding, 1.0)
+            part = -weight * stick[:, None] * self.passed_sum
+            by_rod[n:] = (part * by_length) @ d_lengths
+            by_tension[n:] = part * by_pull
+        return residual, by_rod, by_tension, by_friction
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Straight segments in one configuration, with derivatives by z unknowns of the rod.
+
+    Attributes
+    ----------
+    lengths : ndarray, shape (n,)
+        [m].
+    directions : ndarray, shape (n, 3)
+        Unit vectors towards the tip, world frame.
+    angles : ndarray, shape (n_holes,)
+        Turning angles at the holes [rad].
+    d_lengths, d_directions, d_angles : ndarray, shapes (n, z), (n, 3, z), (n_holes, z)
+    """
+
+    lengths: Array
+    directions: Array
+    angles: Array
+    d_lengths: Array
+    d_directions: Array
+    d_angles: Array
+
+
+def straight_segments(tendons: Tendons, rotations: Array, positions: Array, twists: Array) -> Segments:
+    """Geometry of straight segments.
+
+    Parameters
+    ----------
+    tendons
+        Which holes they join.
+    rotations, positions
+        Of the stations, (n + 1, 3, 3) and [m] (n + 1, 3).
+    twists
+        Spatial twists of the stations by the unknowns, (n + 1, 6, z).
+    """
+    ends, moves = [], []
+    for at, hole in ((tendons.tail, tendons.tail_hole), (tendons.head, tendons.head_hole)):
+        point = positions[at] + (rotations[at] @ hole[:, :, None])[..., 0]
+        lever = np.concatenate((-hat(point), np.broadcast_to(np.eye(3), (len(at), 3, 3))), axis=-1)
+        ends.append(point)
+        moves.append(lever @ twists[at])
+    edge, d_edge = ends[1] - ends[0], moves[1] - moves[0]
+    lengths = np.sqrt(np.einsum("ki,ki->k", edge, edge))
+    t = edge / lengths[:, None]
+    d_lengths = (t[:, None, :] @ d_edge)[:, 0]
+    d_t = (d_edge - t[:, :, None] * d_lengths[:, None, :]) / lengths[:, None, None]
+    before, after = t[tendons.holes], t[tendons.holes + 1]
+    sine = np.linalg.norm(np.cross(before, after), axis=1)
+    cosine = np.einsum("ki,ki->k", before, after)
+    angles = np.arctan2(sine, cosine)
+    safe = np.where(sine > 1e-14, sine, np.inf)[:, None]
+    to_after = (after - cosine[:, None] * before) / safe
+    to_before = (before - cosine[:, None] * after) / safe
+    d_angles = -(to_before[:, None, :] @ d_t[tendons.holes + 1])[:, 0]
+    d_angles -= (to_after[:, None, :] @ d_t[tendons.holes])[:, 0]
+    return Segments(lengths, t, angles, d_lengths, d_t, d_angles)
