@@ -61,19 +61,15 @@ def backbone_contradictions(backbone: Backbone) -> list[Contradiction]:
         "GA": "shear_stiffness",
     }
     for name, override in overrides.items():
+        source = override if getattr(backbone, override) is not None else "radius"
         try:
             value = float(getattr(backbone, name))
         except OverflowError:
             value = math.inf
-        if not 0.0 < value < math.inf:
-            source = override if getattr(backbone, override) is not None else "radius"
-            found.append(
-                Contradiction(
-                    f"backbone.{source}",
-                    f"{getattr(backbone, source):g}",
-                    f"must give a stiffness {name} that is positive and finite, not {value:g}",
-                )
-            )
+        if not 0.0 < value < math.inf and not any(c.key == f"backbone.{source}" for c in found):
+            given = f"{getattr(backbone, source):g}"
+            sentence = f"must give a stiffness {name} that is positive and finite, not {value:g}"
+            found.append(Contradiction(f"backbone.{source}", given, sentence))
     return found
 
 

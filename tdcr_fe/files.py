@@ -138,7 +138,7 @@ class _RobotFile(_Table):
 
 
 class _BackboneTable(_Table):
-    length: float = _number("a positive number [m]", gt=0.0)
+    length: float = _number("a positive number [m], at most 1000", gt=0.0, le=1000.0)
     radius: float = _number("a positive number [m]", gt=0.0)
     youngs_modulus: float = _number("a positive number [Pa]", gt=0.0)
     poisson_ratio: float = _number("a number above -1, up to 0.5", gt=-1.0, le=0.5)
@@ -159,6 +159,7 @@ class _DisksTable(_Table):
     radius: float = _number("a positive number [m]", 5e-3, gt=0.0)
 
 
+_TURNS = {"ge": -1000.0, "le": 1000.0}
 _OFFSET = "a number, zero or more [m], not outside the disk"
 
 
@@ -176,7 +177,9 @@ class _ParallelTendon(_TendonTable):
 
 
 class _HelicalTendon(_ParallelTendon):
-    turns: float = _number("a number, turns from base to end, negative for left-handed")
+    turns: float = _number(
+        "a number, turns from base to end, at most 1000, negative for left-handed", **_TURNS
+    )
 
 
 class _ConvergingTendon(_ParallelTendon):
@@ -389,7 +392,7 @@ def _build_robot(data: dict[str, Any], report: Report) -> _RobotParts:
         if name is not None:
             names.append(name)
     note_all(name_contradictions(names))
-    if "tendons" not in bad and len(names) == len(tables):
+    if "tendons" not in bad and len(set(names)) == len(tables):
         parts.names = tuple(names)
 
     if count == 0 and backbone is not None and disks is not None:

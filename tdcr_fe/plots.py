@@ -1,7 +1,7 @@
 """Pictures of a simulation: shapes of the backbone, tensions along the tendons, hysteresis of the tip angle.
 
-Functions take a `SequenceResult` and return a matplotlib `Figure`; no window opens and no global state of
-matplotlib is touched.
+Functions take a `SequenceResult` and return a matplotlib `Figure`; no window opens, and the settings of
+matplotlib are left as they were.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
-from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -33,7 +33,7 @@ DETAILED_STEPS = 6
 #: As many steps are drawn at most, spread over the sequence, the first and the last among them.
 DRAWN_STEPS = 60
 
-_STYLE: dict[str, Any] = {
+_STYLE: Any = {
     "font.size": 9.5,
     "axes.titlesize": 10.5,
     "axes.titleweight": "bold",
@@ -94,7 +94,7 @@ class _StepColours:
         bar.set_ticks(ticks, labels=[str(self.numbers[i]) for i in ticks])
         bar.minorticks_off()
         bar.set_label("load step")
-        bar.outline.set_visible(False)  # type: ignore[operator]
+        bar.outline.set_visible(False)
 
 
 # ------------------------------------------------------------------------------------------------- geometry

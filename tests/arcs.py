@@ -57,7 +57,7 @@ def arc_step(robot: Robot, number: int, angle: float, phi: float, tensions: np.n
 
 
 def arc_result(robot: Robot | None = None, steps: list[LoadStep] | None = None, **rest) -> SequenceResult:
-    """What `simulate` might give for these steps: angle in proportion to tension, tip load turns the plane."""
+    """What `simulate` might give: angle in proportion to tension, lagging; a tip load turns the plane."""
     robot = robot or paper_robot()
     names = robot.tendon_names
     if steps is None:
