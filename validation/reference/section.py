@@ -212,6 +212,8 @@ def coupled_strain(
     """
     strain: Array = np.where(section.rigid[:, None], section.rest, start)
     inverse: Array
+    gradient: Array
+    size: Array
     free = ~section.rigid
     for _ in range(40):
         v = (course.lever @ strain[:, None, :, None])[..., 0] + course.slope

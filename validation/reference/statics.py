@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, LinAlgWarning, lu_factor, lu_solve
 
 from tdcr_fe.loading import Load, Model
 from tdcr_fe.robot import Robot
+from tdcr_fe.validation.reference.friction import natural_residual, solve_box
 from tdcr_fe.validation.reference.layout import Layout, lay_out
 from tdcr_fe.validation.reference.lie import adjoint, hat
 from tdcr_fe.validation.reference.rod import Flow, Rod
@@ -18,11 +18,15 @@ from tdcr_fe.validation.reference.tendons import (
     Driver,
     History,
     Segments,
+    TendonEquations,
     Tendons,
     straight_segments,
 )
 
 Array = NDArray[np.float64]
+
+#: Newton steps over which the merit must fall.
+_MEMORY = 3
 
 
 @dataclass(frozen=True)
@@ -125,13 +129,15 @@ class Statics:
         n = len(self.layout.lengths)
         self.n, self.width = n, 9 if self.heavy else 6
         self.rod_size = n * self.width
-        self.size = self.rod_size + self.tendons.size + self.tendons.n_friction
+        #: Unknowns without and with the mobilisations.
+        self.smooth = self.rod_size + self.tendons.size
+        self.size = self.smooth + self.tendons.n_friction
         self.force_scale = backbone.EI / backbone.length**2
         self.moment_scale = backbone.EI / backbone.length
         self.length_scale = 0.01 * backbone.length
         self._wrench_scale = np.repeat([self.moment_scale, self.force_scale], 3)
         self._before = np.tri(n + 1, n, -1, dtype=bool)[:, None, :, None]
-        rest = self.evaluate(np.zeros(self.size), self.no_forces(), None, self.tendons.start(), 1.0)[0]
+        rest = self.evaluate(np.zeros(self.size), self.no_forces(), None)[0]
         self.tendons.rest = rest.lengths
         #: The unloaded state, without weight; its unknowns are a start with weight.
         self.rest = replace(rest, unknowns=self._weights(), residual=0.0)
@@ -157,13 +163,17 @@ class Statics:
         return result
 
     def evaluate(
-        self, x: Array, forces: Forces, driver: Driver | None, history: History, presliding: float
-    ) -> tuple[State, Array, Array]:
-        """State, scaled residual and its Jacobian at given unknowns."""
+        self, x: Array, forces: Forces, driver: Driver | None
+    ) -> tuple[State, Array, Array, TendonEquations | None]:
+        """State, scaled residual, its Jacobian and the tendons' equations at given unknowns.
+
+        Residual and Jacobian have a row for every unknown of rod and tensions, the Jacobian a column for
+        the mobilisations too.
+        """
         n, width, tendons = self.n, self.width, self.tendons
         z = x[: self.rod_size].reshape(n, width)
-        tension = x[self.rod_size : self.rod_size + tendons.size]
-        mobilisation = x[self.rod_size + tendons.size :]
+        tension = x[self.rod_size : self.smooth]
+        mobilisation = x[self.smooth :]
         flow = self.rod.integrate(
             z[:, :6], z[:, 6:] if self.heavy else None, tension if self.continuous else None
         )
@@ -176,8 +186,8 @@ class Statics:
         twists = self._twists(spatial)
         m = twists.shape[2]
 
-        residual = np.zeros(self.size)
-        jacobian = np.zeros((self.size, self.size))
+        residual = np.zeros(self.smooth)
+        jacobian = np.zeros((self.smooth, self.size))
         rod = residual[: self.rod_size].reshape(n, width)
         rows = jacobian[: self.rod_size].reshape(n, width, self.size)
         blocks = jacobian[: self.rod_size, : self.rod_size].reshape(n, width, n, width)
@@ -218,9 +228,9 @@ class Statics:
             scale = np.max(np.abs(self.weight))
             rod[:, 6:] /= scale
             rows[:, 6:] /= scale
+        equations = None
         if driver is not None and tendons.size:
-            columns = slice(self.rod_size, self.rod_size + tendons.size)
-            residual[self.rod_size :], by_rod, by_tension, by_friction = tendons.equations(
+            equations = tendons.equations(
                 lengths,
                 angles,
                 d_lengths,
@@ -228,14 +238,13 @@ class Statics:
                 tension,
                 mobilisation,
                 driver,
-                history,
-                presliding,
                 self.force_scale,
                 self.length_scale,
             )
-            jacobian[self.rod_size :, :m] += by_rod
-            jacobian[self.rod_size :, columns] += by_tension
-            jacobian[self.rod_size :, self.rod_size + tendons.size :] += by_friction
+            residual[self.rod_size :] = equations.residual
+            jacobian[self.rod_size :, :m] += equations.by_rod
+            jacobian[self.rod_size :, self.rod_size : self.smooth] += equations.by_tension
+            jacobian[self.rod_size :, self.smooth :] = equations.by_friction
         state = State(
             unknowns=x,
             rotations=rotations,
@@ -247,7 +256,7 @@ class Statics:
             angles=angles,
             residual=float(np.max(np.abs(residual), initial=0.0)),
         )
-        return state, residual, jacobian
+        return state, residual, jacobian, equations
 
     def _twists(self, spatial: Array) -> Array:
         """Spatial twists of the stations by the unknowns of the rod, and by tensions along the rod."""
@@ -286,35 +295,99 @@ class Statics:
                 rows[at[k] - 1, :6, :m] -= by_rod[k]
                 rows[at[k] - 1, :6, self.rod_size + k] -= by_tension[k]
 
+    def _longest_share(self, step: Array) -> float:
+        """Share of a Newton step that turns no interval by more than a radian, to keep integration sane."""
+        change = (
+            step[: self.rod_size].reshape(self.n, self.width)[:, :3] / self.layout.section.stiffness[:, :3]
+        )
+        turn = np.linalg.norm(change, axis=1) * self.layout.lengths * ~self.layout.section.rigid
+        return min(1.0, 1.0 / max(float(np.max(turn)), 1e-12))
+
     def solve(
         self, start: Array, forces: Forces, driver: Driver, history: History, presliding: float
     ) -> Attempt:
-        """Newton's method with a line search from given unknowns."""
+        """Newton's method from given unknowns, with a line search.
+
+        The equations of rod and tensions are linearised; stick and slip are not: in every iteration they are
+        a complementarity problem on the linearised robot, solved exactly.
+
+        Parameters
+        ----------
+        start
+            Unknowns to start from.
+        forces, driver, history
+            What acts, what is imposed, and what the tendons remember.
+        presliding
+            Motion from no to full friction [m].
+        """
         x = start.copy()
-        state, residual, jacobian = self.evaluate(x, forces, driver, history, presliding)
-        merit = float(np.linalg.norm(residual))
-        friction = slice(self.rod_size + self.tendons.size, None)
+        weight = 1.0 / max(presliding, self.length_scale)
+
+        def look(unknowns: Array) -> _Look:
+            state, residual, jacobian, equations = self.evaluate(unknowns, forces, driver)
+            if equations is not None and len(equations.passed):
+                gap = presliding * (state.mobilisation - history.mobilisation) - (
+                    equations.passed - history.passed
+                )
+                every = np.concatenate((residual, natural_residual(weight * gap, state.mobilisation)))
+            else:
+                gap, every = np.zeros(0), residual
+            state = replace(state, residual=float(np.max(np.abs(every), initial=0.0)))
+            return _Look(state, residual, jacobian, equations, gap, float(np.linalg.norm(every)))
+
+        now = look(x)
+        merits = [now.merit]
         for iteration in range(1, self.settings.max_iterations + 1):
-            try:
-                step = lu_solve(lu_factor(jacobian, check_finite=False), -residual, check_finite=False)
-            except (LinAlgError, LinAlgWarning, ValueError):
-                return Attempt(state, False, iteration)
-            if not np.all(np.isfinite(step)):
-                return Attempt(state, False, iteration)
-            share = 1.0
+            step = self._newton_step(now, presliding)
+            if step is None:
+                return Attempt(now.state, False, iteration)
+            share = self._longest_share(step)
             for _ in range(8):
                 trial = x + share * step
-                trial[friction] = np.clip(trial[friction], -1.0, 1.0)
-                new = self.evaluate(trial, forces, driver, history, presliding)
-                size = float(np.linalg.norm(new[1]))
-                if np.isfinite(size) and size <= max(
-                    (1.0 - 1e-3 * share) * merit, 1e-2 * self.settings.tolerance
+                new = look(trial)
+                if np.isfinite(new.merit) and (
+                    new.merit <= (1.0 - 1e-3 * share) * max(merits[-_MEMORY:])
+                    or new.state.residual <= self.settings.tolerance
                 ):
                     break
                 share *= 0.5
             else:
-                return Attempt(state, state.residual <= self.settings.tolerance, iteration)
-            x, (state, residual, jacobian), merit = trial, new, size
-            if state.residual <= self.settings.tolerance:
-                return Attempt(state, True, iteration)
-        return Attempt(state, False, self.settings.max_iterations)
+                return Attempt(now.state, now.state.residual <= self.settings.tolerance, iteration)
+            x, now = trial, new
+            merits.append(now.merit)
+            if now.state.residual <= self.settings.tolerance:
+                return Attempt(now.state, True, iteration)
+        return Attempt(now.state, False, self.settings.max_iterations)
+
+    def _newton_step(self, now: _Look, presliding: float) -> Array | None:
+        """Change of all unknowns; None where the equations are singular."""
+        smooth = self.smooth
+        columns = np.concatenate((-now.residual[:, None], -now.jacobian[:, smooth:]), axis=1)
+        try:
+            solved: Array = np.linalg.solve(now.jacobian[:, :smooth], columns)
+        except np.linalg.LinAlgError:
+            return None
+        if not np.all(np.isfinite(solved)):
+            return None
+        if now.equations is None or not len(now.gap):
+            alone: Array = solved[:, 0]
+            return alone
+        e, m = now.equations, now.equations.passed_by_rod.shape[1]
+        moved = e.passed_by_rod @ solved[:m] + e.passed_by_tension @ solved[self.rod_size :]
+        s = now.state.mobilisation
+        matrix = presliding * np.eye(len(s)) - moved[:, 1:]
+        offset = now.gap - moved[:, 0] - matrix @ s
+        change = solve_box(matrix, offset, s) - s
+        return np.concatenate((solved[:, 0] + solved[:, 1:] @ change, change))
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Everything known at one set of unknowns: equations, derivatives, and how far off they are."""
+
+    state: State
+    residual: Array
+    jacobian: Array
+    equations: TendonEquations | None
+    gap: Array
+    merit: float

@@ -185,12 +185,10 @@ class Tendons:
         tension: Array,
         mobilisation: Array,
         driver: Driver,
-        history: History,
-        presliding: float,
         force_scale: float,
         length_scale: float,
-    ) -> tuple[Array, Array, Array, Array]:
-        """Equations for tensions and mobilisations.
+    ) -> TendonEquations:
+        """Equations for the tensions, and what has passed the holes.
 
         Parameters
         ----------
@@ -200,24 +198,16 @@ class Tendons:
             Their derivatives with respect to z unknowns of the rod, (n_segments, z) and (n_holes, z).
         tension, mobilisation
             Unknowns [N], (n_segments,), and [1], (n_friction,).
-        driver, history
-            What is imposed, and what is remembered.
-        presliding
-            Motion from no to full friction [m].
+        driver
+            What is imposed.
         force_scale, length_scale
             That make tension and displacement comparable [N, m].
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Residual (n_segments + n_friction,) and its derivatives by the rod's unknowns, by the tensions and
-            by the mobilisations. Tension rows are over ``force_scale``.
         """
         n, f = self.size, self.n_friction
-        residual = np.zeros(n + f)
-        by_rod = np.zeros((n + f, d_lengths.shape[1]))
-        by_tension = np.zeros((n + f, n))
-        by_friction = np.zeros((n + f, f))
+        residual = np.zeros(n)
+        by_rod = np.zeros((n, d_lengths.shape[1]))
+        by_tension = np.zeros((n, n))
+        by_friction = np.zeros((n, f))
         taken, by_length, by_pull = self.taken_in(lengths, tension)
 
         base = tension[self.first]
@@ -234,9 +224,9 @@ class Tendons:
             by_rod[rows] = (part * by_length) @ d_lengths
             by_tension[rows] = part * by_pull
 
-        holes, after = self.holes, self.holes + 1
+        holes, after, rough = self.holes, self.holes + 1, self.rough
         share = np.zeros(len(holes))
-        share[self.rough] = mobilisation[self.variable[self.rough]]
+        share[rough] = mobilisation[self.variable[rough]]
         value, d_tension, d_share, d_angle = tension_after(
             tension[holes], share, angles, self.mu, self.adhesion
         )
@@ -244,20 +234,40 @@ class Tendons:
         by_tension[after, after] = 1.0 / force_scale
         by_tension[after, holes] = -d_tension / force_scale
         by_rod[after] = (-d_angle / force_scale)[:, None] * d_angles
-        by_friction[after[self.rough], self.variable[self.rough]] = -d_share[self.rough] / force_scale
+        by_friction[after[rough], self.variable[rough]] = -d_share[rough] / force_scale
+        return TendonEquations(
+            residual=residual,
+            by_rod=by_rod,
+            by_tension=by_tension,
+            by_friction=by_friction,
+            passed=self.passed_sum @ taken,
+            passed_by_rod=(self.passed_sum * by_length) @ d_lengths,
+            passed_by_tension=self.passed_sum * by_pull,
+        )
 
-        if f:
-            moved = self.passed_sum @ taken - history.passed
-            weight = 1.0 / max(presliding, 1e-4)
-            gap = weight * (moved - presliding * (mobilisation - history.mobilisation))
-            trial = mobilisation + gap
-            stick = np.abs(trial) <= 1.0
-            residual[n:] = np.where(stick, -gap, mobilisation - np.sign(trial))
-            by_friction[n + np.arange(f), np.arange(f)] = np.where(stick, weight * presliding, 1.0)
-            part = -weight * stick[:, None] * self.passed_sum
-            by_rod[n:] = (part * by_length) @ d_lengths
-            by_tension[n:] = part * by_pull
-        return residual, by_rod, by_tension, by_friction
+
+@dataclass(frozen=True)
+class TendonEquations:
+    """Equations of n tensions, and what has passed f friction variables, with derivatives.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (n,)
+        Scaled [1].
+    by_rod, by_tension, by_friction : ndarray, shapes (n, z), (n, n), (n, f)
+        Derivatives by the unknowns of the rod, the tensions and the mobilisations.
+    passed : ndarray, shape (f,)
+        Tendon that has passed towards the base since the unloaded state [m].
+    passed_by_rod, passed_by_tension : ndarray, shapes (f, z), (f, n)
+    """
+
+    residual: Array
+    by_rod: Array
+    by_tension: Array
+    by_friction: Array
+    passed: Array
+    passed_by_rod: Array
+    passed_by_tension: Array
 
 
 @dataclass(frozen=True)
