@@ -154,7 +154,10 @@ def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: floa
     ):
         found.append(hole_count_contradiction(index, len(arcs), len(holes_at)))
         return found
-    distance = np.linalg.norm(tendon.routing.position(holes_at, end), axis=1)
+    with np.errstate(all="ignore"):  # a hole at infinity is outside, too
+        holes = getattr(tendon.routing, "holes", None)
+        xy = tendon.routing.position(holes_at, end) if holes is None else np.asarray(holes, dtype=float)
+        distance = np.linalg.norm(xy, axis=1)
     outside = np.flatnonzero(~(distance <= disks.radius * (1.0 + 1e-9)))
     if outside.size:
         k = int(outside[0])

@@ -156,7 +156,7 @@ class _DisksTable(_Table):
     )
     mass: float = _number("a number, zero or more [kg], of each disk", 0.0, ge=0.0)
     thickness: float = _number("a number, zero or more [m]", 0.0, ge=0.0)
-    radius: float = _number("a positive number [m]", 5e-3, gt=0.0)
+    radius: float = _number("a positive number [m], at most 1000", 5e-3, gt=0.0, le=1000.0)
 
 
 _TURNS = {"ge": -1000.0, "le": 1000.0}
