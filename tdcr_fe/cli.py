@@ -191,7 +191,11 @@ def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) ->
         result = _solve(scenario, args.quiet)
     except ValueError as error:  # a contradiction that only the solver knows
         raise InputError([Problem(str(scenario.path), "", "", str(error))]) from error
-    written = write_results(result, out, scenario.digests, len(scenario.steps), pictures=not args.no_pictures)
+    try:
+        written = write_results(result, out, scenario.digests, len(scenario.steps), not args.no_pictures)
+    except KeyboardInterrupt:
+        complain(f"interrupted while writing; files in {out} are whole, but some may be missing")
+        return INTERRUPTED
     if not args.quiet:
         print(format_table(result))
         print(f"\n{_count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")

@@ -282,16 +282,18 @@ def write_results(
     InputError
         ``out`` cannot be a directory.
     OSError
-        A file cannot be written; ``out`` is then as it was.
+        A file cannot be written.
     """
     from tdcr_fe.plots import PICTURE_FILES, save_pictures
 
-    def write(folder: Path) -> None:
+    def write_tables(folder: Path) -> None:
         steps_table(result).to_csv(folder / "steps.csv", index=False)
         shape_table(result).to_csv(folder / "shape.csv", index=False)
         tensions_table(result).to_csv(folder / "tensions.csv", index=False)
         write_json(summary(result, digests, steps_asked), folder / "summary.json")
-        if pictures:
-            save_pictures(result, folder)
 
-    return write_together(out, write, ours=(*RESULT_FILES, *PICTURE_FILES))
+    def draw(folder: Path) -> None:
+        save_pictures(result, folder)
+
+    written = write_together(out, write_tables, ours=(*RESULT_FILES, *PICTURE_FILES))
+    return written + write_together(out, draw) if pictures else written  # who loses patience has the tables

@@ -106,6 +106,16 @@ def test_interruption_elsewhere_is_no_traceback(tmp_path, monkeypatch, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_interruption_while_drawing_leaves_the_tables(tmp_path, calls, monkeypatch, capsys):
+    def save_pictures(result, folder):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tdcr_fe.plots.save_pictures", save_pictures)
+    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out")]) == 130
+    assert "interrupted while writing" in capsys.readouterr().err
+    assert {p.name for p in (tmp_path / "out").iterdir()} == set(RESULT_FILES)
+
+
 def test_wrong_input_returns_2_names_every_mistake_and_writes_nothing(tmp_path, calls, capsys):
     path = write(tmp_path, changed(ROBOT, {"backbone.length": -1}), changed(SCENARIO, {"model.fricton": 1}))
     (tmp_path / "file").write_text("")

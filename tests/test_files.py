@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
+import re
 import tomllib
 from pathlib import Path
 
@@ -547,3 +548,36 @@ def test_scenario_and_model_written_and_read_are_the_same(tmp_path):
     assert (again.model, again.steps) == (scenario.model, scenario.steps)
     (tmp_path / "model.toml").write_text(model_to_toml(scenario.model))
     assert read_model(tmp_path / "model.toml") == scenario.model
+
+
+# ------------------------------------------------------------------------------------------------- the docs
+
+PAGE = Path(__file__).parent.parent / "docs" / "files.md"
+
+
+def test_example_in_the_docs_is_read_without_mistake(tmp_path):
+    robot, scenario = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    read = read_scenario(write(tmp_path, robot, scenario))
+    assert [len(read.robot.holes(t)) for t in read.robot.tendons] == [11, 6, 11, 3]
+    assert [s.label for s in read.steps] == ["pull", "push the tip", "twist and let go"]
+
+
+def test_every_key_is_explained_in_the_docs():
+    text = PAGE.read_text("utf-8")
+    tables = [files._RobotFile, files._BackboneTable, files._DisksTable, files._UnknownTendon]
+    tables += [files._ScenarioFile, files._ModelTable, files._StepTable, files._LoadTable]
+    for table in tables:
+        for key in table.model_fields:
+            assert any(f"`{form}`" in text for form in (key, f"[{key}]", f"[[{key}]]")), key
+
+
+def test_example_of_mistakes_in_the_docs_is_what_is_printed(tmp_path, monkeypatch):
+    robot, scenario = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    (printed,) = re.findall(r"```text\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    robot = robot.replace("end = 0.125", "end = 0.13").replace("[backbone]", "[backbone]\nlenght = 0.25")
+    scenario = scenario.replace("per-hole", "per_hole").replace("free = 0.2", "t2 = 1.5")
+    write(tmp_path, robot, scenario)
+    monkeypatch.chdir(tmp_path)
+    lines = [str(p) for p in problems_of(Path("scenario.toml"))]
+    for shown, line in zip(printed.splitlines()[1:], lines, strict=True):
+        assert line.startswith(shown.strip().removesuffix(", ..."))
