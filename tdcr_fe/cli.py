@@ -187,14 +187,17 @@ def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) ->
     from tdcr_fe.files import InputError, Problem
     from tdcr_fe.output import write_results
 
+    if not args.no_pictures:
+        importlib.import_module("tdcr_fe.plots")  # slow; an interruption after solving must not hit it
     try:
         result = _solve(scenario, args.quiet)
     except ValueError as error:  # a contradiction that only the solver knows
         raise InputError([Problem(str(scenario.path), "", "", str(error))]) from error
     try:
         written = write_results(result, out, scenario.digests, len(scenario.steps), not args.no_pictures)
-    except KeyboardInterrupt:
-        complain(f"interrupted while writing; files in {out} are whole, but some may be missing")
+    except KeyboardInterrupt:  # while drawing, most likely; what was solved is kept
+        write_results(result, out, scenario.digests, len(scenario.steps), pictures=False)
+        complain(f"interrupted while writing; the tables are in {out}, without pictures")
         return INTERRUPTED
     if not args.quiet:
         print(format_table(result))

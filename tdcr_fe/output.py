@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 
 #: Every table and summary that `write_results` leaves behind.
 RESULT_FILES = ("steps.csv", "shape.csv", "tensions.csv", "summary.json")
+#: Every picture that may come with them.
+PICTURE_FILES = ("shapes.png", "tensions.png", "hysteresis.png")
 
 
 def quaternions(rotations: Array) -> Array:
@@ -284,7 +286,6 @@ def write_results(
     OSError
         A file cannot be written.
     """
-    from tdcr_fe.plots import PICTURE_FILES, save_pictures
 
     def write_tables(folder: Path) -> None:
         steps_table(result).to_csv(folder / "steps.csv", index=False)
@@ -293,6 +294,8 @@ def write_results(
         write_json(summary(result, digests, steps_asked), folder / "summary.json")
 
     def draw(folder: Path) -> None:
+        from tdcr_fe.plots import save_pictures
+
         save_pictures(result, folder)
 
     written = write_together(out, write_tables, ours=(*RESULT_FILES, *PICTURE_FILES))

@@ -431,8 +431,6 @@ PICTURES: dict[str, Callable[[SequenceResult], Figure | None]] = {
     "tensions.png": _tensions_if_any,
     "hysteresis.png": hysteresis,
 }
-#: Every picture that `save_pictures` may leave behind.
-PICTURE_FILES = tuple(PICTURES)
 
 
 def save_pictures(result: SequenceResult, out: str | os.PathLike[str], dpi: float = 150.0) -> list[Path]:

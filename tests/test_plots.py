@@ -11,6 +11,7 @@ from arcs import arc_result, paper_robot
 
 from tdcr_fe import plots
 from tdcr_fe.loading import LoadStep, Model
+from tdcr_fe.output import PICTURE_FILES
 from tdcr_fe.robot import Robot
 
 
@@ -105,6 +106,10 @@ def test_single_step_and_no_tendons_are_drawn(tmp_path):
     assert [p.name for p in plots.save_pictures(result, tmp_path, dpi=40)] == ["shapes.png"]
     with pytest.raises(ValueError, match="no tendons"):
         plots.tensions(result)
+
+
+def test_every_picture_is_known_to_whom_replaces_them():
+    assert tuple(plots.PICTURES) == PICTURE_FILES
 
 
 def test_nothing_is_drawn_of_nothing(tmp_path):
