@@ -1,0 +1,65 @@
+"""Disks as rigid bodies on backbone nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import exudyn as exu
+import exudyn.graphics as graphics
+import exudyn.itemInterface as eii
+import numpy as np
+
+from tdcr_fe.elements.poses import Array
+
+
+def disk_inertia(mass: float, radius: float, thickness: float) -> Array:
+    """Inertia of a solid cylinder about its centre, in beam axes (axis first) [kg m^2], shape (6,).
+
+    Exudyn's order: Jxx, Jyy, Jzz, Jyz, Jxz, Jxy.
+    """
+    axial = 0.5 * mass * radius**2
+    across = mass * (3.0 * radius**2 + thickness**2) / 12.0
+    return np.array([axial, across, across, 0.0, 0.0, 0.0])
+
+
+def add_disk(
+    mbs: exu.MainSystem,
+    node: Any,
+    mass: float,
+    radius: float,
+    thickness: float,
+    name: str,
+    color: Sequence[float],
+    draw_thickness: float,
+) -> Any:
+    """Add one disk to a backbone node and return its body number.
+
+    Parameters
+    ----------
+    mbs
+        The system.
+    node
+        Number of the backbone node.
+    mass, radius, thickness
+        [kg], [m], [m].
+    name
+        Of the item.
+    color
+        RGBA.
+    draw_thickness
+        Thickness to draw, where the disk itself is thin [m].
+    """
+    half = 0.5 * max(thickness, draw_thickness)
+    cylinder = graphics.Cylinder(
+        pAxis=[-half, 0.0, 0.0], vAxis=[2.0 * half, 0.0, 0.0], radius=radius, color=list(color), nTiles=32
+    )
+    return mbs.AddObject(
+        eii.ObjectRigidBody(
+            name=name,
+            nodeNumber=node,
+            mass=mass,
+            inertia=disk_inertia(mass, radius, thickness),
+            visualization=eii.VObjectRigidBody(graphicsData=[cylinder]),
+        )
+    )

@@ -1,0 +1,393 @@
+"""How tension passes along a tendon: Capstan friction with presliding at every hole, and its tangent.
+
+A tendon is pulled at the base plate, runs through holes ``k = 1 .. n-1`` and is anchored at hole ``n``.
+Segment ``k`` lies between hole ``k-1`` and hole ``k``; it has length ``l_k`` and tension ``T_k``; the tendon turns
+by ``theta_k`` at hole ``k``. Tendon material that has passed hole ``k`` towards the base is the slip ``u_k``.
+The mobilisation ``s_k`` in [-1, 1] says how much of the friction a hole gives: +1 is pulling, -1 is releasing,
+between lies sticking. It follows the slip over the presliding distance ``delta`` (an elastic-plastic law),
+
+    s_k = clip(s_k,before + (u_k - u_k,before) / delta, -1, 1),
+    T_k+1 = max(0, T_k exp(-s_k mu theta_k) - s_k a)            for s_k >= 0,
+    T_k+1 = (T_k + |s_k| a) exp(|s_k| mu theta_k)               for s_k < 0,
+
+which is the Capstan equation (paper, Eqs. 28-31) where the hole slips, with an adhesion ``a`` beside it.
+The derivation is in the documentation, page "Theory".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class FrictionLaw(Protocol):
+    """Which slip drives which holes. Adding a law takes a class here and a line in `FRICTION_LAWS`.
+
+    A law has ``g`` mobilisations per tendon; the matrices say what drives them and which holes they move.
+    """
+
+    @property
+    def kind(self) -> str:
+        """Name of the law."""
+        ...
+
+    @property
+    def active(self) -> bool:
+        """Whether there is any friction at all."""
+        ...
+
+    def drive(self, n: int) -> Array:
+        """From what every one of ``n`` segments has given up, to the slip behind each mobilisation, (g, n)."""
+        ...
+
+    def spread(self, n: int) -> Array:
+        """From the mobilisations to the holes ``1 .. n-1``, shape (n-1, g)."""
+        ...
+
+
+@dataclass(frozen=True)
+class NoFriction:
+    """The same tension all along (paper, Eq. 11)."""
+
+    kind: ClassVar[str] = "none"
+    active: ClassVar[bool] = False
+
+    def drive(self, n: int) -> Array:
+        """See `FrictionLaw.drive`."""
+        return np.zeros((0, n))
+
+    def spread(self, n: int) -> Array:
+        """See `FrictionLaw.spread`."""
+        return np.zeros((n - 1, 0))
+
+
+@dataclass(frozen=True)
+class PerTendonFriction:
+    """The paper's law: one sign per tendon, from the rate of its whole length (Eqs. 15-31, Fig. 2)."""
+
+    kind: ClassVar[str] = "per-tendon"
+    active: ClassVar[bool] = True
+
+    def drive(self, n: int) -> Array:
+        """See `FrictionLaw.drive`."""
+        return np.ones((1, n))
+
+    def spread(self, n: int) -> Array:
+        """See `FrictionLaw.spread`."""
+        return np.ones((n - 1, 1))
+
+
+@dataclass(frozen=True)
+class PerHoleFriction:
+    """Stick, pull-slip or release-slip at each hole, from the material that passes that hole."""
+
+    kind: ClassVar[str] = "per-hole"
+    active: ClassVar[bool] = True
+
+    def drive(self, n: int) -> Array:
+        """See `FrictionLaw.drive`."""
+        return np.triu(np.ones((n - 1, n)), 1)
+
+    def spread(self, n: int) -> Array:
+        """See `FrictionLaw.spread`."""
+        return np.eye(n - 1)
+
+
+#: Every friction law, by the name it has in ``scenario.toml``.
+FRICTION_LAWS: dict[str, FrictionLaw] = {
+    law.kind: law for law in (NoFriction(), PerTendonFriction(), PerHoleFriction())
+}
+
+
+@dataclass(frozen=True)
+class TendonParameters:
+    """Numbers of all tendons of one robot; shorter tendons are padded at the end.
+
+    Attributes
+    ----------
+    lengths : ndarray, shape (m, n)
+        Length of every segment in the unloaded state, zero where padded [m].
+    mask : ndarray of bool, shape (m, n)
+        Which segments exist.
+    friction : ndarray, shape (m, n-1)
+        Friction coefficient at every hole, zero at and beyond the anchor [1].
+    adhesion : ndarray, shape (m, n-1)
+        Tension drop at every hole that does not grow with the tension [N].
+    compliance : ndarray, shape (m,)
+        ``1 / EA`` of the tendon, zero where inextensible [1/N].
+    """
+
+    lengths: Array
+    mask: NDArray[np.bool_]
+    friction: Array
+    adhesion: Array
+    compliance: Array
+
+
+@dataclass(frozen=True)
+class FrictionState:
+    """History, committed at the end of a (sub)step.
+
+    Attributes
+    ----------
+    slip : ndarray, shape (m, g)
+        Slip that drives each mobilisation [m].
+    mobilisation : ndarray, shape (m, g)
+        Share of friction that is given, in [-1, 1].
+    """
+
+    slip: Array
+    mobilisation: Array
+
+
+@dataclass(frozen=True)
+class TensionField:
+    """Tensions along all tendons with their derivatives.
+
+    Attributes
+    ----------
+    tension : ndarray, shape (m, n)
+        [N].
+    base_slip : ndarray, shape (m,)
+        Tendon pulled in at the base plate, ``u_0`` [m].
+    slip, mobilisation : ndarray, shape (m, g)
+        As they would be committed.
+    d_length : ndarray, shape (m, n, n)
+        Of the tensions with respect to the segments' lengths [N/m].
+    d_angle : ndarray, shape (m, n, n-1)
+        Of the tensions with respect to the turning angles [N/rad].
+    d_base : ndarray, shape (m, n)
+        Of the tensions with respect to the tension at the base [1].
+    given_d_length, given_d_tension : ndarray, shape (m, n)
+        Of what each segment has given up, ``L - l / (1 + T/EA)``, with respect to its own length [1] and its own
+        tension [m/N].
+    """
+
+    tension: Array
+    base_slip: Array
+    slip: Array
+    mobilisation: Array
+    d_length: Array
+    d_angle: Array
+    d_base: Array
+    given_d_length: Array
+    given_d_tension: Array
+
+
+class TendonLaw:
+    """Tensions along all tendons of a robot from the lengths and angles of their segments.
+
+    Parameters
+    ----------
+    parameters
+        Numbers of the tendons.
+    law
+        Which slip drives which holes.
+    presliding
+        Distance a tendon creeps through a hole from rest to full friction [m].
+    """
+
+    def __init__(self, parameters: TendonParameters, law: FrictionLaw, presliding: float = 1e-6) -> None:
+        self.parameters = parameters
+        self.law = law
+        self.presliding = presliding
+        m, n = parameters.lengths.shape
+        self.shape = (m, n)
+        zero = np.zeros_like(parameters.friction)
+        self._mu = parameters.friction if law.active else zero
+        self._adhesion = parameters.adhesion if law.active else zero
+        self._has_adhesion = bool(np.any(self._adhesion > 0.0))
+        self._drive = law.drive(n)
+        self._spread = law.spread(n)
+        self.groups = self._drive.shape[0]
+        holds = (self._mu > 0.0) | (self._adhesion > 0.0)
+        #: Which mobilisations hold anything back, shape (m, g).
+        self.holding: NDArray[np.bool_] = (holds.astype(float) @ np.abs(self._spread)) > 0.0
+        self.has_friction = bool(np.any(self.holding))
+        self._elastic = bool(np.any(parameters.compliance > 0.0))
+        self._lower = np.tril(np.ones((n, n)))
+        self._masked = parameters.mask.astype(float)
+
+    def initial_state(self) -> FrictionState:
+        """History of a robot that was never loaded."""
+        m = self.shape[0]
+        return FrictionState(np.zeros((m, self.groups)), np.zeros((m, self.groups)))
+
+    def slips(self, given: Array) -> Array:
+        """Slip behind each mobilisation from what the segments have given up [m], (m, n) to (m, g)."""
+        return given @ self._drive.T
+
+    def at_holes(self, mobilisation: Array) -> Array:
+        """Mobilisation of every hole, (m, g) to (m, n-1)."""
+        return mobilisation @ self._spread.T
+
+    def follow(self, slip: Array, state: FrictionState, presliding: float) -> Array:
+        """Mobilisation that the slip would lead to, not yet limited to [-1, 1], shape (m, g)."""
+        return state.mobilisation + (slip - state.slip) / presliding
+
+    def field(self, base_tension: Array, lengths: Array, angles: Array, mobilisation: Array) -> tuple[TensionField, Array]:
+        """Tensions for given mobilisations.
+
+        Parameters
+        ----------
+        base_tension
+            Tension at the base plate [N], shape (m,).
+        lengths
+            Of the segments [m], shape (m, n).
+        angles
+            By which each tendon turns at holes 1 .. n-1 [rad], shape (m, n-1).
+        mobilisation
+            Shape (m, g).
+
+        Returns
+        -------
+        TensionField
+            With the mobilisations held fixed.
+        by_mobilisation : ndarray, shape (m, n, g)
+            Derivative of the tensions by the mobilisations [N].
+        """
+        tension, d_s, d_theta, chain = self._pass_on(base_tension, angles, self.at_holes(mobilisation))
+        beyond = chain[:, :, 1:]
+        by_mobilisation = (beyond * d_s[:, None, :]) @ self._spread
+        m, n = self.shape
+        if self._elastic:
+            c = self.parameters.compliance[:, None]
+            stretch = 1.0 / (1.0 + c * tension)
+            given = (self.parameters.lengths - lengths * stretch) * self._masked
+            d_length, d_tension = -stretch * self._masked, lengths * c * stretch**2 * self._masked
+        else:
+            given = self.parameters.lengths - lengths
+            d_length, d_tension = -self._masked, np.zeros((m, n))
+        field = TensionField(
+            tension,
+            given.sum(axis=1),
+            self.slips(given),
+            mobilisation,
+            np.zeros((m, n, n)),
+            beyond * d_theta[:, None, :],
+            chain[:, :, 0],
+            d_length,
+            d_tension,
+        )
+        return field, by_mobilisation
+
+    def evaluate(
+        self,
+        base_tension: Array,
+        lengths: Array,
+        angles: Array,
+        state: FrictionState,
+        presliding: float | None = None,
+    ) -> TensionField:
+        """Tensions with the mobilisations that follow from the configuration.
+
+        Parameters
+        ----------
+        base_tension, lengths, angles
+            As in `field`.
+        state
+            History at the beginning of the step.
+        presliding
+            Another presliding distance than the law's own [m].
+
+        Returns
+        -------
+        TensionField
+            With derivatives that include the change of the mobilisations.
+        """
+        delta = self.presliding if presliding is None else presliding
+        mobilisation = state.mobilisation
+        for _ in range(50):
+            field, by_mobilisation = self.field(base_tension, lengths, angles, mobilisation)
+            trial = self.follow(field.slip, state, delta)
+            limited = np.clip(trial, -1.0, 1.0)
+            error = limited - mobilisation
+            rate = (np.abs(trial) < 1.0) / delta
+            drive = rate[:, :, None] * self._drive
+            # ds = drive (d_given/dl dl + d_given/dT dT), dT = by_mobilisation ds + ...
+            own = np.eye(self.groups) - (drive * field.given_d_tension[:, None, :]) @ by_mobilisation
+            if np.max(np.abs(error), initial=0.0) <= 1e-13:
+                break
+            if not self._elastic:
+                # The slip does not depend on the tensions: one pass is exact.
+                mobilisation = limited
+                continue
+            mobilisation = np.clip(
+                mobilisation + np.linalg.solve(own, error[..., None])[..., 0], -1.0, 1.0
+            )
+        by_base = (drive * field.given_d_tension[:, None, :]) @ field.d_base[:, :, None]
+        by_angle = (drive * field.given_d_tension[:, None, :]) @ field.d_angle
+        right = np.concatenate((drive * field.given_d_length[:, None, :], by_angle, by_base), axis=2)
+        ds = by_mobilisation @ np.linalg.solve(own, right)
+        n = self.shape[1]
+        return replace(
+            field,
+            d_length=ds[:, :, :n],
+            d_angle=field.d_angle + ds[:, :, n : 2 * n - 1],
+            d_base=field.d_base + ds[:, :, -1],
+        )
+
+    def _pass_on(self, base_tension: Array, angles: Array, s: Array) -> tuple[Array, Array, Array, Array]:
+        """Tensions, their direct derivatives with respect to ``s`` and angle, and the chain ``dT_k / dT_j``."""
+        mu = self._mu
+        m, n = self.shape
+        exponent = -s * mu * angles
+        if not self._has_adhesion:
+            ratio = np.ones((m, n))
+            np.exp(np.cumsum(exponent, axis=1), out=ratio[:, 1:])
+            tension = base_tension[:, None] * ratio
+            chain = (ratio[:, :, None] / ratio[:, None, :]) * self._lower
+            after = tension[:, 1:]
+            return tension, -mu * angles * after, -mu * s * after, chain
+        a = self._adhesion
+        tension = np.empty((m, n))
+        slope = np.empty((m, n - 1))
+        d_s = np.empty((m, n - 1))
+        d_theta = np.empty((m, n - 1))
+        tension[:, 0] = base_tension
+        factor = np.exp(exponent)
+        for k in range(n - 1):
+            t, f, sk, ak = tension[:, k], factor[:, k], s[:, k], a[:, k]
+            pulling = sk >= 0.0
+            pulled = t * f - sk * ak
+            released = (t - sk * ak) * f
+            held = pulled > 0.0
+            tension[:, k + 1] = np.where(pulling, np.maximum(pulled, 0.0), released)
+            open_ = ~pulling | held
+            slope[:, k] = np.where(open_, f, 0.0)
+            mt = mu[:, k] * angles[:, k]
+            d_s[:, k] = np.where(pulling, np.where(held, -mt * t * f - ak, 0.0), -mt * released - ak * f)
+            d_theta[:, k] = np.where(open_, -mu[:, k] * sk * np.where(pulling, t * f, released), 0.0)
+        chain = np.zeros((m, n, n))
+        chain[:, 0, 0] = 1.0
+        for k in range(1, n):
+            chain[:, k, :k] = slope[:, k - 1, None] * chain[:, k - 1, :k]
+            chain[:, k, k] = 1.0
+        return tension, d_s, d_theta, chain
+
+    def commit(self, field: TensionField) -> FrictionState:
+        """History after a converged (sub)step."""
+        return FrictionState(field.slip, field.mobilisation)
+
+    def with_parameters(self, **changes: Array) -> TendonLaw:
+        """The same law with other numbers."""
+        return TendonLaw(replace(self.parameters, **changes), self.law, self.presliding)
+
+
+def hole_states(mobilisation: Array, count: int) -> tuple[str, ...]:
+    """Names of the states of the holes at the distal end of ``count`` segments, the anchor last.
+
+    Parameters
+    ----------
+    mobilisation
+        Of the holes 1 .. n-1, shape (>= count - 1,).
+    count
+        Number of segments.
+    """
+    names = np.where(mobilisation >= 1.0, "pull", np.where(mobilisation <= -1.0, "release", "stick"))
+    return (*(str(x) for x in names[: count - 1]), "anchor")

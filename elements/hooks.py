@@ -1,0 +1,113 @@
+"""Sharing Exudyn's solver hooks among several robots and the user's own functions.
+
+A system has one hook of each kind. `SceneHooks` takes them, calls what was there before, and notices a function
+that the user sets later: it becomes part of the chain instead of switching the tendons off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+
+from tdcr_fe.elements.actuation import TendonActuation
+
+#: Name under which the hooks live in ``mbs.variables``.
+KEY = "tdcr_fe.hooks"
+
+_KINDS = ("PreNewtonResidual", "SystemJacobian", "PostStep")
+
+
+class SceneHooks:
+    """The hooks of one system.
+
+    Attributes
+    ----------
+    actuations : list of TendonActuation
+        The robots in the system.
+    """
+
+    def __init__(self, mbs: exu.MainSystem) -> None:
+        self.mbs = mbs
+        self.actuations: list[TendonActuation] = []
+        self._own: dict[str, Callable[..., Any]] = {
+            "PreNewtonResidual": self._before_residual,
+            "SystemJacobian": self._jacobian,
+            "PostStep": self._after_step,
+        }
+        self._users: dict[str, Callable[..., Any] | None] = dict.fromkeys(_KINDS)
+        self.adopt()
+
+    @classmethod
+    def of(cls, mbs: exu.MainSystem) -> SceneHooks:
+        """The hooks of a system, made at the first call."""
+        if KEY not in mbs.variables:
+            mbs.variables[KEY] = cls(mbs)
+        hooks = mbs.variables[KEY]
+        assert isinstance(hooks, cls)
+        return hooks
+
+    def adopt(self) -> None:
+        """Take every hook again, keeping what the user has set as part of the chain."""
+        for kind in _KINDS:
+            present = _function(getattr(self.mbs, f"Get{kind}UserFunction")())
+            if present == self._own[kind]:
+                continue
+            if present is not None:
+                self._users[kind] = present
+            getattr(self.mbs, f"Set{kind}UserFunction")(self._own[kind])
+
+    def user_function(self, kind: str) -> Callable[..., Any] | None:
+        """The user's own function of a kind ("PreNewtonResidual", "SystemJacobian", "PostStep"), or None."""
+        return self._users[kind]
+
+    def user_jacobian(self, t: float) -> np.ndarray | None:
+        """The user's own part of the system Jacobian, dense, or None."""
+        user = self._users["SystemJacobian"]
+        return None if user is None else _dense(user(self.mbs, t, 1.0, 0.0, 1.0))
+
+    def _before_residual(self, mbs: exu.MainSystem, t: float, newton: int, discontinuous: int) -> None:
+        if newton == 0:
+            self.adopt()
+        user = self._users["PreNewtonResidual"]
+        if user is not None:
+            user(mbs, t, newton, discontinuous)
+        for actuation in self.actuations:
+            actuation.update_from_scene(t)
+            actuation.apply()
+
+    def _jacobian(self, mbs: exu.MainSystem, t: float, by_ode2: float, by_ode2_t: float, by_ode1: float) -> Any:
+        data = mbs.systemData
+        size = data.ODE2Size() + data.ODE1Size() + data.AEsize()
+        total = np.zeros((size, size))
+        for actuation in self.actuations:
+            numbers, matrix = actuation.scene_tangent()
+            total[np.ix_(numbers, numbers)] += by_ode2 * matrix
+        user = self._users["SystemJacobian"]
+        if user is not None:
+            part = _dense(user(mbs, t, by_ode2, by_ode2_t, by_ode1))
+            total[: part.shape[0], : part.shape[1]] += part
+        container = exu.MatrixContainer()
+        container.SetWithDenseMatrix(total, useDenseMatrix=False)
+        return container
+
+    def _after_step(self, mbs: exu.MainSystem, t: float) -> bool:
+        for actuation in self.actuations:
+            actuation.update_from_scene(t)
+            actuation.commit()
+        user = self._users["PostStep"]
+        return True if user is None else bool(user(mbs, t))
+
+
+def _function(present: Any) -> Callable[..., Any] | None:
+    """What a getter of Exudyn returned, as a Python function or None."""
+    if isinstance(present, dict):
+        present = present.get("function")
+    return present if callable(present) else None
+
+
+def _dense(container: Any) -> np.ndarray:
+    """A MatrixContainer as a dense matrix."""
+    return np.asarray(container.Convert2DenseMatrix(), dtype=float)

@@ -1,0 +1,130 @@
+"""Tendons as cables, straight from hole to hole: their lengths and turning angles, and how these vary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.poses import cross
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CableShape:
+    """Lengths and angles of all tendons of a robot, with derivatives.
+
+    Derivatives are with respect to the body-frame twists ``[v, w]`` of the nodes that carry holes, laid out as
+    ``6 * node + component``.
+
+    Attributes
+    ----------
+    lengths : ndarray, shape (m, n)
+        Of the segments, zero where padded [m].
+    angles : ndarray, shape (m, n-1)
+        By which each tendon turns at its holes 1 .. n-1, zero where padded [rad].
+    d_lengths : ndarray, shape (m, n, 6 N)
+    d_angles : ndarray, shape (m, n-1, 6 N)
+    """
+
+    lengths: Array
+    angles: Array
+    d_lengths: Array
+    d_angles: Array
+
+
+class CableGeometry:
+    """Straight segments between the holes of all tendons.
+
+    Parameters
+    ----------
+    nodes
+        For every hole, the number of the node that carries it (counted among the ``node_count`` nodes with
+        holes); base plate first, anchor last, padded by repeating the anchor; shape (m, n+1).
+    offsets
+        Position of every hole in the frame of its node [m], shape (m, n+1, 3).
+    mask
+        Which segments exist, shape (m, n).
+    node_count
+        Number of nodes that carry holes.
+    """
+
+    def __init__(
+        self, nodes: NDArray[np.int_], offsets: Array, mask: NDArray[np.bool_], node_count: int
+    ) -> None:
+        self.nodes = nodes
+        self.offsets = offsets
+        self.mask = mask
+        self.node_count = node_count
+        m, n = mask.shape
+        self._tendon = np.arange(m)[:, None]
+        self._segment = np.arange(n)[None, :]
+        self._hole = np.arange(max(n - 1, 0))[None, :]
+        self._turns = mask[:, 1:]
+
+    def holes(self, positions: Array, rotations: Array) -> Array:
+        """World positions of all holes [m], shape (m, n+1, 3)."""
+        return positions[self.nodes] + (rotations[self.nodes] @ self.offsets[..., None])[..., 0]
+
+    def lengths(self, positions: Array, rotations: Array) -> Array:
+        """Lengths of the segments only [m], shape (m, n)."""
+        return np.linalg.norm(np.diff(self.holes(positions, rotations), axis=1), axis=2) * self.mask
+
+    def directions(self, positions: Array, rotations: Array) -> Array:
+        """Unit vectors of the segments from base to anchor, zero where padded, shape (m, n, 3)."""
+        d = np.diff(self.holes(positions, rotations), axis=1)
+        length = np.linalg.norm(d, axis=2, keepdims=True)
+        return d / np.where(length > 0.0, length, 1.0)
+
+    def evaluate(self, positions: Array, rotations: Array) -> CableShape:
+        """Lengths and angles with their derivatives.
+
+        Parameters
+        ----------
+        positions, rotations
+            Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
+        """
+        m, n = self.mask.shape
+        frames = rotations[self.nodes]
+        holes = positions[self.nodes] + (frames @ self.offsets[..., None])[..., 0]
+        d = holes[:, 1:] - holes[:, :-1]
+        raw = np.sqrt(np.einsum("mki,mki->mk", d, d))
+        inverse = self.mask / np.where(raw > 0.0, raw, 1.0)
+        e = d * inverse[..., None]
+        lengths = raw * self.mask
+
+        before, after = e[:, :-1], e[:, 1:]
+        cosine = np.einsum("mki,mki->mk", before, after)
+        normal = cross(before, after)
+        sine = np.sqrt(np.einsum("mki,mki->mk", normal, normal))
+        angles = np.arctan2(sine, cosine) * self._turns
+        # A tendon that does not turn has no preferred direction to turn into: the derivative is taken as zero.
+        bent = (sine > 1e-12) & self._turns
+        weight = np.where(bent, -1.0, 0.0) / np.where(bent, sine, 1.0)
+        c = cosine[..., None]
+        g1 = (after - c * before) * (weight * inverse[:, :-1])[..., None]
+        g2 = (before - c * after) * (weight * inverse[:, 1:])[..., None]
+
+        # Gradients with respect to hole positions, stacked so that one product takes them to node twists:
+        # both ends of every segment, then the three holes of every turn.
+        a, b = slice(0, n), slice(1, n + 1)
+        k0, k1, k2 = slice(0, n - 1), slice(1, n), slice(2, n + 1)
+        gradient = np.concatenate((-e, e, -g1, g1 - g2, g2), axis=1)
+        where = [a, b, k0, k1, k2]
+        frame = np.concatenate([frames[:, w] for w in where], axis=1)
+        offset = np.concatenate([self.offsets[:, w] for w in where], axis=1)
+        local = (gradient[:, :, None, :] @ frame)[:, :, 0, :]
+        twist = np.concatenate((local, cross(offset, local)), axis=2)
+
+        d_lengths = np.zeros((m, n, self.node_count, 6))
+        d_lengths[self._tendon, self._segment, self.nodes[:, a]] = twist[:, :n]
+        d_lengths[self._tendon, self._segment, self.nodes[:, b]] += twist[:, n : 2 * n]
+        d_angles = np.zeros((m, n - 1, self.node_count, 6))
+        if n > 1:
+            t = twist[:, 2 * n :]
+            d_angles[self._tendon, self._hole, self.nodes[:, k0]] = t[:, : n - 1]
+            d_angles[self._tendon, self._hole, self.nodes[:, k1]] += t[:, n - 1 : 2 * n - 2]
+            d_angles[self._tendon, self._hole, self.nodes[:, k2]] += t[:, 2 * n - 2 :]
+        return CableShape(lengths, angles, d_lengths.reshape(m, n, -1), d_angles.reshape(m, n - 1, -1))

@@ -1,0 +1,197 @@
+"""Loading sequences: from a description and load steps to solved steps."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION
+from tdcr_fe.loading import Actuation, LoadStep, Model, resolve
+from tdcr_fe.results import SequenceResult, StepResult
+from tdcr_fe.robot import Robot
+from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
+from tdcr_fe.solver import NotConverged, SolverSettings, StrainSpaceSolver
+from tdcr_fe.stepping import LoadStepper, StepFailed
+
+Array = NDArray[np.float64]
+LoadKey = tuple[str, float, str]
+
+
+class Simulation:
+    """One robot alone on ground, taken through load steps.
+
+    Parameters
+    ----------
+    robot, model
+        Description.
+    steps
+        The loading sequence, resolved with `tdcr_fe.loading.resolve`; tells where nodes for loads are needed.
+    settings
+        Numerics.
+    """
+
+    def __init__(
+        self, robot: Robot, model: Model, steps: Sequence[Actuation], settings: SolverSettings | None = None
+    ) -> None:
+        self.settings = settings or SolverSettings()
+        keys = {self._key(name, load) for step in steps for name, load in step.loads.items()}
+        # Exudyn's system container owns the system: it must live as long as we use it.
+        self.container = exu.SystemContainer()
+        mbs = self.container.AddSystem()
+        self.handle: TDCR = CreateTDCR(
+            mbs, robot, model, loadPositions=sorted({at for _, at, _ in keys}), presliding=self.settings.presliding
+        )
+        self.loads: dict[LoadKey, PointLoad] = {
+            key: self.handle.add_load(f"{key[0]}@{key[1]:g}.{key[2]}", key[1], key[2])  # type: ignore[arg-type]
+            for key in sorted(keys)
+        }
+        mbs.Assemble()
+        self.solver = StrainSpaceSolver(mbs, self.settings)
+        self.stepper = LoadStepper(self.solver)
+        self._applied: dict[LoadKey, Array] = {key: np.zeros(6) for key in keys}
+
+    @staticmethod
+    def _key(name: str, load: Any) -> LoadKey:
+        return name, float(load.at), load.frame
+
+    def advance(self, target: Actuation, substeps: int | None = None) -> Mapping[str, Any]:
+        """Go to the end of a load step and commit its history.
+
+        Parameters
+        ----------
+        target
+            What acts at the end of the step.
+        substeps
+            Fixed number; None chooses by the error of the path.
+
+        Returns
+        -------
+        mapping
+            ``iterations``, ``substeps``, ``residual``.
+
+        Raises
+        ------
+        StepFailed
+            The state is then that of the last substep that converged.
+        """
+        robot = self.handle.actuation
+        goal_loads = {key: np.zeros(6) for key in self._applied}
+        for name, load in target.loads.items():
+            goal_loads[self._key(name, load)] = np.array([*load.force, *load.moment])
+        start_loads = self._applied
+        # Where a tendon changes from tension to displacement or back, the ramp begins at what it has now.
+        now = np.where(target.by_displacement, self.displacement, robot.base_tension)
+        robot.by_displacement = target.by_displacement.copy()
+
+        def apply(share: float) -> tuple[list[Array], float]:
+            largest = 0.0
+            for key, item in self.loads.items():
+                value = start_loads[key] + share * (goal_loads[key] - start_loads[key])
+                item.set(value[:3], value[3:])
+                largest = max(largest, float(np.max(np.abs(value[:3]))))
+            robot.inputs = now + share * (target.values - now)
+            return [robot.inputs], largest
+
+        report = self.stepper.advance(apply, substeps)
+        self._applied = goal_loads
+        return report
+
+    @property
+    def displacement(self) -> Array:
+        """Tendons pulled in at the base [m], shape (n_tendons,)."""
+        if not hasattr(self.handle.actuation, "field"):
+            return np.zeros(self.handle.actuation.count)
+        return self.handle.actuation.field.base_slip
+
+    def result(self, number: int, label: str, report: Mapping[str, Any]) -> StepResult:
+        """The present state as a result."""
+        handle = self.handle
+        states, tensions = handle.hole_states(), handle.tensions()
+        solver = self.solver
+        return StepResult(
+            step=number,
+            label=label,
+            converged=True,
+            iterations=report["iterations"],
+            substeps=report["substeps"],
+            s=handle.arc_lengths.copy(),
+            positions=solver.positions(0).copy(),
+            rotations=solver.rotations(0) @ BEAM_TO_SECTION.T,
+            base_tensions=handle.actuation.base_tension.copy(),
+            displacements=handle.actuation.field.base_slip.copy(),
+            tensions=tuple(tensions[n] for n in handle.robot.tendon_names),
+            hole_states=tuple(states[n] for n in handle.robot.tendon_names),
+            residual=report["residual"],
+            details={k: v for k, v in report.items() if k not in ("iterations", "substeps", "residual")},
+        )
+
+
+def simulate(
+    robot: Robot,
+    model: Model,
+    steps: Sequence[LoadStep],
+    settings: SolverSettings | None = None,
+    progress: Callable[[StepResult], None] | None = None,
+) -> SequenceResult:
+    """Take a robot through a loading sequence.
+
+    Parameters
+    ----------
+    robot, model
+        Description.
+    steps
+        Load steps in order.
+    settings
+        Numerics.
+    progress
+        Called with every solved step.
+
+    Returns
+    -------
+    SequenceResult
+        Where a step fails, or the user interrupts, all steps before it, and a message.
+
+    Raises
+    ------
+    ValueError
+        The description contradicts itself (see `tdcr_fe.loading.resolve` and `tdcr_fe.scene.CreateTDCR`).
+    """
+    settings = settings or SolverSettings()
+    begun = time.perf_counter()
+    targets = resolve(robot, steps)
+    simulation = Simulation(robot, model, targets, settings)
+    solved: list[StepResult] = []
+    failed, message = None, "all steps converged"
+    for number, (step, target) in enumerate(zip(steps, targets, strict=True), start=1):
+        try:
+            report = simulation.advance(target, step.substeps)
+        except StepFailed as failure:
+            failed = number
+            label = f" ({step.label})" if step.label else ""
+            message = f"step {number}{label} did not converge: {failure}"
+            break
+        except KeyboardInterrupt:
+            failed, message = number, "interrupted"
+            break
+        solved.append(simulation.result(number, step.label, report))
+        if progress is not None:
+            progress(solved[-1])
+    return SequenceResult(
+        robot=robot,
+        model=model,
+        steps=tuple(solved),
+        converged=failed is None,
+        message=message,
+        failed_step=failed,
+        wall_time=time.perf_counter() - begun,
+        settings=asdict(settings),
+    )
+
+
+__all__ = ["NotConverged", "Simulation", "SolverSettings", "simulate"]

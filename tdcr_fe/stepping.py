@@ -1,0 +1,191 @@
+"""Substeps of a load step: as many as convergence and the accuracy of the path ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.solver import NewtonReport, NotConverged, Snapshot, StrainSpaceSolver
+
+Array = NDArray[np.float64]
+
+#: Takes the share of the load step in [0, 1], applies it to the scene, and gives the inputs of every robot
+#: [N or m] and the size of the applied loads [N].
+Apply = Callable[[float], tuple[list[Array], float]]
+
+
+class StepFailed(Exception):
+    """A load step could not be solved; says where, the residual, and what to try."""
+
+    def __init__(self, message: str, share: float, residual: float) -> None:
+        super().__init__(message)
+        self.share = share
+        self.residual = residual
+
+
+@dataclass
+class _Count:
+    iterations: int = 0
+    substeps: int = 0
+    wasted: int = 0
+    residual: float = 0.0
+
+
+class LoadStepper:
+    """Takes a solver through load steps.
+
+    With friction the answer depends on the path, but only where a hole changes its state on the way. Where one
+    does, a substep is solved once as a whole and once in halves, and halved until both agree.
+
+    Parameters
+    ----------
+    solver
+        The solver, in the state where the next step begins.
+    """
+
+    def __init__(self, solver: StrainSpaceSolver) -> None:
+        self.solver = solver
+
+    def advance(self, apply: Apply, substeps: int | None = None) -> dict[str, Any]:
+        """Go through one load step and commit its history.
+
+        Parameters
+        ----------
+        apply
+            See `Apply`.
+        substeps
+            A fixed number (each is still halved where it does not converge); None chooses by the path's error.
+
+        Returns
+        -------
+        dict
+            ``iterations`` of the accepted path, ``iterations_total`` with those of trials, ``substeps``,
+            ``residual``.
+
+        Raises
+        ------
+        StepFailed
+        """
+        count = _Count()
+        if substeps is None:
+            self._path(apply, 0.0, 1.0, None, count)
+        else:
+            for k in range(substeps):
+                self._converge(apply, k / substeps, (k + 1) / substeps, count)
+        self.solver.finish()
+        return {
+            "iterations": count.iterations,
+            "iterations_total": count.iterations + count.wasted,
+            "substeps": count.substeps,
+            "residual": count.residual,
+        }
+
+    # ------------------------------------------------------------------
+
+    def _solve(self, apply: Apply, share: float) -> NewtonReport:
+        goal, loads = apply(share)
+        return self.solver.newton(goal, share, loads)
+
+    def _fail(self, start: float, end: float, cause: NotConverged) -> StepFailed:
+        return StepFailed(
+            f"{cause}, between {start:.4f} and {end:.4f} of the step, although divided down to "
+            f"{self.solver.settings.min_substep:g}. Try smaller load steps; if the load is near the point where "
+            "the robot buckles or snaps through, no equilibrium follows this path; a larger presliding distance "
+            "(solver setting, 1e-5 m) helps where holes cannot settle.",
+            start,
+            cause.residual,
+        )
+
+    def _accept(self, report: NewtonReport, count: _Count) -> None:
+        self.solver.commit()
+        count.iterations += report.iterations
+        count.substeps += 1
+        count.residual = report.residual
+
+    def _converge(self, apply: Apply, start: float, end: float, count: _Count) -> None:
+        """One substep, halved only where it does not converge."""
+        before = self.solver.snapshot()
+        try:
+            report = self._solve(apply, end)
+        except NotConverged as cause:
+            count.wasted += cause.iterations
+            self.solver.restore(before)
+            if end - start <= self.solver.settings.min_substep:
+                raise self._fail(start, end, cause) from None
+            middle = 0.5 * (start + end)
+            self._converge(apply, start, middle, count)
+            self._converge(apply, middle, end, count)
+            return
+        self._accept(report, count)
+
+    def _path(
+        self, apply: Apply, start: float, end: float, known: tuple[Snapshot, NewtonReport] | None, count: _Count
+    ) -> None:
+        """One substep, halved until it converges and until halving changes nothing."""
+        solver = self.solver
+        before = solver.snapshot()
+        span = end - start
+        middle = 0.5 * (start + end)
+        try:
+            if known is None:
+                report = self._solve(apply, end)
+            else:
+                after, report = known
+                solver.restore(after)
+                apply(end)
+                solver.refresh()
+        except NotConverged as cause:
+            count.wasted += cause.iterations
+            solver.restore(before)
+            if span <= solver.settings.min_substep:
+                raise self._fail(start, end, cause) from None
+            self._path(apply, start, middle, None, count)
+            self._path(apply, middle, end, None, count)
+            return
+        if span <= solver.settings.min_substep or not self._path_matters(before):
+            self._accept(report, count)
+            return
+        whole = solver.snapshot()
+        shape = solver.positions().copy()
+        solver.restore(before)
+        try:
+            first = self._solve(apply, middle)
+            half = solver.snapshot()
+            solver.commit()
+            second = self._solve(apply, end)
+        except NotConverged as cause:
+            count.wasted += cause.iterations + report.iterations
+            solver.restore(before)
+            self._path(apply, start, middle, None, count)
+            self._path(apply, middle, end, None, count)
+            return
+        error = float(np.max(np.abs(solver.positions() - shape)))
+        if error <= solver.settings.path_tolerance * solver.length:
+            solver.commit()
+            count.iterations += first.iterations + second.iterations
+            count.wasted += report.iterations
+            count.substeps += 2
+            count.residual = second.residual
+            return
+        del whole
+        count.wasted += report.iterations + second.iterations
+        solver.restore(before)
+        self._path(apply, start, middle, (half, first), count)
+        self._path(apply, middle, end, None, count)
+
+    def _path_matters(self, before: Snapshot) -> bool:
+        """Whether any hole under tension changed its state since ``before``."""
+        for robot, state, tension in zip(
+            self.solver.robots, before.histories, before.tensions, strict=True
+        ):
+            if not robot.law.has_friction:
+                continue
+            old, new = np.trunc(state.mobilisation), np.trunc(robot.field.mobilisation)
+            changed = (old != new) & robot.law.holding & (tension > 0.0)[:, None]
+            if np.any(changed):
+                return True
+        return False
