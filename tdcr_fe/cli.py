@@ -200,8 +200,9 @@ def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) ->
         complain(f"interrupted while writing; the tables are in {out}, without pictures")
         return INTERRUPTED
     if not args.quiet:
-        print(format_table(result))
-        print(f"\n{_count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
+        if result.steps:
+            print(format_table(result) + "\n")
+        print(f"{_count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
         print("    " + ", ".join(p.name for p in written))
     for warning in result.warnings:
         complain(f"warning: {warning}")
@@ -256,7 +257,7 @@ def format_table(result: SequenceResult) -> str:
             str(s.step),
             s.label if len(s.label) <= 24 else s.label[:21] + "...",
             *(f"{t:.4g}" for t in s.base_tensions),
-            *(f"{1e3 * d:.3f}" for d in s.displacements),
+            *(f"{1e3 * d + 0.0:.3f}" for d in s.displacements.round(9)),
             *(f"{1e3 * x + 0.0:.2f}" for x in s.tip.round(9)),
             f"{s.bending_angle * 57.29577951308232:.3f}",
             str(s.iterations) if s.converged else f"{s.iterations} (failed)",

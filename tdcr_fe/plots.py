@@ -410,7 +410,7 @@ def _branches(axes: Axes, values: Array, angle: Array, colours: _StepColours) ->
                 arrowprops={"arrowstyle": "-|>", "color": colours(k), "lw": 0, "mutation_scale": 11},
             )
     if few:
-        axes.scatter(values, angle, s=16, c=[colours(k) for k in range(len(values))], zorder=3)
+        axes.scatter(values, angle, s=16, c=[colours(k) for k in range(len(values))], zorder=3, clip_on=False)
 
 
 # --------------------------------------------------------------------------------------------------- pictures
