@@ -1,8 +1,11 @@
-"""Stick and slip as a complementarity problem: which share of its friction acts at each hole.
+"""Complementarity problems on a box: which holes stick or slip, and which pulled-in tendons are slack.
 
-At a hole the mobilisation s lies in -1..1, and the tendon that passes follows from the linearised robot,
-``F(s) = presliding (s - s_before) - moved(s)``: between the bounds F is zero (stick), at +1 it is not
-positive (pull: more has passed than sticking allows), at -1 not negative (release).
+Each unknown v has bounds and a value F(v): F is zero between the bounds, not negative at the lower bound and
+not positive at the upper. For the mobilisation s in -1..1 of friction at a hole
+``F = presliding (s - s_before) - moved``: stick between the bounds, pull at +1 (more has passed
+than sticking allows), release at -1. For the tension T >= 0 of a tendon driven by displacement
+``F = taken in - displacement``: zero where it is taut; where it is slack its path is shorter than what is
+left of the tendon.
 """
 
 from __future__ import annotations
@@ -12,14 +15,17 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-
-def natural_residual(value: Array, s: Array) -> Array:
-    """``s - clip(s - F, -1, 1)``, zero exactly where s solves the problem with the values F, shape (n,)."""
-    return s - np.clip(s - value, -1.0, 1.0)
+#: Scaled values below this do not move an unknown off its bound.
+_TOLERANCE = 1e-11
 
 
-def solve_box(matrix: Array, offset: Array, start: Array) -> Array:
-    """Solve the complementarity problem on the box -1..1 for ``F(s) = matrix @ s + offset``.
+def natural_residual(value: Array, v: Array, lower: Array, upper: Array) -> Array:
+    """``v - clip(v - F)``, zero exactly where v solves the problem with the values F, shape (n,)."""
+    return v - np.clip(v - value, lower, upper)
+
+
+def solve_box(matrix: Array, offset: Array, start: Array, lower: Array, upper: Array) -> Array:
+    """Solve the complementarity problem for ``F(v) = matrix @ v + offset``.
 
     Whole active sets are exchanged as long as that makes progress; then one index at a time, the least
     first, which ends for every matrix with positive principal minors (Murty's method).
@@ -27,42 +33,45 @@ def solve_box(matrix: Array, offset: Array, start: Array) -> Array:
     Parameters
     ----------
     matrix
-        [m], shape (n, n).
+        Shape (n, n).
     offset
-        [m], shape (n,).
+        Shape (n,).
     start
-        First guess of s, shape (n,).
+        First guess of v, shape (n,).
+    lower, upper
+        Bounds; the upper may be infinite, shape (n,).
 
     Returns
     -------
     numpy.ndarray
-        s, shape (n,).
+        v, shape (n,); the best found where none solves the problem.
     """
     n = len(offset)
     scale = 1.0 / np.maximum(np.abs(np.diag(matrix)), 1e-30)
-    s = np.clip(start, -1.0, 1.0)
-    trial = s - scale * (matrix @ s + offset)
-    bound = np.where(trial > 1.0, 1, np.where(trial < -1.0, -1, 0))
-    best, least = s, np.inf
+    v = np.clip(start, lower, upper)
+    trial = v - scale * (matrix @ v + offset)
+    bound = np.where(trial > upper, 1, np.where(trial < lower, -1, 0))
+    best, least = v, np.inf
     for sweep in range(20 + 40 * n):
-        s = bound.astype(float)
-        free = np.flatnonzero(bound == 0)
+        v = np.where(bound > 0, upper, np.where(bound < 0, lower, 0.0))
+        free, held = np.flatnonzero(bound == 0), np.flatnonzero(bound)
         if len(free):
-            rest = offset[free] + matrix[np.ix_(free, np.flatnonzero(bound))] @ s[bound != 0]
+            rest = offset[free] + matrix[np.ix_(free, held)] @ v[held]
             try:
-                s[free] = np.linalg.solve(matrix[np.ix_(free, free)], -rest)
+                v[free] = np.linalg.solve(matrix[np.ix_(free, free)], -rest)
             except np.linalg.LinAlgError:
-                s[free] = np.linalg.lstsq(matrix[np.ix_(free, free)], -rest, rcond=None)[0]
-        value = matrix @ s + offset
+                v[free] = np.linalg.lstsq(matrix[np.ix_(free, free)], -rest, rcond=None)[0]
+        value = scale * (matrix @ v + offset)
         value[free] = 0.0
-        wanted = np.where(bound == 0, np.where(s > 1.0, 1, np.where(s < -1.0, -1, 0)), bound)
-        wanted = np.where((bound == 1) & (value > 0.0), 0, wanted)
-        wanted = np.where((bound == -1) & (value < 0.0), 0, wanted)
+        wanted = np.where(bound == 0, np.where(v > upper, 1, np.where(v < lower, -1, 0)), bound)
+        wanted = np.where((bound == 1) & (value > _TOLERANCE), 0, wanted)
+        wanted = np.where((bound == -1) & (value < -_TOLERANCE), 0, wanted)
         wrong = np.flatnonzero(wanted != bound)
         if not len(wrong):
-            return s
-        inside = np.clip(s, -1.0, 1.0)
-        error = float(np.max(np.abs(natural_residual(scale * (matrix @ inside + offset), inside))))
+            return v
+        inside = np.clip(v, lower, upper)
+        value = scale * (matrix @ inside + offset)
+        error = float(np.max(np.abs(natural_residual(value, inside, lower, upper))))
         if error < least:
             best, least = inside, error
         if sweep < 20:

@@ -223,7 +223,7 @@ def coupled_strain(
         value += (tension[:, None, :] @ gradient)[:, 0, :]
         bend = course.square - gradient[..., :, None] * gradient[..., None, :]
         matrix += np.einsum("nt,ntij->nij", tension / size, bend)
-        inverse = np.linalg.inv(matrix)
+        inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
         change = free[:, None] * (inverse @ (wrench - value)[..., None])[..., 0]
         strain = strain + change
         if np.max(np.abs(change), initial=0.0) <= 1e-10 * (1.0 + np.max(np.abs(strain), initial=0.0)):

@@ -281,7 +281,7 @@ class _Sampler:
                 layout.section.take(self.interval),
                 starts,
                 self.extra - starts,
-                settings.max_step * length,
+                statics.max_step,
                 statics.heavy,
                 statics.robot if statics.continuous else None,
             )

@@ -22,7 +22,8 @@ class ReferenceSettings:
     max_interval : float
         Longest interval of the multiple shooting, over the length of the backbone [1].
     max_step : float
-        Longest Runge-Kutta step, over the length of the backbone [1].
+        Longest Runge-Kutta step, over the length of the backbone [1]; with continuous tendons, which bend
+        the rod more evenly, twice that.
     tolerance : float
         Largest scaled residual of a converged state: moments over EI/L, forces over EI/L^2 [1].
     max_iterations : int
@@ -36,8 +37,8 @@ class ReferenceSettings:
     substeps: int = 1
     presliding: float = 1e-6
     max_interval: float = 0.125
-    max_step: float = 0.08
-    tolerance: float = 1e-9
+    max_step: float = 0.03
+    tolerance: float = 1e-10
     max_iterations: int = 30
     max_bisections: int = 10
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.loading import Load, Model
 from tdcr_fe.robot import Robot
-from tdcr_fe.validation.reference.friction import natural_residual, solve_box
+from tdcr_fe.validation.reference.complementarity import natural_residual, solve_box
 from tdcr_fe.validation.reference.layout import Layout, lay_out
 from tdcr_fe.validation.reference.lie import adjoint, hat
 from tdcr_fe.validation.reference.rod import Flow, Rod
@@ -117,11 +117,12 @@ class Statics:
         self.weight = self.layout.mass_per_length * self.gravity
         self.heavy = bool(np.any(self.weight != 0.0))
         self.continuous = model.tendon_path == "continuous"
+        self.max_step = settings.max_step * backbone.length * (2.0 if self.continuous else 1.0)
         self.rod = Rod(
             self.layout.section,
             self.layout.s[:-1],
             self.layout.lengths,
-            settings.max_step * backbone.length,
+            self.max_step,
             self.heavy,
             robot if self.continuous else None,
         )
@@ -167,8 +168,8 @@ class Statics:
     ) -> tuple[State, Array, Array, TendonEquations | None]:
         """State, scaled residual, its Jacobian and the tendons' equations at given unknowns.
 
-        Residual and Jacobian have a row for every unknown of rod and tensions, the Jacobian a column for
-        the mobilisations too.
+        Residual and Jacobian have a row for every unknown of rod and tensions; the Jacobian has further
+        columns for what complementarity decides (see `TendonEquations`).
         """
         n, width, tendons = self.n, self.width, self.tendons
         z = x[: self.rod_size].reshape(n, width)
@@ -187,9 +188,11 @@ class Statics:
         m = twists.shape[2]
 
         residual = np.zeros(self.smooth)
-        jacobian = np.zeros((self.smooth, self.size))
+        choices = tendons.n_friction + (0 if driver is None else np.count_nonzero(driver.by_displacement))
+        size = self.smooth + choices
+        jacobian = np.zeros((self.smooth, size))
         rod = residual[: self.rod_size].reshape(n, width)
-        rows = jacobian[: self.rod_size].reshape(n, width, self.size)
+        rows = jacobian[: self.rod_size].reshape(n, width, size)
         blocks = jacobian[: self.rod_size, : self.rod_size].reshape(n, width, n, width)
         each = np.arange(n)
         rod[:, :6] = flow.wrench
@@ -239,12 +242,11 @@ class Statics:
                 mobilisation,
                 driver,
                 self.force_scale,
-                self.length_scale,
             )
             residual[self.rod_size :] = equations.residual
             jacobian[self.rod_size :, :m] += equations.by_rod
             jacobian[self.rod_size :, self.rod_size : self.smooth] += equations.by_tension
-            jacobian[self.rod_size :, self.smooth :] = equations.by_friction
+            jacobian[self.rod_size :, self.smooth :] = equations.by_choice
         state = State(
             unknowns=x,
             rotations=rotations,
@@ -321,24 +323,42 @@ class Statics:
             Motion from no to full friction [m].
         """
         x = start.copy()
-        weight = 1.0 / max(presliding, self.length_scale)
+        friction, driven = self.tendons.n_friction, np.flatnonzero(driver.by_displacement)
+        scale = np.repeat([1.0, self.force_scale], [friction, len(driven)])
+        lower = np.repeat([-1.0, 0.0], [friction, len(driven)])
+        upper = np.repeat([1.0, np.inf], [friction, len(driven)])
+        size = np.repeat([max(presliding, self.length_scale), self.length_scale], [friction, len(driven)])
+        rest = np.concatenate((history.passed, driver.values[driven]))
 
         def look(unknowns: Array) -> _Look:
-            state, residual, jacobian, equations = self.evaluate(unknowns, forces, driver)
-            if equations is not None and len(equations.passed):
-                gap = presliding * (state.mobilisation - history.mobilisation) - (
-                    equations.passed - history.passed
-                )
-                every = np.concatenate((residual, natural_residual(weight * gap, state.mobilisation)))
+            # a trial may run away; its merit is then not finite, and it is refused
+            with np.errstate(over="ignore", invalid="ignore"):
+                state, residual, jacobian, equations = self.evaluate(unknowns, forces, driver)
+            choice = gap = np.zeros(0)
+            if equations is not None and len(rest):
+                creep = presliding * (state.mobilisation - history.mobilisation)
+                gap = np.concatenate((creep, np.zeros(len(driven)))) - (equations.passed - rest)
+                gap[friction:] *= -1.0
+                choice = np.concatenate((state.mobilisation, state.tensions[self.tendons.first[driven]]))
+                natural = natural_residual(gap / size, choice / scale, lower / scale, upper / scale)
+                every = np.concatenate((residual, natural))
             else:
-                gap, every = np.zeros(0), residual
-            state = replace(state, residual=float(np.max(np.abs(every), initial=0.0)))
-            return _Look(state, residual, jacobian, equations, gap, float(np.linalg.norm(every)))
+                every = residual
+            worst = float(np.max(np.abs(every), initial=0.0))
+            return _Look(
+                replace(state, residual=worst),
+                residual,
+                jacobian,
+                equations,
+                gap,
+                choice,
+                float(np.linalg.norm(every)),
+            )
 
         now = look(x)
         merits = [now.merit]
         for iteration in range(1, self.settings.max_iterations + 1):
-            step = self._newton_step(now, presliding)
+            step = self._newton_step(now, presliding, lower, upper)
             if step is None:
                 return Attempt(now.state, False, iteration)
             share = self._longest_share(step)
@@ -359,26 +379,26 @@ class Statics:
                 return Attempt(now.state, True, iteration)
         return Attempt(now.state, False, self.settings.max_iterations)
 
-    def _newton_step(self, now: _Look, presliding: float) -> Array | None:
+    def _newton_step(self, now: _Look, presliding: float, lower: Array, upper: Array) -> Array | None:
         """Change of all unknowns; None where the equations are singular."""
         smooth = self.smooth
         columns = np.concatenate((-now.residual[:, None], -now.jacobian[:, smooth:]), axis=1)
         try:
-            solved: Array = np.linalg.solve(now.jacobian[:, :smooth], columns)
+            solved = np.asarray(np.linalg.solve(now.jacobian[:, :smooth], columns), dtype=float)
         except np.linalg.LinAlgError:
             return None
         if not np.all(np.isfinite(solved)):
             return None
         if now.equations is None or not len(now.gap):
-            alone: Array = solved[:, 0]
-            return alone
-        e, m = now.equations, now.equations.passed_by_rod.shape[1]
-        moved = e.passed_by_rod @ solved[:m] + e.passed_by_tension @ solved[self.rod_size :]
-        s = now.state.mobilisation
-        matrix = presliding * np.eye(len(s)) - moved[:, 1:]
-        offset = now.gap - moved[:, 0] - matrix @ s
-        change = solve_box(matrix, offset, s) - s
-        return np.concatenate((solved[:, 0] + solved[:, 1:] @ change, change))
+            return solved[:, 0]
+        e, m, friction = now.equations, now.equations.passed_by_rod.shape[1], self.tendons.n_friction
+        moved = -(e.passed_by_rod @ solved[:m] + e.passed_by_tension @ solved[self.rod_size :])
+        moved[friction:] *= -1.0
+        matrix = moved[:, 1:]
+        matrix[np.arange(friction), np.arange(friction)] += presliding
+        offset = now.gap + moved[:, 0] - matrix @ now.choice
+        change = solve_box(matrix, offset, now.choice, lower, upper) - now.choice
+        return np.concatenate((solved[:, 0] + solved[:, 1:] @ change, change[:friction]))
 
 
 @dataclass(frozen=True)
@@ -390,4 +410,5 @@ class _Look:
     jacobian: Array
     equations: TendonEquations | None
     gap: Array
+    choice: Array
     merit: float

@@ -186,7 +186,6 @@ class Tendons:
         mobilisation: Array,
         driver: Driver,
         force_scale: float,
-        length_scale: float,
     ) -> TendonEquations:
         """Equations for the tensions, and what has passed the holes.
 
@@ -200,29 +199,21 @@ class Tendons:
             Unknowns [N], (n_segments,), and [1], (n_friction,).
         driver
             What is imposed.
-        force_scale, length_scale
-            That make tension and displacement comparable [N, m].
+        force_scale
+            Of the residual [N].
         """
         n, f = self.size, self.n_friction
+        driven = np.flatnonzero(driver.by_displacement)
         residual = np.zeros(n)
         by_rod = np.zeros((n, d_lengths.shape[1]))
         by_tension = np.zeros((n, n))
-        by_friction = np.zeros((n, f))
+        by_choice = np.zeros((n, f + len(driven)))
         taken, by_length, by_pull = self.taken_in(lengths, tension)
 
-        base = tension[self.first]
-        excess = self.base_sum @ taken - driver.values
-        force = np.where(driver.by_displacement, base, base - driver.values) / force_scale
-        # a displacement is met, or the tendon is slack and its path shorter than what is left of it
-        slack = driver.by_displacement & (force < excess / length_scale)
-        driven = driver.by_displacement & ~slack
-        residual[self.first] = np.where(driven, excess / length_scale, force)
-        by_tension[self.first[~driven], self.first[~driven]] = 1.0 / force_scale
-        if driven.any():
-            rows = self.first[driven]
-            part = self.base_sum[driven] / length_scale
-            by_rod[rows] = (part * by_length) @ d_lengths
-            by_tension[rows] = part * by_pull
+        first = self.first
+        residual[first] = np.where(driver.by_displacement, 0.0, tension[first] - driver.values) / force_scale
+        by_tension[first, first] = 1.0 / force_scale
+        by_choice[first[driven], f + np.arange(len(driven))] = -1.0 / force_scale
 
         holes, after, rough = self.holes, self.holes + 1, self.rough
         share = np.zeros(len(holes))
@@ -234,37 +225,41 @@ class Tendons:
         by_tension[after, after] = 1.0 / force_scale
         by_tension[after, holes] = -d_tension / force_scale
         by_rod[after] = (-d_angle / force_scale)[:, None] * d_angles
-        by_friction[after[rough], self.variable[rough]] = -d_share[rough] / force_scale
+        by_choice[after[rough], self.variable[rough]] = -d_share[rough] / force_scale
+        sums = np.concatenate((self.passed_sum, self.base_sum[driven]))
         return TendonEquations(
             residual=residual,
             by_rod=by_rod,
             by_tension=by_tension,
-            by_friction=by_friction,
-            passed=self.passed_sum @ taken,
-            passed_by_rod=(self.passed_sum * by_length) @ d_lengths,
-            passed_by_tension=self.passed_sum * by_pull,
+            by_choice=by_choice,
+            passed=sums @ taken,
+            passed_by_rod=(sums * by_length) @ d_lengths,
+            passed_by_tension=sums * by_pull,
         )
 
 
 @dataclass(frozen=True)
 class TendonEquations:
-    """Equations of n tensions, and what has passed f friction variables, with derivatives.
+    """Equations of n tensions, and what has passed, with derivatives.
+
+    What complementarity decides comes last: the mobilisations, and the base tensions of the tendons that are
+    driven by displacement; c unknowns together.
 
     Attributes
     ----------
     residual : ndarray, shape (n,)
         Scaled [1].
-    by_rod, by_tension, by_friction : ndarray, shapes (n, z), (n, n), (n, f)
-        Derivatives by the unknowns of the rod, the tensions and the mobilisations.
-    passed : ndarray, shape (f,)
-        Tendon that has passed towards the base since the unloaded state [m].
-    passed_by_rod, passed_by_tension : ndarray, shapes (f, z), (f, n)
+    by_rod, by_tension, by_choice : ndarray, shapes (n, z), (n, n), (n, c)
+        Derivatives by the unknowns of the rod, the tensions and what complementarity decides.
+    passed : ndarray, shape (c,)
+        Tendon that has passed hole or base plate towards the base since the unloaded state [m].
+    passed_by_rod, passed_by_tension : ndarray, shapes (c, z), (c, n)
     """
 
     residual: Array
     by_rod: Array
     by_tension: Array
-    by_friction: Array
+    by_choice: Array
     passed: Array
     passed_by_rod: Array
     passed_by_tension: Array
