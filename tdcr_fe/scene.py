@@ -593,17 +593,17 @@ def _superelastic(robot: Robot, mesh: BackboneMesh, rigid: NDArray[np.bool_]) ->
     )
 
 
-def _bind() -> None:
-    """Make `CreateTDCR` a method of ``exudyn.MainSystem``, beside the library's own ``mbs.Create...``."""
+def bind(method: str, function: Callable[..., Any]) -> None:
+    """Make a function that takes ``mbs`` first a method of ``exudyn.MainSystem``."""
     try:
         from exudyn.misc import extensionRegistry
     except ImportError:
         # The registry is not public; without it the plain function is bound just the same.
-        exu.MainSystem.CreateTDCR = CreateTDCR
+        setattr(exu.MainSystem, method, function)
         return
-    if getattr(exu.MainSystem, "CreateTDCR", None) is not CreateTDCR:
-        extensionRegistry.extends(exu.MainSystem, "CreateTDCR")(CreateTDCR)
+    if getattr(exu.MainSystem, method, None) is not function:
+        extensionRegistry.extends(exu.MainSystem, method)(function)
         extensionRegistry.install()
 
 
-_bind()
+bind("CreateTDCR", CreateTDCR)

@@ -35,6 +35,9 @@ class SolverSettings:
     ----------
     tolerance : float
         Largest unbalanced force or moment over the scale of the forces at work [1].
+    step_tolerance : float
+        A Newton step that moves no node by more than this share of the length, and turns none by more than
+        this angle, ends the iteration too [1, rad].
     max_iterations : int
         Newton iterations of one attempt.
     max_turn : float
@@ -49,6 +52,7 @@ class SolverSettings:
     """
 
     tolerance: float = 1e-8
+    step_tolerance: float = 1e-10
     max_iterations: int = 20
     max_turn: float = 0.5
     path_tolerance: float = 2e-5
@@ -478,10 +482,21 @@ class StrainSpaceSolver:
                 raise NotConverged(
                     "the tangent is singular: something in the scene moves freely", size, iteration
                 ) from None
+            moved = self._step_size(step)
             self._advance(step)
+            if moved <= s.step_tolerance and self._hole_error() <= 1e-4:
+                # Nothing moves any more: what is left of the residual is round-off of very stiff parts.
+                self._update_forces(t)
+                size = self._measure(self._residual())
+                return NewtonReport(iteration + 1, size, (*history, size))
         raise NotConverged(
             f"no equilibrium after {s.max_iterations} iterations, residual {size:.1e}", size, s.max_iterations
         )
+
+    def _step_size(self, step: Array) -> float:
+        """Largest displacement over the backbone's length, or rotation, of any node in a step [1]."""
+        nodes = np.abs(step[: 6 * self._nodes].reshape(-1, 6))
+        return max(float(np.max(nodes[:, :3])) / self._scale_length, float(np.max(nodes[:, 3:])))
 
     def _advance(self, step: Array) -> None:
         """Move all unknowns by a Newton step, no element turning more than allowed."""

@@ -71,12 +71,15 @@ class LoadStepper:
         StepFailed
         """
         count = _Count()
-        if substeps is None:
-            self._path(apply, 0.0, 1.0, None, count)
-        else:
-            for k in range(substeps):
-                self._converge(apply, k / substeps, (k + 1) / substeps, count)
-        self.solver.finish()
+        try:
+            if substeps is None:
+                self._path(apply, 0.0, 1.0, None, count)
+            else:
+                for k in range(substeps):
+                    self._converge(apply, k / substeps, (k + 1) / substeps, count)
+        finally:
+            # Solved or not, the scene is left in the last state that converged.
+            self.solver.finish()
         return {
             "iterations": count.iterations,
             "iterations_total": count.iterations + count.wasted,

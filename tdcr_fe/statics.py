@@ -1,0 +1,108 @@
+"""Quasi-static solution of a whole scene with robots in it: `SolveTDCR`, beside Exudyn's own solver calls."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.solver import SolverSettings, StrainSpaceSolver
+from tdcr_fe.stepping import LoadStepper
+
+Array = NDArray[np.float64]
+
+_BEGUN = "tdcr_fe.inputs"
+
+
+def SolveTDCR(
+    mbs: exu.MainSystem,
+    settings: SolverSettings | None = None,
+    *,
+    startTime: float = 0.0,
+    endTime: float = 1.0,
+    substeps: int | None = None,
+) -> dict[str, Any]:
+    """Take all robots of a scene, and the scene with them, to the inputs that were set.
+
+    Every tendon moves from what it has now to what ``set_tensions`` and ``set_displacements`` of its robot said
+    last, while time runs from ``startTime`` to ``endTime``: your load user functions and your
+    ``PreNewtonResidual`` and ``PreStep`` functions see that time. The solved state is left in the scene as current
+    and as initial configuration, so that a next call, ``mbs.SolveStatic`` or ``mbs.SolveDynamic`` goes on from it,
+    histories of the holes included.
+
+    Parameters
+    ----------
+    mbs
+        An assembled system with at least one robot.
+    settings
+        Numerics.
+    startTime, endTime
+        [s].
+    substeps
+        Fixed number of substeps; None chooses.
+
+    Returns
+    -------
+    dict
+        ``iterations``, ``iterations_total`` (with those of rejected trials), ``substeps``, ``residual``.
+
+    Raises
+    ------
+    StepFailed
+        Says where, the residual, and what to try. The scene is then in the last state that converged.
+    ValueError
+        The system is not assembled, has no robot, or has first-order states.
+    """
+    solver = StrainSpaceSolver(mbs, settings)
+    goals, starts = [], []
+    remembered: dict[int, tuple[Array, Array]] = mbs.variables.setdefault(_BEGUN, {})
+    for i, robot in enumerate(solver.robots):
+        over_time = robot.inputs if callable(robot.inputs) else None
+        if over_time is not None:
+            goals.append(over_time)
+            starts.append(None)
+            continue
+        values = robot.input_values()
+        tension, slip = remembered.get(i, (np.zeros(robot.count), np.zeros(robot.count)))
+        starts.append(np.where(robot.by_displacement, slip, tension))
+        goals.append(values)
+    user_step = _function(mbs.GetPreStepUserFunction())
+
+    def apply(share: float) -> tuple[list[Array], float]:
+        t = startTime + share * (endTime - startTime)
+        mbs.systemData.SetTime(t)
+        if user_step is not None:
+            user_step(mbs, t)
+        inputs = []
+        for robot, start, goal in zip(solver.robots, starts, goals, strict=True):
+            if start is None:
+                inputs.append(robot.input_values(t))
+            else:
+                inputs.append(start + share * (goal - start))
+        return inputs, 0.0
+
+    stepper = LoadStepper(solver)
+    try:
+        return stepper.advance(apply, substeps)
+    finally:
+        for i, robot in enumerate(solver.robots):
+            if hasattr(robot, "field"):
+                remembered[i] = (robot.base_tension.copy(), robot.field.base_slip.copy())
+
+
+def _function(present: Any) -> Any:
+    if isinstance(present, dict):
+        present = present.get("function")
+    return present if callable(present) else None
+
+
+def _bind() -> None:
+    """Make `SolveTDCR` a method of ``exudyn.MainSystem``."""
+    from tdcr_fe.scene import bind
+
+    bind("SolveTDCR", SolveTDCR)
+
+
+_bind()
