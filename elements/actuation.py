@@ -7,7 +7,7 @@ directly; both get the same forces, the same tangent and the same history.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import exudyn as exu
@@ -34,11 +34,14 @@ class Connectors:
         By tendon, the spring-damper of every segment; empty for tendons that follow the backbone.
     node_forces, node_torques : list
         Body-fixed loads on every node; empty where no section force acts.
+    hole_markers : list of list
+        By tendon, markers of its holes, base plate first; needed where tendons shift inside their holes.
     """
 
     springs: list[list[Any]]
     node_forces: list[Any]
     node_torques: list[Any]
+    hole_markers: list[list[Any]] = field(default_factory=list)
 
 
 class TendonActuation:
@@ -155,6 +158,8 @@ class TendonActuation:
         if self.section is not None:
             self.twists = relative_twists(positions, rotations) if twists is None else twists
         if self.geometry is not None:
+            if self.geometry.clearance is not None:
+                self.geometry.settle(positions[self.hole_nodes], rotations[self.hole_nodes])
             if self._all_nodes:
                 self.shape = self.geometry.evaluate(positions, rotations)
             else:
@@ -268,6 +273,13 @@ class TendonActuation:
     def apply(self) -> None:
         """Give the forces to Exudyn's items."""
         mbs = self.mbs
+        if self.geometry is not None and self.geometry.clearance is not None:
+            half = 0.5 * float(self.mesh.lengths[0])
+            for markers, offsets in zip(self.connectors.hole_markers, self.geometry.offsets, strict=True):
+                for k, (marker, offset) in enumerate(zip(markers, offsets.tolist(), strict=False)):
+                    # The base plate's holes sit on the first beam, whose origin is its middle.
+                    x = -half if k == 0 else 0.0
+                    mbs.SetMarkerParameter(marker, "localPosition", [x, offset[1], offset[2]])
         for springs, tensions in zip(self.connectors.springs, self.field.tension, strict=False):
             for spring, tension in zip(springs, tensions.tolist(), strict=False):
                 mbs.SetObjectParameter(spring, "force", tension)

@@ -49,13 +49,25 @@ class CableGeometry:
         Which segments exist, shape (m, n).
     node_count
         Number of nodes that carry holes.
+    clearance
+        How far each tendon can shift sideways in its holes [m], shape (m,); None is not at all.
     """
 
+    #: Turn of a tendon at which it has shifted by 0.7 of its clearance [rad].
+    CLEARANCE_ANGLE = 0.01
+
     def __init__(
-        self, nodes: NDArray[np.int_], offsets: Array, mask: NDArray[np.bool_], node_count: int
+        self,
+        nodes: NDArray[np.int_],
+        offsets: Array,
+        mask: NDArray[np.bool_],
+        node_count: int,
+        clearance: Array | None = None,
     ) -> None:
         self.nodes = nodes
+        self.nominal = offsets
         self.offsets = offsets
+        self.clearance = clearance if clearance is not None and np.any(clearance > 0.0) else None
         self.mask = mask
         self.node_count = node_count
         m, n = mask.shape
@@ -63,6 +75,32 @@ class CableGeometry:
         self._segment = np.arange(n)[None, :]
         self._hole = np.arange(max(n - 1, 0))[None, :]
         self._turns = mask[:, 1:]
+
+    def settle(self, positions: Array, rotations: Array) -> None:
+        """Shift the tendons inside oversized holes to where they are pulled.
+
+        At a hole the tendon pulls along ``b = d_before + d_after``, the unit vectors from the middle of the hole to
+        those of its neighbours (below the base plate: straight down). In the plane of the disk it is shifted by
+        ``clearance b / sqrt(|b|^2 + CLEARANCE_ANGLE^2)``. The anchor holds it.
+        """
+        if self.clearance is None:
+            return
+        frames = rotations[self.nodes]
+        middle = positions[self.nodes] + (frames @ self.nominal[..., None])[..., 0]
+        d = np.diff(middle, axis=1)
+        length = np.linalg.norm(d, axis=2, keepdims=True)
+        d = d / np.where(length > 0.0, length, 1.0)
+        pull = np.zeros_like(middle)
+        pull[:, :-1] += d
+        pull[:, 1:] -= d
+        pull[:, 0] -= frames[:, 0, :, 0]
+        local = (pull[:, :, None, :] @ frames)[:, :, 0, :]
+        local[..., 0] = 0.0
+        size = np.sqrt(np.einsum("mki,mki->mk", local, local) + self.CLEARANCE_ANGLE**2)
+        inner = np.ones(self.nodes.shape, dtype=bool)
+        inner[:, 1:] = np.concatenate((self.mask[:, 1:], np.zeros((len(self.mask), 1), dtype=bool)), axis=1)
+        share = np.where(inner, self.clearance[:, None] / size, 0.0)
+        self.offsets = self.nominal + local * share[..., None]
 
     def holes(self, positions: Array, rotations: Array) -> Array:
         """World positions of all holes [m], shape (m, n+1, 3)."""
@@ -127,4 +165,5 @@ class CableGeometry:
             d_angles[self._tendon, self._hole, self.nodes[:, k0]] = t[:, : n - 1]
             d_angles[self._tendon, self._hole, self.nodes[:, k1]] += t[:, n - 1 : 2 * n - 2]
             d_angles[self._tendon, self._hole, self.nodes[:, k2]] += t[:, 2 * n - 2 :]
-        return CableShape(lengths, angles, d_lengths.reshape(m, n, -1), d_angles.reshape(m, n - 1, -1))
+        width = 6 * self.node_count
+        return CableShape(lengths, angles, d_lengths.reshape(m, n, width), d_angles.reshape(m, n - 1, width))

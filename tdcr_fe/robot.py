@@ -80,6 +80,8 @@ class Backbone:
         Softening of the bending moment.
     patches : tuple of StiffnessPatch
         Stretches of other stiffness.
+    creep_rate : float
+        Growth of bending and torsional compliance per time under load, relative to the declared one [1/s].
     """
 
     length: float
@@ -94,6 +96,11 @@ class Backbone:
     precurvature: tuple[float, float] = (0.0, 0.0)
     superelastic: Superelastic | None = None
     patches: tuple[StiffnessPatch, ...] = ()
+    creep_rate: float = 0.0
+
+    def compliance_factor(self, time: float) -> float:
+        """By how much bending and torsional compliance have grown at a time [s]: ``1 + creep_rate time``."""
+        return 1.0 + self.creep_rate * time
 
     @property
     def area(self) -> float:

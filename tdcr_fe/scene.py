@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import exudyn as exu
@@ -99,6 +99,8 @@ class TDCR:
         Concentrated loads by name.
     sensors : dict of str
         Sensors made by `add_sensors`.
+    rigid : ndarray of bool, shape (N-1,)
+        Which elements are rigid inserts.
     actuation : TendonActuation
         The numerics behind it.
     """
@@ -120,6 +122,8 @@ class TDCR:
     mNodes: dict[int, Any] = field(default_factory=dict)
     loads: dict[str, PointLoad] = field(default_factory=dict)
     sensors: dict[str, Any] = field(default_factory=dict)
+    rigid: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    _compliance: float = 1.0
 
     # ------------------------------------------------------------------ before Assemble
 
@@ -264,6 +268,30 @@ class TDCR:
             values[names.index(name)] = value
             mode[names.index(name)] = by_displacement
         self.actuation.inputs, self.actuation.by_displacement = values, mode
+
+    def set_compliance_factor(self, factor: float) -> None:
+        """Make the backbone softer in bending and torsion by a factor on its compliance [1].
+
+        Rigid inserts stay as they are.
+        """
+        if not factor > 0.0:
+            raise ValueError(f"compliance factor {factor}; must be positive")
+        if factor == self._compliance:
+            return
+        self._compliance = factor
+        share = np.array([1.0, 1.0, 1.0, 1.0 / factor, 1.0 / factor, 1.0 / factor])
+        for beam, stiffness, rigid in zip(self.oBeams, self.mesh.stiffness, self.rigid, strict=True):
+            if not rigid:
+                section = self.mbs.GetObjectParameter(beam, "sectionData")
+                section.stiffnessMatrix = np.diag(stiffness * share)
+                self.mbs.SetObjectParameter(beam, "sectionData", section)
+        section_forces = self.actuation.section
+        if section_forces is not None and section_forces.superelastic is not None:
+            soft = replace(
+                section_forces.superelastic,
+                bending_stiffness=np.where(self.rigid, 0.0, self.mesh.stiffness[:, 5] / factor),
+            )
+            self.actuation.section = replace(section_forces, superelastic=soft)
 
     def reset(self) -> None:
         """Forget the history of all holes, as for a robot that was never loaded."""
@@ -526,8 +554,10 @@ def CreateTDCR(
     section = None
     if tendon_section is not None or softening is not None:
         section = SectionForces(mesh.lengths, tendon_section, softening)
-    geometry = None if continuous else CableGeometry(where, offsets, mask, len(hole_nodes))
+    clearance = np.array([t.clearance for t in robot.tendons])
+    geometry = None if continuous else CableGeometry(where, offsets, mask, len(hole_nodes), clearance)
     if geometry is not None:
+        geometry.settle(positions[hole_nodes], rotations[hole_nodes])
         lengths = geometry.lengths(positions[hole_nodes], rotations[hole_nodes])
     elif tendon_section is not None:
         lengths = tendon_section.evaluate(mesh.reference_twists, mesh.lengths)[0][:, None]
@@ -553,13 +583,13 @@ def CreateTDCR(
             zero = [0.0, 0.0, 0.0]
             forces.append(mbs.AddLoad(eii.Force(markerNumber=marker, loadVector=zero, bodyFixed=True)))
             torques.append(mbs.AddLoad(eii.Torque(markerNumber=marker, loadVector=zero, bodyFixed=True)))
-    connectors = Connectors([] if continuous else tendons_of, forces, torques)
+    connectors = Connectors([] if continuous else tendons_of, forces, torques, holes_of)
     actuation = TendonActuation(mbs, items.nodes, mesh, hole_nodes, geometry, law, section, connectors)
     hooks.actuations.append(actuation)
     names.append(name)
     handle = TDCR(
         mbs, name, robot, model, mesh, items.nodes, items.beams, bodies, holes_of, tendons_of, joint, base,
-        gravity, actuation,
+        gravity, actuation, rigid=rigid,
     )  # fmt: skip
     mbs.variables.setdefault("tdcr_fe.robots", {})[name] = handle
     return handle

@@ -17,10 +17,13 @@ from tdcr_fe.results import SequenceResult, StepResult
 from tdcr_fe.robot import Robot
 from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
 from tdcr_fe.solver import NotConverged, SolverSettings, StrainSpaceSolver
-from tdcr_fe.stepping import LoadStepper, StepFailed
+from tdcr_fe.stepping import LoadStepper, StepFailed, Waypoint
 
 Array = NDArray[np.float64]
 LoadKey = tuple[str, float, str]
+
+#: By load step, the ends of its substeps with the states there.
+Trajectory = list[list[Waypoint]]
 
 
 class Simulation:
@@ -55,12 +58,19 @@ class Simulation:
         self.solver = StrainSpaceSolver(mbs, self.settings)
         self.stepper = LoadStepper(self.solver)
         self._applied: dict[LoadKey, Array] = {key: np.zeros(6) for key in keys}
+        self._time = 0.0
 
     @staticmethod
     def _key(name: str, load: Any) -> LoadKey:
         return name, float(load.at), load.frame
 
-    def advance(self, target: Actuation, substeps: int | None = None) -> Mapping[str, Any]:
+    def advance(
+        self,
+        target: Actuation,
+        substeps: int | None = None,
+        guide: Sequence[Waypoint] | None = None,
+        record: list[Waypoint] | None = None,
+    ) -> Mapping[str, Any]:
         """Go to the end of a load step and commit its history.
 
         Parameters
@@ -69,6 +79,8 @@ class Simulation:
             What acts at the end of the step.
         substeps
             Fixed number; None chooses by the error of the path.
+        guide, record
+            See `tdcr_fe.stepping.LoadStepper.advance`.
 
         Returns
         -------
@@ -84,7 +96,8 @@ class Simulation:
         goal_loads = {key: np.zeros(6) for key in self._applied}
         for name, load in target.loads.items():
             goal_loads[self._key(name, load)] = np.array([*load.force, *load.moment])
-        start_loads = self._applied
+        start_loads, start_time = self._applied, self._time
+        creep = self.handle.robot.backbone.creep_rate != 0.0
         # Where a tendon changes from tension to displacement or back, the ramp begins at what it has now.
         now = np.where(target.by_displacement, self.displacement, robot.base_tension)
         robot.by_displacement = target.by_displacement.copy()
@@ -95,11 +108,14 @@ class Simulation:
                 value = start_loads[key] + share * (goal_loads[key] - start_loads[key])
                 item.set(value[:3], value[3:])
                 largest = max(largest, float(np.max(np.abs(value[:3]))))
+            if creep:
+                time_now = start_time + share * (target.time - start_time)
+                self.handle.set_compliance_factor(self.handle.robot.backbone.compliance_factor(time_now))
             robot.inputs = now + share * (target.values - now)
             return [robot.inputs], largest
 
-        report = self.stepper.advance(apply, substeps)
-        self._applied = goal_loads
+        report = self.stepper.advance(apply, substeps, guide, record)
+        self._applied, self._time = goal_loads, target.time
         return report
 
     @property
@@ -138,6 +154,9 @@ def simulate(
     steps: Sequence[LoadStep],
     settings: SolverSettings | None = None,
     progress: Callable[[StepResult], None] | None = None,
+    *,
+    guide: Trajectory | None = None,
+    record: Trajectory | None = None,
 ) -> SequenceResult:
     """Take a robot through a loading sequence.
 
@@ -151,6 +170,11 @@ def simulate(
         Numerics.
     progress
         Called with every solved step.
+    guide
+        Trajectory of a similar run of the same number of steps, for sensitivities: the same substeps are taken,
+        each from the guide's state, which costs about two iterations a substep.
+    record
+        An empty trajectory to fill, as a later guide.
 
     Returns
     -------
@@ -170,7 +194,12 @@ def simulate(
     failed, message = None, "all steps converged"
     for number, (step, target) in enumerate(zip(steps, targets, strict=True), start=1):
         try:
-            report = simulation.advance(target, step.substeps)
+            waypoints: list[Waypoint] = []
+            report = simulation.advance(
+                target, step.substeps, None if guide is None else guide[number - 1], waypoints
+            )
+            if record is not None:
+                record.append(waypoints)
         except StepFailed as failure:
             failed = number
             label = f" ({step.label})" if step.label else ""
@@ -194,4 +223,4 @@ def simulate(
     )
 
 
-__all__ = ["NotConverged", "Simulation", "SolverSettings", "simulate"]
+__all__ = ["NotConverged", "Simulation", "SolverSettings", "Trajectory", "simulate"]

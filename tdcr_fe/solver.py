@@ -200,6 +200,7 @@ class StrainSpaceSolver:
             self.roots.append((p[0], r[0]))
         self._tension = [r.base_tension.copy() for r in self.robots]
         self._mobilisation = [r.state.mobilisation.copy() for r in self.robots]
+        self._start: list[Array] | None = None
         self._iteration = 0
         self._rebuild()
 
@@ -258,6 +259,23 @@ class StrainSpaceSolver:
             robot.base_tension, robot.state = tension.copy(), state
         self._tension = [x.copy() for x in snapshot.tensions]
         self._mobilisation = [x.copy() for x in snapshot.mobilisations]
+        self._rebuild()
+
+    def guess(self, snapshot: Snapshot) -> None:
+        """Take the unknowns of another run as the start of the next solve, keeping the present history.
+
+        Does nothing where that run had another mesh.
+        """
+        if [len(t) for t in snapshot.twists] != [len(t) for t in self.twists]:
+            return
+        if len(snapshot.coordinates) != len(self._coordinates):
+            return
+        self._coordinates = snapshot.coordinates.copy()
+        self._multipliers = snapshot.multipliers.copy()
+        self.twists, self.roots = list(snapshot.twists), list(snapshot.roots)
+        for robot, tension in zip(self.robots, snapshot.tensions, strict=True):
+            robot.base_tension = tension.copy()
+        self._start = [x.copy() for x in snapshot.mobilisations]
         self._rebuild()
 
     def refresh(self) -> None:
@@ -462,7 +480,8 @@ class StrainSpaceSolver:
         self._tension = [
             np.where(r.by_displacement, r.base_tension, g) for r, g in zip(self.robots, goal, strict=True)
         ]
-        self._mobilisation = [r.state.mobilisation for r in self.robots]
+        self._mobilisation = self._start or [r.state.mobilisation for r in self.robots]
+        self._start = None
         history: list[float] = []
         for iteration in range(s.max_iterations + 1):
             self._iteration = iteration

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,8 +27,25 @@ class StepFailed(Exception):
         self.residual = residual
 
 
+@dataclass(frozen=True)
+class Waypoint:
+    """End of an accepted substep.
+
+    Attributes
+    ----------
+    share : float
+        Of the load step, in (0, 1] [1].
+    state : Snapshot
+        The solved state, history committed.
+    """
+
+    share: float
+    state: Snapshot
+
+
 @dataclass
 class _Count:
+    record: list[Waypoint] | None = None
     iterations: int = 0
     substeps: int = 0
     wasted: int = 0
@@ -50,7 +67,13 @@ class LoadStepper:
     def __init__(self, solver: StrainSpaceSolver) -> None:
         self.solver = solver
 
-    def advance(self, apply: Apply, substeps: int | None = None) -> dict[str, Any]:
+    def advance(
+        self,
+        apply: Apply,
+        substeps: int | None = None,
+        guide: Sequence[Waypoint] | None = None,
+        record: list[Waypoint] | None = None,
+    ) -> dict[str, Any]:
         """Go through one load step and commit its history.
 
         Parameters
@@ -59,6 +82,12 @@ class LoadStepper:
             See `Apply`.
         substeps
             A fixed number (each is still halved where it does not converge); None chooses by the path's error.
+        guide
+            Waypoints of a similar run: the same substeps are taken, each from the state of the guide. For
+            neighbours of a solved sequence, as sensitivities ask for: the path is then divided alike, so that
+            differences are smooth, and two iterations a substep are enough.
+        record
+            Where the waypoints of this step are appended.
 
         Returns
         -------
@@ -70,9 +99,11 @@ class LoadStepper:
         ------
         StepFailed
         """
-        count = _Count()
+        count = _Count(record)
         try:
-            if substeps is None:
+            if guide is not None:
+                self._follow(apply, guide, count)
+            elif substeps is None:
                 self._path(apply, 0.0, 1.0, None, count)
             else:
                 for k in range(substeps):
@@ -103,8 +134,10 @@ class LoadStepper:
             cause.residual,
         )
 
-    def _accept(self, report: NewtonReport, count: _Count) -> None:
+    def _accept(self, report: NewtonReport, share: float, count: _Count) -> None:
         self.solver.commit()
+        if count.record is not None:
+            count.record.append(Waypoint(share, self.solver.snapshot()))
         count.iterations += report.iterations
         count.substeps += 1
         count.residual = report.residual
@@ -123,7 +156,23 @@ class LoadStepper:
             self._converge(apply, start, middle, count)
             self._converge(apply, middle, end, count)
             return
-        self._accept(report, count)
+        self._accept(report, end, count)
+
+    def _follow(self, apply: Apply, guide: Sequence[Waypoint], count: _Count) -> None:
+        """The substeps of a guide, each from the guide's own solution; without it where that misleads."""
+        start = 0.0
+        for point in guide:
+            before = self.solver.snapshot()
+            self.solver.guess(point.state)
+            try:
+                report = self._solve(apply, point.share)
+            except NotConverged as cause:
+                count.wasted += cause.iterations
+                self.solver.restore(before)
+                self._converge(apply, start, point.share, count)
+            else:
+                self._accept(report, point.share, count)
+            start = point.share
 
     def _path(
         self, apply: Apply, start: float, end: float, known: tuple[Snapshot, NewtonReport] | None, count: _Count
@@ -150,15 +199,15 @@ class LoadStepper:
             self._path(apply, middle, end, None, count)
             return
         if span <= solver.settings.min_substep or not self._path_matters(before):
-            self._accept(report, count)
+            self._accept(report, end, count)
             return
-        whole = solver.snapshot()
         shape = solver.positions().copy()
         solver.restore(before)
         try:
             first = self._solve(apply, middle)
             half = solver.snapshot()
             solver.commit()
+            committed = solver.snapshot()
             second = self._solve(apply, end)
         except NotConverged as cause:
             count.wasted += cause.iterations + report.iterations
@@ -168,13 +217,13 @@ class LoadStepper:
             return
         error = float(np.max(np.abs(solver.positions() - shape)))
         if error <= solver.settings.path_tolerance * solver.length:
-            solver.commit()
-            count.iterations += first.iterations + second.iterations
+            if count.record is not None:
+                count.record.append(Waypoint(middle, committed))
+            count.iterations += first.iterations
+            count.substeps += 1
             count.wasted += report.iterations
-            count.substeps += 2
-            count.residual = second.residual
+            self._accept(second, end, count)
             return
-        del whole
         count.wasted += report.iterations + second.iterations
         solver.restore(before)
         self._path(apply, start, middle, (half, first), count)
