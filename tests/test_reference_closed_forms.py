@@ -59,6 +59,30 @@ def test_axial_load_and_weight_stretch_the_rod():
     np.testing.assert_allclose(step.tip, [0.0, 0.0, exact], atol=CLOSE * 1e-4)
 
 
+def test_weight_and_loads_across_a_stiff_rod_are_those_of_the_cantilever():
+    g, force, at = 1e-5, 1e-8, 0.1
+    heavy = Robot(BACKBONE, Disks((0.1, L), mass=0.17e-3), tip_mass=2e-3)
+    step = solve(heavy, Load(at, force=(0.0, force, 0.0)), gravity=(0.0, g, 0.0))
+
+    def point(a, p):
+        return p * (a**2 * (3.0 * L - a) / (6.0 * BACKBONE.EI) + a / BACKBONE.GA)
+
+    weight = BACKBONE.mass_per_length * g
+    exact = weight * (L**4 / (8.0 * BACKBONE.EI) + L**2 / (2.0 * BACKBONE.GA))
+    exact += point(0.1, 0.17e-3 * g + force) + point(L, 2.17e-3 * g)
+    assert step.tip[1] == pytest.approx(exact, rel=1e-7)
+
+
+def test_the_base_carries_everything_at_large_bending():
+    heavy = Robot(BACKBONE, Disks.equally_spaced(5, L, mass=0.17e-3), tip_mass=2e-3)
+    loads = Load(0.11, force=(0.05, 0.0, 0.02)), Load(L, force=(0.0, 0.1, -0.05))
+    step = solve(heavy, *loads, gravity=(1.0, -9.81, 3.0))
+    assert step.bending_angle > 1.0
+    mass = BACKBONE.mass_per_length * L + 5 * 0.17e-3 + 2e-3
+    total = mass * np.array([1.0, -9.81, 3.0]) + [0.05, 0.1, -0.03]
+    np.testing.assert_allclose(step.details["base_wrench"][3:], total, atol=1e-10)
+
+
 @pytest.mark.parametrize(("turn", "twist"), [(6.0, 10.0), (20.0, 15.0), (12.0, -30.0)])
 def test_helix_of_constant_strain(turn, twist):
     equal = rod(shear_stiffness=BACKBONE.EA)

@@ -66,7 +66,10 @@ def solve_reference(
 
     The first load step starts from the unloaded robot; gravity acts in full from its first substep on. Within
     a load step tensions, displacements and concentrated loads change linearly, and the friction
-    history is committed after every substep.
+    history is committed after every substep. Where several equilibria exist, small load steps stay on the
+    branch that starts at the unloaded robot.
+
+    A tendon driven by displacement that has gone slack keeps the displacement imposed in ``displacements``.
 
     Parameters
     ----------
@@ -102,6 +105,7 @@ def solve_reference(
     progress = _Progress(statics.rest, history, np.zeros(len(statics.tendons.holes)))
     before: Actuation | None = None
     results: list[StepResult] = []
+    warnings: list[str] = []
     failed, message = None, f"all {len(actuations)} steps converged"
     for number, (step, actuation) in enumerate(zip(steps, actuations, strict=True), start=1):
         progress.iterations = progress.substeps = progress.attempts = 0
@@ -122,6 +126,11 @@ def solve_reference(
             break
         results.append(_result(statics, sampler, progress, ramp, number, step, count))
         before = actuation
+        if progress.attempts and statics.tendons.n_friction:
+            warnings.append(
+                f"step {number} ({step.label or 'no label'}): {progress.substeps} substeps were needed in "
+                f"place of {count}; the friction history was committed after each"
+            )
     return SequenceResult(
         robot=robot,
         model=model,
@@ -130,6 +139,7 @@ def solve_reference(
         message=message,
         failed_step=failed,
         wall_time=time.perf_counter() - clock,
+        warnings=tuple(warnings),
         settings={"solver": "reference", **asdict(settings)},
     )
 
@@ -175,7 +185,7 @@ def _attempts(statics: Statics, progress: _Progress, ramp: _Ramp, share: float) 
     if statics.tendons.n_friction:
         attempt = Attempt(progress.state, False, 0)
         iterations = 0
-        for factor in (1000.0, 100.0, 10.0, 1.0):
+        for factor in (1e5, 1e4, 1e3, 100.0, 10.0, 1.0):
             attempt = statics.solve(start, forces, driver, history, factor * delta)
             iterations += attempt.iterations
             if not attempt.converged:
