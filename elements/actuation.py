@@ -210,6 +210,24 @@ class TendonActuation:
         d = -np.swapaxes(self.by_mobilisation, 1, 2) @ self.shape.d_lengths
         return self._spread(d[self.law.holding]).T
 
+    def slip_change(self, nodes: Array, base_tension: Array) -> Array:
+        """Change of the slips behind the mobilisations in a step, the mobilisations kept [m], shape (m, g).
+
+        Parameters
+        ----------
+        nodes
+            Body-frame increments of all nodes, shape (6 N,).
+        base_tension
+            Change of the tensions at the base [N], shape (m,).
+        """
+        f, s = self.field, self.shape
+        moved = nodes if self._all_nodes or self.geometry is None else nodes[self._columns]
+        given = f.given_d_length * (s.d_lengths @ moved)
+        if self.law.elastic:
+            change = (f.d_angle @ (s.d_angles @ moved)[:, :, None])[:, :, 0]
+            given = given + f.given_d_tension * (change + f.d_base * base_tension[:, None])
+        return self.law.slips(given)
+
     def slip_rows(self) -> tuple[Array, Array, Array]:
         """Derivatives of the slips behind the holding mobilisations.
 

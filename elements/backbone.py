@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.poses import (
     adjoint_inverse,
+    cross,
     euler_parameters_of_rotation,
     exp_se3,
     inverse_tangent_se3,
     log_se3,
+    twist_change,
 )
 
 Array = NDArray[np.float64]
@@ -152,17 +154,23 @@ def reference_poses(mesh: BackboneMesh, position: Array, rotation: Array) -> tup
 
 def chain_poses(position: Array, rotation: Array, twists: Array) -> tuple[Array, Array]:
     """Poses of all nodes from the base and the relative twist of every element, by exact exponentials."""
-    relative_r, relative_p = exp_se3(twists)
-    count = len(twists) + 1
-    positions, rotations = np.empty((count, 3)), np.empty((count, 3, 3))
-    positions[0], rotations[0] = position, rotation
-    p, r = position, rotation
+    return chain(position, rotation, *exp_se3(twists))
+
+
+def chain(position: Array, rotation: Array, relative_r: Array, relative_p: Array) -> tuple[Array, Array]:
+    """Poses of all nodes from the base and the pose of every node in the frame of the one before."""
+    count = len(relative_p) + 1
+    step = np.zeros((count - 1, 4, 4))
+    step[:, :3, :3] = relative_r
+    step[:, :3, 3] = relative_p
+    step[:, 3, 3] = 1.0
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
+    poses = np.empty((count, 4, 4))
+    poses[0] = pose
     for k in range(count - 1):
-        p = p + r.dot(relative_p[k])
-        r = r.dot(relative_r[k])
-        positions[k + 1] = p
-        rotations[k + 1] = r
-    return positions, rotations
+        np.dot(poses[k], step[k], out=poses[k + 1])
+    return poses[:, :3, 3].copy(), poses[:, :3, :3].copy()
 
 
 def relative_twists(positions: Array, rotations: Array) -> Array:
@@ -173,7 +181,9 @@ def relative_twists(positions: Array, rotations: Array) -> Array:
     return log_se3(r, p)
 
 
-def twist_increments(twists: Array, increments: Array) -> Array:
+def twist_increments(
+    twists: Array, increments: Array, relative: tuple[Array, Array] | None = None
+) -> Array:
     """Linearised change of the elements' twists for body-frame increments of the nodes.
 
     Parameters
@@ -182,10 +192,17 @@ def twist_increments(twists: Array, increments: Array) -> Array:
         Of the elements, shape (N-1, 6).
     increments
         Twists ``[v, w]`` of the nodes in their own frames, shape (N, 6).
+    relative
+        Exponentials of the twists, where they are known: rotations (N-1, 3, 3), translations (N-1, 3).
     """
-    relative = exp_se3(twists)
-    moved = increments[1:] - (adjoint_inverse(*relative) @ increments[:-1, :, None])[..., 0]
-    return (inverse_tangent_se3(twists) @ moved[..., None])[..., 0]
+    r, p = exp_se3(twists) if relative is None else relative
+    before = increments[:-1]
+    # Ad(h^-1) of the first node's twist: its velocity at the second node, in the second node's frame.
+    at_second = np.concatenate(
+        ((before[:, :3] + cross(before[:, 3:], p))[:, None, :], before[:, None, 3:]), axis=1
+    )
+    moved = increments[1:] - (at_second @ r).reshape(-1, 6)
+    return twist_change(twists, moved)
 
 
 def strain_matrices(twists: Array) -> Array:

@@ -209,7 +209,8 @@ class TendonLaw:
         #: Which mobilisations hold anything back, shape (m, g).
         self.holding: NDArray[np.bool_] = (holds.astype(float) @ np.abs(self._spread)) > 0.0
         self.has_friction = bool(np.any(self.holding))
-        self._elastic = bool(np.any(parameters.compliance > 0.0))
+        #: Whether any tendon stretches.
+        self.elastic = bool(np.any(parameters.compliance > 0.0))
         self._lower = np.tril(np.ones((n, n)))
         self._masked = parameters.mask.astype(float)
 
@@ -255,7 +256,7 @@ class TendonLaw:
         beyond = chain[:, :, 1:]
         by_mobilisation = (beyond * d_s[:, None, :]) @ self._spread
         m, n = self.shape
-        if self._elastic:
+        if self.elastic:
             c = self.parameters.compliance[:, None]
             stretch = 1.0 / (1.0 + c * tension)
             given = (self.parameters.lengths - lengths * stretch) * self._masked
@@ -313,7 +314,7 @@ class TendonLaw:
             own = np.eye(self.groups) - (drive * field.given_d_tension[:, None, :]) @ by_mobilisation
             if np.max(np.abs(error), initial=0.0) <= 1e-13:
                 break
-            if not self._elastic:
+            if not self.elastic:
                 # The slip does not depend on the tensions: one pass is exact.
                 mobilisation = limited
                 continue

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.poses import cross
+from tdcr_fe.elements.poses import skew
 
 Array = NDArray[np.float64]
 
@@ -71,10 +71,33 @@ class CableGeometry:
         self.mask = mask
         self.node_count = node_count
         m, n = mask.shape
-        self._tendon = np.arange(m)[:, None]
-        self._segment = np.arange(n)[None, :]
-        self._hole = np.arange(max(n - 1, 0))[None, :]
-        self._turns = mask[:, 1:]
+        turns = mask[:, 1:]
+        self._exists = mask.astype(float)
+        self._turns = turns.astype(float)
+        # Every derivative is a force on a hole: both ends of the segments, then the three holes of the turns.
+        # The row of the derivative and the hole it acts on never change, so they are found once.
+        hole = np.arange(m * (n + 1)).reshape(m, n + 1)
+        segment = np.arange(m * n).reshape(m, n)
+        turn = m * n + np.arange(m * (n - 1)).reshape(m, n - 1)
+        rows = [segment, segment, turn, turn, turn]
+        holes = [hole[:, :-1], hole[:, 1:], hole[:, :-2], hole[:, 1:-1], hole[:, 2:]]
+        real = [mask, mask, turns, turns, turns]
+        # Padded entries would write zeros over the anchor's; they are left out.
+        self._entry = np.flatnonzero(np.concatenate([x.ravel() for x in real]))
+        row = np.concatenate([x.ravel() for x in rows])[self._entry]
+        self._hole = np.concatenate([x.ravel() for x in holes])[self._entry]
+        self._carrier = nodes.ravel()[self._hole]
+        width = 6 * node_count
+        self._target = ((row * width + 6 * self._carrier)[:, None] + np.arange(6)).ravel()
+        self._derivatives = np.zeros((m * (2 * n - 1), width))
+        self._lever = self._levers()
+
+    def _levers(self) -> Array:
+        """From a force on a hole, in its node's frame, to the wrench on the node, by entry, shape (K, 6, 3)."""
+        lever = np.zeros((len(self._hole), 6, 3))
+        lever[:, :3] = np.eye(3)
+        lever[:, 3:] = skew(self.offsets.reshape(-1, 3)[self._hole])
+        return lever
 
     def settle(self, positions: Array, rotations: Array) -> None:
         """Shift the tendons inside oversized holes to where they are pulled.
@@ -101,6 +124,7 @@ class CableGeometry:
         inner[:, 1:] = np.concatenate((self.mask[:, 1:], np.zeros((len(self.mask), 1), dtype=bool)), axis=1)
         share = np.where(inner, self.clearance[:, None] / size, 0.0)
         self.offsets = self.nominal + local * share[..., None]
+        self._lever = self._levers()
 
     def holes(self, positions: Array, rotations: Array) -> Array:
         """World positions of all holes [m], shape (m, n+1, 3)."""
@@ -123,47 +147,45 @@ class CableGeometry:
         ----------
         positions, rotations
             Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
+
+        Returns
+        -------
+        CableShape
+            Its derivatives are overwritten by the next call.
         """
         m, n = self.mask.shape
         frames = rotations[self.nodes]
         holes = positions[self.nodes] + (frames @ self.offsets[..., None])[..., 0]
         d = holes[:, 1:] - holes[:, :-1]
         raw = np.sqrt(np.einsum("mki,mki->mk", d, d))
-        inverse = self.mask / np.where(raw > 0.0, raw, 1.0)
+        inverse = self._exists / (raw + (1.0 - self._exists))
         e = d * inverse[..., None]
-        lengths = raw * self.mask
+        lengths = raw * self._exists
 
         before, after = e[:, :-1], e[:, 1:]
-        cosine = np.einsum("mki,mki->mk", before, after)
-        normal = cross(before, after)
-        sine = np.sqrt(np.einsum("mki,mki->mk", normal, normal))
-        angles = np.arctan2(sine, cosine) * self._turns
+        # Half the chord between unit vectors is the sine of half the angle: exact down to the smallest turn.
+        bend = after - before
+        half = 0.5 * np.sqrt(np.einsum("mki,mki->mk", bend, bend)) * self._turns
+        half = np.minimum(half, 1.0)
+        angles = 2.0 * np.arcsin(half)
+        cosine = 1.0 - 2.0 * half * half
+        sine = 2.0 * half * np.sqrt(1.0 - half * half)
         # A tendon that does not turn has no preferred direction to turn into: the derivative is taken as zero.
-        bent = (sine > 1e-12) & self._turns
+        bent = sine > 1e-12
         weight = np.where(bent, -1.0, 0.0) / np.where(bent, sine, 1.0)
         c = cosine[..., None]
         g1 = (after - c * before) * (weight * inverse[:, :-1])[..., None]
         g2 = (before - c * after) * (weight * inverse[:, 1:])[..., None]
-
-        # Gradients with respect to hole positions, stacked so that one product takes them to node twists:
-        # both ends of every segment, then the three holes of every turn.
-        a, b = slice(0, n), slice(1, n + 1)
-        k0, k1, k2 = slice(0, n - 1), slice(1, n), slice(2, n + 1)
-        gradient = np.concatenate((-e, e, -g1, g1 - g2, g2), axis=1)
-        where = [a, b, k0, k1, k2]
-        frame = np.concatenate([frames[:, w] for w in where], axis=1)
-        offset = np.concatenate([self.offsets[:, w] for w in where], axis=1)
-        local = (gradient[:, :, None, :] @ frame)[:, :, 0, :]
-        twist = np.concatenate((local, cross(offset, local)), axis=2)
-
-        d_lengths = np.zeros((m, n, self.node_count, 6))
-        d_lengths[self._tendon, self._segment, self.nodes[:, a]] = twist[:, :n]
-        d_lengths[self._tendon, self._segment, self.nodes[:, b]] += twist[:, n : 2 * n]
-        d_angles = np.zeros((m, n - 1, self.node_count, 6))
-        if n > 1:
-            t = twist[:, 2 * n :]
-            d_angles[self._tendon, self._hole, self.nodes[:, k0]] = t[:, : n - 1]
-            d_angles[self._tendon, self._hole, self.nodes[:, k1]] += t[:, n - 1 : 2 * n - 2]
-            d_angles[self._tendon, self._hole, self.nodes[:, k2]] += t[:, 2 * n - 2 :]
+        gradient = np.concatenate(
+            [x.reshape(-1, 3) for x in (-e, e, -g1, g1 - g2, g2)]
+        )[self._entry]
+        local = gradient[:, None, :] @ rotations[self._carrier]
+        twist = self._lever @ local.reshape(-1, 3, 1)
+        self._derivatives.reshape(-1)[self._target] = twist.ravel()
         width = 6 * self.node_count
-        return CableShape(lengths, angles, d_lengths.reshape(m, n, width), d_angles.reshape(m, n - 1, width))
+        return CableShape(
+            lengths,
+            angles,
+            self._derivatives[: m * n].reshape(m, n, width),
+            self._derivatives[m * n :].reshape(m, n - 1, width),
+        )

@@ -15,14 +15,15 @@ from typing import Any
 import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
+from scipy.linalg.lapack import dgetrf, dgetrs
 
 from tdcr_fe.elements.actuation import TendonActuation
-from tdcr_fe.elements.backbone import chain_poses, relative_twists, twist_increments
+from tdcr_fe.elements.backbone import chain, relative_twists, twist_increments
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.friction import FrictionState
 from tdcr_fe.elements.hooks import SceneHooks
-from tdcr_fe.elements.poses import euler_parameters_of_rotation, euler_rate_matrix, exp_se3
+from tdcr_fe.elements.poses import euler_parameters_of_rotation, exp_se3
+from tdcr_fe.reduction import BodyFrameReduction
 
 Array = NDArray[np.float64]
 
@@ -38,6 +39,9 @@ class SolverSettings:
     step_tolerance : float
         A Newton step that moves no node by more than this share of the length, and turns none by more than
         this angle, ends the iteration too [1, rad].
+    reuse : float
+        The last tangent serves for another step where the residual times the residual at which it was taken
+        is below this, so that quadratic convergence is kept [1].
     max_iterations : int
         Newton iterations of one attempt.
     max_turn : float
@@ -53,6 +57,7 @@ class SolverSettings:
 
     tolerance: float = 1e-8
     step_tolerance: float = 1e-10
+    reuse: float = 1e-10
     max_iterations: int = 20
     max_turn: float = 0.5
     path_tolerance: float = 2e-5
@@ -155,31 +160,25 @@ class StrainSpaceSolver:
     def _number_unknowns(self) -> None:
         """Sort Exudyn's unknowns: beam nodes, their norm constraints (which drop out), everything else."""
         data, kernel = self.mbs.systemData, self._kernel
-        n2, n1, na = kernel.GetODE2size(), kernel.GetODE1size(), kernel.GetAEsize()
+        n1, na = kernel.GetODE1size(), kernel.GetAEsize()
         if n1:
             raise ValueError(
                 "the scene has first-order (ODE1) states, which the quasi-static solver does not solve; "
                 "use mbs.SolveDynamic, or leave these items out"
             )
-        self._n2, self._na = n2, na
+        self._na = na
         for robot in self.robots:
             robot.forget_coordinates()
-        self._beam = np.concatenate([r.coordinates for r in self.robots])
-        norms = []
-        for robot in self.robots:
-            for node in robot.nodes:
-                norms += [n2 + i for i in data.GetNodeLTGAE(node)]
-        taken = np.zeros(n2 + na, dtype=bool)
-        taken[self._beam.ravel()] = True
-        taken[norms] = True
-        self._other = np.flatnonzero(~taken)
-        self._other2 = self._other[self._other < n2]
-        self._other_multipliers = self._other[self._other >= n2] - n2
-        self._order = np.concatenate((self._beam.ravel(), self._other))
-        self._nodes = len(self._beam)
+        norms = [i for robot in self.robots for node in robot.nodes for i in data.GetNodeLTGAE(node)]
+        self._reduction = BodyFrameReduction(
+            self.mbs, np.concatenate([r.coordinates for r in self.robots]), norms
+        )
+        self._split = len(self._reduction.other_coordinates)
+        self._beam, self._nodes = self._reduction.beam, self._reduction.nodes
         ends = np.cumsum([len(r.nodes) for r in self.robots])
         self._slices = [slice(int(e) - len(r.nodes), int(e)) for e, r in zip(ends, self.robots, strict=True)]
         self._reference = np.array(data.GetODE2Coordinates(exu.ConfigurationType.Reference))
+        self._beam_reference = self._reference[self._beam]
         self._scale_length = max(float(r.mesh.arc_lengths[-1]) for r in self.robots)
         self._floor_force = min(
             float(np.min(r.mesh.stiffness[:, 5])) / float(r.mesh.arc_lengths[-1]) ** 2 for r in self.robots
@@ -219,17 +218,21 @@ class StrainSpaceSolver:
 
     def _rebuild(self) -> None:
         """Poses of all beam nodes from base and strains, and their coordinates in Exudyn."""
-        self._poses = [
-            chain_poses(p, r, twists) for (p, r), twists in zip(self.roots, self.twists, strict=True)
-        ]
-        positions = np.concatenate([p for p, _ in self._poses])
-        rotations = np.concatenate([r for _, r in self._poses])
+        self._relative = [exp_se3(twists) for twists in self.twists]
+        self._poses = [chain(p, r, *relative) for (p, r), relative in zip(self.roots, self._relative, strict=True)]
+        if len(self._poses) == 1:
+            positions, rotations = self._poses[0]
+        else:
+            positions = np.concatenate([p for p, _ in self._poses])
+            rotations = np.concatenate([r for _, r in self._poses])
         parameters = euler_parameters_of_rotation(rotations)
-        before = self._coordinates[self._beam[:, 3:]] + self._reference[self._beam[:, 3:]]
-        parameters *= np.where(np.einsum("ni,ni->n", before, parameters) < 0.0, -1.0, 1.0)[:, None]
-        self._positions, self._rotations, self._parameters = positions, rotations, parameters
+        before = self._coordinates[self._beam[:, 3:]] + self._beam_reference[:, 3:]
+        flip = np.einsum("ni,ni->n", before, parameters) < 0.0
+        parameters[flip] *= -1.0
+        self._positions, self._rotations = positions, rotations
         total = np.concatenate((positions, parameters), axis=1)
-        self._coordinates[self._beam] = total - self._reference[self._beam]
+        self._coordinates[self._beam] = total - self._beam_reference
+        self._reduction.set_poses(rotations, parameters)
 
     def _write_scene(self) -> None:
         self.mbs.systemData.SetODE2Coordinates(self._coordinates)
@@ -307,12 +310,7 @@ class StrainSpaceSolver:
     def _residual(self) -> Array:
         """Exudyn's residual with the beam nodes in body-frame wrenches."""
         self._kernel.ComputeNewtonResidual(self.mbs, self._exudyn_settings)
-        r = self._kernel.GetSystemResidual()
-        self._maps = euler_rate_matrix(self._parameters)
-        at_nodes = r[self._beam]
-        force = (at_nodes[:, None, :3] @ self._rotations)[:, 0]
-        moment = (at_nodes[:, None, 3:] @ self._maps)[:, 0]
-        return np.concatenate((np.concatenate((force, moment), axis=1).ravel(), r[self._other]))
+        return self._reduction.residual(self._kernel.GetSystemResidual())
 
     def _jacobian(self, t: float) -> Array:
         """Exudyn's Jacobian in the same terms, with what the tendons add."""
@@ -324,95 +322,127 @@ class StrainSpaceSolver:
         extra = self.hooks.user_jacobian(t)
         if extra is not None:
             j[: extra.shape[0], : extra.shape[1]] += extra
-        j = j[self._order[:, None], self._order]
-        n, size = self._nodes, len(self._order)
-        turn = self._rotations
-        wide = j[: 7 * n].reshape(n, 7, size)
-        rows = np.concatenate(
-            (np.swapaxes(turn, 1, 2) @ wide[:, :3], np.swapaxes(self._maps, 1, 2) @ wide[:, 3:]), axis=1
-        )
-        tall = np.concatenate((rows.reshape(6 * n, size), j[7 * n :]))
-        count = len(tall)
-        cols = tall[:, : 7 * n].reshape(count, n, 7).transpose(1, 0, 2)
-        both = np.concatenate((cols[:, :, :3] @ turn, cols[:, :, 3:] @ self._maps), axis=2)
-        k = np.concatenate((both.transpose(1, 0, 2).reshape(count, 6 * n), tall[:, 7 * n :]), axis=1)
+        k = self._reduction.jacobian(j, check=self._iteration == 0)
         for robot, part in zip(self.robots, self._slices, strict=True):
             i = slice(6 * part.start, 6 * part.stop)
             k[i, i] += robot.tangent(self._loads_jacobian)
         return k
 
-    def _newton_step(self, t: float, r: Array) -> Array:
+    def _factorise(self, t: float) -> None:
+        """Factorise the tangent, with the tensions of tendons driven by displacement as further unknowns."""
+        k = self._jacobian(t)
+        count = len(k)
+        driven = [np.flatnonzero(r.by_displacement) for r in self.robots]
+        extra = sum(d.size for d in driven)
+        if extra:
+            k = np.pad(k, ((0, extra), (0, extra)))
+        self._slack: list[NDArray[np.bool_]] = []
+        at = count
+        for robot, part, goal, which in zip(self.robots, self._slices, self._goal, driven, strict=True):
+            place, own = slice(6 * part.start, 6 * part.stop), slice(at, at + which.size)
+            at += which.size
+            gap = robot.field.base_slip[which] - goal[which]
+            # A tendon is taut where its tension, or else the pull it lacks, is positive.
+            slack = robot.base_tension[which] - gap * self._slack_stiffness <= 0.0
+            self._slack.append(slack)
+            if which.size:
+                k[place, own] = robot.base_tension_columns()[:, which]
+                rows = robot.base_slip_rows()[which]
+                rows[slack] = 0.0
+                k[own, place] = rows
+                k[own, own] = np.diag(np.where(slack, 1.0, robot.base_slip_by_base()[which]))
+        lu, pivots, info = dgetrf(k.T, overwrite_a=True)
+        if info != 0 or not np.isfinite(lu[-1, -1]):
+            raise np.linalg.LinAlgError
+        self._factors = lu, pivots
+
+    def _solve_linear(self, right: Array) -> Array:
+        solution, _ = dgetrs(*self._factors, right, trans=1)
+        return solution
+
+    def _newton_step(self, t: float, r: Array, fresh: bool = True) -> Array:
         """Change of all unknowns: scene, then driven tensions, then mobilisations of the holes.
 
         Equilibrium is linear in the step, the holes are not: each sticks or slips. Their conditions, with
-        everything else eliminated, are a small complementarity problem.
-        """
-        k = self._jacobian(t)
-        count = len(k)
-        columns, rows, corner, right = [], [], [], []
-        mixed = [robot.law.has_friction for robot in self.robots]
-        hole_columns, base_by_hole = [], []
-        for robot, part, goal, friction in zip(self.robots, self._slices, self._goal, mixed, strict=True):
-            place = slice(6 * part.start, 6 * part.stop)
-            driven = np.flatnonzero(robot.by_displacement)
-            if driven.size:
-                column, row = np.zeros((count, driven.size)), np.zeros((driven.size, count))
-                column[place] = robot.base_tension_columns()[:, driven]
-                row[:, place] = robot.base_slip_rows()[driven]
-                gap = robot.field.base_slip[driven] - goal[driven]
-                # A tendon is taut where its tension, or else the pull it lacks, is positive.
-                slack = robot.base_tension[driven] - gap * self._slack_stiffness <= 0.0
-                row[slack] = 0.0
-                columns.append(column)
-                rows.append(row)
-                corner.append(np.where(slack, 1.0, robot.base_slip_by_base()[driven]))
-                right.append(np.where(slack, robot.base_tension[driven], gap))
-            else:
-                slack = np.zeros(0, dtype=bool)
-            if friction:
-                column = np.zeros((count, int(np.count_nonzero(robot.law.holding))))
-                column[place] = robot.mobilisation_columns()
-                hole_columns.append(column)
-                by_hole = robot.base_slip_by_mobilisation()[driven]
-                by_hole[slack] = 0.0
-                base_by_hole.append(by_hole)
-        if columns:
-            column, row = np.concatenate(columns, axis=1), np.concatenate(rows)
-            k = np.block([[k, column], [row, np.diag(np.concatenate(corner))]])
-            r = np.concatenate((r, *right))
-        if not any(mixed):
-            return np.linalg.solve(k, -r)
-        holes = np.concatenate(hole_columns, axis=1)
-        if columns:
-            holes = np.concatenate((holes, block_diag(*base_by_hole)))
-        solved = np.linalg.solve(k, -np.concatenate((r[:, None], holes), axis=1))
-        return self._with_holes(solved[:, 0], solved[:, 1:], mixed)
+        everything else eliminated, are a small complementarity problem. Where every hole keeps its state, which
+        is the rule while loading, there is nothing to solve.
 
-    def _with_holes(self, alone: Array, by_hole: Array, mixed: list[bool]) -> Array:
-        """The step where the holes are solved too; ``alone`` is the step with all mobilisations kept."""
-        missing, slip_by_step, own, before = [], [], [], []
-        at = 6 * self._nodes + len(self._other)
-        delta = self.settings.presliding
+        Parameters
+        ----------
+        t
+            Time [s].
+        r
+            Reduced residual.
+        fresh
+            Whether to take a new tangent; near the solution the last one serves.
+        """
+        if fresh:
+            self._factorise(t)
+        right = [-r]
+        for robot, goal, slack in zip(self.robots, self._goal, self._slack, strict=True):
+            which = np.flatnonzero(robot.by_displacement)
+            if which.size:
+                gap = robot.field.base_slip[which] - goal[which]
+                right.append(-np.where(slack, robot.base_tension[which], gap))
+        alone = self._solve_linear(np.concatenate(right) if len(right) > 1 else right[0])
+        if not self._mixed:
+            return alone
+        missing, before = self._slip_missing(alone)
+        settled = ((before >= 1.0) & (missing >= 0.0)) | ((before <= -1.0) & (missing <= 0.0))
+        if np.all(settled):
+            return np.concatenate((alone, np.zeros(len(before))))
+        return self._with_holes(alone, missing, before)
+
+    def _parts(self) -> list[tuple[int, TendonActuation, slice, slice]]:
+        """Number, robot, and where its nodes and its driven tensions stand among the unknowns."""
+        at = self._reduction.count
+        parts = []
         for i, (robot, part) in enumerate(zip(self.robots, self._slices, strict=True)):
-            driven = np.flatnonzero(robot.by_displacement)
-            place = slice(at, at + driven.size)
-            at += driven.size
-            if not mixed[i]:
+            count = int(np.count_nonzero(robot.by_displacement))
+            parts.append((i, robot, slice(6 * part.start, 6 * part.stop), slice(at, at + count)))
+            at += count
+        return parts
+
+    def _slip_missing(self, step: Array) -> tuple[Array, Array]:
+        """By how much the holes' slip would run ahead of their mobilisation [m], and the latter, shape (k,)."""
+        missing, before = [], []
+        delta = self.settings.presliding
+        for i, robot, nodes, tensions in self._parts():
+            if not robot.law.has_friction:
                 continue
+            base = np.zeros(robot.count)
+            base[robot.by_displacement] = step[tensions]
             keep, state, s = robot.law.holding, robot.state, self._mobilisation[i]
-            by_nodes, by_base, block = robot.slip_rows()
-            row = np.zeros((len(by_nodes), len(alone)))
-            row[:, 6 * part.start : 6 * part.stop] = by_nodes
-            row[:, place] = by_base[:, driven]
-            slip_by_step.append(row)
-            own.append(block)
-            missing.append((robot.field.slip - state.slip - delta * (s - state.mobilisation))[keep])
+            slip = robot.field.slip + robot.slip_change(step[nodes], base)
+            missing.append((slip - state.slip - delta * (s - state.mobilisation))[keep])
             before.append(s[keep])
-        rows, s = np.concatenate(slip_by_step), np.concatenate(before)
-        matrix = delta * np.eye(len(s)) - rows @ by_hole - block_diag(*own)
-        right = np.concatenate(missing) + rows @ alone + matrix @ s
-        new, self._pivoted = solve_box(matrix, right, s)
-        return np.concatenate((alone + by_hole @ (new - s), new - s))
+        return np.concatenate(missing), np.concatenate(before)
+
+    def _with_holes(self, alone: Array, missing: Array, before: Array) -> Array:
+        """The step where the holes are solved too; ``alone`` is the step with all mobilisations kept."""
+        size = len(alone)
+        columns = np.zeros((size, len(before)))
+        rows = np.zeros((len(before), size))
+        own = np.zeros((len(before), len(before)))
+        at = 0
+        for i, robot, nodes, tensions in self._parts():
+            if not robot.law.has_friction:
+                continue
+            count = int(np.count_nonzero(robot.law.holding))
+            here = slice(at, at + count)
+            at += count
+            columns[nodes, here] = robot.mobilisation_columns()
+            by_base = robot.base_slip_by_mobilisation()[robot.by_displacement]
+            by_base[self._slack[i]] = 0.0
+            columns[tensions, here] = by_base
+            by_nodes, by_tension, block = robot.slip_rows()
+            rows[here, nodes] = by_nodes
+            rows[here, tensions] = by_tension[:, robot.by_displacement]
+            own[here, here] = block
+        by_hole = self._solve_linear(-columns)
+        matrix = self.settings.presliding * np.eye(len(before)) - rows @ by_hole - own
+        new, _ = solve_box(matrix, missing + matrix @ before, before)
+        return np.concatenate((alone + by_hole @ (new - before), new - before))
 
     def _hole_error(self) -> float:
         """Largest distance of any mobilisation from what its slip leads to [1]."""
@@ -430,15 +460,12 @@ class StrainSpaceSolver:
 
     def _measure(self, r: Array) -> float:
         """Largest unbalanced force or moment over its scale."""
-        nodes = r[: 6 * self._nodes].reshape(-1, 6)
         force = self._force_scale()
-        worst = max(
-            float(np.max(np.abs(nodes[:, :3]))) / force,
-            float(np.max(np.abs(nodes[:, 3:]))) / (force * 0.02 * self._scale_length),
-        )
+        largest = np.abs(r[: 6 * self._nodes].reshape(-1, 6)).max(axis=0).tolist()
+        worst = max(max(largest[:3]), max(largest[3:]) / (0.02 * self._scale_length)) / force
         rest = r[6 * self._nodes :]
         if rest.size:
-            forces, gaps = rest[: len(self._other2)], rest[len(self._other2) :]
+            forces, gaps = rest[: self._split], rest[self._split :]
             worst = max(
                 worst,
                 float(np.max(np.abs(forces), initial=0.0)) / force,
@@ -482,7 +509,9 @@ class StrainSpaceSolver:
         ]
         self._mobilisation = self._start or [r.state.mobilisation for r in self.robots]
         self._start = None
+        self._mixed = any(r.law.has_friction for r in self.robots)
         history: list[float] = []
+        tangent_size = np.inf
         for iteration in range(s.max_iterations + 1):
             self._iteration = iteration
             self._update_forces(t)
@@ -496,7 +525,10 @@ class StrainSpaceSolver:
             if iteration == s.max_iterations:
                 break
             try:
-                step = self._newton_step(t, r)
+                # Close to the solution a tangent from nearby is as good as a new one.
+                fresh = size * tangent_size > s.reuse
+                tangent_size = size if fresh else tangent_size
+                step = self._newton_step(t, r, fresh)
             except np.linalg.LinAlgError:
                 raise NotConverged(
                     "the tangent is singular: something in the scene moves freely", size, iteration
@@ -521,21 +553,25 @@ class StrainSpaceSolver:
         """Move all unknowns by a Newton step, no element turning more than allowed."""
         n = self._nodes
         nodes = step[: 6 * n].reshape(n, 6)
-        changes = [twist_increments(t, nodes[p]) for t, p in zip(self.twists, self._slices, strict=True)]
+        changes = [
+            twist_increments(t, nodes[p], relative)
+            for t, p, relative in zip(self.twists, self._slices, self._relative, strict=True)
+        ]
         turn = max(float(np.max(np.abs(c[:, 3:]))) for c in changes)
         factor = min(1.0, self.settings.max_turn / turn) if turn > 0.0 else 1.0
         for i, (change, part) in enumerate(zip(changes, self._slices, strict=True)):
             self.twists[i] = self.twists[i] + factor * change
             first = factor * nodes[part.start]
-            if np.any(first):
+            if float(np.max(np.abs(first))) > 1e-15:
                 p, r = self.roots[i]
                 dr, dp = exp_se3(first)
                 self.roots[i] = (p + r @ dp, r @ dr)
-        rest = factor * step[6 * n : 6 * n + len(self._other)]
-        n2 = len(self._other2)
-        self._coordinates[self._other2] += rest[:n2]
-        self._multipliers[self._other_multipliers] += rest[n2:]
-        at = 6 * n + len(self._other)
+        reduction = self._reduction
+        rest = factor * step[6 * n : reduction.count]
+        n2 = len(reduction.other_coordinates)
+        self._coordinates[reduction.other_coordinates] += rest[:n2]
+        self._multipliers[reduction.other_multipliers] += rest[n2:]
+        at = reduction.count
         for i, robot in enumerate(self.robots):
             driven = np.flatnonzero(robot.by_displacement)
             if driven.size:
