@@ -1,0 +1,43 @@
+"""The paper's robot pulled to 2.5 N and released, in Python; with a folder's name, three pictures."""
+
+import sys
+from math import degrees
+from pathlib import Path
+
+from tdcr_fe.loading import LoadStep, Model
+from tdcr_fe.results import SequenceResult
+from tdcr_fe.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.routing import ParallelRouting
+from tdcr_fe.simulate import simulate
+
+robot = Robot(
+    name="single-segment",
+    backbone=Backbone(length=0.25, radius=0.4e-3, youngs_modulus=85e9, poisson_ratio=0.3),
+    disks=Disks.equally_spaced(13, 0.25),
+    tendons=(Tendon("t1", ParallelRouting(offset=4.5e-3), friction_coefficient=0.3),),
+)
+pulled = [LoadStep(label=f"pull {t} N", tensions={"t1": t}) for t in (0.5, 1.0, 1.5, 2.0, 2.5)]
+released = [LoadStep(label=f"release to {t} N", tensions={"t1": t}) for t in (2.0, 1.5, 1.0, 0.5, 0.0)]
+result = simulate(robot, Model(friction="per-hole", elements_per_bay=1), pulled + released)
+for step in result.steps:
+    print(f"{step.label:18} {degrees(step.bending_angle):7.3f} deg   {step.tensions[0][-1]:.4f} N at the tip")
+assert result.converged
+assert abs(degrees(result.steps[4].bending_angle) - 80.243) < 0.001
+
+
+def draw(result: SequenceResult, folder: Path) -> None:
+    """Write the pictures of a result, small enough for a page."""
+    from matplotlib.figure import Figure
+    from PIL import Image
+
+    from tdcr_fe import plots
+
+    for name in ("shapes", "tensions", "hysteresis"):
+        figure: Figure | None = getattr(plots, name)(result)
+        if figure is not None:
+            figure.savefig(folder / f"{name}.png", dpi=100)
+            Image.open(folder / f"{name}.png").convert("RGB").quantize(128).save(folder / f"{name}.png")
+
+
+if len(sys.argv) > 1:
+    draw(result, Path(sys.argv[1]))
