@@ -1,0 +1,145 @@
+"""What a load step costs, and how far the finite elements are from the independent reference.
+
+``python docs/benchmarks.py`` prints the tables as they stand on the page "Benchmarks", within a minute.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from math import degrees
+
+import exudyn as exu
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.loading import LoadStep, Model, resolve
+from tdcr_fe.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.routing import ParallelRouting
+from tdcr_fe.simulate import Simulation, simulate
+from tdcr_fe.solver import StrainSpaceSolver
+from tdcr_fe.validation.reference import solve_reference
+
+Array = NDArray[np.float64]
+
+LENGTH = 0.25
+PULL = [LoadStep(tensions={"t1": t}) for t in (0.5, 1.0, 1.5, 2.0, 2.5)]
+RELEASE = [LoadStep(tensions={"t1": t}) for t in (2.0, 1.5, 1.0, 0.5, 0.0)]
+
+
+def robot(disks: int) -> Robot:
+    """The paper's robot with another number of disks."""
+    return Robot(
+        backbone=Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0),
+        disks=Disks.equally_spaced(disks, LENGTH, mass=0.17e-3),
+        tendons=(Tendon("t1", ParallelRouting(4.5e-3), friction_coefficient=0.3),),
+    )
+
+
+def median_time(call: Callable[[], object], count: int) -> float:
+    """Median over single calls [s]."""
+    times = []
+    for _ in range(count):
+        begun = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - begun)
+    return statistics.median(times)
+
+
+def exudyn_iteration(simulation: Simulation, count: int = 200) -> float:
+    """Exudyn's residual and Jacobian in the present state, once each [s]."""
+    mbs = simulation.handle.mbs
+    kernel, settings = StrainSpaceSolver(mbs)._kernel, exu.SimulationSettings()
+
+    def residual() -> None:
+        kernel.ComputeNewtonResidual(mbs, settings)
+
+    def jacobian() -> None:
+        kernel.ComputeJacobianODE2RHS(mbs)
+        kernel.ComputeJacobianAE(mbs)
+
+    return median_time(residual, count) + median_time(jacobian, count)
+
+
+def load_steps(disks: int, repeats: int = 7) -> tuple[float, float, float]:
+    """A load step of 0.5 N up to 2.5 N with friction.
+
+    Returns
+    -------
+    time : float
+        Of one load step [s].
+    iterations : float
+        Of one load step.
+    unit : float
+        Exudyn's residual and Jacobian [s].
+    """
+    targets = resolve(robot(disks), PULL)
+    times, iterations, unit = [], 0, 0.0
+    for k in range(repeats):
+        simulation = Simulation(robot(disks), Model(friction="per-hole", elements_per_bay=1), targets)
+        begun = time.perf_counter()
+        iterations = sum(simulation.advance(t)["iterations_total"] for t in targets)
+        times.append(time.perf_counter() - begun)
+        if k == 0:
+            unit = exudyn_iteration(simulation)
+    return statistics.median(times) / len(targets), iterations / len(targets), unit
+
+
+def accuracy(model: Model, per_bay: int, goal: Array) -> tuple[float, float]:
+    """Tip angle [deg] at 2.5 N, and distance of the tip from the reference's [share of the length]."""
+    result = simulate(robot(13), replace(model, elements_per_bay=per_bay), PULL)
+    gap = float(np.linalg.norm(result.steps[-1].tip - goal)) / LENGTH
+    return degrees(result.steps[-1].bending_angle), gap
+
+
+def print_accuracy() -> None:
+    """Print the table of mesh convergence against the Cosserat shooting reference."""
+    print(
+        "\n| elements per bay | no friction [deg] | off the reference | friction [deg] | off the reference |"
+    )
+    print("| --- | --- | --- | --- | --- |")
+    models = (Model(friction="none"), Model(friction="per-hole"))
+    goals = [solve_reference(robot(13), model, PULL).steps[-1] for model in models]
+    for per_bay in (1, 2, 4, 8):
+        cells = []
+        for model, goal in zip(models, goals, strict=True):
+            angle, gap = accuracy(model, per_bay, goal.tip)
+            cells += [f"{angle:.4f}", f"{100.0 * gap:.4f} %"]
+        print(f"| {per_bay} | {' | '.join(cells)} |", flush=True)
+    angles = [f"{degrees(goal.bending_angle):.4f}" for goal in goals]
+    print(f"| reference | {angles[0]} | | {angles[1]} | |")
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--disks", type=int, nargs="*", default=[10, 13, 20, 40, 80])
+    disks = parser.parse_args().disks
+    print(f"Exudyn {exu.__version__}, numpy {np.__version__}, Python {platform.python_version()}\n")
+    print(
+        "| disks | load step [ms] | iterations | Exudyn's residual and Jacobian [ms] | step / (iterations x that) |"
+    )
+    print("| --- | --- | --- | --- | --- |")
+    for n in disks:
+        step, iterations, unit = load_steps(n)
+        ratio = step / iterations / unit
+        print(f"| {n} | {1e3 * step:.1f} | {iterations:.1f} | {1e3 * unit:.3f} | {ratio:.2f} |", flush=True)
+
+    print("\n| the paper's robot, 13 disks | time [ms] |\n| --- | --- |")
+    for name, model, steps in (
+        ("2.5 N in one step, no friction", Model(friction="none", elements_per_bay=1), PULL[-1:]),
+        ("2.5 N in one step, friction", Model(friction="per-hole", elements_per_bay=1), PULL[-1:]),
+        ("up to 2.5 N in five steps and down in five, friction", Model(elements_per_bay=1), PULL + RELEASE),
+        ("the same, two elements a bay", Model(elements_per_bay=2), PULL + RELEASE),
+    ):
+        spent = median_time(lambda model=model, steps=steps: simulate(robot(13), model, steps), 7)  # type: ignore[misc]
+        print(f"| {name} | {1e3 * spent:.0f} |", flush=True)
+    print_accuracy()
+
+
+if __name__ == "__main__":
+    main()
