@@ -140,12 +140,32 @@ class Simulation:
             positions=solver.positions(0).copy(),
             rotations=solver.rotations(0) @ BEAM_TO_SECTION.T,
             base_tensions=handle.actuation.base_tension.copy(),
-            displacements=handle.actuation.field.base_slip.copy(),
+            # A slack tendon has let go: what is pulled in is what was imposed, not what the shape would take up.
+            displacements=np.where(
+                handle.actuation.by_displacement,
+                handle.actuation.input_values(),
+                handle.actuation.field.base_slip,
+            ),
             tensions=tuple(tensions[n] for n in handle.robot.tendon_names),
             hole_states=tuple(states[n] for n in handle.robot.tendon_names),
             residual=report["residual"],
             details={k: v for k, v in report.items() if k not in ("iterations", "substeps", "residual")},
         )
+
+
+def _warnings(number: int, report: Mapping[str, Any]) -> list[str]:
+    found = []
+    if report["snapped"]:
+        found.append(
+            f"step {number}: no equilibrium followed the path; the robot snapped through to another one, found "
+            "by damped relaxation"
+        )
+    if report["presliding_factor"] > 1.0:
+        found.append(
+            f"step {number}: holes did not settle; their presliding distance was taken "
+            f"{report['presliding_factor']:g} times as large in a substep"
+        )
+    return found
 
 
 def simulate(
@@ -191,6 +211,7 @@ def simulate(
     targets = resolve(robot, steps)
     simulation = Simulation(robot, model, targets, settings)
     solved: list[StepResult] = []
+    warnings: list[str] = []
     failed, message = None, "all steps converged"
     for number, (step, target) in enumerate(zip(steps, targets, strict=True), start=1):
         try:
@@ -209,6 +230,7 @@ def simulate(
             failed, message = number, "interrupted"
             break
         solved.append(simulation.result(number, step.label, report))
+        warnings += _warnings(number, report)
         if progress is not None:
             progress(solved[-1])
     return SequenceResult(
@@ -219,6 +241,7 @@ def simulate(
         message=message,
         failed_step=failed,
         wall_time=time.perf_counter() - begun,
+        warnings=tuple(warnings),
         settings=asdict(settings),
     )
 

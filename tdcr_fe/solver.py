@@ -51,6 +51,9 @@ class SolverSettings:
         more than this share of the backbone's length [1].
     min_substep : float
         Smallest substep tried, as a share of the load step [1].
+    max_substep_turn : float
+        Where a section turns by more than this in a substep, the substep is checked against two halves: a
+        long step may land on an equilibrium that the robot does not reach from where it is [rad].
     presliding : float
         Distance that a tendon creeps through a hole from rest to full friction [m].
     """
@@ -61,7 +64,8 @@ class SolverSettings:
     max_iterations: int = 20
     max_turn: float = 0.5
     path_tolerance: float = 2e-5
-    min_substep: float = 1.0 / 1024.0
+    min_substep: float = 1.0 / 256.0
+    max_substep_turn: float = 0.7
     presliding: float = 1e-6
 
 
@@ -201,6 +205,8 @@ class StrainSpaceSolver:
         self._mobilisation = [r.state.mobilisation.copy() for r in self.robots]
         self._start: list[Array] | None = None
         self._iteration = 0
+        self._presliding, self._damping = self.settings.presliding, 0.0
+        self.tangent_sign = self.stable_sign = 0
         self._rebuild()
 
     @property
@@ -281,6 +287,13 @@ class StrainSpaceSolver:
         self._start = [x.copy() for x in snapshot.mobilisations]
         self._rebuild()
 
+    def turn_since(self, snapshot: Snapshot) -> float:
+        """Largest rotation of any node since a state [rad]."""
+        now = self._coordinates[self._beam[:, 3:]] + self._beam_reference[:, 3:]
+        then = snapshot.coordinates[self._beam[:, 3:]] + self._beam_reference[:, 3:]
+        cosine = np.min(np.abs(np.einsum("ni,ni->n", now, then)))
+        return float(2.0 * np.arccos(min(cosine, 1.0)))
+
     def refresh(self) -> None:
         """Bring forces and fields to a restored state without solving."""
         self._update_forces()
@@ -351,10 +364,19 @@ class StrainSpaceSolver:
                 rows[slack] = 0.0
                 k[own, place] = rows
                 k[own, own] = np.diag(np.where(slack, 1.0, robot.base_slip_by_base()[which]))
+        if self._damping > 0.0:
+            nodes = np.arange(6 * self._nodes)
+            weight = np.tile(np.repeat((1.0 / self._scale_length**2, 1.0), 3), self._nodes)
+            # Exudyn's Jacobian is that of the right-hand side: minus the stiffness.
+            k[nodes, nodes] -= self._damping * weight
         lu, pivots, info = dgetrf(k.T, overwrite_a=True)
         if info != 0 or not np.isfinite(lu[-1, -1]):
             raise np.linalg.LinAlgError
         self._factors = lu, pivots
+        swaps = np.count_nonzero(pivots != np.arange(len(pivots)))
+        negative = np.count_nonzero(np.diagonal(lu) < 0.0)
+        #: Sign of the tangent's determinant; it changes where an equilibrium loses its stability.
+        self.tangent_sign = 1 if (swaps + negative) % 2 == 0 else -1
 
     def _solve_linear(self, right: Array) -> Array:
         solution, _ = dgetrs(*self._factors, right, trans=1)
@@ -406,7 +428,7 @@ class StrainSpaceSolver:
     def _slip_missing(self, step: Array) -> tuple[Array, Array]:
         """By how much the holes' slip would run ahead of their mobilisation [m], and the latter, shape (k,)."""
         missing, before = [], []
-        delta = self.settings.presliding
+        delta = self._presliding
         for i, robot, nodes, tensions in self._parts():
             if not robot.law.has_friction:
                 continue
@@ -440,7 +462,7 @@ class StrainSpaceSolver:
             rows[here, tensions] = by_tension[:, robot.by_displacement]
             own[here, here] = block
         by_hole = self._solve_linear(-columns)
-        matrix = self.settings.presliding * np.eye(len(before)) - rows @ by_hole - own
+        matrix = self._presliding * np.eye(len(before)) - rows @ by_hole - own
         new, _ = solve_box(matrix, missing + matrix @ before, before)
         return np.concatenate((alone + by_hole @ (new - before), new - before))
 
@@ -449,7 +471,7 @@ class StrainSpaceSolver:
         worst = 0.0
         for robot, s in zip(self.robots, self._mobilisation, strict=True):
             if robot.law.has_friction:
-                trial = robot.law.follow(robot.field.slip, robot.state, self.settings.presliding)
+                trial = robot.law.follow(robot.field.slip, robot.state, self._presliding)
                 miss = np.where(robot.law.holding, np.clip(trial, -1.0, 1.0) - s, 0.0)
                 worst = max(worst, float(np.max(np.abs(miss))))
         return worst
@@ -481,7 +503,15 @@ class StrainSpaceSolver:
                 worst = max(worst, float(np.max(missed[driven])) / self._scale_length)
         return worst
 
-    def newton(self, goal: Sequence[Array], t: float = 0.0, load_scale: float = 0.0) -> NewtonReport:
+    def newton(
+        self,
+        goal: Sequence[Array],
+        t: float = 0.0,
+        load_scale: float = 0.0,
+        *,
+        relax: bool = False,
+        presliding: float | None = None,
+    ) -> NewtonReport:
         """Solve for equilibrium at given tensions and displacements, from the present state.
 
         History is not committed. The present unknowns are changed even where this fails; take a `snapshot`
@@ -495,12 +525,21 @@ class StrainSpaceSolver:
             Time that user functions are given [s].
         load_scale
             Size of the applied loads, for the scale of the residual [N].
+        relax
+            Follow the motion of a heavily damped robot instead of Newton's straight way: slower, and it finds
+            the equilibrium that a robot falls into where it snaps through (pseudo-transient continuation; C. T.
+            Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508-523).
+        presliding
+            Another presliding distance than that of the settings [m].
 
         Raises
         ------
         NotConverged
         """
         s = self.settings
+        self._presliding = s.presliding if presliding is None else presliding
+        limit = 10 * s.max_iterations if relax else s.max_iterations
+        self._damping = self._floor_force * self._scale_length if relax else 0.0
         self._goal = list(goal)
         self._load_scale = load_scale
         self._slack_stiffness = 10.0 * self._floor_force / self._scale_length
@@ -512,7 +551,7 @@ class StrainSpaceSolver:
         self._mixed = any(r.law.has_friction for r in self.robots)
         history: list[float] = []
         tangent_size = np.inf
-        for iteration in range(s.max_iterations + 1):
+        for iteration in range(limit + 1):
             self._iteration = iteration
             self._update_forces(t)
             r = self._residual()
@@ -522,27 +561,42 @@ class StrainSpaceSolver:
                 raise NotConverged("the residual is not a number", size, iteration)
             if size <= s.tolerance and self._hole_error() <= 1e-4:
                 return NewtonReport(iteration, size, tuple(history))
-            if iteration == s.max_iterations:
+            if iteration == limit:
                 break
             try:
-                # Close to the solution a tangent from nearby is as good as a new one.
-                fresh = size * tangent_size > s.reuse
-                tangent_size = size if fresh else tangent_size
-                step = self._newton_step(t, r, fresh)
+                if relax:
+                    step = self._damped_step(t, r)
+                else:
+                    # Close to the solution a tangent from nearby is as good as a new one.
+                    fresh = size * tangent_size > s.reuse
+                    tangent_size = size if fresh else tangent_size
+                    step = self._newton_step(t, r, fresh)
             except np.linalg.LinAlgError:
                 raise NotConverged(
                     "the tangent is singular: something in the scene moves freely", size, iteration
                 ) from None
-            moved = self._step_size(step)
+            still = self._step_size(step) <= s.step_tolerance
             self._advance(step)
-            if moved <= s.step_tolerance and self._hole_error() <= 1e-4:
+            if still:
                 # Nothing moves any more: what is left of the residual is round-off of very stiff parts.
                 self._update_forces(t)
                 size = self._measure(self._residual())
-                return NewtonReport(iteration + 1, size, (*history, size))
-        raise NotConverged(
-            f"no equilibrium after {s.max_iterations} iterations, residual {size:.1e}", size, s.max_iterations
-        )
+                if self._hole_error() <= 1e-4:
+                    return NewtonReport(iteration + 1, size, (*history, size))
+        raise NotConverged(f"no equilibrium after {limit} iterations, residual {size:.1e}", size, limit)
+
+    def _damped_step(self, t: float, r: Array) -> Array:
+        """A step of the damped motion: as long as it turns no section far, and never up to a saddle."""
+        for _ in range(20):
+            step = self._newton_step(t, r)
+            turn = float(np.max(np.abs(step[: 6 * self._nodes].reshape(-1, 6)[:, 3:])))
+            climbs = self.tangent_sign * self.stable_sign < 0
+            if turn <= 0.5 and not climbs:
+                break
+            self._damping = max(4.0 * self._damping, 1e-6 * self._floor_force * self._scale_length)
+        if turn < 0.1:
+            self._damping *= 0.2
+        return step
 
     def _step_size(self, step: Array) -> float:
         """Largest displacement over the backbone's length, or rotation, of any node in a step [1]."""

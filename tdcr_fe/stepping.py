@@ -50,6 +50,8 @@ class _Count:
     substeps: int = 0
     wasted: int = 0
     residual: float = 0.0
+    snapped: bool = False
+    softened: float = 1.0
 
 
 class LoadStepper:
@@ -93,7 +95,8 @@ class LoadStepper:
         -------
         dict
             ``iterations`` of the accepted path, ``iterations_total`` with those of trials, ``substeps``,
-            ``residual``.
+            ``residual``, ``snapped`` (the robot jumped to another equilibrium on the way), ``presliding_factor``
+            (by how much the presliding distance had to be larger for the holes to settle, 1 as a rule).
 
         Raises
         ------
@@ -116,6 +119,8 @@ class LoadStepper:
             "iterations_total": count.iterations + count.wasted,
             "substeps": count.substeps,
             "residual": count.residual,
+            "snapped": count.snapped,
+            "presliding_factor": count.softened,
         }
 
     # ------------------------------------------------------------------
@@ -136,6 +141,9 @@ class LoadStepper:
 
     def _accept(self, report: NewtonReport, share: float, count: _Count) -> None:
         self.solver.commit()
+        if report.iterations and not any(np.any(r.by_displacement) for r in self.solver.robots):
+            # With driven tendons the sign also changes where one falls slack, and says nothing.
+            self.solver.stable_sign = self.solver.tangent_sign
         if count.record is not None:
             count.record.append(Waypoint(share, self.solver.snapshot()))
         count.iterations += report.iterations
@@ -151,7 +159,8 @@ class LoadStepper:
             count.wasted += cause.iterations
             self.solver.restore(before)
             if end - start <= self.solver.settings.min_substep:
-                raise self._fail(start, end, cause) from None
+                self._rescue(apply, start, end, cause, count)
+                return
             middle = 0.5 * (start + end)
             self._converge(apply, start, middle, count)
             self._converge(apply, middle, end, count)
@@ -194,11 +203,12 @@ class LoadStepper:
             count.wasted += cause.iterations
             solver.restore(before)
             if span <= solver.settings.min_substep:
-                raise self._fail(start, end, cause) from None
+                self._rescue(apply, start, end, cause, count)
+                return
             self._path(apply, start, middle, None, count)
             self._path(apply, middle, end, None, count)
             return
-        if span <= solver.settings.min_substep or not self._path_matters(before):
+        if span <= solver.settings.min_substep or not (self._path_matters(before) or self._leaps(before)):
             self._accept(report, end, count)
             return
         shape = solver.positions().copy()
@@ -228,6 +238,37 @@ class LoadStepper:
         solver.restore(before)
         self._path(apply, start, middle, (half, first), count)
         self._path(apply, middle, end, None, count)
+
+    def _rescue(
+        self, apply: Apply, start: float, end: float, cause: NotConverged, count: _Count
+    ) -> None:
+        """The smallest substep does not converge: let the robot snap through, then let its holes creep more."""
+        solver = self.solver
+        before = solver.snapshot()
+        shape = solver.positions().copy()
+        for factor in (1.0, 10.0, 100.0):
+            goal, loads = apply(end)
+            try:
+                report = solver.newton(
+                    goal, end, loads, relax=True, presliding=factor * solver.settings.presliding
+                )
+            except NotConverged as again:
+                count.wasted += again.iterations
+                solver.restore(before)
+                continue
+            moved = float(np.max(np.abs(solver.positions() - shape)))
+            count.snapped = count.snapped or moved > 0.02 * solver.length
+            count.softened = max(count.softened, factor)
+            self._accept(report, end, count)
+            return
+        raise self._fail(start, end, cause)
+
+    def _leaps(self, before: Snapshot) -> bool:
+        """Whether a substep went so far, or so strangely, that it may have left the robot's path."""
+        solver = self.solver
+        if solver.turn_since(before) > solver.settings.max_substep_turn:
+            return True
+        return solver.tangent_sign * solver.stable_sign < 0
 
     def _path_matters(self, before: Snapshot) -> bool:
         """Whether any hole under tension changed its state since ``before``."""
