@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import exudyn as exu
@@ -119,7 +120,7 @@ def subdivide(
     bounds = np.array(faces)
     bounds = bounds[np.concatenate(([True], np.diff(bounds) > tolerance))]
     nodes: list[float] = [0.0]
-    for a, b in zip(bounds[:-1], bounds[1:], strict=True):
+    for a, b in pairwise(bounds):
         rigid = any(lo - tolerance <= a and b <= hi + tolerance for lo, hi in inserts)
         parts = 1 if rigid else elements_per_bay
         nodes += [float(a + (b - a) * i / parts) for i in range(1, parts + 1)]
@@ -181,9 +182,7 @@ def relative_twists(positions: Array, rotations: Array) -> Array:
     return log_se3(r, p)
 
 
-def twist_increments(
-    twists: Array, increments: Array, relative: tuple[Array, Array] | None = None
-) -> Array:
+def twist_increments(twists: Array, increments: Array, relative: tuple[Array, Array] | None = None) -> Array:
     """Linearised change of the elements' twists for body-frame increments of the nodes.
 
     Parameters

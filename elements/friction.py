@@ -17,7 +17,7 @@ The derivation is in the documentation, page "Theory".
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -231,7 +231,9 @@ class TendonLaw:
         """Mobilisation that the slip would lead to, not yet limited to [-1, 1], shape (m, g)."""
         return state.mobilisation + (slip - state.slip) / presliding
 
-    def field(self, base_tension: Array, lengths: Array, angles: Array, mobilisation: Array) -> tuple[TensionField, Array]:
+    def field(
+        self, base_tension: Array, lengths: Array, angles: Array, mobilisation: Array
+    ) -> tuple[TensionField, Array]:
         """Tensions for given mobilisations.
 
         Parameters
@@ -318,9 +320,7 @@ class TendonLaw:
                 # The slip does not depend on the tensions: one pass is exact.
                 mobilisation = limited
                 continue
-            mobilisation = np.clip(
-                mobilisation + np.linalg.solve(own, error[..., None])[..., 0], -1.0, 1.0
-            )
+            mobilisation = np.clip(mobilisation + np.linalg.solve(own, error[..., None])[..., 0], -1.0, 1.0)
         by_base = (drive * field.given_d_tension[:, None, :]) @ field.d_base[:, :, None]
         by_angle = (drive * field.given_d_tension[:, None, :]) @ field.d_angle
         right = np.concatenate((drive * field.given_d_length[:, None, :], by_angle, by_base), axis=2)
@@ -375,7 +375,7 @@ class TendonLaw:
         """History after a converged (sub)step."""
         return FrictionState(field.slip, field.mobilisation)
 
-    def with_parameters(self, **changes: Array) -> TendonLaw:
+    def with_parameters(self, **changes: Any) -> TendonLaw:
         """The same law with other numbers."""
         return TendonLaw(replace(self.parameters, **changes), self.law, self.presliding)
 

@@ -78,7 +78,9 @@ class SceneHooks:
             actuation.update_from_scene(t)
             actuation.apply()
 
-    def _jacobian(self, mbs: exu.MainSystem, t: float, by_ode2: float, by_ode2_t: float, by_ode1: float) -> Any:
+    def _jacobian(
+        self, mbs: exu.MainSystem, t: float, by_ode2: float, by_ode2_t: float, by_ode1: float
+    ) -> Any:
         data = mbs.systemData
         size = data.ODE2Size() + data.ODE1Size() + data.AEsize()
         total = np.zeros((size, size))

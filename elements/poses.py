@@ -42,18 +42,22 @@ def rotation_of_euler_parameters(e: Array) -> Array:
 
 
 #: Row ``i`` of the symmetric 4 x 4 matrix ``4 e_i e`` of Euler parameters, from ``[1, r00, r01, ... r22]``.
-_SHEPPERD = np.zeros((10, 4, 4))
-for _i, _signs in enumerate(((1, 1, 1, 1), (1, 1, -1, -1), (1, -1, 1, -1), (1, -1, -1, 1))):
+_SHEPPERD: Array = np.zeros((10, 4, 4))
+for _i, _signs in enumerate(
+    ((1.0, 1.0, 1.0, 1.0), (1.0, 1.0, -1.0, -1.0), (1.0, -1.0, 1.0, -1.0), (1.0, -1.0, -1.0, 1.0))
+):
     for _column, _sign in zip((0, 1, 5, 9), _signs, strict=True):
         _SHEPPERD[_column, _i, _i] = _sign
 for _i, _j, _plus, _minus in (
     (0, 1, (2, 1), (1, 2)), (0, 2, (0, 2), (2, 0)), (0, 3, (1, 0), (0, 1)),
 ):  # fmt: skip
     for _index, _sign in ((_plus, 1.0), (_minus, -1.0)):
-        _SHEPPERD[1 + 3 * _index[0] + _index[1], _i, _j] = _SHEPPERD[1 + 3 * _index[0] + _index[1], _j, _i] = _sign
+        _entry = 1 + 3 * _index[0] + _index[1]
+        _SHEPPERD[_entry, _i, _j] = _SHEPPERD[_entry, _j, _i] = _sign
 for _i, _j in ((1, 2), (1, 3), (2, 3)):
     for _index in ((_i - 1, _j - 1), (_j - 1, _i - 1)):
-        _SHEPPERD[1 + 3 * _index[0] + _index[1], _i, _j] = _SHEPPERD[1 + 3 * _index[0] + _index[1], _j, _i] = 1.0
+        _entry = 1 + 3 * _index[0] + _index[1]
+        _SHEPPERD[_entry, _i, _j] = _SHEPPERD[_entry, _j, _i] = 1.0
 _SHEPPERD = _SHEPPERD.reshape(10, 16)
 
 
@@ -71,12 +75,12 @@ def euler_parameters_of_rotation(r: Array) -> Array:
 
 
 #: ``e @ _RATE`` is the matrix of `euler_rate_matrix`, row by row.
-_RATE = np.zeros((4, 4, 3))
-for _e, _row, _col, _sign in (
+_RATE: Array = np.zeros((4, 4, 3))
+for _e, _row, _col, _way in (
     (1, 0, 0, -1), (2, 0, 1, -1), (3, 0, 2, -1), (0, 1, 0, 1), (3, 1, 1, -1), (2, 1, 2, 1),
     (3, 2, 0, 1), (0, 2, 1, 1), (1, 2, 2, -1), (2, 3, 0, -1), (1, 3, 1, 1), (0, 3, 2, 1),
 ):  # fmt: skip
-    _RATE[_e, _row, _col] = 0.5 * _sign
+    _RATE[_e, _row, _col] = 0.5 * _way
 _RATE = _RATE.reshape(4, 12)
 
 
@@ -86,9 +90,7 @@ def euler_rate_matrix(e: Array) -> Array:
 
 
 #: Taylor coefficients in the squared angle of ``sin a / a``, ``(1 - cos a) / a^2``, ``(a - sin a) / a^3``.
-_SERIES = np.array(
-    [[(-1.0) ** k / factorial(2 * k + j) for j in (1, 2, 3)] for k in range(9)]
-)
+_SERIES = np.array([[(-1.0) ** k / factorial(2 * k + j) for j in (1, 2, 3)] for k in range(9)])
 _POWERS = np.arange(9)
 
 
@@ -153,7 +155,7 @@ def adjoint_inverse(r: Array, p: Array) -> Array:
 
 
 #: ``xi @ _AD`` is the matrix of the adjoint map of a twist, row by row.
-_AD = np.zeros((6, 6, 6))
+_AD: Array = np.zeros((6, 6, 6))
 _AD[3:, :3, :3] = _AD[3:, 3:, 3:] = _AD[:3, :3, 3:] = _SKEW.reshape(3, 3, 3)
 _AD = _AD.reshape(6, 36)
 

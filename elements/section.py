@@ -13,13 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.poses import cross
 from tdcr_fe.elements.backbone import strain_matrices
+from tdcr_fe.elements.poses import cross
 
 Array = NDArray[np.float64]
 
 #: Gauss points on [0, 1] for the length of a tendon along one element.
-_POINTS, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(4)[0] + 1.0), 0.5 * np.polynomial.legendre.leggauss(4)[1])
+_POINTS, _WEIGHTS = (
+    0.5 * (np.polynomial.legendre.leggauss(4)[0] + 1.0),
+    0.5 * np.polynomial.legendre.leggauss(4)[1],
+)
 
 
 def gauss_arc_lengths(nodes: Array) -> Array:
@@ -63,7 +66,11 @@ class ContinuousTendons:
         lead = (slice(None),) + (None,) * (twists.ndim - 2)
         offset, slope = self.offset[lead], self.slope[lead]
         strain = (twists / lengths[:, None])[..., None, :]
-        e = strain[..., :3] + cross(np.broadcast_to(strain[..., 3:], (*strain.shape[:-2], 4, 3)), offset) + slope
+        e = (
+            strain[..., :3]
+            + cross(np.broadcast_to(strain[..., 3:], (*strain.shape[:-2], 4, 3)), offset)
+            + slope
+        )
         norm = np.sqrt(np.einsum("...i,...i->...", e, e))
         factor = _WEIGHTS * self.weight[lead][..., None]
         total = np.sum(factor * norm * lengths[:, None], axis=(-1, -2))

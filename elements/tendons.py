@@ -176,9 +176,7 @@ class CableGeometry:
         c = cosine[..., None]
         g1 = (after - c * before) * (weight * inverse[:, :-1])[..., None]
         g2 = (before - c * after) * (weight * inverse[:, 1:])[..., None]
-        gradient = np.concatenate(
-            [x.reshape(-1, 3) for x in (-e, e, -g1, g1 - g2, g2)]
-        )[self._entry]
+        gradient = np.concatenate([x.reshape(-1, 3) for x in (-e, e, -g1, g1 - g2, g2)])[self._entry]
         local = gradient[:, None, :] @ rotations[self._carrier]
         twist = self._lever @ local.reshape(-1, 3, 1)
         self._derivatives.reshape(-1)[self._target] = twist.ravel()

@@ -145,12 +145,16 @@ def resolve(robot: Robot, steps: Iterable[LoadStep]) -> list[Actuation]:
             )
         both = sorted(set(step.tensions) & set(step.displacements))
         if both:
-            raise ValueError(f"step {number}: tendon {both[0]!r} has a tension and a displacement; one is allowed")
+            raise ValueError(
+                f"step {number}: tendon {both[0]!r} has a tension and a displacement; one is allowed"
+            )
         by_displacement, values = by_displacement.copy(), values.copy()
         for mapping, mode in ((step.tensions, False), (step.displacements, True)):
             for name, value in mapping.items():
                 if not np.isfinite(value) or (not mode and value < 0.0):
-                    raise ValueError(f"step {number}: {value} for tendon {name!r}; must be finite, a tension >= 0")
+                    raise ValueError(
+                        f"step {number}: {value} for tendon {name!r}; must be finite, a tension >= 0"
+                    )
                 by_displacement[index[name]] = mode
                 values[index[name]] = value
         for name, load in step.loads.items():

@@ -40,7 +40,12 @@ Frame = Literal["world", "section"]
 #: Colours of the parts (RGBA).
 BACKBONE_COLOR = (0.20, 0.25, 0.35, 1.0)
 DISK_COLOR = (0.55, 0.65, 0.80, 0.6)
-TENDON_COLORS = ((0.85, 0.33, 0.10, 1.0), (0.00, 0.45, 0.70, 1.0), (0.00, 0.60, 0.45, 1.0), (0.80, 0.47, 0.65, 1.0))
+TENDON_COLORS = (
+    (0.85, 0.33, 0.10, 1.0),
+    (0.00, 0.45, 0.70, 1.0),
+    (0.00, 0.60, 0.45, 1.0),
+    (0.80, 0.47, 0.65, 1.0),
+)
 
 
 @dataclass
@@ -60,7 +65,7 @@ class PointLoad:
     lTorque: Any
     frame: Frame
 
-    def set(self, force: Sequence[float], moment: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+    def set(self, force: Sequence[float] | Array, moment: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> None:
         """Set force [N] and moment [N m], each of shape (3,), in the load's frame."""
         turn = BEAM_TO_SECTION.T if self.frame == "section" else np.eye(3)
         self.mbs.SetLoadParameter(self.lForce, "loadVector", turn @ np.asarray(force, dtype=float))
@@ -170,12 +175,18 @@ class TDCR:
         fixed = frame == "section"
         force = self.mbs.AddLoad(
             eii.Force(
-                name=f"{self.name}.force.{name}", markerNumber=marker, loadVector=[0.0, 0.0, 0.0], bodyFixed=fixed
+                name=f"{self.name}.force.{name}",
+                markerNumber=marker,
+                loadVector=[0.0, 0.0, 0.0],
+                bodyFixed=fixed,
             )
         )
         torque = self.mbs.AddLoad(
             eii.Torque(
-                name=f"{self.name}.torque.{name}", markerNumber=marker, loadVector=[0.0, 0.0, 0.0], bodyFixed=fixed
+                name=f"{self.name}.torque.{name}",
+                markerNumber=marker,
+                loadVector=[0.0, 0.0, 0.0],
+                bodyFixed=fixed,
             )
         )
         self.loads[name] = PointLoad(self.mbs, force, torque, frame)
@@ -215,7 +226,10 @@ class TDCR:
                 )
             )
         for tendon, connectors in zip(self.robot.tendons, self.oTendons, strict=True):
-            for key, connector in ((f"tension_{tendon.name}", connectors[0]), (f"anchor_tension_{tendon.name}", connectors[-1])):
+            for key, connector in (
+                (f"tension_{tendon.name}", connectors[0]),
+                (f"anchor_tension_{tendon.name}", connectors[-1]),
+            ):
                 made[key] = self.mbs.AddSensor(
                     eii.SensorObject(
                         name=f"{self.name}.{key}",
@@ -327,9 +341,7 @@ class TDCR:
     def tensions(self) -> dict[str, Array]:
         """By tendon, tension of every segment from base plate to anchor [N]."""
         field_ = self.actuation.field
-        return {
-            t.name: self._segments(i, field_.tension[i]) for i, t in enumerate(self.robot.tendons)
-        }
+        return {t.name: self._segments(i, field_.tension[i]) for i, t in enumerate(self.robot.tendons)}
 
     def displacements(self) -> dict[str, float]:
         """By tendon, what is pulled in at the base since the unloaded, just taut state [m]."""
@@ -339,9 +351,7 @@ class TDCR:
         """By tendon, state of the hole at the distal end of every segment: stick, pull, release, anchor."""
         law = self.actuation.law
         holes = law.at_holes(self.actuation.field.mobilisation)
-        return {
-            t.name: hole_states(holes[i], self._count(i)) for i, t in enumerate(self.robot.tendons)
-        }
+        return {t.name: hole_states(holes[i], self._count(i)) for i, t in enumerate(self.robot.tendons)}
 
     def _count(self, i: int) -> int:
         return len(self.robot.hole_arc_lengths(self.robot.tendons[i])) - 1
@@ -352,7 +362,9 @@ class TDCR:
         return values[: self._count(i)].copy()
 
 
-def build_mesh(robot: Robot, model: Model, extra: Iterable[float] = ()) -> tuple[BackboneMesh, NDArray[np.bool_]]:
+def build_mesh(
+    robot: Robot, model: Model, extra: Iterable[float] = ()
+) -> tuple[BackboneMesh, NDArray[np.bool_]]:
     """Mesh of a robot's backbone, and which elements are rigid inserts.
 
     Parameters
@@ -364,9 +376,7 @@ def build_mesh(robot: Robot, model: Model, extra: Iterable[float] = ()) -> tuple
     """
     b, d = robot.backbone, robot.disks
     edges = [x for p in b.patches for x in (p.start, p.end) if 0.0 < x < b.length]
-    arc, rigid = subdivide(
-        b.length, d.positions, model.elements_per_bay, d.thickness, [*extra, *edges]
-    )
+    arc, rigid = subdivide(b.length, d.positions, model.elements_per_bay, d.thickness, [*extra, *edges])
     middle = 0.5 * (arc[1:] + arc[:-1])
     bending, torsion = b.stiffness_factors(middle)
     one = np.ones_like(middle)
@@ -433,7 +443,9 @@ def CreateTDCR(
     model = model or Model()
     name = name or robot.name
     if model.tendon_path == "continuous" and model.friction != "none":
-        raise ValueError("the classical model (tendon_path 'continuous') has no friction; set friction to 'none'")
+        raise ValueError(
+            "the classical model (tendon_path 'continuous') has no friction; set friction to 'none'"
+        )
     if model.tendon_path not in ("straight", "continuous"):
         raise ValueError(f"tendon_path {model.tendon_path!r}; must be 'straight' or 'continuous'")
     if model.friction not in FRICTION_LAWS:
@@ -488,7 +500,9 @@ def CreateTDCR(
         ground = mbs.AddObject(eii.ObjectGround(name=f"{name}.ground"))
         baseMarker = mbs.AddMarker(
             eii.MarkerBodyRigid(
-                name=f"{name}.mGround", bodyNumber=ground, localHT=exu.HT(rotation=rotation, translation=position)
+                name=f"{name}.mGround",
+                bodyNumber=ground,
+                localHT=exu.HT(rotation=rotation, translation=position),
             )
         )
     joint = mbs.AddObject(

@@ -56,7 +56,8 @@ def SolveTDCR(
         The system is not assembled, has no robot, or has first-order states.
     """
     solver = StrainSpaceSolver(mbs, settings)
-    goals, starts = [], []
+    goals: list[Any] = []
+    starts: list[Array | None] = []
     remembered: dict[int, tuple[Array, Array]] = mbs.variables.setdefault(_BEGUN, {})
     for i, robot in enumerate(solver.robots):
         over_time = robot.inputs if callable(robot.inputs) else None
