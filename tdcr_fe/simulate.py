@@ -48,7 +48,11 @@ class Simulation:
         self.container = exu.SystemContainer()
         mbs = self.container.AddSystem()
         self.handle: TDCR = CreateTDCR(
-            mbs, robot, model, loadPositions=sorted({at for _, at, _ in keys}), presliding=self.settings.presliding
+            mbs,
+            robot,
+            model,
+            loadPositions=sorted({at for _, at, _ in keys}),
+            presliding=self.settings.presliding,
         )
         self.loads: dict[LoadKey, PointLoad] = {
             key: self.handle.add_load(f"{key[0]}@{key[1]:g}.{key[2]}", key[1], key[2])  # type: ignore[arg-type]

@@ -8,8 +8,8 @@ documentation, page "Theory".
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import exudyn as exu
@@ -225,7 +225,9 @@ class StrainSpaceSolver:
     def _rebuild(self) -> None:
         """Poses of all beam nodes from base and strains, and their coordinates in Exudyn."""
         self._relative = [exp_se3(twists) for twists in self.twists]
-        self._poses = [chain(p, r, *relative) for (p, r), relative in zip(self.roots, self._relative, strict=True)]
+        self._poses = [
+            chain(p, r, *relative) for (p, r), relative in zip(self.roots, self._relative, strict=True)
+        ]
         if len(self._poses) == 1:
             positions, rotations = self._poses[0]
         else:

@@ -184,7 +184,12 @@ class LoadStepper:
             start = point.share
 
     def _path(
-        self, apply: Apply, start: float, end: float, known: tuple[Snapshot, NewtonReport] | None, count: _Count
+        self,
+        apply: Apply,
+        start: float,
+        end: float,
+        known: tuple[Snapshot, NewtonReport] | None,
+        count: _Count,
     ) -> None:
         """One substep, halved until it converges and until halving changes nothing."""
         solver = self.solver
@@ -239,9 +244,7 @@ class LoadStepper:
         self._path(apply, start, middle, (half, first), count)
         self._path(apply, middle, end, None, count)
 
-    def _rescue(
-        self, apply: Apply, start: float, end: float, cause: NotConverged, count: _Count
-    ) -> None:
+    def _rescue(self, apply: Apply, start: float, end: float, cause: NotConverged, count: _Count) -> None:
         """The smallest substep does not converge: let the robot snap through, then let its holes creep more."""
         solver = self.solver
         before = solver.snapshot()
@@ -272,9 +275,7 @@ class LoadStepper:
 
     def _path_matters(self, before: Snapshot) -> bool:
         """Whether any hole under tension changed its state since ``before``."""
-        for robot, state, tension in zip(
-            self.solver.robots, before.histories, before.tensions, strict=True
-        ):
+        for robot, state, tension in zip(self.solver.robots, before.histories, before.tensions, strict=True):
             if not robot.law.has_friction:
                 continue
             old, new = np.trunc(state.mobilisation), np.trunc(robot.field.mobilisation)
