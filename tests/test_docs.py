@@ -27,7 +27,9 @@ def test_every_page_that_is_linked_is_there():
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
 def test_example_runs_and_asserts(script, monkeypatch, tmp_path):
-    assert any(isinstance(node, ast.Assert) for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))))
+    assert any(
+        isinstance(node, ast.Assert) for node in ast.walk(ast.parse(script.read_text(encoding="utf-8")))
+    )
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [str(script)])
     runpy.run_path(str(script), run_name="__main__")
