@@ -13,6 +13,7 @@ from typing import Any
 import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from tdcr_fe.elements.backbone import BackboneMesh, relative_twists, strain_matrices
 from tdcr_fe.elements.friction import FrictionState, TendonLaw, TensionField
@@ -21,6 +22,9 @@ from tdcr_fe.elements.section import SectionForces, nodal_sum
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
 
 Array = NDArray[np.float64]
+#: From this many unknowns on, sparse products pay.
+SPARSE_WIDTH = 200
+
 Inputs = Array | Callable[[float], Array]
 
 
@@ -350,13 +354,18 @@ class TendonActuation:
             body-fixed loads that carry the section forces is then in it already.
         """
         f, s = self.field, self.shape
-        change = f.d_length @ s.d_lengths
-        if s.d_angles.shape[1]:
-            change = change + f.d_angle @ s.d_angles
+        change = f.d_angle @ s.d_angles
+        if np.any(f.d_length):
+            change += f.d_length @ s.d_lengths
         if self._d_base is not None:
             change = change + f.d_base[:, :, None] * self._d_base[:, None, :]
         width = s.d_lengths.shape[-1]
-        k = -s.d_lengths.reshape(-1, width).T @ change.reshape(-1, width)
+        rows = s.d_lengths.reshape(-1, width)
+        if width > SPARSE_WIDTH:
+            # Every segment touches two nodes only.
+            k = -(csr_array(rows).T @ change.reshape(-1, width))
+        else:
+            k = -rows.T @ change.reshape(-1, width)
         if not self._all_nodes and self.geometry is not None:
             full = np.zeros((6 * self.mesh.arc_lengths.size,) * 2)
             full[np.ix_(self._columns, self._columns)] = k

@@ -213,6 +213,9 @@ class TendonLaw:
         self.elastic = bool(np.any(parameters.compliance > 0.0))
         self._lower = np.tril(np.ones((n, n)))
         self._masked = parameters.mask.astype(float)
+        self._each_hole = self.groups == n - 1 and bool(np.all(self._spread == np.eye(n - 1)))
+        # Results that never change, made once.
+        self._negative, self._nothing, self._rigid = -self._masked, np.zeros((m, n)), np.zeros((m, n, n))
 
     def initial_state(self) -> FrictionState:
         """History of a robot that was never loaded."""
@@ -225,6 +228,8 @@ class TendonLaw:
 
     def at_holes(self, mobilisation: Array) -> Array:
         """Mobilisation of every hole, (m, g) to (m, n-1)."""
+        if self._each_hole:
+            return mobilisation
         return mobilisation @ self._spread.T
 
     def follow(self, slip: Array, state: FrictionState, presliding: float) -> Array:
@@ -256,8 +261,9 @@ class TendonLaw:
         """
         tension, d_s, d_theta, chain = self._pass_on(base_tension, angles, self.at_holes(mobilisation))
         beyond = chain[:, :, 1:]
-        by_mobilisation = (beyond * d_s[:, None, :]) @ self._spread
-        m, n = self.shape
+        by_mobilisation = beyond * d_s[:, None, :]
+        if not self._each_hole:
+            by_mobilisation = by_mobilisation @ self._spread
         if self.elastic:
             c = self.parameters.compliance[:, None]
             stretch = 1.0 / (1.0 + c * tension)
@@ -265,13 +271,13 @@ class TendonLaw:
             d_length, d_tension = -stretch * self._masked, lengths * c * stretch**2 * self._masked
         else:
             given = self.parameters.lengths - lengths
-            d_length, d_tension = -self._masked, np.zeros((m, n))
+            d_length, d_tension = self._negative, self._nothing
         field = TensionField(
             tension,
             given.sum(axis=1),
             self.slips(given),
             mobilisation,
-            np.zeros((m, n, n)),
+            self._rigid,
             beyond * d_theta[:, None, :],
             chain[:, :, 0],
             d_length,

@@ -74,18 +74,20 @@ class CableGeometry:
         turns = mask[:, 1:]
         self._exists = mask.astype(float)
         self._turns = turns.astype(float)
+        self._padded = not bool(np.all(mask))
         # Every derivative is a force on a hole: both ends of the segments, then the three holes of the turns.
         # The row of the derivative and the hole it acts on never change, so they are found once.
         hole = np.arange(m * (n + 1)).reshape(m, n + 1)
         segment = np.arange(m * n).reshape(m, n)
         turn = m * n + np.arange(m * (n - 1)).reshape(m, n - 1)
-        rows = [segment, segment, turn, turn, turn]
-        holes = [hole[:, :-1], hole[:, 1:], hole[:, :-2], hole[:, 1:-1], hole[:, 2:]]
-        real = [mask, mask, turns, turns, turns]
+        rows = np.concatenate((segment, segment, turn, turn, turn), axis=1).ravel()
+        holes = np.concatenate(
+            (hole[:, :-1], hole[:, 1:], hole[:, :-2], hole[:, 1:-1], hole[:, 2:]), axis=1
+        ).ravel()
         # Padded entries would write zeros over the anchor's; they are left out.
-        self._entry = np.flatnonzero(np.concatenate([x.ravel() for x in real]))
-        row = np.concatenate([x.ravel() for x in rows])[self._entry]
-        self._hole = np.concatenate([x.ravel() for x in holes])[self._entry]
+        real = np.flatnonzero(np.concatenate((mask, mask, turns, turns, turns), axis=1).ravel())
+        self._entry = real if self._padded else None
+        row, self._hole = rows[real], holes[real]
         self._carrier = nodes.ravel()[self._hole]
         width = 6 * node_count
         self._target = ((row * width + 6 * self._carrier)[:, None] + np.arange(6)).ravel()
@@ -154,29 +156,35 @@ class CableGeometry:
             Its derivatives are overwritten by the next call.
         """
         m, n = self.mask.shape
-        frames = rotations[self.nodes]
-        holes = positions[self.nodes] + (frames @ self.offsets[..., None])[..., 0]
+        holes = positions[self.nodes]
+        holes += (rotations[self.nodes] @ self.offsets[..., None])[..., 0]
         d = holes[:, 1:] - holes[:, :-1]
-        raw = np.sqrt(np.einsum("mki,mki->mk", d, d))
-        inverse = self._exists / (raw + (1.0 - self._exists))
+        lengths = np.sqrt(np.einsum("mki,mki->mk", d, d))
+        if self._padded:
+            inverse = self._exists / (lengths + (1.0 - self._exists))
+            lengths *= self._exists
+        else:
+            inverse = 1.0 / lengths
         e = d * inverse[..., None]
-        lengths = raw * self._exists
 
         before, after = e[:, :-1], e[:, 1:]
         # Half the chord between unit vectors is the sine of half the angle: exact down to the smallest turn.
         bend = after - before
-        half = 0.5 * np.sqrt(np.einsum("mki,mki->mk", bend, bend)) * self._turns
+        half = 0.5 * np.sqrt(np.einsum("mki,mki->mk", bend, bend))
+        if self._padded:
+            half *= self._turns
         half = np.minimum(half, 1.0)
         angles = 2.0 * np.arcsin(half)
-        cosine = 1.0 - 2.0 * half * half
-        sine = 2.0 * half * np.sqrt(1.0 - half * half)
+        square = half * half
+        sine = 2.0 * half * np.sqrt(1.0 - square)
         # A tendon that does not turn has no preferred direction to turn into: the derivative is taken as zero.
-        bent = sine > 1e-12
-        weight = np.where(bent, -1.0, 0.0) / np.where(bent, sine, 1.0)
-        c = cosine[..., None]
+        weight = np.divide(-1.0, sine, out=np.zeros_like(sine), where=sine > 1e-12)
+        c = (1.0 - 2.0 * square)[..., None]
         g1 = (after - c * before) * (weight * inverse[:, :-1])[..., None]
         g2 = (before - c * after) * (weight * inverse[:, 1:])[..., None]
-        gradient = np.concatenate([x.reshape(-1, 3) for x in (-e, e, -g1, g1 - g2, g2)])[self._entry]
+        gradient = np.concatenate((-e, e, -g1, g1 - g2, g2), axis=1).reshape(-1, 3)
+        if self._entry is not None:
+            gradient = gradient[self._entry]
         local = gradient[:, None, :] @ rotations[self._carrier]
         twist = self._lever @ local.reshape(-1, 3, 1)
         self._derivatives.reshape(-1)[self._target] = twist.ravel()

@@ -47,6 +47,7 @@ class BodyFrameReduction:
         #: Number of unknowns after the reduction.
         self.count = 6 * self.nodes + len(self.other)
         self._maps = np.zeros((self.nodes, 7, 6))
+        self._matrix = np.zeros((self.count, self.count))
         self._block_pattern(self._connected(mbs))
 
     def _connected(self, mbs: exu.MainSystem) -> NDArray[np.bool_]:
@@ -93,7 +94,7 @@ class BodyFrameReduction:
         return np.concatenate((at_nodes, r[self.other]))
 
     def jacobian(self, j: Array, check: bool) -> Array:
-        """Exudyn's Jacobian in the same terms, shape (count, count).
+        """Exudyn's Jacobian in the same terms, shape (count, count); overwritten by the next call.
 
         Parameters
         ----------
@@ -110,7 +111,8 @@ class BodyFrameReduction:
                 self._widen(stray)
         maps = self._maps
         turned = np.swapaxes(maps, 1, 2)
-        k = np.zeros((self.count, self.count))
+        k = self._matrix
+        k.fill(0.0)
         blocks = turned[self._a] @ flat[self._from] @ maps[self._b]
         k.reshape(-1)[self._to] = blocks.ravel()
         rest = len(self.other)

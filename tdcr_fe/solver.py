@@ -177,13 +177,18 @@ class StrainSpaceSolver:
         self._reduction = BodyFrameReduction(
             self.mbs, np.concatenate([r.coordinates for r in self.robots]), norms
         )
-        self._split = len(self._reduction.other_coordinates)
         self._beam, self._nodes = self._reduction.beam, self._reduction.nodes
         ends = np.cumsum([len(r.nodes) for r in self.robots])
         self._slices = [slice(int(e) - len(r.nodes), int(e)) for e, r in zip(ends, self.robots, strict=True)]
         self._reference = np.array(data.GetODE2Coordinates(exu.ConfigurationType.Reference))
         self._beam_reference = self._reference[self._beam]
         self._scale_length = max(float(r.mesh.arc_lengths[-1]) for r in self.robots)
+        # Moments count by a lever of a fiftieth of the length, gaps in joints by the length.
+        nodes = np.tile(np.repeat((1.0, 50.0 / self._scale_length), 3), self._nodes)
+        other = np.ones(len(self._reduction.other_coordinates))
+        gaps = np.full(len(self._reduction.other_multipliers), 1.0 / self._scale_length)
+        self._weights = np.concatenate((nodes, other, gaps))
+        self._forces = len(nodes) + len(other)
         self._floor_force = min(
             float(np.min(r.mesh.stiffness[:, 5])) / float(r.mesh.arc_lengths[-1]) ** 2 for r in self.robots
         )
@@ -203,10 +208,13 @@ class StrainSpaceSolver:
             self.roots.append((p[0], r[0]))
         self._tension = [r.base_tension.copy() for r in self.robots]
         self._mobilisation = [r.state.mobilisation.copy() for r in self.robots]
+        self._parameters: Array | None = None
         self._start: list[Array] | None = None
         self._iteration = 0
         self._presliding, self._damping = self.settings.presliding, 0.0
-        self.tangent_sign = self.stable_sign = 0
+        self._factors: tuple[Array, Array] | None = None
+        #: Sign of the tangent where the robot is stable, as far as known.
+        self.stable_sign = 0
         self._rebuild()
 
     @property
@@ -234,10 +242,12 @@ class StrainSpaceSolver:
             positions = np.concatenate([p for p, _ in self._poses])
             rotations = np.concatenate([r for _, r in self._poses])
         parameters = euler_parameters_of_rotation(rotations)
-        before = self._coordinates[self._beam[:, 3:]] + self._beam_reference[:, 3:]
-        flip = np.einsum("ni,ni->n", before, parameters) < 0.0
+        if self._parameters is None:
+            self._parameters = self._coordinates[self._beam[:, 3:]] + self._beam_reference[:, 3:]
+        # Both signs are the same rotation; Exudyn's own solvers go on from the nearer one.
+        flip = np.einsum("ni,ni->n", self._parameters, parameters) < 0.0
         parameters[flip] *= -1.0
-        self._positions, self._rotations = positions, rotations
+        self._positions, self._rotations, self._parameters = positions, rotations, parameters
         total = np.concatenate((positions, parameters), axis=1)
         self._coordinates[self._beam] = total - self._beam_reference
         self._reduction.set_poses(rotations, parameters)
@@ -340,7 +350,8 @@ class StrainSpaceSolver:
         k = self._reduction.jacobian(j, check=self._iteration == 0)
         for robot, part in zip(self.robots, self._slices, strict=True):
             i = slice(6 * part.start, 6 * part.stop)
-            k[i, i] += robot.tangent(self._loads_jacobian)
+            if robot.count or robot.section is not None:
+                k[i, i] += robot.tangent(self._loads_jacobian)
         return k
 
     def _factorise(self, t: float) -> None:
@@ -375,12 +386,19 @@ class StrainSpaceSolver:
         if info != 0 or not np.isfinite(lu[-1, -1]):
             raise np.linalg.LinAlgError
         self._factors = lu, pivots
+
+    @property
+    def tangent_sign(self) -> int:
+        """Sign of the last tangent's determinant; it changes where an equilibrium loses its stability."""
+        if self._factors is None:
+            return 0
+        lu, pivots = self._factors
         swaps = np.count_nonzero(pivots != np.arange(len(pivots)))
         negative = np.count_nonzero(np.diagonal(lu) < 0.0)
-        #: Sign of the tangent's determinant; it changes where an equilibrium loses its stability.
-        self.tangent_sign = 1 if (swaps + negative) % 2 == 0 else -1
+        return 1 if (swaps + negative) % 2 == 0 else -1
 
     def _solve_linear(self, right: Array) -> Array:
+        assert self._factors is not None
         solution, _ = dgetrs(*self._factors, right, trans=1)
         return solution
 
@@ -479,22 +497,15 @@ class StrainSpaceSolver:
         return worst
 
     def _force_scale(self) -> float:
-        largest = max((float(np.max(t, initial=0.0)) for t in self._tension), default=0.0)
+        largest = max((max(t.tolist(), default=0.0) for t in self._tension), default=0.0)
         return largest + self._floor_force + self._load_scale
 
     def _measure(self, r: Array) -> float:
         """Largest unbalanced force or moment over its scale."""
-        force = self._force_scale()
-        largest = np.abs(r[: 6 * self._nodes].reshape(-1, 6)).max(axis=0).tolist()
-        worst = max(max(largest[:3]), max(largest[3:]) / (0.02 * self._scale_length)) / force
-        rest = r[6 * self._nodes :]
-        if rest.size:
-            forces, gaps = rest[: self._split], rest[self._split :]
-            worst = max(
-                worst,
-                float(np.max(np.abs(forces), initial=0.0)) / force,
-                float(np.max(np.abs(gaps), initial=0.0)) / self._scale_length,
-            )
+        size = np.abs(r * self._weights)
+        worst = float(size[: self._forces].max()) / self._force_scale()
+        if size.size > self._forces:
+            worst = max(worst, float(size[self._forces :].max()))
         for robot, goal in zip(self.robots, self._goal, strict=True):
             driven = robot.by_displacement
             if np.any(driven):
@@ -613,12 +624,12 @@ class StrainSpaceSolver:
             twist_increments(t, nodes[p], relative)
             for t, p, relative in zip(self.twists, self._slices, self._relative, strict=True)
         ]
-        turn = max(float(np.max(np.abs(c[:, 3:]))) for c in changes)
+        turn = max(float(np.abs(c[:, 3:]).max()) for c in changes)
         factor = min(1.0, self.settings.max_turn / turn) if turn > 0.0 else 1.0
         for i, (change, part) in enumerate(zip(changes, self._slices, strict=True)):
             self.twists[i] = self.twists[i] + factor * change
             first = factor * nodes[part.start]
-            if float(np.max(np.abs(first))) > 1e-15:
+            if max(map(abs, first.tolist())) > 1e-15:
                 p, r = self.roots[i]
                 dr, dp = exp_se3(first)
                 self.roots[i] = (p + r @ dp, r @ dr)

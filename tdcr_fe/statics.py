@@ -13,8 +13,6 @@ from tdcr_fe.stepping import LoadStepper
 
 Array = NDArray[np.float64]
 
-_BEGUN = "tdcr_fe.inputs"
-
 
 def SolveTDCR(
     mbs: exu.MainSystem,
@@ -58,16 +56,16 @@ def SolveTDCR(
     solver = StrainSpaceSolver(mbs, settings)
     goals: list[Any] = []
     starts: list[Array | None] = []
-    remembered: dict[int, tuple[Array, Array]] = mbs.variables.setdefault(_BEGUN, {})
-    for i, robot in enumerate(solver.robots):
+    for robot in solver.robots:
         over_time = robot.inputs if callable(robot.inputs) else None
         if over_time is not None:
             goals.append(over_time)
             starts.append(None)
             continue
         values = robot.input_values()
-        tension, slip = remembered.get(i, (np.zeros(robot.count), np.zeros(robot.count)))
-        starts.append(np.where(robot.by_displacement, slip, tension))
+        # What it has now, whichever solver brought it here.
+        slip = robot.field.base_slip if hasattr(robot, "field") else np.zeros(robot.count)
+        starts.append(np.where(robot.by_displacement, slip, robot.base_tension))
         goals.append(values)
     user_step = _function(mbs.GetPreStepUserFunction())
 
@@ -84,13 +82,7 @@ def SolveTDCR(
                 inputs.append(start + share * (goal - start))
         return inputs, 0.0
 
-    stepper = LoadStepper(solver)
-    try:
-        return stepper.advance(apply, substeps)
-    finally:
-        for i, robot in enumerate(solver.robots):
-            if hasattr(robot, "field"):
-                remembered[i] = (robot.base_tension.copy(), robot.field.base_slip.copy())
+    return LoadStepper(solver).advance(apply, substeps)
 
 
 def _function(present: Any) -> Any:
