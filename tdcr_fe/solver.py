@@ -39,9 +39,6 @@ class SolverSettings:
     step_tolerance : float
         A Newton step that moves no node by more than this share of the length, and turns none by more than
         this angle, ends the iteration too [1, rad].
-    reuse : float
-        The last tangent serves for another step where the residual times the residual at which it was taken
-        is below this, so that quadratic convergence is kept [1].
     max_iterations : int
         Newton iterations of one attempt.
     max_turn : float
@@ -60,7 +57,6 @@ class SolverSettings:
 
     tolerance: float = 1e-8
     step_tolerance: float = 1e-10
-    reuse: float = 1e-10
     max_iterations: int = 20
     max_turn: float = 0.5
     path_tolerance: float = 2e-5
@@ -402,7 +398,7 @@ class StrainSpaceSolver:
         solution, _ = dgetrs(*self._factors, right, trans=1)
         return solution
 
-    def _newton_step(self, t: float, r: Array, fresh: bool = True) -> Array:
+    def _newton_step(self, t: float, r: Array) -> Array:
         """Change of all unknowns: scene, then driven tensions, then mobilisations of the holes.
 
         Equilibrium is linear in the step, the holes are not: each sticks or slips. Their conditions, with
@@ -415,11 +411,8 @@ class StrainSpaceSolver:
             Time [s].
         r
             Reduced residual.
-        fresh
-            Whether to take a new tangent; near the solution the last one serves.
         """
-        if fresh:
-            self._factorise(t)
+        self._factorise(t)
         right = [-r]
         for robot, goal, slack in zip(self.robots, self._goal, self._slack, strict=True):
             which = np.flatnonzero(robot.by_displacement)
@@ -563,7 +556,6 @@ class StrainSpaceSolver:
         self._start = None
         self._mixed = any(r.law.has_friction for r in self.robots)
         history: list[float] = []
-        tangent_size = np.inf
         for iteration in range(limit + 1):
             self._iteration = iteration
             self._update_forces(t)
@@ -580,10 +572,7 @@ class StrainSpaceSolver:
                 if relax:
                     step = self._damped_step(t, r)
                 else:
-                    # Close to the solution a tangent from nearby is as good as a new one.
-                    fresh = size * tangent_size > s.reuse
-                    tangent_size = size if fresh else tangent_size
-                    step = self._newton_step(t, r, fresh)
+                    step = self._newton_step(t, r)
             except np.linalg.LinAlgError:
                 raise NotConverged(
                     "the tangent is singular: something in the scene moves freely", size, iteration
