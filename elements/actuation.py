@@ -13,7 +13,6 @@ from typing import Any
 import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from tdcr_fe.elements.backbone import BackboneMesh, relative_twists, strain_matrices
 from tdcr_fe.elements.friction import FrictionState, TendonLaw, TensionField
@@ -22,7 +21,7 @@ from tdcr_fe.elements.section import SectionForces, nodal_sum
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
 
 Array = NDArray[np.float64]
-#: From this many unknowns on, sparse products pay.
+#: From this many unknowns on it pays that a segment touches two nodes only.
 SPARSE_WIDTH = 200
 
 Inputs = Array | Callable[[float], Array]
@@ -361,9 +360,8 @@ class TendonActuation:
             change = change + f.d_base[:, :, None] * self._d_base[:, None, :]
         width = s.d_lengths.shape[-1]
         rows = s.d_lengths.reshape(-1, width)
-        if width > SPARSE_WIDTH:
-            # Every segment touches two nodes only.
-            k = -(csr_array(rows).T @ change.reshape(-1, width))
+        if width > SPARSE_WIDTH and self.geometry is not None:
+            k = self._force_change(change)
         else:
             k = -rows.T @ change.reshape(-1, width)
         if not self._all_nodes and self.geometry is not None:
@@ -373,6 +371,18 @@ class TendonActuation:
         if self.section is not None:
             self._add_section_tangent(k, loads_jacobian)
         return k
+
+    def _force_change(self, change: Array) -> Array:
+        """Change of the forces on the nodes with the tensions' (m, n, W), segment by segment, shape (W, W)."""
+        assert self.geometry is not None
+        m, n, width = change.shape
+        k = np.zeros((width // 6, 6, width))
+        pulls = self.shape.d_lengths.reshape(m, n, -1, 6)
+        for i, nodes in enumerate(self.geometry.nodes):
+            segments = np.flatnonzero(self.geometry.mask[i])
+            for end in (nodes[segments], nodes[segments + 1]):
+                k[end] -= pulls[i, segments, end][:, :, None] * change[i, segments][:, None, :]
+        return k.reshape(width, width)
 
     def _add_section_tangent(self, k: Array, loads_jacobian: bool) -> None:
         """Section forces: change with the twists, and with the frames in which they are given."""
