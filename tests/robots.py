@@ -1,0 +1,74 @@
+"""Robots that the tests of the finite-element model share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+
+from tdcr_fe.loading import LoadStep, Model
+from tdcr_fe.results import SequenceResult
+from tdcr_fe.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.routing import ParallelRouting
+from tdcr_fe.scene import TDCR, CreateTDCR
+from tdcr_fe.simulate import simulate
+
+LENGTH = 0.25
+BACKBONE = Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0)
+DISKS = Disks.equally_spaced(13, LENGTH, mass=0.17e-3, radius=5e-3)
+
+
+def tendon(name: str = "t1", angle_deg: float = 0.0, mu: float = 0.3, **rest: Any) -> Tendon:
+    """A parallel tendon 4.5 mm off the backbone."""
+    return Tendon(name, ParallelRouting(4.5e-3, angle_deg), friction_coefficient=mu, **rest)
+
+
+def paper(mu: float = 0.0, angle_deg: float = 0.0, backbone: Backbone = BACKBONE, **rest: Any) -> Robot:
+    """The paper's single-segment robot with one tendon."""
+    return Robot(backbone, DISKS, (tendon("t1", angle_deg, mu, **rest),), name="paper")
+
+
+def three(mu: float = 0.3, backbone: Backbone = BACKBONE, disks: Disks = DISKS, **rest: Any) -> Robot:
+    """The same with three tendons, 120 degrees apart."""
+    return Robot(
+        backbone, disks, tuple(tendon(f"t{i + 1}", 120.0 * i, mu, **rest) for i in range(3)), name="three"
+    )
+
+
+def pull(*tensions: float, name: str = "t1", **rest: Any) -> list[LoadStep]:
+    """One load step per tension of one tendon [N]."""
+    return [LoadStep(f"{x:g} N", {name: x}, **rest) for x in tensions]
+
+
+def solve(robot: Robot, steps: list[LoadStep], settings: Any = None, **model: Any) -> SequenceResult:
+    """Solve a sequence with one element per bay and per-hole friction unless said otherwise; it must converge."""
+    result = simulate(
+        robot, Model(**{"friction": "per-hole", "elements_per_bay": 1, **model}), steps, settings
+    )
+    assert result.converged, result.message
+    assert len(result.steps) == len(steps)
+    return result
+
+
+def degrees(result: SequenceResult) -> np.ndarray:
+    """Tip bending angles [deg]."""
+    return np.degrees(result.bending_angles)
+
+
+def distance(a: np.ndarray, b: np.ndarray) -> float:
+    """Largest distance of points, over the length of the paper's robot [1]."""
+    return float(np.max(np.linalg.norm(np.atleast_2d(a - b), axis=-1))) / LENGTH
+
+
+def scene(
+    robot: Robot, *, assemble: bool = True, **rest: Any
+) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR]:
+    """A system with one robot; the container must be kept while the system is used."""
+    model = {k: rest.pop(k) for k in ("friction", "elements_per_bay", "tendon_path", "gravity") if k in rest}
+    container = exu.SystemContainer()
+    mbs = container.AddSystem()
+    handle = CreateTDCR(mbs, robot, Model(**{"friction": "per-hole", "elements_per_bay": 1, **model}), **rest)
+    if assemble:
+        mbs.Assemble()
+    return container, mbs, handle
