@@ -1,6 +1,8 @@
 """How the documentation is built: ``sphinx-build -W docs out/docs``."""
 
+import re
 from importlib.metadata import version as installed
+from itertools import takewhile
 
 from docutils import nodes
 from latex2mathml.converter import convert
@@ -22,11 +24,12 @@ myst_heading_anchors = 3
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True}
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
 add_module_names = False
+toc_object_entries = False
 default_role = "code"
 
 html_theme = "alabaster"
@@ -58,8 +61,30 @@ def _block(self: HTML5Translator, node: nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
+# Napoleon does not know several attributes on one line ("length, radius : float"); each gets a line of its own.
+
+
+def _one_attribute_a_line(
+    app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
+) -> None:
+    several = re.compile(r"(\w+(?:, \w+)+) : (.*)")
+    done: list[str] = []
+    for k, line in enumerate(lines):
+        found = several.fullmatch(line)
+        if found is None:
+            done.append(line)
+            continue
+        text = list(takewhile(lambda x: x.startswith(" "), lines[k + 1 :]))
+        *first, last = found[1].split(", ")
+        for attribute in first:
+            done += [f"{attribute} : {found[2]}", *text]
+        done.append(f"{last} : {found[2]}")
+    lines[:] = done
+
+
 def setup(app: Sphinx) -> None:
-    """Take formulas over from Sphinx."""
+    """Take formulas over from Sphinx, and prepare docstrings for Napoleon."""
+    app.connect("autodoc-process-docstring", _one_attribute_a_line, priority=100)
     app.add_html_math_renderer("mathml", (_inline, None), (_block, None))
 
 
