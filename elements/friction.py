@@ -22,6 +22,8 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.complementarity import solve_box
+
 Array = NDArray[np.float64]
 
 
@@ -311,22 +313,24 @@ class TendonLaw:
         """
         delta = self.presliding if presliding is None else presliding
         mobilisation = state.mobilisation
-        for _ in range(50):
+        for _ in range(20):
             field, by_mobilisation = self.field(base_tension, lengths, angles, mobilisation)
+            # What the slips lack, and how they change with the mobilisations: own = 1 - ds(slip)/ds.
             trial = self.follow(field.slip, state, delta)
-            limited = np.clip(trial, -1.0, 1.0)
-            error = limited - mobilisation
-            rate = (np.abs(trial) < 1.0) / delta
-            drive = rate[:, :, None] * self._drive
-            # ds = drive (d_given/dl dl + d_given/dT dT), dT = by_mobilisation ds + ...
+            drive = self._drive / delta
             own = np.eye(self.groups) - (drive * field.given_d_tension[:, None, :]) @ by_mobilisation
-            if np.max(np.abs(error), initial=0.0) <= 1e-13:
+            if np.max(np.abs(np.clip(trial, -1.0, 1.0) - mobilisation), initial=0.0) <= 1e-10:
                 break
             if not self.elastic:
                 # The slip does not depend on the tensions: one pass is exact.
-                mobilisation = limited
+                mobilisation = np.clip(trial, -1.0, 1.0)
                 continue
-            mobilisation = np.clip(mobilisation + np.linalg.solve(own, error[..., None])[..., 0], -1.0, 1.0)
+            right = trial - mobilisation + (own @ mobilisation[..., None])[..., 0]
+            mobilisation = np.stack([solve_box(*x)[0] for x in zip(own, right, mobilisation, strict=True)])
+        # Only a hole that sticks changes what it gives.
+        sticks = np.abs(trial) < 1.0
+        drive = sticks[:, :, None] * drive
+        own = np.where(sticks[:, :, None], own, np.eye(self.groups))
         by_base = (drive * field.given_d_tension[:, None, :]) @ field.d_base[:, :, None]
         by_angle = (drive * field.given_d_tension[:, None, :]) @ field.d_angle
         right = np.concatenate((drive * field.given_d_length[:, None, :], by_angle, by_base), axis=2)

@@ -1,0 +1,219 @@
+"""The friction law along one tendon and several: Capstan's closed form, bounds, and derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tdcr_fe.elements.friction import (
+    FRICTION_LAWS,
+    FrictionState,
+    NoFriction,
+    PerHoleFriction,
+    PerTendonFriction,
+    TendonLaw,
+    TendonParameters,
+    hole_states,
+)
+
+LENGTHS = np.array([[0.02, 0.03, 0.02, 0.025], [0.02, 0.03, 0.0, 0.0]])
+MASK = LENGTHS > 0.0
+
+
+def law(kind, mu=0.3, adhesion=0.0, compliance=0.0, presliding=1e-6) -> TendonLaw:
+    """Two tendons, of four and of two segments."""
+    inner = MASK[:, 1:].astype(float)
+    parameters = TendonParameters(
+        LENGTHS, MASK, mu * inner, adhesion * inner, np.array([compliance, compliance])
+    )
+    return TendonLaw(parameters, kind, presliding)
+
+
+ANGLES = np.array([[0.2, 0.1, 0.3], [0.15, 0.0, 0.0]])
+LAWS = [PerTendonFriction(), PerHoleFriction()]
+
+
+# ---------------------------------------------------------------- Capstan
+
+
+@pytest.mark.parametrize("kind", LAWS, ids=lambda k: k.kind)
+@pytest.mark.parametrize("way", [1, -1])
+def test_sliding_tendon_obeys_the_capstan_equation(kind, way):
+    """T_k+1 / T_k = exp(-+ mu theta_k), paper Eqs. 28-30; the whole tendon in or out by a millimetre."""
+    x = law(kind)
+    lengths = LENGTHS - way * 1e-3 * MASK
+    field = x.evaluate(np.array([2.0, 1.0]), lengths, ANGLES, x.initial_state())
+    expected = 2.0 * np.exp(-way * 0.3 * np.concatenate(([0.0], np.cumsum(ANGLES[0]))))
+    assert field.tension[0] == pytest.approx(expected, rel=1e-14)
+    assert field.tension[1, :2] == pytest.approx([1.0, np.exp(-way * 0.3 * 0.15)], rel=1e-14)
+    assert field.base_slip == pytest.approx(way * np.array([4e-3, 2e-3]), rel=1e-12)
+
+
+def test_slip_at_a_hole_is_what_the_segments_beyond_gave_up():
+    """Paper's rate of the tendon's length, hole by hole; the per-tendon law counts the whole tendon."""
+    given_up = np.array([[1.0, 2.0, 4.0, 8.0], [1.0, 2.0, 0.0, 0.0]])
+    assert law(PerHoleFriction()).slips(given_up)[0] == pytest.approx([14.0, 12.0, 8.0])
+    assert law(PerTendonFriction()).slips(given_up)[:, 0] == pytest.approx([15.0, 3.0])
+
+
+def test_without_friction_the_tension_is_the_same_all_along():
+    field = law(NoFriction()).evaluate(
+        np.array([2.0, 1.0]), 0.9 * LENGTHS, ANGLES, law(NoFriction()).initial_state()
+    )
+    assert np.array_equal(field.tension, np.array([[2.0] * 4, [1.0] * 4]))
+    assert not law(NoFriction()).has_friction
+
+
+def test_adhesion_drops_the_tension_by_the_same_at_every_hole():
+    x = law(PerHoleFriction(), mu=0.0, adhesion=0.1)
+    pulled = x.evaluate(np.array([2.0, 1.0]), LENGTHS - 1e-3 * MASK, ANGLES, x.initial_state())
+    assert pulled.tension[0] == pytest.approx([2.0, 1.9, 1.8, 1.7], abs=1e-14)
+    released = x.evaluate(np.array([2.0, 1.0]), LENGTHS + 1e-3 * MASK, ANGLES, x.initial_state())
+    assert released.tension[0] == pytest.approx([2.0, 2.1, 2.2, 2.3], abs=1e-14)
+
+
+def test_adhesion_never_makes_a_tendon_push():
+    x = law(PerHoleFriction(), mu=0.3, adhesion=0.8)
+    field = x.evaluate(np.array([2.0, 0.5]), LENGTHS - 1e-3 * MASK, ANGLES, x.initial_state())
+    assert np.all(field.tension >= 0.0)
+    assert field.tension[0, 3] == 0.0
+
+
+def test_a_reversal_has_to_slide_twice_the_presliding_distance():
+    """From full pull to full release; half way there the hole holds nothing back."""
+    x = law(PerHoleFriction(), presliding=1e-6)
+    tension = np.array([2.0, 1.0])
+    state = x.commit(x.evaluate(tension, LENGTHS - 1e-3 * MASK, ANGLES, x.initial_state()))
+    back = np.zeros((2, 4))
+    back[0, 3] = 1e-6
+    half = x.evaluate(tension, LENGTHS - 1e-3 * MASK + back, ANGLES, state)
+    assert half.mobilisation[0] == pytest.approx([0.0] * 3, abs=1e-7)
+    assert half.tension[0] == pytest.approx([2.0] * 4, abs=1e-7)
+    whole = x.evaluate(tension, LENGTHS - 1e-3 * MASK + 2.1 * back, ANGLES, state)
+    assert np.array_equal(whole.mobilisation[0], [-1.0] * 3)
+
+
+@pytest.mark.parametrize("compliance", [0.0, 1.0 / 400.0])
+@settings(deadline=None, max_examples=150)
+@given(
+    base=st.just(0.0) | st.floats(1e-3, 5.0),
+    changes=st.lists(st.lists(st.floats(-3e-6, 3e-6), min_size=4, max_size=4), min_size=1, max_size=5),
+)
+def test_bounds_hold_and_no_hole_creates_energy_whatever_is_done(compliance, base, changes):
+    """Ratio within exp(+- mu theta); dissipation (T_k - T_k+1) du_k summed over presliding cycles.
+
+    At a hole that slides, the tension drops in the direction in which the tendon moves.
+    """
+    x = law(PerHoleFriction(), compliance=compliance)
+    state = x.initial_state()
+    for change in changes:
+        lengths = LENGTHS + np.array(change) * MASK
+        field = x.evaluate(np.array([base, base]), lengths, ANGLES, state)
+        for i, count in ((0, 4), (1, 2)):
+            t, s = field.tension[i, :count], field.mobilisation[i, : count - 1]
+            grip = np.exp(0.3 * ANGLES[i, : count - 1])
+            assert np.all(t[1:] <= t[:-1] * grip * (1 + 1e-12))
+            assert np.all(t[1:] * grip * (1 + 1e-12) >= t[:-1])
+            moved = (field.slip - state.slip)[i, : count - 1]
+            slides = np.abs(s) >= 1.0
+            assert np.all((s * moved)[slides & (np.abs(moved) > 1e-15)] > 0.0)
+            assert np.all(((t[:-1] - t[1:]) * moved)[slides] >= -1e-18)
+        state = x.commit(field)
+
+
+def test_states_of_holes_have_names():
+    assert hole_states(np.array([1.0, 0.3, -1.0, 0.0]), 4) == ("pull", "stick", "release", "anchor")
+    assert set(FRICTION_LAWS) == {"none", "per-tendon", "per-hole"}
+
+
+# ---------------------------------------------------------------- derivatives
+
+CASES = [
+    pytest.param(kind, compliance, adhesion, id=f"{kind.kind}-{name}{'-adhesion' if adhesion else ''}")
+    for kind in LAWS
+    for compliance, name in ((0.0, "inextensible"), (1.0 / 400.0, "elastic"))
+    for adhesion in (0.0, 0.05)
+]
+
+
+def central(function, x, h):
+    """Central differences of an array function of an array, (output..., input...)."""
+    columns = []
+    for index in np.ndindex(x.shape):
+        shift = np.zeros_like(x)
+        shift[index] = h
+        columns.append((function(x + shift) - function(x - shift)) / (2 * h))
+    return np.stack(columns, axis=-1).reshape(*columns[0].shape, *x.shape)
+
+
+def own(d, tendons=2):
+    """Of (m, n, m, k), what a tendon does to itself; what it does to another must vanish."""
+    for i in range(tendons):
+        for j in range(tendons):
+            if i != j:
+                assert np.max(np.abs(d[i, :, j])) < 1e-6
+    return np.stack([d[i, :, i] for i in range(tendons)])
+
+
+@pytest.mark.parametrize(("kind", "compliance", "adhesion"), CASES)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_tensions_for_given_mobilisations_against_differences(kind, compliance, adhesion, sign):
+    x = law(kind, compliance=compliance, adhesion=adhesion)
+    rng = np.random.default_rng(1)
+    base, lengths = np.array([2.0, 1.0]), LENGTHS * (1.0 + 1e-3 * rng.normal(size=LENGTHS.shape))
+    s = sign * rng.uniform(0.1, 0.9, size=(2, x.groups)) * x.holding
+    field, by_mobilisation = x.field(base, lengths, ANGLES, s)
+
+    def tension(base=base, angles=ANGLES, s=s):
+        return x.field(base, lengths, angles, s)[0].tension * MASK
+
+    m = MASK[:, :, None]
+    assert own(central(lambda v: tension(s=v), s, 1e-6)) == pytest.approx(by_mobilisation * m, abs=1e-8)
+    assert own(central(lambda v: tension(angles=v), ANGLES, 1e-6)) == pytest.approx(
+        field.d_angle * m, abs=1e-8
+    )
+    by_base = own(central(lambda v: tension(base=v), base, 1e-6)[..., None])[..., 0]
+    assert by_base == pytest.approx(field.d_base * MASK, abs=1e-8)
+
+
+@pytest.mark.parametrize(("kind", "compliance", "adhesion"), CASES)
+@pytest.mark.parametrize("scale", [0.2, 20.0], ids=["sticking", "sliding"])
+def test_tensions_from_the_configuration_against_differences(kind, compliance, adhesion, scale):
+    """Mobilisations change with lengths, angles and base tension; sticking and sliding holes mixed."""
+    x = law(kind, compliance=compliance, adhesion=adhesion, presliding=1e-4)
+    rng = np.random.default_rng(5)
+    base = np.array([2.0, 1.0])
+    state = FrictionState(np.zeros((2, x.groups)), 0.1 * np.ones((2, x.groups)) * x.holding)
+    # Elastic tendons give up their stretch as well: begin where that is accounted for.
+    begun = x.evaluate(base, LENGTHS, ANGLES, state)
+    state = replace(state, slip=begun.slip)
+    lengths = LENGTHS - scale * 1e-5 * rng.uniform(0.2, 1.0, size=LENGTHS.shape) * MASK
+    field = x.evaluate(base, lengths, ANGLES, state)
+
+    def tension(base=base, lengths=lengths, angles=ANGLES):
+        return x.evaluate(base, lengths * MASK, angles, state).tension * MASK
+
+    m = MASK[:, :, None]
+    size = np.max(np.abs(field.d_length)) + 1.0
+    by_length = own(central(lambda v: tension(lengths=v), lengths, 1e-9))
+    assert by_length * m == pytest.approx(field.d_length * m * MASK[:, None, :], abs=1e-5 * size)
+    assert own(central(lambda v: tension(angles=v), ANGLES, 1e-6)) == pytest.approx(
+        field.d_angle * m, abs=1e-6
+    )
+    by_base = own(central(lambda v: tension(base=v), base, 1e-6)[..., None])[..., 0]
+    assert by_base == pytest.approx(field.d_base * MASK, abs=1e-6)
+    slides = np.any(np.abs(field.mobilisation) >= 1.0)
+    assert slides == (scale > 1.0)
+
+
+def test_elastic_tendon_gives_up_its_stretch():
+    """Slip at the base of a straight tendon under T: what its EA says, L (1 - 1/(1 + T/EA))."""
+    x = law(PerHoleFriction(), mu=0.0, compliance=1.0 / 400.0)
+    field = x.evaluate(np.array([4.0, 2.0]), LENGTHS, 0.0 * ANGLES, x.initial_state())
+    assert field.base_slip == pytest.approx(
+        LENGTHS.sum(axis=1) * np.array([0.01 / 1.01, 0.005 / 1.005]), rel=1e-12
+    )

@@ -1,0 +1,114 @@
+"""Rotations and poses against scipy, the matrix exponential, and differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from tdcr_fe.elements import poses
+
+COMPONENT = st.floats(-1.7, 1.7)
+VECTOR = st.tuples(COMPONENT, COMPONENT, COMPONENT).map(np.array)
+TWIST = st.tuples(*[COMPONENT] * 6).map(np.array)
+
+
+def matrix(xi: np.ndarray) -> np.ndarray:
+    """Twist as a 4 x 4 matrix."""
+    m = np.zeros((4, 4))
+    m[:3, :3], m[:3, 3] = poses.skew(xi[3:]), xi[:3]
+    return m
+
+
+@settings(deadline=None, max_examples=60)
+@given(VECTOR, VECTOR)
+def test_skew_matrix_is_the_cross_product(a, b):
+    assert poses.skew(a) @ b == pytest.approx(np.cross(a, b), abs=1e-14)
+    assert poses.cross(a, b) == pytest.approx(np.cross(a, b), abs=1e-14)
+
+
+@settings(deadline=None, max_examples=60)
+@given(VECTOR)
+def test_euler_parameters_are_scipys_quaternions(w):
+    r = Rotation.from_rotvec(w)
+    e = poses.euler_parameters_of_rotation(r.as_matrix())
+    x, y, z, scalar = r.as_quat()
+    q = np.array([scalar, x, y, z])
+    assert min(np.linalg.norm(e - q), np.linalg.norm(e + q)) < 1e-14
+    assert poses.rotation_of_euler_parameters(e) == pytest.approx(r.as_matrix(), abs=1e-14)
+
+
+@pytest.mark.parametrize("axis", np.eye(3).tolist())
+def test_half_turns_have_euler_parameters(axis):
+    r = Rotation.from_rotvec(np.pi * np.array(axis)).as_matrix()
+    e = poses.euler_parameters_of_rotation(r)
+    assert poses.rotation_of_euler_parameters(e) == pytest.approx(r, abs=1e-15)
+
+
+@settings(deadline=None, max_examples=40)
+@given(VECTOR, VECTOR)
+def test_rate_of_euler_parameters_against_differences(a, w):
+    h = 1e-6
+    r = Rotation.from_rotvec(a)
+    e = [
+        poses.euler_parameters_of_rotation((r * Rotation.from_rotvec(x * h * w)).as_matrix())
+        for x in (-1, 0, 1)
+    ]
+    e = [x if x @ e[1] > 0 else -x for x in e]
+    assert poses.euler_rate_matrix(e[1]) @ w == pytest.approx((e[2] - e[0]) / (2 * h), abs=1e-9)
+
+
+@settings(deadline=None, max_examples=60)
+@given(TWIST, st.sampled_from([1.0, 1e-2, 1e-4, 1e-9]))
+def test_exponential_is_the_matrix_exponential(xi, scale):
+    """Whatever series or closed form is behind it."""
+    r, p = poses.exp_se3(scale * xi)
+    whole = expm(matrix(scale * xi))
+    assert r == pytest.approx(whole[:3, :3], abs=1e-14)
+    assert p == pytest.approx(whole[:3, 3], abs=1e-14 * scale + 1e-16)
+
+
+@settings(deadline=None, max_examples=60)
+@given(TWIST, st.sampled_from([1.0, 1e-2, 1e-4, 1e-9]))
+def test_logarithm_undoes_the_exponential(xi, scale):
+    assert poses.log_se3(*poses.exp_se3(scale * xi)) == pytest.approx(scale * xi, abs=1e-13)
+
+
+def test_one_large_rotation_in_a_stack_does_not_spoil_the_small_ones():
+    xi = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 2.5], [1.0, 0.0, 0.0, 0.0, 0.0, 1e-3], [1.0, 0, 0, 0, 0, 0.02]])
+    r, p = poses.exp_se3(xi)
+    for k in range(3):
+        whole = expm(matrix(xi[k]))
+        assert r[k] == pytest.approx(whole[:3, :3], abs=1e-14)
+        assert p[k] == pytest.approx(whole[:3, 3], abs=1e-13)
+
+
+@settings(deadline=None, max_examples=60)
+@given(TWIST)
+def test_adjoint_takes_a_twist_to_the_other_frame(xi):
+    """``h^-1 X h`` of the 4 x 4 matrices."""
+    h = expm(matrix(xi))
+    x = np.array([0.3, -0.2, 0.5, 0.7, 0.1, -0.4])
+    moved = np.linalg.inv(h) @ matrix(x) @ h
+    assert matrix(poses.adjoint_inverse(h[:3, :3], h[:3, 3]) @ x) == pytest.approx(moved, abs=1e-12)
+
+
+@settings(deadline=None, max_examples=40)
+@given(TWIST, TWIST, st.sampled_from([(0.28, 1e-9), (0.85, 1e-6)]))
+def test_inverse_tangent_against_differences(xi, change, case):
+    """``d log(h exp(dx)) = T dx``; rotations up to half a radian, and up to one and a half."""
+    size, tolerance = case
+    xi = size * xi / max(np.linalg.norm(xi[3:]), 1.0)
+    h = 1e-5
+    base = expm(matrix(xi))
+
+    def log(x):
+        moved = base @ expm(matrix(x * change))
+        return poses.log_se3(moved[:3, :3], moved[:3, 3])
+
+    assert poses.inverse_tangent_se3(xi) @ change == pytest.approx(
+        (log(h) - log(-h)) / (2 * h), abs=tolerance
+    )
