@@ -1,6 +1,8 @@
 """Every example of the documentation runs, and asserts a number; what pages show of output is what comes out."""
 
+import argparse
 import ast
+import importlib
 import re
 import runpy
 import shlex
@@ -23,6 +25,16 @@ def test_every_page_that_is_linked_is_there():
         for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8")):
             if "://" not in target:
                 assert (page.parent / target).exists(), f"{page.name} points to {target}"
+
+
+def test_readme_has_a_row_for_every_command():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `tdcr-fe (\w+)", readme, re.MULTILINE)
+    places = [place.partition(":") for place in cli.COMMANDS]
+    commands = argparse.ArgumentParser().add_subparsers()
+    for module, _, function in places:
+        getattr(importlib.import_module(module), function)(commands)
+    assert sorted(rows) == sorted(commands.choices)
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
