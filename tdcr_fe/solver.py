@@ -247,6 +247,8 @@ class StrainSpaceSolver:
         total = np.concatenate((positions, parameters), axis=1)
         self._coordinates[self._beam] = total - self._beam_reference
         self._reduction.set_poses(rotations, parameters)
+        #: Whether scene and forces are those of the present unknowns.
+        self._current = False
 
     def _write_scene(self) -> None:
         self.mbs.systemData.SetODE2Coordinates(self._coordinates)
@@ -308,7 +310,8 @@ class StrainSpaceSolver:
 
     def finish(self) -> None:
         """Leave the solved state in the scene, as current and as initial configuration."""
-        self._update_forces()
+        if not self._current:
+            self._update_forces()
         data = self.mbs.systemData
         data.SetODE2Coordinates(self._coordinates, exu.ConfigurationType.Initial)
         if self._na:
@@ -327,6 +330,7 @@ class StrainSpaceSolver:
         ):
             robot.update_mixed(p, r, tension, self._mobilisation[i], twists)
             robot.apply()
+        self._current = True
 
     def _residual(self) -> Array:
         """Exudyn's residual with the beam nodes in body-frame wrenches."""
