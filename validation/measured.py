@@ -172,7 +172,13 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
     folder = Path(folder)
     problems: list[Problem] = []
     if not folder.is_dir():
-        raise InputError([Problem(str(folder), "", "", "no such folder; must hold robot.toml, loading.csv, observations.csv")])
+        raise InputError(
+            [
+                Problem(
+                    str(folder), "", "", "no such folder; must hold robot.toml, loading.csv, observations.csv"
+                )
+            ]
+        )
     robot, model = None, Model()
     try:
         robot = read_robot(folder / "robot.toml")
@@ -191,15 +197,21 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
     step_ids, steps, branches = _loading(loading, robot, file, problems)
     file = str(folder / "observations.csv")
     missing = [c for c in OBSERVATION_COLUMNS if c not in observed.columns]
-    problems += [Problem(file, c, "", f"missing column; must have {', '.join(OBSERVATION_COLUMNS)}") for c in missing]
+    problems += [
+        Problem(file, c, "", f"missing column; must have {', '.join(OBSERVATION_COLUMNS)}") for c in missing
+    ]
     if problems:
         raise InputError(problems)
     readings, bad = _observations(observed, robot, set(step_ids), file)
     if bad and (strict or not readings):
-        raise InputError([Problem(b.file, f"line {b.line}, {b.column}", b.value or "empty", b.allowed) for b in bad])
+        raise InputError(
+            [Problem(b.file, f"line {b.line}, {b.column}", b.value or "empty", b.allowed) for b in bad]
+        )
     if not readings:
         raise InputError([Problem(file, "", "", "has no readings")])
-    names = [n for n in ("robot.toml", "model.toml", "loading.csv", "observations.csv") if (folder / n).exists()]
+    names = [
+        n for n in ("robot.toml", "model.toml", "loading.csv", "observations.csv") if (folder / n).exists()
+    ]
     return MeasuredData(
         folder.resolve().name,
         robot,
@@ -266,7 +278,12 @@ def _loading(
     for name in tendons:
         if {f"tension_{name}", f"displacement_{name}"} <= set(table.columns):
             problems.append(
-                Problem(file, f"displacement_{name}", "", "the tendon has a tension too; one of the two is allowed")
+                Problem(
+                    file,
+                    f"displacement_{name}",
+                    "",
+                    "the tendon has a tension too; one of the two is allowed",
+                )
             )
     forces = [c for c in ("force_x", "force_y", "force_z") if c in table.columns]
     if 0 < len(forces) < 3:
@@ -282,7 +299,7 @@ def _loading(
     for row in table.to_dict("records"):
         line = row["line"]
 
-        def refuse(column: str, allowed: str, row: Mapping[str, object] = row, line: int = line) -> None:
+        def refuse(column: str, allowed: str, row: Mapping[Any, Any] = row, line: int = line) -> None:
             problems.append(Problem(file, f"line {line}, {column}", str(row[column]) or "empty", allowed))
 
         number = _whole(row["step"])
@@ -301,7 +318,11 @@ def _loading(
             elif column.startswith("tension_") and value < 0.0:
                 refuse(column, "a tension must be zero or more [N]")
             elif column.startswith("displacement_") and abs(value) > length:
-                refuse(column, f"more than the robot's length of {length:g} m; must be in m" + _millimetres(value, length))
+                refuse(
+                    column,
+                    f"more than the robot's length of {length:g} m; must be in m"
+                    + _millimetres(value, length),
+                )
         if "time" in values:
             if values["time"] < last:
                 refuse("time", f"must not be before the step before, at {last:g} s")
@@ -316,7 +337,9 @@ def _loading(
             LoadStep(
                 label=str(number),
                 tensions={n: values[f"tension_{n}"] for n in tendons if f"tension_{n}" in values},
-                displacements={n: values[f"displacement_{n}"] for n in tendons if f"displacement_{n}" in values},
+                displacements={
+                    n: values[f"displacement_{n}"] for n in tendons if f"displacement_{n}" in values
+                },
                 loads=loads,
                 time=values.get("time"),
             )
@@ -342,7 +365,10 @@ def _observations(
             place = reading.location
             key = (reading.step, reading.quantity, round(place, 7) if isinstance(place, float) else place)
             if key in seen:
-                fault = ("step", f"the same quantity at the same place and step stands in line {seen[key]}; that one is kept")
+                fault = (
+                    "step",
+                    f"the same quantity at the same place and step stands in line {seen[key]}; that one is kept",
+                )
             else:
                 seen[key] = line
                 readings.append(reading)
@@ -352,7 +378,7 @@ def _observations(
 
 
 def _reading(
-    row: Mapping[str, str], robot: Robot, steps: set[int], line: int
+    row: Mapping[Any, Any], robot: Robot, steps: set[int], line: int
 ) -> tuple[tuple[str, str] | None, Reading | None]:
     """A reading, or the column and what is allowed there."""
     length = robot.backbone.length
@@ -387,7 +413,10 @@ def _reading(
             fits = math.radians(abs(value)) <= limit
             hint = f"; {math.radians(value):.4g} would fit, are these degrees?" if fits else ""
             return ("value", f"must be an angle from 0 to pi rad{hint}"), None
-        return ("value", f"out of the reach of a robot of {length:g} m; must be in m{_millimetres(value, limit)}"), None
+        return (
+            "value",
+            f"out of the reach of a robot of {length:g} m; must be in m{_millimetres(value, limit)}",
+        ), None
     if unit == "rad" and value < -0.2:
         return ("value", f"{quantity} is an angle from the z axis, from 0 to pi rad"), None
     sigma: float | None = None
@@ -427,7 +456,13 @@ def loading_table(data: MeasuredData) -> pd.DataFrame:
 def observations_table(readings: Iterable[Reading]) -> pd.DataFrame:
     """Readings as ``observations.csv`` has them."""
     rows = [
-        (r.step, r.quantity, "" if r.location is None else r.location, r.value, "" if r.sigma is None else r.sigma)
+        (
+            r.step,
+            r.quantity,
+            "" if r.location is None else r.location,
+            r.value,
+            "" if r.sigma is None else r.sigma,
+        )
         for r in readings
     ]
     return pd.DataFrame(rows, columns=list(OBSERVATION_COLUMNS))

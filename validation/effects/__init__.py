@@ -7,7 +7,13 @@ from collections.abc import Mapping
 from tdcr_fe.validation.effects.actuation import ActuatorBacklash, ActuatorGain, ActuatorLoss
 from tdcr_fe.validation.effects.contract import Effect, Observation, Parameter, Reach, Setup
 from tdcr_fe.validation.effects.loads import Gravity, TipPayload
-from tdcr_fe.validation.effects.material import Creep, Precurvature, RigidDisks, StiffnessScale, SuperelasticBackbone
+from tdcr_fe.validation.effects.material import (
+    Creep,
+    Precurvature,
+    RigidDisks,
+    StiffnessScale,
+    SuperelasticBackbone,
+)
 from tdcr_fe.validation.effects.observing import FrameMisalignment, MarkerOffset
 from tdcr_fe.validation.effects.tendons import (
     FrictionCoefficient,

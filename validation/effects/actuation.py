@@ -61,7 +61,7 @@ def tension_that_arrives(commands: Iterable[float], dead_band: float, efficiency
 
 
 def displacement_that_arrives(commands: Iterable[float], backlash: float) -> list[float]:
-    """Play operator of lost motion: ``backlash`` [m] is lost at the start, in either direction, and at every reversal."""
+    """Play operator of lost motion: ``backlash`` [m] is lost at the start, either way, and at every reversal."""
     arrived, result = 0.0, []
     low, high = -backlash, backlash  # at the start the play is open to both sides
     for d in commands:
@@ -114,7 +114,8 @@ class ActuatorBacklash(Effect):
         return replace(
             setup,
             steps=transform_inputs(
-                setup.steps, displacement=lambda commands: displacement_that_arrives(commands, values["backlash"])
+                setup.steps,
+                displacement=lambda commands: displacement_that_arrives(commands, values["backlash"]),
             ),
         )
 
@@ -153,6 +154,8 @@ class ActuatorLoss(Effect):
             setup,
             steps=transform_inputs(
                 setup.steps,
-                tension=lambda commands: tension_that_arrives(commands, values["dead_band"], values["efficiency"]),
+                tension=lambda commands: tension_that_arrives(
+                    commands, values["dead_band"], values["efficiency"]
+                ),
             ),
         )

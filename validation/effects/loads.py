@@ -32,7 +32,9 @@ class TipPayload(Effect):
     """An undeclared mass at the tip."""
 
     name = "tip_payload"
-    sentence = "Something sits at the tip that was not declared: a camera, a marker, a screw, the knot of a tendon."
+    sentence = (
+        "Something sits at the tip that was not declared: a camera, a marker, a screw, the knot of a tendon."
+    )
     experiment = "weigh what is at the tip, or hang a known weight there and compare"
     parameters = (Parameter("mass", "kg", 0.0, 10.0, 0.0, 5e-4, "mass at the tip besides the declared one"),)
 

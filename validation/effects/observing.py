@@ -17,7 +17,8 @@ class FrameMisalignment(Effect):
     sentence = "Camera or tracker are turned against the base plate, so that every position is rotated about the base."
     experiment = "measure three points of the base plate itself"
     parameters = tuple(
-        Parameter(f"rot_{axis}", "rad", -0.6, 0.6, 0.0, 5e-3, f"rotation vector, component {axis}") for axis in "xyz"
+        Parameter(f"rot_{axis}", "rad", -0.6, 0.6, 0.0, 5e-3, f"rotation vector, component {axis}")
+        for axis in "xyz"
     )
 
     def apply(self, setup: Setup, values: Values) -> Setup:
@@ -32,10 +33,13 @@ class MarkerOffset(Effect):
     """Markers sit off the backbone."""
 
     name = "marker_offset"
-    sentence = "Markers are glued to the side of the disks, so that what is measured is not the backbone's axis."
+    sentence = (
+        "Markers are glued to the side of the disks, so that what is measured is not the backbone's axis."
+    )
     experiment = "measure two markers on opposite sides of one disk"
     parameters = tuple(
-        Parameter(f"offset_{axis}", "m", -0.05, 0.05, 0.0, 2e-4, f"along the section's {axis} axis") for axis in "xy"
+        Parameter(f"offset_{axis}", "m", -0.05, 0.05, 0.0, 2e-4, f"along the section's {axis} axis")
+        for axis in "xy"
     )
 
     def apply(self, setup: Setup, values: Values) -> Setup:

@@ -49,7 +49,9 @@ class HoleAdhesion(Effect):
     """A tension drop at every hole that does not grow with the tension."""
 
     name = "hole_adhesion"
-    sentence = "Every hole takes a fixed piece of tension: a tight fit, dirt, a sheath that pinches, glue that ran."
+    sentence = (
+        "Every hole takes a fixed piece of tension: a tight fit, dirt, a sheath that pinches, glue that ran."
+    )
     experiment = "measure the tension at the far end of a tendon in the straight robot, at several tensions"
     parameters = (Parameter("drop", "N", 0.0, 10.0, 0.0, 5e-3, "tension that one hole takes"),)
 
@@ -71,7 +73,9 @@ class RoutingTwist(Effect):
     """Holes rotated about the backbone, growing linearly with arc length."""
 
     name = "routing_twist"
-    sentence = "Disks were mounted turned against each other, or the backbone was twisted when they were fixed."
+    sentence = (
+        "Disks were mounted turned against each other, or the backbone was twisted when they were fixed."
+    )
     experiment = "look along the straight robot and measure the angle of the tip disk against the base"
     parameters = (Parameter("angle_tip", "rad", -6.3, 6.3, 0.0, 0.03, "rotation of the holes at the tip"),)
 
@@ -96,7 +100,10 @@ class HoleClearance(Effect):
     def bounds(self, setup: Setup) -> dict[str, tuple[float, float]]:
         """At most half of the smallest offset."""
         offsets = [
-            math.hypot(x, y) for t in setup.robot.tendons for x, y in setup.robot.holes(t) if math.hypot(x, y) > 0.0
+            math.hypot(x, y)
+            for t in setup.robot.tendons
+            for x, y in setup.robot.holes(t)
+            if math.hypot(x, y) > 0.0
         ]
         return {"clearance": (0.0, min(5e-3, 0.5 * min(offsets, default=1e-2)))}
 
@@ -114,7 +121,10 @@ class TendonStretch(Effect):
     """Elastic tendons."""
 
     name = "tendon_stretch"
-    sentence = "Tendons stretch, so that what is pulled in at the base does not all arrive: thin steel rope, nylon, aramid."
+    sentence = (
+        "Tendons stretch, so that what is pulled in at the base does not all arrive: "
+        "thin steel rope, nylon, aramid."
+    )
     experiment = "hold the robot straight by hand, pull, and measure displacement over tension"
     parameters = (
         Parameter("axial_stiffness", "N", 1.0, math.inf, math.inf, 1e-3, "EA of the tendons", inverse=True),
