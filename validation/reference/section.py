@@ -16,7 +16,7 @@ and :math:`r` the plateau ratio, so that the slope is :math:`EI (r + (1 - r) / (
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +120,10 @@ class Section:
     def take(self, index: NDArray[np.intp]) -> Section:
         """The law of some of the intervals."""
         return Section(self.stiffness[index], self.rest, self.rigid[index], self.superelastic, self.radius)
+
+    def softened(self, factor: float) -> Section:
+        """The law with the compliance in bending and torsion grown by a factor [1]."""
+        return replace(self, stiffness=self.stiffness / np.array([factor, factor, factor, 1.0, 1.0, 1.0]))
 
     def strain(self, wrench: Array) -> tuple[Array, Array]:
         """Strain, shape (n, 6), and its derivative with respect to the wrench, shape (n, 6, 6)."""

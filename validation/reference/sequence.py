@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tdcr_fe.loading import Actuation, Load, LoadStep, Model, resolve
 from tdcr_fe.results import SequenceResult, StepResult
 from tdcr_fe.robot import Robot
+from tdcr_fe.validation.reference.extras import Extras
 from tdcr_fe.validation.reference.rod import Rod
 from tdcr_fe.validation.reference.settings import ReferenceSettings
 from tdcr_fe.validation.reference.statics import Attempt, State, Statics
@@ -46,6 +47,11 @@ class _Ramp:
     end: Array
     old: Mapping[str, Load]
     new: Mapping[str, Load]
+    times: tuple[float, float]
+
+    def time(self, share: float) -> float:
+        """Time at a share 0..1 of the step [s]."""
+        return (1.0 - share) * self.times[0] + share * self.times[1]
 
     def driver(self, share: float) -> Driver:
         """What the actuators impose at a share 0..1 of the step."""
@@ -60,12 +66,17 @@ class _Ramp:
 
 
 def solve_reference(
-    robot: Robot, model: Model, steps: Sequence[LoadStep], *, settings: ReferenceSettings | None = None
+    robot: Robot,
+    model: Model,
+    steps: Sequence[LoadStep],
+    *,
+    settings: ReferenceSettings | None = None,
+    extras: Extras | None = None,
 ) -> SequenceResult:
     """Solve a loading sequence by multiple shooting on the Cosserat equations.
 
     The first load step starts from the unloaded robot; gravity acts in full from its first substep on. Within
-    a load step tensions, displacements and concentrated loads change linearly, and the friction
+    a load step tensions, displacements, concentrated loads and time change linearly, and the friction
     history is committed after every substep. Where several equilibria exist, small load steps stay on the
     branch that starts at the unloaded robot.
 
@@ -81,6 +92,8 @@ def solve_reference(
         The loading sequence.
     settings
         Numerical settings; None takes the defaults.
+    extras
+        What the robot has beyond its description.
 
     Returns
     -------
@@ -99,7 +112,7 @@ def solve_reference(
     clock = time.perf_counter()
     actuations = resolve(robot, steps)
     points = sorted({min(load.at, robot.backbone.length) for a in actuations for load in a.loads.values()})
-    statics = Statics(robot, model, points, settings)
+    statics = Statics(robot, model, points, settings, extras)
     sampler = _Sampler(statics)
     history = statics.tendons.start()
     progress = _Progress(statics.rest, history, np.zeros(len(statics.tendons.holes)))
@@ -153,7 +166,10 @@ def _ramp(statics: Statics, before: Actuation | None, now: Actuation, state: Sta
     old_values = np.zeros(tendons.count) if before is None else before.values
     begin = np.where(now.by_displacement, pulled, tension)
     begin = np.where(old_modes == now.by_displacement, old_values, begin)
-    return _Ramp(now.by_displacement, begin, now.values, {} if before is None else before.loads, now.loads)
+    times = (0.0 if before is None else before.time, now.time)
+    return _Ramp(
+        now.by_displacement, begin, now.values, {} if before is None else before.loads, now.loads, times
+    )
 
 
 def _advance(
@@ -180,6 +196,8 @@ def _attempts(statics: Statics, progress: _Progress, ramp: _Ramp, share: float) 
     """Newton from the last state; with friction, then by way of larger presliding distances."""
     forces, driver = statics.forces(ramp.loads(share)), ramp.driver(share)
     delta, history = statics.settings.presliding, progress.history
+    if statics.robot.backbone.creep_rate != 0.0:
+        statics.set_compliance_factor(statics.robot.backbone.compliance_factor(ramp.time(share)))
     start = progress.state.unknowns
     yield statics.solve(start, forces, driver, history, delta)
     if statics.tendons.n_friction:
@@ -288,7 +306,7 @@ class _Sampler:
         if len(self.extra):
             starts = layout.s[self.interval]
             self.rod = Rod(
-                layout.section.take(self.interval),
+                statics.section.take(self.interval),
                 starts,
                 self.extra - starts,
                 statics.max_step,
@@ -301,6 +319,7 @@ class _Sampler:
         positions, rotations = state.positions[self.stations], state.rotations[self.stations]
         if len(self.extra):
             at = self.interval
+            self.rod.section = self.statics.section.take(at)
             weight = None
             if self.statics.heavy:
                 weight = np.einsum("nji,j->ni", state.rotations[at], self.statics.weight)

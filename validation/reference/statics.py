@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tdcr_fe.loading import Load, Model
 from tdcr_fe.robot import Robot
 from tdcr_fe.validation.reference.complementarity import natural_residual, solve_box
+from tdcr_fe.validation.reference.extras import Extras
 from tdcr_fe.validation.reference.layout import Layout, lay_out
 from tdcr_fe.validation.reference.lie import adjoint, hat
 from tdcr_fe.validation.reference.rod import Flow, Rod
@@ -101,17 +102,31 @@ class Statics:
         Arc lengths where concentrated loads will act [m].
     settings
         Numerical settings.
+    extras
+        What the robot has beyond its description.
     """
 
     def __init__(
-        self, robot: Robot, model: Model, load_points: list[float], settings: ReferenceSettings
+        self,
+        robot: Robot,
+        model: Model,
+        load_points: list[float],
+        settings: ReferenceSettings,
+        extras: Extras | None = None,
     ) -> None:
+        extras = extras or Extras()
         if model.tendon_path == "continuous" and model.friction != "none":
             raise ValueError(
                 f"friction {model.friction!r} with tendon_path 'continuous'; only 'none' goes with it"
             )
+        if model.tendon_path == "continuous" and any(t.clearance > 0.0 for t in robot.tendons):
+            raise ValueError("clearance of holes with tendon_path 'continuous'; only 'straight' goes with it")
+        if extras.holes and (model.tendon_path == "continuous" or model.friction != "per-hole"):
+            raise ValueError("holes that differ need tendon_path 'straight' and friction 'per-hole'")
         self.robot, self.model, self.settings = robot, model, settings
-        self.layout: Layout = lay_out(robot, load_points, settings.max_interval)
+        self.layout: Layout = lay_out(
+            robot, [*load_points, *(s.at for s in extras.springs)], settings.max_interval
+        )
         backbone = robot.backbone
         self.gravity = np.asarray(model.gravity, dtype=float)
         self.weight = self.layout.mass_per_length * self.gravity
@@ -126,7 +141,10 @@ class Statics:
             self.heavy,
             robot if self.continuous else None,
         )
-        self.tendons = Tendons(robot, model, self.layout)
+        #: Law of the intervals now, creep included.
+        self.section = self.layout.section
+        self.tendons = Tendons(robot, model, self.layout, extras.holes)
+        self.springs: list[tuple[int, Array, Array]] = []
         n = len(self.layout.lengths)
         self.n, self.width = n, 9 if self.heavy else 6
         self.rod_size = n * self.width
@@ -140,6 +158,11 @@ class Statics:
         self._before = np.tri(n + 1, n, -1, dtype=bool)[:, None, :, None]
         rest = self.evaluate(np.zeros(self.size), self.no_forces(), None)[0]
         self.tendons.rest = rest.lengths
+        for spring in extras.springs:
+            at = self.layout.station(spring.at)
+            if at == 0:
+                raise ValueError(f"a spring at {spring.at:g} m; the base does not move")
+            self.springs.append((at, np.array(spring.stiffness), rest.positions[at].copy()))
         #: The unloaded state, without weight; its unknowns are a start with weight.
         self.rest = replace(rest, unknowns=self._weights(), residual=0.0)
 
@@ -149,6 +172,11 @@ class Statics:
         if self.heavy:
             x[: self.rod_size].reshape(self.n, 9)[:, 6:] = self.weight
         return x
+
+    def set_compliance_factor(self, factor: float) -> None:
+        """Make the backbone softer in bending and torsion by a factor on its compliance [1]."""
+        self.section = self.layout.section.softened(factor)
+        self.rod.section = self.section
 
     def no_forces(self) -> Forces:
         """No concentrated loads, and no weight of the disks."""
@@ -210,6 +238,13 @@ class Statics:
         for i in np.flatnonzero(np.any(forces.world[1:] != 0.0, axis=1)):
             rows[i, :3, :m] -= back[i] @ hat(moment[i]) @ turn[i + 1]
             rows[i, 3:6, :m] -= back[i] @ hat(force[i]) @ turn[i + 1]
+        for at, stiffness, home in self.springs:
+            pull = stiffness * (home - positions[at])
+            rod[at - 1, 3:6] -= back[at - 1] @ pull
+            by_twist = np.concatenate(
+                (hat(pull) + stiffness[:, None] * hat(positions[at]), -np.diag(stiffness)), 1
+            )
+            rows[at - 1, 3:6, :m] -= back[at - 1] @ by_twist @ twists[at]
         if self.heavy:
             forth = np.swapaxes(rotations[:-1], 1, 2)
             rod[:, 6:] = z[:, 6:] - (forth @ self.weight[:, None])[..., 0]
@@ -283,12 +318,14 @@ class Statics:
         tendons, m = self.tendons, turn.shape[2]
         pulled = tension[:, None] * segments.directions
         d_pulled = tension[:, None, None] * segments.d_directions
-        ends = ((tendons.head, tendons.head_hole, -1.0), (tendons.tail, tendons.tail_hole, 1.0))
-        for at, hole, sign in ends:
+        tails, heads = segments.ends
+        for at, (hole, d_hole), sign in ((tendons.head, heads, -1.0), (tendons.tail, tails, 1.0)):
             down = np.swapaxes(rotations[at], 1, 2)
             arm = sign * np.concatenate((hat(hole) @ down, down), axis=1)
             local = (arm @ pulled[:, :, None])[..., 0]
             by_rod = arm @ (d_pulled + hat(pulled) @ turn[at])
+            if d_hole is not None:
+                by_rod[:, :3] -= sign * hat((down @ pulled[:, :, None])[..., 0]) @ d_hole
             by_tension = (arm @ segments.directions[:, :, None])[..., 0]
             for first, last in zip(tendons.first, tendons.last, strict=True):
                 # the first tail is the base plate, which is held
@@ -299,9 +336,7 @@ class Statics:
 
     def _longest_share(self, step: Array) -> float:
         """Share of a Newton step that turns no interval by more than a radian, to keep integration sane."""
-        change = (
-            step[: self.rod_size].reshape(self.n, self.width)[:, :3] / self.layout.section.stiffness[:, :3]
-        )
+        change = step[: self.rod_size].reshape(self.n, self.width)[:, :3] / self.section.stiffness[:, :3]
         turn = np.linalg.norm(change, axis=1) * self.layout.lengths * ~self.layout.section.rigid
         return min(1.0, 1.0 / max(float(np.max(turn)), 1e-12))
 

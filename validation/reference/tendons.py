@@ -9,8 +9,12 @@ from numpy.typing import NDArray
 
 from tdcr_fe.loading import Model
 from tdcr_fe.robot import Robot, Tendon
+from tdcr_fe.validation.reference.extras import HoleFriction
 from tdcr_fe.validation.reference.layout import Layout
 from tdcr_fe.validation.reference.lie import hat
+
+#: Turn of a tendon at which it has shifted by 0.7 of its clearance [rad].
+CLEARANCE_ANGLE = 0.01
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -98,9 +102,13 @@ class Tendons:
     ----------
     robot, model, layout
         What is modelled, and the stations.
+    special
+        Holes that differ from their tendon.
     """
 
-    def __init__(self, robot: Robot, model: Model, layout: Layout) -> None:
+    def __init__(
+        self, robot: Robot, model: Model, layout: Layout, special: tuple[HoleFriction, ...] = ()
+    ) -> None:
         self.count = len(robot.tendons)
         self.continuous = model.tendon_path == "continuous"
         first, last, tail, head, tail_hole, head_hole = [], [], [], [], [], []
@@ -138,8 +146,15 @@ class Tendons:
         self.holes = np.array(holes, dtype=np.intp)
         self.mu = np.array(mu)
         self.adhesion = np.array(adhesion)
+        for hole in special:
+            i = robot.tendon_names.index(hole.tendon)
+            index = np.flatnonzero(np.array(owner) == i)[hole.hole - 1]
+            self.mu[index], self.adhesion[index] = hole.mu, hole.adhesion
         stiffness = [np.inf if t.axial_stiffness is None else t.axial_stiffness for t in robot.tendons]
         counts = self.last - self.first
+        #: Of the tendon of every segment [m].
+        self.clearance = np.repeat(np.array([*(t.clearance for t in robot.tendons), 0.0]), [*counts, 0])
+        self.loose = not self.continuous and bool(np.any(self.clearance > 0.0))
         self.flexibility = np.repeat(1.0 / np.array([*stiffness, np.inf]), [*counts, 0])
         self._friction(model, np.array(owner, dtype=np.intp))
 
@@ -278,6 +293,9 @@ class Segments:
     angles : ndarray, shape (n_holes,)
         Turning angles at the holes [rad].
     d_lengths, d_directions, d_angles : ndarray, shapes (n, z), (n, 3, z), (n_holes, z)
+    ends : ((ndarray, ndarray or None), ...)
+        Of tails and of heads: where they sit in their section frames [m], (n, 3), and its derivative
+        (n, 3, z), None where tendons have no clearance.
     """
 
     lengths: Array
@@ -286,6 +304,64 @@ class Segments:
     d_lengths: Array
     d_directions: Array
     d_angles: Array
+    ends: tuple[tuple[Array, Array | None], tuple[Array, Array | None]]
+
+
+def _shifted(
+    tendons: Tendons, rotations: Array, positions: Array, twists: Array
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    r"""Where tendons sit in oversized holes, with derivatives; tails first, then heads.
+
+    With the unit vectors t between the middles of neighbouring holes, a tendon pulls at a hole along
+    :math:`b = t_{after} - t_{before}` (below the base plate it runs straight down). In the plane of the disk
+    it is shifted by :math:`c\, b / \sqrt{|b|^2 + \alpha^2}`, with the clearance c and
+    :math:`\alpha` = `CLEARANCE_ANGLE`. The anchor does not let it shift.
+    """
+    _, t, _, d_t = _edges(
+        tendons, rotations, positions, twists, ((tendons.tail_hole, None), (tendons.head_hole, None))
+    )
+    first, inner = tendons.first, np.ones(tendons.size, dtype=bool)
+    inner[first] = False
+    later = np.flatnonzero(inner)
+    b, d_b = t.copy(), d_t.copy()
+    b[first] -= np.array([0.0, 0.0, 1.0])
+    b[later] -= t[later - 1]
+    d_b[later] -= d_t[later - 1]
+    down = np.swapaxes(rotations[tendons.tail], 1, 2)
+    local = (down @ b[:, :, None])[..., 0]
+    d_local = down @ (d_b + hat(b) @ twists[tendons.tail][:, :3])
+    local[:, 2] = d_local[:, 2] = 0.0
+    size = np.sqrt(np.einsum("ki,ki->k", local, local) + CLEARANCE_ANGLE**2)
+    unit = local / size[:, None]
+    shift = tendons.clearance[:, None] * unit
+    across = np.eye(3) - unit[:, :, None] * unit[:, None, :]
+    d_shift = (tendons.clearance / size)[:, None, None] * (across @ d_local)
+    head, d_head = np.zeros_like(shift), np.zeros_like(d_shift)
+    head[later - 1], d_head[later - 1] = shift[later], d_shift[later]
+    return (tendons.tail_hole + shift, d_shift), (tendons.head_hole + head, d_head)
+
+
+def _edges(
+    tendons: Tendons,
+    rotations: Array,
+    positions: Array,
+    twists: Array,
+    holes: tuple[tuple[Array, Array | None], tuple[Array, Array | None]],
+) -> tuple[Array, Array, Array, Array]:
+    """Lengths [m], unit vectors and the derivatives of both, of the lines between tails and heads."""
+    ends, moves = [], []
+    for at, (hole, d_hole) in zip((tendons.tail, tendons.head), holes, strict=True):
+        point = positions[at] + (rotations[at] @ hole[:, :, None])[..., 0]
+        lever = np.concatenate((-hat(point), np.broadcast_to(np.eye(3), (len(at), 3, 3))), axis=-1)
+        move = lever @ twists[at]
+        ends.append(point)
+        moves.append(move if d_hole is None else move + rotations[at] @ d_hole)
+    edge, d_edge = ends[1] - ends[0], moves[1] - moves[0]
+    lengths = np.sqrt(np.einsum("ki,ki->k", edge, edge))
+    t = edge / lengths[:, None]
+    d_lengths = (t[:, None, :] @ d_edge)[:, 0]
+    d_t = (d_edge - t[:, :, None] * d_lengths[:, None, :]) / lengths[:, None, None]
+    return lengths, t, d_lengths, d_t
 
 
 def straight_segments(tendons: Tendons, rotations: Array, positions: Array, twists: Array) -> Segments:
@@ -300,17 +376,13 @@ def straight_segments(tendons: Tendons, rotations: Array, positions: Array, twis
     twists
         Spatial twists of the stations by the unknowns, (n + 1, 6, z).
     """
-    ends, moves = [], []
-    for at, hole in ((tendons.tail, tendons.tail_hole), (tendons.head, tendons.head_hole)):
-        point = positions[at] + (rotations[at] @ hole[:, :, None])[..., 0]
-        lever = np.concatenate((-hat(point), np.broadcast_to(np.eye(3), (len(at), 3, 3))), axis=-1)
-        ends.append(point)
-        moves.append(lever @ twists[at])
-    edge, d_edge = ends[1] - ends[0], moves[1] - moves[0]
-    lengths = np.sqrt(np.einsum("ki,ki->k", edge, edge))
-    t = edge / lengths[:, None]
-    d_lengths = (t[:, None, :] @ d_edge)[:, 0]
-    d_t = (d_edge - t[:, :, None] * d_lengths[:, None, :]) / lengths[:, None, None]
+    if tendons.loose:
+        holes: tuple[tuple[Array, Array | None], tuple[Array, Array | None]] = _shifted(
+            tendons, rotations, positions, twists
+        )
+    else:
+        holes = (tendons.tail_hole, None), (tendons.head_hole, None)
+    lengths, t, d_lengths, d_t = _edges(tendons, rotations, positions, twists, holes)
     before, after = t[tendons.holes], t[tendons.holes + 1]
     sine = np.linalg.norm(np.cross(before, after), axis=1)
     cosine = np.einsum("ki,ki->k", before, after)
@@ -320,4 +392,4 @@ def straight_segments(tendons: Tendons, rotations: Array, positions: Array, twis
     to_before = (before - cosine[:, None] * after) / safe
     d_angles = -(to_before[:, None, :] @ d_t[tendons.holes + 1])[:, 0]
     d_angles -= (to_after[:, None, :] @ d_t[tendons.holes])[:, 0]
-    return Segments(lengths, t, angles, d_lengths, d_t, d_angles)
+    return Segments(lengths, t, angles, d_lengths, d_t, d_angles, holes)

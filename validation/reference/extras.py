@@ -1,0 +1,58 @@
+"""What a robot may have beyond its description: springs to ground, single holes that differ; for blind data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A linear spring between a place of the backbone and ground, without force in the unloaded state.
+
+    Attributes
+    ----------
+    at : float
+        Arc length [m].
+    stiffness : (float, float, float)
+        Along the world's axes [N/m].
+    """
+
+    at: float
+    stiffness: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class HoleFriction:
+    """One hole with its own friction; with an adhesion above every tension it never lets the tendon pass.
+
+    Attributes
+    ----------
+    tendon : str
+        Name of the tendon.
+    hole : int
+        Number among the holes between base plate and anchor, 1 at the first disk.
+    mu : float
+        Friction coefficient there [1].
+    adhesion : float
+        Drop of tension there [N].
+    """
+
+    tendon: str
+    hole: int
+    mu: float = 0.0
+    adhesion: float = 0.0
+
+
+@dataclass(frozen=True)
+class Extras:
+    """Everything beyond the description.
+
+    Attributes
+    ----------
+    springs : tuple of Spring
+    holes : tuple of HoleFriction
+        Straight tendon segments and friction per hole only.
+    """
+
+    springs: tuple[Spring, ...] = ()
+    holes: tuple[HoleFriction, ...] = ()
