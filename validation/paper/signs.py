@@ -1,0 +1,182 @@
+"""The algorithm of the paper's Fig. 2, taken literally: signs of the tendons' length rates found by trying.
+
+In every load step one sign is assumed for each tendon, first that all of them shorten; the step is solved with the
+friction in these directions; the change of each tendon's length is compared with its sign; and the next combination
+is tried until all agree. There are 2^m combinations for m tendons with friction. Where none agrees the algorithm has
+no answer: a tendon that would lengthen if it were assumed to shorten, and the other way round, does not move at
+all. Its holes stick, with less friction than the Capstan equation allows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.friction import FrictionState, TendonLaw
+from tdcr_fe.loading import Actuation, LoadStep, Model, resolve
+from tdcr_fe.robot import Robot
+from tdcr_fe.simulate import Simulation, SolverSettings
+
+Array = NDArray[np.float64]
+Signs = tuple[int, ...]
+
+
+class FixedSigns(TendonLaw):
+    """Capstan friction in directions that do not follow the motion: mobilisations stay as they are set."""
+
+    def __init__(self, law: TendonLaw) -> None:
+        super().__init__(law.parameters, law.law, law.presliding)
+        self.holding = np.zeros_like(self.holding)
+        self.has_friction = False
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One combination of signs, solved.
+
+    Attributes
+    ----------
+    signs : tuple of int
+        Assumed sign of the rate of each tendon's length: -1 shortens, +1 lengthens.
+    length_changes : ndarray, shape (n_tendons,)
+        Change of the tendons' lengths in the step that follows from it [m].
+    agrees : tuple of bool
+        By tendon, whether the change has the sign assumed; true for tendons that carry no tension.
+    tip : ndarray, shape (3,)
+        [m].
+    """
+
+    signs: Signs
+    length_changes: Array
+    agrees: tuple[bool, ...]
+    tip: Array
+
+    @property
+    def consistent(self) -> bool:
+        """Whether all tendons agree."""
+        return all(self.agrees)
+
+
+@dataclass(frozen=True)
+class SignStep:
+    """One load step of the algorithm.
+
+    Attributes
+    ----------
+    label : str
+    trials : tuple of Trial
+        In the order tried; the last one was taken.
+    accepted : Trial
+        The consistent one; where there is none, the one with the fewest contradictions.
+    """
+
+    label: str
+    trials: tuple[Trial, ...]
+    accepted: Trial
+
+    @property
+    def solved(self) -> bool:
+        """Whether a consistent combination was found."""
+        return self.accepted.consistent
+
+
+def trial_signs(
+    robot: Robot,
+    steps: Sequence[LoadStep],
+    settings: SolverSettings | None = None,
+    *,
+    tolerance: float = 1e-9,
+    try_all: bool = False,
+    elements_per_bay: int = 2,
+) -> list[SignStep]:
+    """Take a robot through a loading sequence with the algorithm of Fig. 2.
+
+    Parameters
+    ----------
+    robot
+        Its tendons are driven by tension.
+    steps
+        Load steps.
+    settings
+        Numerics of the solver.
+    tolerance
+        Changes of length below this agree with either sign [m].
+    try_all
+        Try all combinations, also after one was consistent (to see whether the answer is unique).
+    elements_per_bay
+        Mesh.
+
+    Returns
+    -------
+    list of SignStep
+        The state of a step that has no consistent combination is the one with the fewest contradictions, so
+        that the sequence can go on.
+    """
+    model = Model("straight", "per-tendon", elements_per_bay)
+    targets = resolve(robot, steps)
+    simulation = Simulation(robot, model, targets, settings)
+    forces = simulation.handle.actuation
+    forces.law = FixedSigns(forces.law)
+    signs = np.full(forces.count, -1)
+    result = []
+    before: Actuation | None = None
+    for step, target in zip(steps, targets, strict=True):
+        start = simulation.solver.snapshot()
+        slip = simulation.displacement.copy() if before is not None else np.zeros(forces.count)
+        # A tendon without tension rubs nowhere: its sign says nothing, and is left as it is.
+        rubs = (target.values > 0.0) | (forces.base_tension > 0.0)
+        trials: list[Trial] = []
+        consistent: Trial | None = None
+        for guess in _combinations(rubs, signs):
+            simulation.solver.restore(start)
+            _fix(forces, guess)
+            change = _solve(simulation, target, before, slip)
+            agrees = tuple(
+                bool(not r or g * c >= -tolerance) for r, g, c in zip(rubs, guess, change, strict=True)
+            )
+            trials.append(Trial(guess, change, agrees, simulation.solver.positions(0)[-1].copy()))
+            if trials[-1].consistent and consistent is None:
+                consistent = trials[-1]
+                if not try_all:
+                    break
+        taken = consistent or min(trials, key=lambda t: t.agrees.count(False))
+        if taken is not trials[-1]:
+            simulation.solver.restore(start)
+            _fix(forces, taken.signs)
+            _solve(simulation, target, before, slip)
+        signs = np.array(taken.signs)
+        before = target
+        result.append(SignStep(step.label, tuple(trials), taken))
+    return result
+
+
+def _combinations(rubs: NDArray[np.bool_], signs: NDArray[np.int_]) -> list[Signs]:
+    """All combinations of the tendons that rub; all shorten first, then those with fewest that lengthen."""
+    moving = np.flatnonzero(rubs)
+    found = []
+    for choice in sorted(product((-1, 1), repeat=moving.size), key=lambda c: (c.count(1), c[::-1])):
+        full = signs.copy()
+        full[moving] = choice
+        found.append(tuple(int(x) for x in full))
+    return found
+
+
+def _fix(forces: object, signs: Signs) -> None:
+    """Set the directions of friction: a tendon that shortens is pulled through its holes."""
+    state = FrictionState(np.zeros((len(signs), 1)), -np.asarray(signs, dtype=float)[:, None])
+    forces.state = state  # type: ignore[attr-defined]
+
+
+def _solve(simulation: Simulation, target: Actuation, before: Actuation | None, slip: Array) -> Array:
+    """Solve one step from the state before it; returns the change of every tendon's length [m]."""
+    simulation._applied = {key: np.zeros(6) for key in simulation._applied}
+    for name, load in (before.loads if before is not None else {}).items():
+        simulation._applied[simulation._key(name, load)] = np.array([*load.force, *load.moment])
+    solver = simulation.solver
+    solver._mobilisation = [r.state.mobilisation.copy() for r in solver.robots]
+    simulation.advance(target)
+    return slip - simulation.displacement
