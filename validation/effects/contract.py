@@ -128,12 +128,15 @@ class Effect:
     experiment : str
         What to measure so that it shows apart from its mimics.
     parameters : tuple of Parameter
+    shapes : tuple of str
+        Parameters that mean nothing while the effect is absent; `starts` gives alternatives for them.
     """
 
     name: str = ""
     sentence: str = ""
     experiment: str = ""
     parameters: tuple[Parameter, ...] = ()
+    shapes: tuple[str, ...] = ()
 
     def absent(self, setup: Setup) -> dict[str, float]:
         """Values at which it changes nothing in ``setup``."""

@@ -14,7 +14,7 @@ class Gravity(Effect):
     sentence = "Backbone, disks and payload have weight, or the robot does not stand as the model says."
     experiment = "measure the unloaded shape in two orientations of the base"
     parameters = tuple(
-        Parameter(f"g_{axis}", "m/s^2", -30.0, 30.0, 0.0, 1.0, f"acceleration of gravity along {axis}")
+        Parameter(f"g_{axis}", "m/s^2", -12.0, 12.0, 0.0, 1.0, f"acceleration of gravity along {axis}")
         for axis in "xyz"
     )
 

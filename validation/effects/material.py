@@ -40,6 +40,7 @@ class SuperelasticBackbone(Effect):
         "turning to martensite, a plastic near its yield."
     )
     experiment = "bend the bare backbone over mandrels of decreasing radius and measure the moment"
+    shapes = ("threshold_strain",)
     parameters = (
         Parameter("threshold_strain", "1", 1e-5, 0.2, 0.2, 1e-3, "strain of the outer fibre where it begins"),
         Parameter("plateau_ratio", "1", 0.01, 1.0, 1.0, 0.1, "slope beyond it over the slope before it"),

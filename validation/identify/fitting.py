@@ -1,0 +1,338 @@
+"""Fit the parameters of some effects to the readings: whitened, bounded, robust, from sensitivities of the solver."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from tdcr_fe.validation.effects import EFFECTS, Effect, Reach, Setup
+from tdcr_fe.validation.identify.forward import ForwardModel, Reader, Run
+from tdcr_fe.validation.identify.outcome import Misfit
+from tdcr_fe.validation.measured import MeasuredData
+
+Array = NDArray[np.float64]
+Point = dict[str, dict[str, float]]
+
+#: A single reading counts in full up to this many of its sigma (of the present misfit, where that is larger).
+ROBUST = 4.0
+
+#: A parameter whose natural step changes the readings by less than this, rms over sigma, changes nothing.
+NOTHING = 0.02
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model with its parameters fitted.
+
+    Attributes
+    ----------
+    effects : tuple of Effect
+        In the order of adding.
+    values : dict
+        By effect and parameter.
+    residual : ndarray, shape (n,)
+        Reading less model, over sigma, of all readings.
+    cost, held_cost : float
+        Robust sums of squares over fitted and held-out readings.
+    jacobian : ndarray, shape (n, p)
+        Of the predictions over sigma, by coordinate of every free parameter.
+    free : tuple of (str, str)
+        Effect and name of every free parameter.
+    run : Run
+    """
+
+    effects: tuple[Effect, ...]
+    values: Point
+    residual: Array
+    cost: float
+    held_cost: float
+    jacobian: Array
+    free: tuple[tuple[str, str], ...]
+    run: Run
+    details: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(e.name for e in self.effects)
+
+    @property
+    def solved(self) -> bool:
+        """Whether every reading is predicted."""
+        return bool(np.isfinite(self.cost + self.held_cost))
+
+
+def huber(r: Array, threshold: float) -> Array:
+    """Contribution of every residual to the robust sum of squares."""
+    a = np.abs(r)
+    return np.where(a <= threshold, a**2, 2.0 * threshold * a - threshold**2)
+
+
+class Problem:
+    """Readings, their sigma, and the forward model that predicts them.
+
+    Parameters
+    ----------
+    data
+        Readings and declared robot.
+    sigma
+        Of every reading, in its unit, shape (n,).
+    held
+        Which readings are held out, shape (n,).
+    forward
+        Runs setups.
+    """
+
+    def __init__(self, data: MeasuredData, sigma: Array, held: NDArray[np.bool_], forward: ForwardModel) -> None:
+        self.data = data
+        self.forward = forward
+        self.held = held
+        self.values = np.array([r.value for r in data.readings])
+        self.sigma = sigma
+        self.reader = Reader(data.readings, data.step_ids, data.robot.tendon_names)
+        self.declared = Setup(data.robot, replace(data.model, elements_per_bay=1), data.steps)
+        self.correction = np.zeros_like(self.values)
+        units = np.array([r.unit for r in data.readings])
+        quantities = np.array([r.quantity for r in data.readings])
+        self.is_position = np.array([q.startswith("position_") for q in quantities])
+        self.is_angle = units == "rad"
+        self.threshold = ROBUST
+        self.scales: dict[tuple[str, str], float] = {}
+
+    # ------------------------------------------------------------------ predicting
+
+    def setup(self, effects: Sequence[Effect], values: Point) -> Setup:
+        """The declared setup with effects, applied in the order of the catalogue, unlisted ones last."""
+        order = {e.name: i for i, e in enumerate(EFFECTS)}
+        setup = self.declared
+        for e in sorted(effects, key=lambda e: order.get(e.name, len(order))):
+            setup = e.apply(setup, values[e.name])
+        return setup
+
+    def residuals(
+        self, effects: Sequence[Effect], points: Sequence[Point], guide: Run | None = None, record: bool = False
+    ) -> tuple[list[Array], list[Run]]:
+        """Reading less model over sigma at several points; NaN where the model does not get."""
+        setups = [self.setup(effects, p) for p in points]
+        runs = self.forward.run(setups, guide, record)
+        found = [
+            (self.values - self.reader.read(run, s) - self.correction) / self.sigma
+            for run, s in zip(runs, setups, strict=True)
+        ]
+        return found, runs
+
+    def correct_mesh(self, effects: Sequence[Effect], values: Point) -> float:
+        """Take the error of the mesh out of the predictions near a point.
+
+        With one and two elements a bay, and an error that falls with the square of their length, the rest is
+        extrapolated.
+
+        Returns
+        -------
+        float
+            Change of this correction since the last one, rms over sigma: the error that was left.
+        """
+        setup = self.setup(effects, values)
+        coarse = self.forward.run([setup], record=True)[0]
+        fine = self.forward.run([setup], fine=True)[0]
+        new = (4.0 / 3.0) * (self.reader.read(fine, setup) - self.reader.read(coarse, setup))
+        new = np.where(np.isfinite(new), new, self.correction)
+        change = float(np.sqrt(np.mean(((new - self.correction) / self.sigma) ** 2)))
+        self.correction = new
+        return change
+
+    def cost(self, r: Array) -> tuple[float, float]:
+        """Robust sums of squares over fitted and held-out readings; infinite where a prediction is missing."""
+        if not np.all(np.isfinite(r)):
+            return float("inf"), float("inf")
+        c = huber(r, self.threshold)
+        return float(np.sum(c[~self.held])), float(np.sum(c[self.held]))
+
+    def misfit(self, r: Array, which: NDArray[np.bool_], parameters: int = 0) -> Misfit:
+        """Misfit of residuals over sigma on some readings."""
+        raw = r * self.sigma
+
+        def rms(mask: NDArray[np.bool_]) -> float | None:
+            return float(np.sqrt(np.mean(raw[mask] ** 2))) if np.any(mask) else None
+
+        p = which & self.is_position
+        return Misfit(
+            rms(p),
+            rms(which & self.is_angle),
+            float(np.max(np.abs(raw[p]))) if np.any(p) else None,
+            float(np.sum(r[which] ** 2) / max(1, np.count_nonzero(which) - parameters)),
+            int(np.count_nonzero(which)),
+        )
+
+    def reach(self, run: Run) -> Reach:
+        """How far the data go."""
+        bend = np.linalg.norm(run.curvature[..., :2], axis=-1)
+        commanded = [t for s in self.data.steps for t in s.tensions.values()]
+        needed = float(np.nanmax(run.base_tensions, initial=0.0))
+        moved = [abs(d) for s in self.data.steps for d in s.displacements.values()]
+        times = [s.time for s in self.data.steps if s.time is not None]
+        return Reach(
+            max([*commanded, needed, 1e-6]),
+            max([*moved, float(np.nanmax(np.abs(run.displacements), initial=0.0)), 1e-9]),
+            float(np.nanmax(bend, initial=1e-6)),
+            max(times, default=0.0),
+        )
+
+    # ------------------------------------------------------------------ coordinates
+
+    def bounds(self, e: Effect, name: str) -> tuple[float, float]:
+        """Bounds of a parameter's coordinate."""
+        p = next(p for p in e.parameters if p.name == name)
+        a, b = (p.coordinate(x) for x in e.bounds(self.declared)[name])
+        return min(a, b), max(a, b)
+
+    def coordinates(self, effects: Sequence[Effect], values: Point, free: Sequence[tuple[str, str]]) -> Array:
+        """Fitted numbers of the free parameters, shape (p,)."""
+        parameter = {(e.name, p.name): p for e in effects for p in e.parameters}
+        return np.array([parameter[k].coordinate(values[k[0]][k[1]]) for k in free])
+
+    def point(self, effects: Sequence[Effect], values: Point, free: Sequence[tuple[str, str]], z: Array) -> Point:
+        """Values with the free parameters at these coordinates."""
+        parameter = {(e.name, p.name): p for e in effects for p in e.parameters}
+        new = {k: dict(v) for k, v in values.items()}
+        for k, x in zip(free, z, strict=True):
+            new[k[0]][k[1]] = parameter[k].value(float(x))
+        return new
+
+    # ------------------------------------------------------------------ fitting
+
+    def evaluate(self, effects: Sequence[Effect], values: Point) -> Fit:
+        """A model at given values, nothing fitted."""
+        (r,), (run,) = self.residuals(effects, [values], record=True)
+        return Fit(tuple(effects), values, r, *self.cost(r), np.zeros((r.size, 0)), (), run)
+
+    def sensitivities(
+        self, effects: Sequence[Effect], fit: Fit, free: Sequence[tuple[str, str]], steps: Array
+    ) -> Array:
+        """Derivatives of the predictions over sigma by the coordinates, by runs beside the present one, (n, p)."""
+        z = self.coordinates(effects, fit.values, free)
+        points, taken = [], []
+        by_name = {e.name: e for e in effects}
+        for j, k in enumerate(free):
+            low, high = self.bounds(by_name[k[0]], k[1])
+            h = steps[j] if z[j] + steps[j] <= high else -steps[j]
+            if z[j] + h < low:
+                h = max(high - z[j], low - z[j], key=abs)
+            moved = z.copy()
+            moved[j] += h
+            taken.append(h)
+            points.append(self.point(effects, fit.values, free, moved))
+        found, _ = self.residuals(effects, points, guide=fit.run)
+        columns = [(fit.residual - r) / h for r, h in zip(found, taken, strict=True)]
+        j = np.stack(columns, axis=1) if columns else np.zeros((fit.residual.size, 0))
+        return np.where(np.isfinite(j), j, 0.0)
+
+    def fit(
+        self,
+        effects: Sequence[Effect],
+        starts: Sequence[Point],
+        hopeless: float = float("inf"),
+        max_iterations: int = 12,
+    ) -> Fit:
+        """Levenberg and Marquardt with bounds.
+
+        Parameters
+        ----------
+        effects
+            Whose parameters are fitted.
+        starts
+            Points to begin from; the best is taken.
+        hopeless
+            A fit that hardly moves while its cost is above this is given up.
+        max_iterations
+            Of sensitivities and steps.
+
+        Returns
+        -------
+        Fit
+            Parameters that change nothing on these readings stay where they began and are not free.
+        """
+        effects = tuple(effects)
+        found, runs = self.residuals(effects, starts, record=True)
+        costs = [self.cost(r) for r in found]
+        best = int(np.argmin([c[0] for c in costs]))
+        every = tuple((e.name, p.name) for e in effects for p in e.parameters)
+        now = Fit(effects, starts[best], found[best], *costs[best], np.zeros((len(self.values), 0)), every, runs[best])
+        if not np.isfinite(now.cost):
+            return now
+        natural = {(e.name, p.name): p.scale for e in effects for p in e.parameters}
+        scale = np.array([self.scales.get(k, natural[k]) for k in every])
+        steps = 0.2 * scale
+        free = every
+        damping, j = 1e-3, np.zeros((len(self.values), len(free)))
+        fitted = ~self.held
+        by_name = {e.name: e for e in effects}
+        for _ in range(max_iterations):
+            j = self.sensitivities(effects, now, free, steps)
+            size = np.sqrt(np.mean(j[fitted] ** 2, axis=0))
+            keep = size * scale > NOTHING
+            if not np.all(keep):
+                free = tuple(k for k, ok in zip(free, keep, strict=True) if ok)
+                j, steps, scale, size = j[:, keep], steps[keep], scale[keep], size[keep]
+            if not free:
+                break
+            # The next derivatives: over a change of the readings by one sigma.
+            steps = np.clip(1.0 / size, 1e-3 * scale, 0.5 * scale)
+            z = self.coordinates(effects, now.values, free)
+            limits = np.array([self.bounds(by_name[k[0]], k[1]) for k in free])
+            a = np.abs(now.residual)
+            w = np.sqrt(np.where(a <= self.threshold, 1.0, self.threshold / np.maximum(a, 1e-300)))[fitted]
+            jw, rw = j[fitted] * w[:, None], now.residual[fitted] * w
+            norm = np.linalg.norm(jw, axis=0)
+            improved = False
+            for _attempt in range(3):
+                tries = [damping, 100.0 * damping]
+                moves = [_bounded_step(jw, rw, norm, x, limits[:, 0] - z, limits[:, 1] - z) for x in tries]
+                promised = now.cost - float(np.sum((rw - jw @ moves[0]) ** 2))
+                if promised < 0.02 + 2e-5 * now.cost:
+                    break
+                points = [self.point(effects, now.values, free, z + m) for m in moves]
+                found, runs = self.residuals(effects, points, record=True)
+                costs = [self.cost(r) for r in found]
+                best = int(np.argmin([c[0] for c in costs]))
+                if costs[best][0] < now.cost:
+                    improved = True
+                    damping = max(1e-6, tries[best] * 0.1)
+                    break
+                damping *= 1e3
+            if not improved:
+                break
+            gain = now.cost - costs[best][0]
+            now = replace(now, values=points[best], residual=found[best], cost=costs[best][0],
+                          held_cost=costs[best][1], run=runs[best], free=free)  # fmt: skip
+            if gain < 0.05 + 2e-4 * now.cost or (now.cost > hopeless and gain < 0.1 * now.cost):
+                j = self.sensitivities(effects, now, free, steps)
+                break
+        return replace(now, jacobian=j, free=free)
+
+    def covariance(self, fit: Fit, inflate: bool = True) -> Array:
+        """Of the coordinates of the free parameters, shape (p, p), larger where the misfit is above noise."""
+        if not fit.free:
+            return np.zeros((0, 0))
+        fitted = ~self.held
+        w = np.minimum(1.0, self.threshold / np.maximum(np.abs(fit.residual), 1e-300))[fitted]
+        j = fit.jacobian[fitted] * np.sqrt(w)[:, None]
+        norm = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
+        inner = np.linalg.pinv((j / norm).T @ (j / norm), rcond=1e-10)
+        dof = max(1, np.count_nonzero(fitted) - len(fit.free))
+        factor = max(1.0, fit.cost / dof) if inflate else 1.0
+        return np.asarray(inner / np.outer(norm, norm) * factor)
+
+
+def _bounded_step(j: Array, r: Array, norm: Array, damping: float, low: Array, high: Array) -> Array:
+    """Least squares step with Marquardt's damping, inside bounds."""
+    norm = np.maximum(norm, 1e-300)
+    scaled = np.concatenate((j / norm, np.sqrt(damping) * np.eye(len(norm))))
+    right = np.concatenate((r, np.zeros(len(norm))))
+    low, high = np.minimum(low * norm, -1e-12), np.maximum(high * norm, 1e-12)
+    solution = lsq_linear(scaled, right, (low, high), method="bvls")
+    return np.asarray(solution.x / norm)

@@ -1,0 +1,279 @@
+"""The forward model: from a setup to what would be read, many setups at a time, on several processes."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tdcr_fe.interpolation import interpolate_positions
+from tdcr_fe.validation.effects import Setup
+from tdcr_fe.validation.measured import Reading
+
+Array = NDArray[np.float64]
+
+#: Runs kept in memory.
+CACHE = 400
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is kept of one simulated loading sequence.
+
+    Attributes
+    ----------
+    s : ndarray, shape (n,)
+        Arc lengths of the nodes [m].
+    positions : ndarray, shape (n_steps, n, 3)
+        [m].
+    rotations : ndarray, shape (n_steps, n, 3, 3)
+    displacements, base_tensions, distal_tensions : ndarray, shape (n_steps, n_tendons)
+        [m, N, N].
+    solved : int
+        Steps that were solved, from the first on; the rest holds NaN.
+    message : str
+        Why it ended.
+    trajectory : object
+        Guide for neighbouring runs; None where none was recorded.
+    """
+
+    s: Array
+    positions: Array
+    rotations: Array
+    displacements: Array
+    base_tensions: Array
+    distal_tensions: Array
+    solved: int
+    message: str
+    trajectory: Any = None
+
+    @property
+    def curvature(self) -> Array:
+        """Of the elements, as turning rates about the section's axes x, y, z [1/m], shape (n_steps, n-1, 3)."""
+        relative = np.swapaxes(self.rotations[:, :-1], -1, -2) @ self.rotations[:, 1:]
+        n = relative.shape[0], relative.shape[1]
+        ok = np.isfinite(relative).all(axis=(-1, -2)).ravel()
+        turn = np.full((ok.size, 3), np.nan)
+        turn[ok] = Rotation.from_matrix(relative.reshape(-1, 3, 3)[ok]).as_rotvec()
+        return turn.reshape(*n, 3) / np.diff(self.s)[None, :, None]
+
+
+def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
+    """Simulate one setup; the only place where the finite-element model is called."""
+    from tdcr_fe.simulate import SolverSettings, simulate
+
+    setup, guide, record, path_tolerance = task
+    trajectory: list[Any] | None = [] if record else None
+    steps, m = len(setup.steps), len(setup.robot.tendons)
+    try:
+        result = simulate(
+            setup.robot,
+            setup.model,
+            setup.steps,
+            SolverSettings(path_tolerance=path_tolerance),
+            guide=guide,
+            record=trajectory,
+        )
+    except (ValueError, np.linalg.LinAlgError, IndexError) as error:  # a robot that cannot be, or a guide that does not fit
+        if guide is not None:
+            return _simulate((setup, None, record, path_tolerance))
+        nothing = np.full((steps, m), np.nan)
+        return Run(
+            np.array([0.0, setup.robot.backbone.length]),
+            np.full((steps, 2, 3), np.nan),
+            np.full((steps, 2, 3, 3), np.nan),
+            nothing,
+            nothing,
+            nothing,
+            0,
+            str(error),
+        )
+    if not result.converged and guide is not None:
+        return _simulate((setup, None, record, path_tolerance))
+    solved = len(result.steps)
+    s = result.steps[0].s if solved else np.array([0.0, setup.robot.backbone.length])
+
+    def fill(values: list[Array], shape: tuple[int, ...]) -> Array:
+        full = np.full((steps, *shape), np.nan)
+        if values:
+            full[:solved] = np.array(values)
+        return full
+
+    return Run(
+        s,
+        fill([r.positions for r in result.steps], (s.size, 3)),
+        fill([r.rotations for r in result.steps], (s.size, 3, 3)),
+        fill([r.displacements for r in result.steps], (m,)),
+        fill([r.base_tensions for r in result.steps], (m,)),
+        fill([np.array([t[-1] for t in r.tensions]) for r in result.steps], (m,)),
+        solved,
+        result.message,
+        trajectory,
+    )
+
+
+def _quiet_worker() -> None:
+    """A worker leaves interruptions to the process that started it."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+
+class Reader:
+    """Reads off a run what the instruments would show.
+
+    Parameters
+    ----------
+    readings
+        What is measured, where and in which step.
+    step_ids
+        Numbers of the steps in order.
+    tendon_names
+        Of the robot.
+    """
+
+    def __init__(self, readings: Sequence[Reading], step_ids: Sequence[int], tendon_names: Sequence[str]) -> None:
+        index = {n: i for i, n in enumerate(step_ids)}
+        self.count = len(readings)
+        self.step = np.array([index[r.step] for r in readings])
+        quantity = np.array([r.quantity for r in readings])
+        self._axes = {a: np.flatnonzero(quantity == f"position_{a}") for a in "xyz"}
+        self._places = np.unique([r.location for r in readings if isinstance(r.location, float)])
+        self._place = np.array(
+            [int(np.searchsorted(self._places, r.location)) if isinstance(r.location, float) else 0 for r in readings]
+        )
+        tendon = {n: i for i, n in enumerate(tendon_names)}
+        self._tendon = np.array([tendon[r.location] if isinstance(r.location, str) else 0 for r in readings])
+        self._of = {q: np.flatnonzero(quantity == q) for q in
+                    ("bending_angle", "chord_angle", "tip_offset", "tendon_displacement", "distal_tension")}
+
+    def read(self, run: Run, setup: Setup) -> Array:
+        """What would be read [m, rad, N], shape (n,); NaN where the run did not get.
+
+        Parameters
+        ----------
+        run
+            Of the setup's robot, model and steps.
+        setup
+            Whose observation map is used.
+        """
+        out = np.full(self.count, np.nan)
+        frame = Rotation.from_rotvec(np.array(setup.observation.rotation)).as_matrix()
+        offset = np.array([*setup.observation.offset, 0.0])
+        n = run.positions.shape[0]
+        if self._places.size:
+            seen = np.full((n, self._places.size, 3), np.nan)
+            nodes = np.argmin(np.abs(self._places[:, None] - run.s), axis=1)
+            exact = np.max(np.abs(run.s[nodes] - self._places)) < 2e-6
+            for k in range(run.solved):
+                p, r = run.positions[k], run.rotations[k]
+                at = p[nodes] if exact else interpolate_positions(run.s, p, r, self._places)
+                seen[k] = at + r[nodes] @ offset
+            seen = seen @ frame.T
+            for axis, which in enumerate("xyz"):
+                i = self._axes[which]
+                out[i] = seen[self.step[i], self._place[i], axis]
+        tip = (run.positions[:, -1] + run.rotations[:, -1] @ offset) @ frame.T
+        tangent = run.rotations[:, -1, :, 2] @ frame.T
+        angles = {
+            "bending_angle": np.arctan2(np.hypot(tangent[:, 0], tangent[:, 1]), tangent[:, 2]),
+            "chord_angle": np.arctan2(np.hypot(tip[:, 0], tip[:, 1]), tip[:, 2]),
+            "tip_offset": np.hypot(tip[:, 0], tip[:, 1]),
+        }
+        for q, values in angles.items():
+            out[self._of[q]] = values[self.step[self._of[q]]]
+        for q, table in (("tendon_displacement", run.displacements), ("distal_tension", run.distal_tensions)):
+            i = self._of[q]
+            out[i] = table[self.step[i], self._tendon[i]]
+        return out
+
+
+class ForwardModel:
+    """Runs setups, each once, several at a time.
+
+    Parameters
+    ----------
+    processes
+        Worker processes; 1 stays in this one.
+    path_tolerance
+        Of the solver.
+    """
+
+    def __init__(self, processes: int = 1, path_tolerance: float = 2e-5) -> None:
+        self.processes = max(1, processes)
+        self.path_tolerance = path_tolerance
+        self.runs = 0
+        self._cache: dict[str, Run] = {}
+        self._guides: dict[int, Run] = {}
+        self._pool: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> ForwardModel:
+        if self.processes > 1:
+            self._pool = ProcessPoolExecutor(
+                self.processes, mp_context=get_context("forkserver"), initializer=_quiet_worker
+            )
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._pool = None
+
+    def run(self, setups: Sequence[Setup], guide: Run | None = None, record: bool = False, fine: bool = False) -> list[Run]:
+        """Simulate setups, those that were simulated before from memory.
+
+        Parameters
+        ----------
+        setups
+            What to simulate; setups that differ in the observation only share a run.
+        guide
+            A neighbour's run with its trajectory; makes a run three times as fast, for sensitivities.
+        record
+            Record trajectories.
+        fine
+            With twice the elements, to know the error of the mesh.
+        """
+        if fine:
+            setups = [
+                replace(s, model=replace(s.model, elements_per_bay=2 * s.model.elements_per_bay)) for s in setups
+            ]
+        kind = f"free{record}"
+        if guide is not None:
+            self._guides[id(guide)] = guide  # kept, so that its id stays its own
+            kind = f"guided{id(guide)}"
+        keys = [_key(s, kind) for s in setups]
+        todo = {k: s for k, s in zip(keys, setups, strict=True) if k not in self._cache}
+        trajectory = None if guide is None else guide.trajectory
+        tasks = [(s, trajectory, record, self.path_tolerance) for s in todo.values()]
+        for key, run in zip(todo, self._map(tasks), strict=True):
+            self._cache[key] = run
+        self.runs += len(tasks)
+        found = [self._cache[k] for k in keys]
+        while len(self._cache) > CACHE:
+            self._cache.pop(next(iter(self._cache)))
+        return found
+
+    def _map(self, tasks: list[tuple[Setup, Any, bool, float]]) -> list[Run]:
+        if self._pool is None or len(tasks) < 2:
+            return [_simulate(t) for t in tasks]
+        try:
+            return list(self._pool.map(_simulate, tasks))
+        except BrokenProcessPool:
+            self._pool = None
+            return [_simulate(t) for t in tasks]
+
+
+def _key(setup: Setup, kind: str) -> str:
+    text = pickle.dumps((setup.robot, setup.model, setup.steps))
+    return hashlib.sha256(text).hexdigest() + kind
