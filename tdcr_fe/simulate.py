@@ -17,7 +17,7 @@ from tdcr_fe.results import SequenceResult, StepResult
 from tdcr_fe.robot import Robot
 from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
 from tdcr_fe.solver import NotConverged, SolverSettings, StrainSpaceSolver
-from tdcr_fe.stepping import LoadStepper, StepFailed, Waypoint
+from tdcr_fe.stepping import Applied, LoadStepper, StepFailed, Waypoint
 
 Array = NDArray[np.float64]
 LoadKey = tuple[str, float, str]
@@ -103,20 +103,24 @@ class Simulation:
         start_loads, start_time = self._applied, self._time
         creep = self.handle.robot.backbone.creep_rate != 0.0
         # Where a tendon changes from tension to displacement or back, the ramp begins at what it has now.
-        now = np.where(target.by_displacement, self.displacement, robot.base_tension)
+        now = np.where(
+            target.by_displacement == robot.by_displacement,
+            robot.input_values(),
+            np.where(target.by_displacement, self.displacement, robot.base_tension),
+        )
         robot.by_displacement = target.by_displacement.copy()
 
-        def apply(share: float) -> tuple[list[Array], float]:
+        def apply(share: float) -> Applied:
             largest = 0.0
+            moment = start_time + share * (target.time - start_time)
             for key, item in self.loads.items():
                 value = start_loads[key] + share * (goal_loads[key] - start_loads[key])
                 item.set(value[:3], value[3:])
                 largest = max(largest, float(np.max(np.abs(value[:3]))))
             if creep:
-                time_now = start_time + share * (target.time - start_time)
-                self.handle.set_compliance_factor(self.handle.robot.backbone.compliance_factor(time_now))
+                self.handle.set_compliance_factor(self.handle.robot.backbone.compliance_factor(moment))
             robot.inputs = now + share * (target.values - now)
-            return [robot.inputs], largest
+            return Applied([robot.inputs], largest, moment)
 
         report = self.stepper.advance(apply, substeps, guide, record)
         self._applied, self._time = goal_loads, target.time

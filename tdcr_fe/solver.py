@@ -88,6 +88,23 @@ class Snapshot:
 
 
 @dataclass(frozen=True)
+class _Part:
+    """Where one robot stands among the unknowns: its nodes, its driven tensions, its mobilisations."""
+
+    index: int
+    robot: TendonActuation
+    driven: NDArray[np.int_]
+    nodes: slice
+    tensions: slice
+    holes: slice
+
+    @property
+    def holds(self) -> bool:
+        """Whether friction acts in this robot."""
+        return self.robot.law.has_friction
+
+
+@dataclass(frozen=True)
 class NewtonReport:
     """How one Newton solve went.
 
@@ -354,29 +371,51 @@ class StrainSpaceSolver:
                 k[i, i] += robot.tangent(self._loads_jacobian)
         return k
 
+    def _number_parts(self) -> None:
+        """Sort the unknowns: reduced scene, then tensions of driven tendons, then mobilisations."""
+        at = self._reduction.count
+        driven = [np.flatnonzero(r.by_displacement) for r in self.robots]
+        held = [int(np.count_nonzero(r.law.holding)) for r in self.robots]
+        hole = at + sum(d.size for d in driven)
+        #: Number of unknowns that equilibrium is linear in.
+        self._linear = hole
+        self._parts: list[_Part] = []
+        for i, (robot, nodes) in enumerate(zip(self.robots, self._slices, strict=True)):
+            self._parts.append(
+                _Part(
+                    i,
+                    robot,
+                    driven[i],
+                    slice(6 * nodes.start, 6 * nodes.stop),
+                    slice(at, at + driven[i].size),
+                    slice(hole, hole + held[i]),
+                )
+            )
+            at += driven[i].size
+            hole += held[i]
+        self._mixed = hole > self._linear
+
     def _factorise(self, t: float) -> None:
         """Factorise the tangent, with the tensions of tendons driven by displacement as further unknowns."""
         k = self._jacobian(t)
-        count = len(k)
-        driven = [np.flatnonzero(r.by_displacement) for r in self.robots]
-        extra = sum(d.size for d in driven)
-        if extra:
+        if self._linear > len(k):
+            extra = self._linear - len(k)
             k = np.pad(k, ((0, extra), (0, extra)))
         self._slack: list[NDArray[np.bool_]] = []
-        at = count
-        for robot, part, goal, which in zip(self.robots, self._slices, self._goal, driven, strict=True):
-            place, own = slice(6 * part.start, 6 * part.stop), slice(at, at + which.size)
-            at += which.size
-            gap = robot.field.base_slip[which] - goal[which]
+        for part in self._parts:
+            robot, which = part.robot, part.driven
+            gap = robot.field.base_slip[which] - self._goal[part.index][which]
             # A tendon is taut where its tension, or else the pull it lacks, is positive.
             slack = robot.base_tension[which] - gap * self._slack_stiffness <= 0.0
             self._slack.append(slack)
             if which.size:
-                k[place, own] = robot.base_tension_columns()[:, which]
+                k[part.nodes, part.tensions] = robot.base_tension_columns()[:, which]
                 rows = robot.base_slip_rows()[which]
                 rows[slack] = 0.0
-                k[own, place] = rows
-                k[own, own] = np.diag(np.where(slack, 1.0, robot.base_slip_by_base()[which]))
+                k[part.tensions, part.nodes] = rows
+                k[part.tensions, part.tensions] = np.diag(
+                    np.where(slack, 1.0, robot.base_slip_by_base()[which])
+                )
         if self._damping > 0.0:
             nodes = np.arange(6 * self._nodes)
             weight = np.tile(np.repeat((1.0 / self._scale_length**2, 1.0), 3), self._nodes)
@@ -417,66 +456,54 @@ class StrainSpaceSolver:
             Reduced residual.
         """
         self._factorise(t)
-        right = [-r]
-        for robot, goal, slack in zip(self.robots, self._goal, self._slack, strict=True):
-            which = np.flatnonzero(robot.by_displacement)
-            if which.size:
-                gap = robot.field.base_slip[which] - goal[which]
-                right.append(-np.where(slack, robot.base_tension[which], gap))
-        alone = self._solve_linear(np.concatenate(right) if len(right) > 1 else right[0])
+        right = np.zeros(self._linear)
+        np.negative(r, out=right[: len(r)])
+        for part in self._parts:
+            if part.driven.size:
+                gap = part.robot.field.base_slip - self._goal[part.index]
+                tension = part.robot.base_tension[part.driven]
+                right[part.tensions] = -np.where(self._slack[part.index], tension, gap[part.driven])
+        alone = self._solve_linear(right)
         if not self._mixed:
             return alone
         missing, before = self._slip_missing(alone)
         settled = ((before >= 1.0) & (missing >= 0.0)) | ((before <= -1.0) & (missing <= 0.0))
-        if np.all(settled):
+        if settled.all():
             return np.concatenate((alone, np.zeros(len(before))))
         return self._with_holes(alone, missing, before)
-
-    def _parts(self) -> list[tuple[int, TendonActuation, slice, slice]]:
-        """Number, robot, and where its nodes and its driven tensions stand among the unknowns."""
-        at = self._reduction.count
-        parts = []
-        for i, (robot, part) in enumerate(zip(self.robots, self._slices, strict=True)):
-            count = int(np.count_nonzero(robot.by_displacement))
-            parts.append((i, robot, slice(6 * part.start, 6 * part.stop), slice(at, at + count)))
-            at += count
-        return parts
 
     def _slip_missing(self, step: Array) -> tuple[Array, Array]:
         """By how much the holes' slip would run ahead of their mobilisation [m], and the latter, shape (k,)."""
         missing, before = [], []
-        delta = self._presliding
-        for i, robot, nodes, tensions in self._parts():
-            if not robot.law.has_friction:
+        for part in self._parts:
+            if not part.holds:
                 continue
+            robot = part.robot
             base = np.zeros(robot.count)
-            base[robot.by_displacement] = step[tensions]
-            keep, state, s = robot.law.holding, robot.state, self._mobilisation[i]
-            slip = robot.field.slip + robot.slip_change(step[nodes], base)
-            missing.append((slip - state.slip - delta * (s - state.mobilisation))[keep])
+            base[part.driven] = step[part.tensions]
+            keep, state, s = robot.law.holding, robot.state, self._mobilisation[part.index]
+            slip = robot.field.slip + robot.slip_change(step[part.nodes], base)
+            missing.append((slip - state.slip - self._presliding * (s - state.mobilisation))[keep])
             before.append(s[keep])
         return np.concatenate(missing), np.concatenate(before)
 
     def _with_holes(self, alone: Array, missing: Array, before: Array) -> Array:
         """The step where the holes are solved too; ``alone`` is the step with all mobilisations kept."""
-        size = len(alone)
-        columns = np.zeros((size, len(before)))
-        rows = np.zeros((len(before), size))
+        columns = np.zeros((len(alone), len(before)))
+        rows = np.zeros((len(before), len(alone)))
         own = np.zeros((len(before), len(before)))
-        at = 0
-        for i, robot, nodes, tensions in self._parts():
-            if not robot.law.has_friction:
+        for part in self._parts:
+            if not part.holds:
                 continue
-            count = int(np.count_nonzero(robot.law.holding))
-            here = slice(at, at + count)
-            at += count
-            columns[nodes, here] = robot.mobilisation_columns()
-            by_base = robot.base_slip_by_mobilisation()[robot.by_displacement]
-            by_base[self._slack[i]] = 0.0
-            columns[tensions, here] = by_base
+            robot = part.robot
+            here = slice(part.holes.start - self._linear, part.holes.stop - self._linear)
+            columns[part.nodes, here] = robot.mobilisation_columns()
+            by_base = robot.base_slip_by_mobilisation()[part.driven]
+            by_base[self._slack[part.index]] = 0.0
+            columns[part.tensions, here] = by_base
             by_nodes, by_tension, block = robot.slip_rows()
-            rows[here, nodes] = by_nodes
-            rows[here, tensions] = by_tension[:, robot.by_displacement]
+            rows[here, part.nodes] = by_nodes
+            rows[here, part.tensions] = by_tension[:, part.driven]
             own[here, here] = block
         by_hole = self._solve_linear(-columns)
         matrix = self._presliding * np.eye(len(before)) - rows @ by_hole - own
@@ -503,14 +530,13 @@ class StrainSpaceSolver:
         worst = float(size[: self._forces].max()) / self._force_scale()
         if size.size > self._forces:
             worst = max(worst, float(size[self._forces :].max()))
-        for robot, goal in zip(self.robots, self._goal, strict=True):
-            driven = robot.by_displacement
-            if np.any(driven):
-                gap = robot.field.base_slip - goal
-                tension = robot.base_tension
+        for part in self._parts:
+            if part.driven.size:
+                gap = (part.robot.field.base_slip - self._goal[part.index])[part.driven]
+                tension = part.robot.base_tension[part.driven]
                 # Taut: the displacement is met. Slack: the base has let out more than the tendon needs.
                 missed = np.where(tension > 0.0, np.abs(gap), np.maximum(-gap, 0.0))
-                worst = max(worst, float(np.max(missed[driven])) / self._scale_length)
+                worst = max(worst, float(np.max(missed)) / self._scale_length)
         return worst
 
     def newton(
@@ -558,7 +584,7 @@ class StrainSpaceSolver:
         ]
         self._mobilisation = self._start or [r.state.mobilisation for r in self.robots]
         self._start = None
-        self._mixed = any(r.law.has_friction for r in self.robots)
+        self._number_parts()
         history: list[float] = []
         for iteration in range(limit + 1):
             self._iteration = iteration
@@ -581,7 +607,7 @@ class StrainSpaceSolver:
                 raise NotConverged(
                     "the tangent is singular: something in the scene moves freely", size, iteration
                 ) from None
-            still = self._step_size(step) <= s.step_tolerance
+            still = size < 1e-3 and self._step_size(step) <= s.step_tolerance
             self._advance(step)
             if still:
                 # Nothing moves any more: what is left of the residual is round-off of very stiff parts.
@@ -631,23 +657,17 @@ class StrainSpaceSolver:
         n2 = len(reduction.other_coordinates)
         self._coordinates[reduction.other_coordinates] += rest[:n2]
         self._multipliers[reduction.other_multipliers] += rest[n2:]
-        at = reduction.count
-        for i, robot in enumerate(self.robots):
-            driven = np.flatnonzero(robot.by_displacement)
-            if driven.size:
+        for part in self._parts:
+            i = part.index
+            if part.driven.size:
                 tension = self._tension[i].copy()
-                tension[driven] = np.maximum(tension[driven] + factor * step[at : at + driven.size], 0.0)
-                at += driven.size
+                tension[part.driven] = np.maximum(tension[part.driven] + factor * step[part.tensions], 0.0)
                 self._tension[i] = tension
-        for i, robot in enumerate(self.robots):
-            law = robot.law
-            if not law.has_friction:
-                continue
-            s = self._mobilisation[i].copy()
-            count = int(np.count_nonzero(law.holding))
-            s[law.holding] = np.clip(s[law.holding] + factor * step[at : at + count], -1.0, 1.0)
-            at += count
-            self._mobilisation[i] = s
+            change = step[part.holes]
+            if change.any():
+                s, keep = self._mobilisation[i].copy(), part.robot.law.holding
+                s[keep] = np.clip(s[keep] + factor * change, -1.0, 1.0)
+                self._mobilisation[i] = s
         self._rebuild()
 
     def commit(self) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.solver import SolverSettings, StrainSpaceSolver
-from tdcr_fe.stepping import LoadStepper
+from tdcr_fe.stepping import Applied, LoadStepper
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def SolveTDCR(
         goals.append(values)
     user_step = _function(mbs.GetPreStepUserFunction())
 
-    def apply(share: float) -> tuple[list[Array], float]:
+    def apply(share: float) -> Applied:
         t = startTime + share * (endTime - startTime)
         mbs.systemData.SetTime(t)
         if user_step is not None:
@@ -80,7 +80,7 @@ def SolveTDCR(
                 inputs.append(robot.input_values(t))
             else:
                 inputs.append(start + share * (goal - start))
-        return inputs, 0.0
+        return Applied(inputs, 0.0, t)
 
     return LoadStepper(solver).advance(apply, substeps)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,27 @@ from tdcr_fe.solver import NewtonReport, NotConverged, Snapshot, StrainSpaceSolv
 
 Array = NDArray[np.float64]
 
-#: Takes the share of the load step in [0, 1], applies it to the scene, and gives the inputs of every robot
-#: [N or m] and the size of the applied loads [N].
-Apply = Callable[[float], tuple[list[Array], float]]
+
+class Applied(NamedTuple):
+    """What acts at some share of a load step.
+
+    Attributes
+    ----------
+    inputs : list of ndarray
+        By robot, tension [N] or displacement [m] of every tendon, shape (m,).
+    load_size : float
+        Size of the applied loads, for the scale of the residual [N].
+    time : float
+        Time that user functions see [s].
+    """
+
+    inputs: list[Array]
+    load_size: float
+    time: float
+
+
+#: Takes the share of the load step in [0, 1], applies it to the scene, and says what acts then.
+Apply = Callable[[float], Applied]
 
 
 class StepFailed(Exception):
@@ -126,8 +144,8 @@ class LoadStepper:
     # ------------------------------------------------------------------
 
     def _solve(self, apply: Apply, share: float) -> NewtonReport:
-        goal, loads = apply(share)
-        return self.solver.newton(goal, share, loads)
+        now = apply(share)
+        return self.solver.newton(now.inputs, now.time, now.load_size)
 
     def _fail(self, start: float, end: float, cause: NotConverged) -> StepFailed:
         return StepFailed(
@@ -250,10 +268,14 @@ class LoadStepper:
         before = solver.snapshot()
         shape = solver.positions().copy()
         for factor in (1.0, 10.0, 100.0):
-            goal, loads = apply(end)
+            now = apply(end)
             try:
                 report = solver.newton(
-                    goal, end, loads, relax=True, presliding=factor * solver.settings.presliding
+                    now.inputs,
+                    now.time,
+                    now.load_size,
+                    relax=True,
+                    presliding=factor * solver.settings.presliding,
                 )
             except NotConverged as again:
                 count.wasted += again.iterations
