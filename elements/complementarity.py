@@ -29,7 +29,7 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
     -------
     solution : ndarray, shape (k,)
     solved : bool
-        False where the pivots ran out (the matrix is then not a P-matrix).
+        False where the pivots ran out or met a singular block (the matrix is then not a P-matrix).
 
     References
     ----------
@@ -47,7 +47,10 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
         s = side.astype(float)
         if np.any(free):
             rest = right - matrix[:, ~free] @ s[~free]
-            s[free] = np.linalg.solve(matrix[np.ix_(free, free)], rest[free])
+            try:
+                s[free] = np.linalg.solve(matrix[np.ix_(free, free)], rest[free])
+            except np.linalg.LinAlgError:
+                return np.clip(start, -1.0, 1.0), False
         w = (right - matrix @ s) / scale
         tolerance = 1e-11
         up, down = free & (s > 1.0 + tolerance), free & (s < -1.0 - tolerance)
