@@ -44,6 +44,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         Exit status: 0 done, 1 the model did not converge, 2 the input is wrong, 130 interrupted.
     """
+    # Threads cost more than they gain on matrices of this size, four times on a busy machine. Numpy reads this
+    # when it is first imported, which the commands do only after this line; what the user has set stands.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(
             errors="backslashreplace"
