@@ -162,8 +162,14 @@ class StrainSpaceSolver:
         multipliers = np.array(data.GetAECoordinates())
         post = mbs.GetPostStepUserFunction()
         mbs.SetPostStepUserFunction(0)
-        if not self._kernel.InitializeSolver(mbs, exudyn_settings):
-            raise RuntimeError("Exudyn could not initialise its static solver for this system")
+        # Exudyn's advice on large systems is about its own solvers.
+        spoken = exu.config.suppressWarnings
+        exu.config.suppressWarnings = True
+        try:
+            if not self._kernel.InitializeSolver(mbs, exudyn_settings):
+                raise RuntimeError("Exudyn could not initialise its static solver for this system")
+        finally:
+            exu.config.suppressWarnings = spoken
         mbs.SetPostStepUserFunction(self.hooks._own["PostStep"] if post else 0)
         self.hooks.adopt()
         data.SetODE2Coordinates(start)
