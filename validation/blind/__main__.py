@@ -1,0 +1,67 @@
+"""The command ``python -m tdcr_fe.validation.blind``: the closed loop over blind sets, with a progress bar."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the benchmark.
+
+    Parameters
+    ----------
+    argv
+        Arguments without the program's name; None takes those of the process.
+
+    Returns
+    -------
+    int
+        Exit status: 0 done, 1 a set failed, 130 interrupted (start it again, and it goes on).
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m tdcr_fe.validation.blind",
+        description="Blind data made by the reference, given to the closed loop, and marked.",
+    )
+    parser.add_argument("-n", type=int, default=60, metavar="COUNT", help="number of sets (60)")
+    parser.add_argument(
+        "-o", required=True, metavar="OUT", help="folder; what is in it already is not done again"
+    )
+    parser.add_argument("--processes", type=int, default=1, help="sets worked on at a time (1)")
+    parser.add_argument("--seed", type=int, default=0, help="of the plan (0)")
+    parser.add_argument("--only", type=int, nargs="+", metavar="SET", help="seeds of the sets to do")
+    args = parser.parse_args(argv)
+    if args.n < 1 or args.processes < 1 or args.seed < 0:
+        parser.error("-n and --processes must be at least 1, --seed at least 0")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+    from tqdm import tqdm
+
+    from tdcr_fe.validation.blind.benchmark import run_benchmark
+    from tdcr_fe.validation.blind.recipes import plan
+    from tdcr_fe.validation.blind.report import write_report
+
+    recipes = [r for r in plan(args.n, args.seed) if args.only is None or r.seed in args.only]
+    if not recipes:
+        parser.error("--only names no set of this plan")
+    with tqdm(total=len(recipes), unit="set") as bar:
+
+        def told(done: int, total: int, score: dict[str, Any]) -> None:
+            bar.set_postfix_str(f"{score['seed']}: {score['outcome']}")
+            bar.update()
+
+        try:
+            scores = run_benchmark(recipes, args.o, args.processes, told)
+        except KeyboardInterrupt:
+            print("interrupted; start it again, and it goes on", file=sys.stderr)
+            return 130
+    write_report(scores, args.o)
+    print(f"{len(scores)} sets; tables in {os.path.join(args.o, 'benchmark.md')}")
+    return 1 if any(s["outcome"] == "failed" for s in scores) else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

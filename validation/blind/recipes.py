@@ -1,0 +1,137 @@
+"""Which blind sets are made: robots, hidden effects, noise; a plan that covers them all early."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from tdcr_fe.validation.effects import EFFECTS
+
+Drive = Literal["tension", "displacement"]
+
+#: Kinds of robots: one tendon of any routing, three of one routing, two segments of three tendons each.
+ROBOTS = ("single", "parallel", "helical", "converging", "points", "two-segment")
+
+#: What is on no list.
+OFF_LIST = ("soft_spot", "side_spring", "stuck_hole")
+
+#: Effects that only data driven by tension show, and those that only data driven by displacement show.
+BY_TENSION = ("actuator_loss", "friction_coefficient", "hole_adhesion", "stuck_hole")
+BY_DISPLACEMENT = ("actuator_backlash", "tendon_stretch")
+
+#: Pairs that occur together in real robots.
+PAIRS = (
+    ("gravity", "stiffness_scale"),
+    ("actuator_loss", "precurvature"),
+    ("friction_coefficient", "frame_misalignment"),
+    ("precurvature", "stiffness_scale"),
+    ("actuator_backlash", "precurvature"),
+    ("gravity", "friction_coefficient"),
+    ("marker_offset", "routing_twist"),
+    ("superelastic", "actuator_loss"),
+    ("creep", "frame_misalignment"),
+    ("tendon_stretch", "gravity"),
+)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How one blind set is made.
+
+    Attributes
+    ----------
+    seed : int
+        Of everything that is drawn.
+    robot : str
+        A member of `ROBOTS`.
+    effects : tuple of str
+        Hidden effects: names of the list, or one of `OFF_LIST`.
+    sigma : float
+        Standard deviation of the noise on positions [m].
+    drive : "tension" or "displacement"
+    weak : bool
+        Effects so weak that the declared model is about two sigma off.
+    """
+
+    seed: int
+    robot: str = "parallel"
+    effects: tuple[str, ...] = ()
+    sigma: float = 1e-4
+    drive: Drive = "tension"
+    weak: bool = False
+
+    def __post_init__(self) -> None:
+        known = {e.name for e in EFFECTS} | set(OFF_LIST)
+        unknown = sorted(set(self.effects) - known)
+        if unknown:
+            raise ValueError(f"no effect {unknown[0]!r}; there are {', '.join(sorted(known))}")
+        if self.robot not in ROBOTS:
+            raise ValueError(f"no robot {self.robot!r}; there are {', '.join(ROBOTS)}")
+        if not self.sigma > 0.0:
+            raise ValueError(f"sigma = {self.sigma}; must be positive")
+        wrong = set(self.effects) & set(BY_TENSION if self.drive == "displacement" else BY_DISPLACEMENT)
+        if wrong:
+            raise ValueError(f"{sorted(wrong)[0]} does not show in data driven by {self.drive}")
+
+    @property
+    def kind(self) -> str:
+        """What the set is counted as: "clean", "single", "pair", "off-list" or "weak"."""
+        if self.weak:
+            return "weak"
+        if set(self.effects) & set(OFF_LIST):
+            return "off-list"
+        return ("clean", "single", "pair")[min(len(self.effects), 2)]
+
+    @property
+    def label(self) -> str:
+        """Hidden effects as one text."""
+        return " + ".join(self.effects) or "nothing"
+
+
+def plan(count: int, seed: int = 0) -> list[Recipe]:
+    """Recipes of a benchmark.
+
+    Rounds of 28 sets, each with every listed effect alone once, four clean sets, three pairs, one of each
+    that is on no list, and a weak one; half of the sets have a noise of 0.1 mm.
+
+    Parameters
+    ----------
+    count
+        Number of sets.
+    seed
+        Of the plan; set k of a plan does not depend on ``count``.
+    """
+    recipes: list[Recipe] = []
+    number = 0
+    while len(recipes) < count:
+        rng = np.random.default_rng([seed, number])
+        names = [e.name for e in EFFECTS]
+        rng.shuffle(names)
+        entries: list[tuple[tuple[str, ...], bool]] = [((n,), False) for n in names]
+        others: list[tuple[tuple[str, ...], bool]] = [((), False)] * 4
+        others += [(PAIRS[(3 * number + k) % len(PAIRS)], False) for k in range(3)]
+        others += [((n,), False) for n in OFF_LIST]
+        others.append(((names[0],), True))
+        rng.shuffle(others)
+        places = np.linspace(0, len(entries), len(others)).astype(int)
+        for at, other in sorted(zip(places.tolist(), others, strict=True), key=lambda p: -p[0]):
+            entries.insert(at, other)
+        robots = [ROBOTS[k % len(ROBOTS)] for k in range(len(entries))]
+        rng.shuffle(robots)
+        for k, ((effects, weak), robot) in enumerate(zip(entries, robots, strict=True)):
+            drive: Drive = "tension"
+            if set(effects) & set(BY_DISPLACEMENT) or (
+                not set(effects) & set(BY_TENSION)
+                and rng.random() < (0.5 if "actuator_gain" in effects else 0.15)
+            ):
+                drive = "displacement"
+            if robot == "two-segment" and drive == "displacement":
+                robot = "parallel"
+            noise = 1e-4 if rng.random() < 0.5 else float(np.exp(rng.uniform(np.log(5e-5), np.log(5e-4))))
+            recipes.append(
+                Recipe(10000 * (seed + 1) + 100 * number + k, robot, effects, round(noise, 6), drive, weak)
+            )
+        number += 1
+    return recipes[:count]

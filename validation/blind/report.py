@@ -1,0 +1,147 @@
+"""Writes a benchmark's tables: JSON, Markdown, and a picture of the confusion table."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tdcr_fe.validation.blind.scoring import NOISE_FLOOR, Score, summarise
+
+
+def write_report(scores: Sequence[Score], out: str | os.PathLike[str]) -> dict[str, Any]:
+    """Write ``benchmark.json``, ``benchmark.md`` and ``confusion.png``.
+
+    Parameters
+    ----------
+    scores
+        Of all sets.
+    out
+        Folder.
+
+    Returns
+    -------
+    dict
+        The summary.
+    """
+    out = Path(out)
+    good = [s for s in scores if s["outcome"] != "failed"]
+    summary = summarise(good)
+    summary["failed"] = len(scores) - len(good)
+    document = {"summary": summary, "sets": list(scores)}
+    (out / "benchmark.json").write_text(json.dumps(document, indent=1, default=float), encoding="utf-8")
+    (out / "benchmark.md").write_text(to_markdown(summary, scores), encoding="utf-8")
+    if good:
+        _picture(good, out / "confusion.png")
+    return summary
+
+
+def _share(part: int, whole: int) -> str:
+    return f"{part} of {whole}" + (f" ({100.0 * part / whole:.0f} %)" if whole else "")
+
+
+def to_markdown(summary: dict[str, Any], scores: Sequence[Score]) -> str:
+    """Summary, and one row a set."""
+    single, small, pair = summary["single"], summary["single_small_noise"], summary["pair"]
+    clean, weak, unlisted = summary["clean"], summary["weak"], summary["off_list"]
+    held, cover = summary["held_out_over_noise"], summary["coverage"]
+
+    def names(c: dict[str, int]) -> str:
+        together = f", {c['named_together']} among those named together" if c["named_together"] else ""
+        return _share(c["right"] + c["named_together"], c["sets"]) + together
+
+    percent = round(100.0 * (NOISE_FLOOR - 1.0))
+    rows = [
+        ("one listed effect: right name", names(single)),
+        ("the same, noise up to 0.12 mm", names(small)),
+        ("two listed effects: both names, no other", names(pair)),
+        ("clean data: nothing missing", _share(clean["right"], clean["sets"])),
+        ("weak effects (about two sigma): right name", names(weak)),
+        (
+            f"held-out error within {percent} % of the noise, right names",
+            _share(held["within_15_percent"], held["sets"]),
+        ),
+        (
+            "held-out error over the noise, median and largest",
+            _ratio(held["median"]) + ", " + _ratio(held["largest"]),
+        ),
+        ("true parameter inside the 95 % interval", _share(cover["inside"], cover["parameters"])),
+        ("effects on no list: not called explained", _share(unlisted["never_explained"], unlisted["sets"])),
+        (
+            "... remainder in the very bay or at the very disk",
+            _share(unlisted["in_the_bay"], unlisted["sets"]),
+        ),
+        ("... remainder within one bay, or at the right load", _share(unlisted["located"], unlisted["sets"])),
+        ("time of one set, median and largest", _seconds(summary["seconds"])),
+    ]
+    lines = ["| what | seen |", "| --- | --- |", *(f"| {a} | {b} |" for a, b in rows), ""]
+    if summary.get("failed"):
+        lines += [f"Sets that failed: {summary['failed']}.", ""]
+    lines += [
+        "| seed | robot | drive | noise [mm] | hidden | declared off [sigma] | named | verdict | outcome "
+        "| held-out before, after / noise | missed intervals |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for s in scores:
+        hidden = " + ".join(s["hidden"]) or "nothing"
+        if s["outcome"] == "failed":
+            lines.append(f"| {s['seed']} | | | | {hidden} | | | | failed: {s['error']} | | |")
+            continue
+        named = " + ".join(
+            n
+            + (f" (or {', '.join(s['indistinguishable_from'][n])})" if s["indistinguishable_from"][n] else "")
+            for n in s["named"]
+        )
+        before, after = s["before"] / s["noise_floor"], s["after"] / s["noise_floor"]
+        off = s["declared_off"]
+        lines.append(
+            f"| {s['seed']} | {s['robot']} | {s['drive']} | {1e3 * s['sigma']:.3g} | {hidden} | {off:.3g} "
+            f"| {named or '-'} | {s['verdict']} | {s['outcome']} | {before:.3g}, {after:.3g} "
+            f"| {', '.join(s['intervals_missed']) or '-'} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _ratio(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
+
+
+def _seconds(times: dict[str, float | None]) -> str:
+    return ", ".join("-" if t is None else f"{t:.0f} s" for t in (times["median"], times["largest"]))
+
+
+def _picture(scores: Sequence[Score], file: Path) -> None:
+    """How often an effect is named where another is hidden; sets with several effects count for each."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    rows = [*sorted({n for s in scores for n in s["hidden"]}), "nothing"]
+    columns = [
+        *sorted({n for s in scores for n in s["named"]} | {r for r in rows if r != "nothing"}),
+        "nothing",
+    ]
+    table = np.zeros((len(rows), len(columns)))
+    for s in scores:
+        for hidden in s["hidden"] or ["nothing"]:
+            # a name that belongs to another hidden effect of the same set is no confusion
+            others = set(s["hidden"]) - {hidden}
+            for named in [n for n in s["named"] if n not in others] or ["nothing"]:
+                table[rows.index(hidden), columns.index(named)] += 1
+    figure = Figure(figsize=(0.42 * len(columns) + 2.6, 0.34 * len(rows) + 2.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.imshow(table, cmap="Blues", aspect="auto", vmin=0.0, vmax=max(1.0, float(table.max())))
+    for i, j in zip(*np.nonzero(table), strict=True):
+        dark = table[i, j] > 0.6 * table.max()
+        right = rows[i] == columns[j]
+        axes.text(j, i, f"{table[i, j]:.0f}", ha="center", va="center", fontsize=8,
+                  color="white" if dark else "black" if right else "firebrick")  # fmt: skip
+    axes.set_xticks(range(len(columns)), columns, rotation=60, ha="right", fontsize=8)
+    axes.set_yticks(range(len(rows)), rows, fontsize=8)
+    axes.set_xlabel("named")
+    axes.set_ylabel("hidden")
+    figure.savefig(file, dpi=150)

@@ -1,0 +1,235 @@
+"""Marks what the closed loop found in one blind set against the answer, and sums up many."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from tdcr_fe.validation.blind.maker import Answer
+from tdcr_fe.validation.blind.recipes import OFF_LIST
+from tdcr_fe.validation.identify import IdentificationResult
+
+Score = dict[str, Any]
+
+#: Two-sided 95 % of a normal distribution.
+_WIDTH = 1.96
+
+#: Held-out misfit over that of the truth that still counts as down to the noise [1].
+NOISE_FLOOR = 1.15
+
+
+def score(answer: Answer, result: IdentificationResult) -> Score:
+    """Mark one result.
+
+    Parameters
+    ----------
+    answer
+        What was hidden.
+    result
+        What was found.
+
+    Returns
+    -------
+    dict
+        "outcome": "right" (the names hidden, no other), "named together" (where a name differs it is among those
+        said to be indistinguishable from one that was named), "wrong"; for sets with an effect on no list
+        "honest" (not said to be explained) or "overconfident". Errors before and after, over the noise of the
+        held-out positions; hits of the 95 % intervals; where the remainder is said to be.
+    """
+    recipe = answer.recipe
+    named = [e.name for e in result.effects]
+    rivals = {e.name: list(e.indistinguishable_from) for e in result.effects}
+    hidden = [n for n in recipe.effects if n not in OFF_LIST]
+    off_list = bool(answer.off_list)
+    if off_list:
+        outcome = "overconfident" if result.verdict in ("explained", "nothing missing") else "honest"
+    elif not hidden:
+        outcome = "right" if result.verdict == "nothing missing" else "wrong"
+    elif sorted(named) == sorted(hidden):
+        outcome = "right"
+    else:
+        outcome = "named together" if _together(hidden, named, rivals) else "wrong"
+    floor, after, before = _held_out(answer, result)
+    inside, outside = _intervals(answer, result)
+    done: Score = {
+        "seed": recipe.seed,
+        "kind": recipe.kind,
+        "hidden": list(recipe.effects),
+        "robot": answer.robot,
+        "drive": recipe.drive,
+        "sigma": recipe.sigma,
+        "declared_off": answer.declared_off,
+        "detectable": answer.detectable,
+        "named": named,
+        "indistinguishable_from": rivals,
+        "verdict": result.verdict,
+        "outcome": outcome,
+        "noise_floor": floor,
+        "before": before,
+        "after": after,
+        "intervals_hit": inside,
+        "intervals_missed": outside,
+        "truth": answer.effects,
+        "found": {
+            e.name: {n: [p.value, p.std_error] for n, p in e.parameters.items()} for e in result.effects
+        },
+        "remaining": [result.remaining.where, result.remaining.description],
+        "mesh_error": result.mesh_error,
+        "runs": result.runs,
+        "wall_time": result.wall_time,
+        "history": list(result.history),
+    }
+    if off_list:
+        done |= _located(answer, result)
+    return done
+
+
+def _together(hidden: Sequence[str], named: Sequence[str], rivals: dict[str, list[str]]) -> bool:
+    """Whether every hidden effect is named, or said to be indistinguishable from one that is, and none is left."""
+    missing = [n for n in hidden if n not in named]
+    extra = [n for n in named if n not in hidden]
+    if len(missing) != len(extra):
+        return False
+    for name in missing:
+        match = next((e for e in extra if name in rivals[e]), None)
+        if match is None:
+            return False
+        extra.remove(match)
+    return True
+
+
+def _held_out(answer: Answer, result: IdentificationResult) -> tuple[float, float, float]:
+    """RMS of noise, of what is left and of what was there before, on held-out positions [m]."""
+    data, held = result.data, set(result.held_out_steps)
+    use = [i for i, r in enumerate(data.readings) if r.step in held and r.quantity.startswith("position_")]
+    noise = np.array([data.readings[i].value - answer.noise_free[i] for i in use])
+    parts = (noise, result.residual_after[use], result.residual_before[use])
+    floor, after, before = (float(np.sqrt(np.mean(p**2))) for p in parts)
+    return floor, after, before
+
+
+def _intervals(answer: Answer, result: IdentificationResult) -> tuple[list[str], list[str]]:
+    """Parameters of rightly named effects whose 95 % interval holds the truth, and those whose does not."""
+    inside: list[str] = []
+    outside: list[str] = []
+    for e in result.effects:
+        for name, p in e.parameters.items():
+            true = answer.effects.get(e.name, {}).get(name)
+            if true is not None and p.std_error is not None:
+                (inside if abs(p.value - true) <= _WIDTH * p.std_error else outside).append(
+                    f"{e.name}.{name}"
+                )
+    return inside, outside
+
+
+def _located(answer: Answer, result: IdentificationResult) -> Score:
+    """Whether the remainder is said to be where the effect is: bay or place, or loads that wake a stuck hole."""
+    told, data = answer.off_list, result.data
+    where = result.remaining.where
+    edges = (0.0, *data.robot.disks.positions)
+    bay = float(np.max(np.diff(edges)))
+    place: tuple[float, float] | None = None
+    found = re.search(r"s = ([\d.e-]+)(?: to ([\d.e-]+))? m", where)
+    if found:
+        start = float(found[1])
+        place = (start, float(found[2]) if found[2] else start)
+    distance = math.inf
+    if place is not None:
+        distance = max(0.0, place[0] - told["end"], told["start"] - place[1])
+        if told["kind"] == "soft_spot":
+            distance = abs(0.5 * (place[0] + place[1]) - 0.5 * (told["start"] + told["end"]))
+    by_load = None
+    steps = re.search(r"steps ([\d, ]+)", where)
+    if told["kind"] == "stuck_hole" and steps:
+        index = {n: k for k, n in enumerate(data.step_ids)}
+        named = [index[int(n)] for n in steps[1].split(",") if n.strip()]
+        pulled = np.array([s.tensions.get(told["tendon"], 0.0) for s in data.steps])
+        by_load = bool(np.mean(pulled[named] > 0.25 * np.max(pulled)) > 0.5)
+    near = distance <= 0.5 * bay if told["kind"] == "soft_spot" else distance <= 1e-5
+    return {
+        "off_list": told,
+        "bays_off": distance / bay if math.isfinite(distance) else None,
+        "in_the_bay": near,
+        "within_one_bay": distance <= 1.05 * bay,
+        "right_load": by_load,
+        "located": bool(distance <= 1.05 * bay or by_load),
+    }
+
+
+def summarise(scores: Iterable[Score]) -> dict[str, Any]:
+    """Shares and counts over all sets.
+
+    Parameters
+    ----------
+    scores
+        From `score`.
+
+    Returns
+    -------
+    dict
+        By kind: "sets", "right", "named_together", "wrong"; of single effects also for a noise up to 0.12 mm;
+        "noise_floor": how many right answers come down to it; "coverage"; "clean"; "off_list"; "confusion": by
+        what is hidden, how often what is named.
+    """
+    scores = list(scores)
+
+    def counts(which: list[Score]) -> dict[str, int]:
+        outcomes = [s["outcome"] for s in which]
+        return {
+            "sets": len(which),
+            "right": outcomes.count("right"),
+            "named_together": outcomes.count("named together"),
+            "wrong": outcomes.count("wrong"),
+        }
+
+    kinds = {
+        k: [s for s in scores if s["kind"] == k] for k in ("clean", "single", "pair", "weak", "off-list")
+    }
+    found = [
+        s for s in scores if s["kind"] in ("single", "pair") and s["outcome"] in ("right", "named together")
+    ]
+    ratios = [s["after"] / s["noise_floor"] for s in found]
+    listed = [s for s in scores if s["kind"] in ("single", "pair")]
+    inside = sum(len(s["intervals_hit"]) for s in listed)
+    outside = sum(len(s["intervals_missed"]) for s in listed)
+    confusion: dict[str, dict[str, int]] = {}
+    for s in scores:
+        hidden = " + ".join(s["hidden"]) or "nothing"
+        told = " + ".join(sorted(s["named"], key=lambda n, h=s["hidden"]: (n not in h, n))) or "nothing"  # type: ignore[misc]
+        if s["verdict"] in ("partly explained", "unexplained"):
+            told = f"{told} ({s['verdict']})" if s["named"] else "unexplained"
+        row = confusion.setdefault(hidden, {})
+        row[told] = row.get(told, 0) + 1
+    off = kinds["off-list"]
+    small = [s for s in kinds["single"] if s["sigma"] <= 1.2e-4]
+    return {
+        "sets": len(scores),
+        "single": counts(kinds["single"]),
+        "single_small_noise": counts(small),
+        "pair": counts(kinds["pair"]),
+        "weak": counts(kinds["weak"]),
+        "clean": counts(kinds["clean"]),
+        "held_out_over_noise": {
+            "sets": len(ratios),
+            "median": float(np.median(ratios)) if ratios else None,
+            "largest": max(ratios, default=None),
+            "within_15_percent": sum(r <= NOISE_FLOOR for r in ratios),
+        },
+        "coverage": {"parameters": inside + outside, "inside": inside},
+        "off_list": {
+            "sets": len(off),
+            "never_explained": sum(s["outcome"] == "honest" for s in off),
+            "in_the_bay": sum(s["in_the_bay"] for s in off),
+            "within_one_bay": sum(s["within_one_bay"] for s in off),
+            "located": sum(s["located"] for s in off),
+        },
+        "seconds": {
+            "median": float(np.median([s["wall_time"] for s in scores])) if scores else None,
+            "largest": max((s["wall_time"] for s in scores), default=None),
+        },
+        "confusion": confusion,
+    }
