@@ -1,0 +1,74 @@
+"""Orders of convergence with the mesh and with the substeps, for every kind of robot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, solve, three
+
+from tdcr_fe.loading import Load, LoadStep
+from tdcr_fe.robot import Robot, Superelastic, Tendon
+from tdcr_fe.routing import ConvergingRouting, HelicalRouting
+
+
+def mesh_orders(robot, steps, meshes=(2, 4, 8, 16), **model) -> np.ndarray:
+    """Order of the tip's error from successive differences: log2 |x_k - x_2k| / |x_2k - x_4k|."""
+    tips = [solve(robot, steps, elements_per_bay=k, **model).tips[-1] for k in meshes]
+    change = [np.linalg.norm(b - a) for a, b in pairwise(tips)]
+    return np.log2(np.array(change[:-1]) / np.array(change[1:]))
+
+
+CASES = [
+    pytest.param(Robot(BACKBONE, DISKS, (Tendon("t1", HelicalRouting(4.5e-3, 2.0), 0.3),)), id="helical"),
+    pytest.param(
+        Robot(BACKBONE, DISKS, (Tendon("t1", ConvergingRouting(4.5e-3, 0.15e-3), 0.3),)), id="converging"
+    ),
+    pytest.param(
+        paper(0.3, backbone=replace(BACKBONE, superelastic=Superelastic(0.002, 0.4))), id="superelastic"
+    ),
+    pytest.param(paper(0.3, backbone=replace(BACKBONE, precurvature=(1.0, 2.0))), id="precurved"),
+    pytest.param(Robot(BACKBONE, replace(DISKS, thickness=4e-3), paper(0.3).tendons), id="thick"),
+]
+
+
+@pytest.mark.parametrize("robot", CASES)
+def test_tip_converges_with_order_two_in_the_mesh(robot):
+    """Pulled to 1 N with friction, and a force at the tip."""
+    steps = [LoadStep("", {"t1": 1.0}, loads={"tip": Load(LENGTH, (0.01, 0.02, 0.0))})]
+    assert mesh_orders(robot, steps) == pytest.approx([2.0, 2.0], abs=0.25)
+
+
+def test_classical_model_converges_with_order_two_in_the_mesh():
+    """A tip force bends the backbone unevenly; the constant strain of an element is the error."""
+    steps = [LoadStep("", {"t1": 1.0}, loads={"tip": Load(LENGTH, (0.0, 0.05, 0.0))})]
+    orders = mesh_orders(paper(), steps, (1, 2, 4, 8), friction="none", tendon_path="continuous")
+    assert orders == pytest.approx([2.0, 2.0], abs=0.15)
+
+
+def test_one_element_per_bay_is_within_a_thousandth_of_the_limit():
+    """The default mesh and the coarsest: tips within 0.05 % and 0.1 % of the length."""
+    limit = solve(paper(0.3), pull(2.5), elements_per_bay=16).tips[0]
+    one, two = (solve(paper(0.3), pull(2.5), elements_per_bay=k).tips[0] for k in (1, 2))
+    assert distance(one, limit) < 1e-3
+    assert distance(two, limit) < 1e-3
+
+
+def test_path_converges_with_the_substeps():
+    """Three tendons with friction: fixed substeps 4, 16, 32 approach what the default settings choose."""
+    steps = [
+        LoadStep("", {"t1": 1.5, "t2": 0.5}),
+        LoadStep("", {"t1": 0.3, "t2": 1.2}, loads={"tip": Load(LENGTH, (0.01, 0.02, 0.0))}),
+        LoadStep("", {"t1": 1.0, "t2": 0.0, "t3": 0.8}),
+    ]
+    chosen = solve(three(0.3), steps).tips[-1]
+    away = []
+    fine = solve(three(0.3), [replace(s, substeps=128) for s in steps]).tips[-1]
+    for n in (4, 16, 32):
+        tip = solve(three(0.3), [replace(s, substeps=n) for s in steps]).tips[-1]
+        away.append(distance(tip, fine))
+    assert away[2] < away[0]
+    assert away[2] < 2e-4
+    assert distance(chosen, fine) < 2e-4
