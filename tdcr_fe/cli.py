@@ -28,6 +28,7 @@ SOLVED, NOT_CONVERGED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 COMMANDS = (
     "tdcr_fe.cli:add_run_parser",
     "tdcr_fe.cli:add_demo_parser",
+    "tdcr_fe.validation.identify_command:add_identify_parser",
 )
 
 

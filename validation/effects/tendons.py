@@ -108,9 +108,9 @@ class HoleClearance(Effect):
         return {"clearance": (0.0, min(5e-3, 0.5 * min(offsets, default=1e-2)))}
 
     def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:
-        """A tenth and half of what is possible."""
+        """A fiftieth and a twelfth of the smallest offset."""
         upper = self.bounds(setup)["clearance"][1]
-        return [[{"clearance": 0.1 * upper}], [{"clearance": 0.5 * upper}]]
+        return [[{"clearance": 0.04 * upper}], [{"clearance": 0.16 * upper}]]
 
     def apply(self, setup: Setup, values: Values) -> Setup:
         """See `Effect.apply`."""

@@ -100,6 +100,9 @@ class Problem:
         quantities = np.array([r.quantity for r in data.readings])
         self.is_position = np.array([q.startswith("position_") for q in quantities])
         self.is_angle = units == "rad"
+        places: dict[tuple[int, float | str | None], int] = {}
+        #: Which marker in which step a position reading belongs to.
+        self.markers = np.array([places.setdefault((r.step, r.location), len(places)) for r in data.readings])
         self.threshold = ROBUST
         self.scales: dict[tuple[str, str], float] = {}
 
@@ -155,15 +158,14 @@ class Problem:
     def misfit(self, r: Array, which: NDArray[np.bool_], parameters: int = 0) -> Misfit:
         """Misfit of residuals over sigma on some readings."""
         raw = r * self.sigma
-
-        def rms(mask: NDArray[np.bool_]) -> float | None:
-            return float(np.sqrt(np.mean(raw[mask] ** 2))) if np.any(mask) else None
-
+        angles = raw[which & self.is_angle]
         p = which & self.is_position
+        distance = np.sqrt(np.bincount(self.markers[p], weights=raw[p] ** 2)) if np.any(p) else np.zeros(0)
+        distance = distance[np.bincount(self.markers[p]) > 0] if np.any(p) else distance
         return Misfit(
-            rms(p),
-            rms(which & self.is_angle),
-            float(np.max(np.abs(raw[p]))) if np.any(p) else None,
+            float(np.sqrt(np.mean(distance**2))) if distance.size else None,
+            float(np.sqrt(np.mean(angles**2))) if angles.size else None,
+            float(np.max(distance)) if distance.size else None,
             float(np.sum(r[which] ** 2) / max(1, np.count_nonzero(which) - parameters)),
             int(np.count_nonzero(which)),
         )
@@ -309,7 +311,7 @@ class Problem:
             gain = now.cost - costs[best][0]
             now = replace(now, values=points[best], residual=found[best], cost=costs[best][0],
                           held_cost=costs[best][1], run=runs[best], free=free)  # fmt: skip
-            if gain < 0.05 + 2e-4 * now.cost or (now.cost > hopeless and gain < 0.1 * now.cost):
+            if gain < 0.05 + 2e-4 * now.cost or (now.cost > hopeless and gain < 0.7 * now.cost):
                 j = self.sensitivities(effects, now, free, steps)
                 break
         return replace(now, jacobian=j, free=free)

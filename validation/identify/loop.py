@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,7 +187,6 @@ class _Loop:
         self.tell("rounds of adding", 0.05)
         self.grow(estimated)
         if s.best.effects:
-            self.refine()
             self.tell("removing and swapping", 0.7)
             self.prune()
             self.compare()
@@ -255,13 +254,13 @@ class _Loop:
                 )
                 return
             s.best = accepted[0]
+            self.correct()
             s.history.append(
                 f"round {number}: {_list(s.best.names)}, misfit per reading {self.mean(s.best.cost, self.fitted):.3g} on "
                 f"fitted and {self.mean(s.best.held_cost, self.problem.held):.3g} on held-out steps"
             )
-            if not self.is_noise(s.best):
-                self.problem.threshold = min(self.problem.threshold, _threshold(s.best.residual))
-            level = [s.best] if self.is_noise(s.best) else accepted[: settings.beam]
+            others = [s.fits[frozenset(f.names)] for f in accepted[1 : settings.beam]]
+            level = [s.best] if self.is_noise(s.best) else [s.best, *others]
 
     def parent(self, fit: Fit) -> Fit:
         """The best smaller model that was fitted and is contained in it."""
@@ -291,19 +290,20 @@ class _Loop:
                     "" if new.solved else "the model did not converge there",
                 )
 
-    def refine(self) -> None:
-        """Take the error of the mesh out where the best model is, and fit all that compete once more there."""
-        s = self.state
-        s.mesh_error = self.problem.correct_mesh(s.best.effects, s.best.values)
-        self.problem.threshold = min(self.problem.threshold, _threshold(s.best.residual))
-        best = self.criterion(s.best)
-        close = [f for f in s.fits.values() if f is s.best or self.criterion(f) < best + 0.5 * abs(best)]
-        for old in close:
-            if old.effects:
-                s.fits[frozenset(old.names)] = self.problem.fit(old.effects, [old.values])
-        base = self.problem.evaluate((), {})
-        s.base = s.fits[frozenset()] = base
-        s.best = s.fits[frozenset(s.best.names)]
+    def correct(self) -> None:
+        """Take the error of the mesh out where the best model is; everything fitted before is judged anew."""
+        s, problem = self.state, self.problem
+        before = problem.correction
+        s.mesh_error = problem.correct_mesh(s.best.effects, s.best.values)
+        shift = (problem.correction - before) / problem.sigma
+        problem.threshold = min(problem.threshold, _threshold(s.best.residual))
+        for key, old in s.fits.items():
+            r = old.residual - shift
+            cost, held_cost = problem.cost(r)
+            s.fits[key] = replace(old, residual=r, cost=cost, held_cost=held_cost)
+        key = frozenset(s.best.names)
+        s.best = s.fits[key] = problem.fit(s.best.effects, [s.best.values])
+        s.base = s.fits[frozenset()]
         s.screens.clear()
 
     def without(self, effect: Effect) -> Fit:
@@ -366,12 +366,14 @@ class _Loop:
         found: list[tuple[float, Fit, Score]] = []
         for base in sorted(bases.values(), key=self.criterion)[:3]:
             suspects = local_suspects(self.problem, base)
+            # To first order a place must do about as well as the best model, or it is not worth a fit.
+            room = 0.1 * base.cost + 5.0 * s.best.cost if base is not s.best else math.inf
             scores = [x for x in screen(self.problem, base, suspects) if x.drop > self.bar(1) * self.level(base) * 0.02]
-            found += [(base.cost - x.drop, base, x) for x in scores[:2]]
+            found += [(base.cost - x.drop, base, x) for x in scores[:2] if base.cost - x.drop < room]
         fits = []
         for _, base, score in sorted(found, key=lambda p: p[0])[:3]:
             self.tell(f"fitting {score.effect.name}", 0.9)
-            new = self.problem.fit((*base.effects, score.effect), score.starts)
+            new = self.problem.fit((*base.effects, score.effect), score.starts, 2.0 * s.best.cost)
             if new.solved and self.better(new, base):
                 fits.append(new)
         if not fits:

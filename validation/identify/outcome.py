@@ -54,7 +54,8 @@ class Misfit:
     Attributes
     ----------
     rms_position, max_position : float or None
-        Over the single position readings [m]; None where there are none.
+        Distance between measured and predicted markers in space, over all markers and steps [m]; of a marker of
+        which not all three coordinates were measured, those that were. None where there are none.
     rms_angle : float or None
         [rad].
     chi2_per_dof : float
