@@ -47,6 +47,11 @@ class SceneHooks:
             mbs.variables[KEY] = cls(mbs)
         hooks = mbs.variables[KEY]
         assert isinstance(hooks, cls)
+        if hooks.actuations and mbs.systemData.NumberOfNodes() == 0:
+            # The system was reset, which leaves mbs.variables as they are.
+            hooks.actuations.clear()
+            hooks._users = dict.fromkeys(_KINDS)
+            hooks.adopt()
         return hooks
 
     def adopt(self) -> None:

@@ -21,7 +21,7 @@ from tdcr_fe.elements.backbone import (
     subdivide,
 )
 from tdcr_fe.elements.disks import add_disk
-from tdcr_fe.elements.friction import FRICTION_LAWS, TendonLaw, TendonParameters, hole_states
+from tdcr_fe.elements.friction import FRICTION_LAWS, TendonLaw, TendonParameters, TensionField, hole_states
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.elements.section import (
     ContinuousTendons,
@@ -320,6 +320,7 @@ class TDCR:
 
     def shape(self) -> tuple[Array, Array]:
         """World positions [m] (N, 3) and section rotations (N, 3, 3) of all nodes; the third column is the tangent."""
+        self._need_assembly()
         p, r, _ = self.actuation.scene_poses()
         return p, r @ BEAM_TO_SECTION.T
 
@@ -340,18 +341,30 @@ class TDCR:
 
     def tensions(self) -> dict[str, Array]:
         """By tendon, tension of every segment from base plate to anchor [N]."""
-        field_ = self.actuation.field
+        field_ = self._field()
         return {t.name: self._segments(i, field_.tension[i]) for i, t in enumerate(self.robot.tendons)}
 
     def displacements(self) -> dict[str, float]:
         """By tendon, what is pulled in at the base since the unloaded, just taut state [m]."""
-        return dict(zip(self.robot.tendon_names, self.actuation.field.base_slip.tolist(), strict=True))
+        return dict(zip(self.robot.tendon_names, self._field().base_slip.tolist(), strict=True))
 
     def hole_states(self) -> dict[str, tuple[str, ...]]:
         """By tendon, state of the hole at the distal end of every segment: stick, pull, release, anchor."""
         law = self.actuation.law
-        holes = law.at_holes(self.actuation.field.mobilisation)
+        holes = law.at_holes(self._field().mobilisation)
         return {t.name: hole_states(holes[i], self._count(i)) for i, t in enumerate(self.robot.tendons)}
+
+    def _need_assembly(self) -> None:
+        if not self.mbs.systemIsConsistent:
+            raise ValueError(f"robot {self.name!r} cannot be read yet; call mbs.Assemble() first")
+
+    def _field(self) -> TensionField:
+        """Tensions as last solved; before any solver has run, those of an unloaded robot."""
+        if not hasattr(self.actuation, "field"):
+            self._need_assembly()
+            positions, rotations, _ = self.actuation.scene_poses()
+            self.actuation.update(positions, rotations, np.zeros(self.actuation.count))
+        return self.actuation.field
 
     def _count(self, i: int) -> int:
         return len(self.robot.hole_arc_lengths(self.robot.tendons[i])) - 1
@@ -438,7 +451,8 @@ def CreateTDCR(
     Raises
     ------
     ValueError
-        The classical model was asked for with friction, or two robots have one name.
+        The classical model was asked for with friction, two robots have one name, an argument is no rotation, or
+        a load lies beyond the tip.
     """
     model = model or Model()
     name = name or robot.name
@@ -450,12 +464,24 @@ def CreateTDCR(
         raise ValueError(f"tendon_path {model.tendon_path!r}; must be 'straight' or 'continuous'")
     if model.friction not in FRICTION_LAWS:
         raise ValueError(f"friction {model.friction!r}; must be one of {', '.join(FRICTION_LAWS)}")
-    hooks = SceneHooks.of(mbs)
-    names = mbs.variables.setdefault("tdcr_fe.names", [])
-    if name in names:
-        raise ValueError(f"the system has a robot {name!r} already; give another name")
+    if model.elements_per_bay < 1:
+        raise ValueError(f"elements_per_bay {model.elements_per_bay}; must be 1 or more")
     position = np.asarray(basePosition, dtype=float)
     rotation = np.eye(3) if baseRotationMatrix is None else np.asarray(baseRotationMatrix, dtype=float)
+    if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9):
+        raise ValueError("baseRotationMatrix must be a rotation matrix of shape (3, 3)")
+    if np.linalg.det(rotation) < 0.0:
+        raise ValueError("baseRotationMatrix is a reflection; must be a rotation matrix")
+    length = robot.backbone.length
+    outside = [s for s in loadPositions if not -1e-9 <= s <= length + 1e-9]
+    if outside:
+        raise ValueError(f"loadPositions: {outside[0]:g} m; the backbone spans 0 to {length:g} m")
+    hooks = SceneHooks.of(mbs)
+    if not hooks.actuations:
+        mbs.variables["tdcr_fe.names"], mbs.variables["tdcr_fe.robots"] = [], {}
+    names = mbs.variables["tdcr_fe.names"]
+    if name in names:
+        raise ValueError(f"the system has a robot {name!r} already; give another name")
 
     mesh, rigid = build_mesh(robot, model, loadPositions)
     disks = robot.disks

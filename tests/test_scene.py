@@ -297,6 +297,7 @@ def test_loads_and_markers_need_a_node():
     ("model", "words"),
     [
         (Model(tendon_path="curved"), "tendon_path"),
+        (Model(elements_per_bay=0), "1 or more"),
         (Model(friction="sticky"), "friction 'sticky'"),
         (Model(tendon_path="continuous", friction="per-tendon"), "no friction"),
     ],
@@ -305,6 +306,54 @@ def test_wrong_models_are_refused(model, words):
     keep = exu.SystemContainer()
     with pytest.raises(ValueError, match=words):
         CreateTDCR(keep.AddSystem(), paper(), model)
+
+
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [
+        ({"loadPositions": [0.3]}, "0 to 0.25 m"),
+        ({"baseRotationMatrix": 2.0 * np.eye(3)}, "must be a rotation"),
+        ({"baseRotationMatrix": np.diag([1.0, 1.0, -1.0])}, "reflection"),
+    ],
+)
+def test_wrong_arguments_are_refused(argument, words):
+    keep = exu.SystemContainer()
+    with pytest.raises(ValueError, match=words):
+        CreateTDCR(keep.AddSystem(), paper(), MODEL, **argument)
+
+
+def test_reading_before_assembly_says_what_to_do_and_before_solving_tells_the_unloaded_state():
+    _keep, mbs, handle = scene(three(0.3), assemble=False)
+    for read in (lambda: handle.tip_position, handle.tensions, handle.hole_states, handle.displacements):
+        with pytest.raises(ValueError, match=r"mbs\.Assemble"):
+            read()
+    mbs.Assemble()
+    assert distance(handle.tip_position, STRAIGHT) < 1e-12
+    assert np.all(handle.tensions()["t2"] == 0.0)
+    assert handle.hole_states()["t1"][:2] == ("stick", "stick")
+    assert handle.displacements()["t1"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_system_that_was_reset_can_be_used_again():
+    _keep, mbs, handle = scene(paper(0.3))
+    solved(mbs, handle, 1.0)
+    mbs.Reset()
+    again = CreateTDCR(mbs, paper(0.3), MODEL)
+    mbs.Assemble()
+    solved(mbs, again, 1.0)
+    assert distance(again.tip_position, tip_alone()) < 1e-9
+
+
+def test_a_robot_added_later_joins_the_first():
+    """Assemble again: all robots begin unloaded, with the inputs that were set."""
+    _keep, mbs, handle = scene(paper(0.3))
+    solved(mbs, handle, 1.0)
+    second = CreateTDCR(mbs, paper(0.3), MODEL, name="second", basePosition=[0.1, 0.0, 0.0])
+    mbs.Assemble()
+    second.set_tensions([0.5])
+    mbs.SolveTDCR()
+    assert distance(second.tip_position - [0.1, 0.0, 0.0], tip_alone(tension=0.5)) < 1e-7
+    assert distance(handle.tip_position, tip_alone()) < 1e-3
 
 
 def test_history_goes_on_from_call_to_call_and_can_be_forgotten():
