@@ -1,0 +1,190 @@
+"""Runs cases and studies in parallel processes; keeps what is finished, so that a run can be interrupted."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import tdcr_fe
+from tdcr_fe.validation.crosscheck.cases import Case
+from tdcr_fe.validation.crosscheck.studies import Study
+
+Record = dict[str, Any]
+Task = Case | Study
+
+
+@cache
+def versions() -> dict[str, str]:
+    """What the outcome depends on besides the case: packages, and a digest of this package's own source."""
+    found = {"tdcr-fe": tdcr_fe.__version__}
+    for name in ("exudyn", "numpy", "scipy"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    digest = hashlib.sha256()
+    for package in ("", ".elements", ".validation.reference", ".validation.crosscheck"):
+        source = (item for item in files(f"tdcr_fe{package}").iterdir() if item.name.endswith(".py"))
+        for item in sorted(source, key=lambda item: item.name):
+            if item.name.removesuffix(".py") not in _NO_NUMBERS:
+                digest.update(item.read_bytes())
+    found["source"] = digest.hexdigest()[:16]
+    return found
+
+
+#: Modules whose change does not change a number.
+_NO_NUMBERS = ("cli", "plots", "output", "files", "campaign", "command", "figures", "report", "__main__")
+
+
+def digest_of(task: Task) -> str:
+    """Names a case or study and the versions that it is solved with."""
+    return hashlib.sha256(f"{task!r}|{sorted(versions().items())}".encode()).hexdigest()
+
+
+def solve(task: Task) -> Record:
+    """Solve one case or study; an error becomes part of the record instead of ending the run."""
+    from tdcr_fe.validation.crosscheck.compare import compare
+    from tdcr_fe.validation.crosscheck.studies import run_study
+
+    try:
+        record = compare(task) if isinstance(task, Case) else run_study(task)
+        record["error"] = ""
+    except Exception as error:
+        record = {"id": task.id, "error": f"{type(error).__name__}: {error}"}
+    return record
+
+
+def _start_worker() -> None:
+    """Leave Ctrl-C to the parent, and keep Exudyn's own messages off the terminal."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    import exudyn
+
+    exudyn.config.printToConsole = False
+
+
+def plain(value: Any) -> Any:
+    """The value with what JSON does not know (NaN, numpy's numbers) replaced."""
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file such that it is either there as a whole or as it was before."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}-{os.getpid()}.partial")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def recall(folder: Path, task: Task) -> Record | None:
+    """The record of a task that was finished before with the same versions; None where there is none."""
+    path = folder / f"{task.id}.json"
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    if (
+        not isinstance(stored, dict)
+        or stored.get("digest") != digest_of(task)
+        or stored["record"].get("error")
+    ):
+        return None
+    record: Record = stored["record"]
+    return record
+
+
+def run(
+    tasks: Sequence[Task], folder: Path, processes: int, progress: Callable[[Record, bool], None]
+) -> dict[str, Record]:
+    """Solve tasks, or recall them where they are finished.
+
+    Parameters
+    ----------
+    tasks
+        Cases and studies.
+    folder
+        Where the records are kept, one file each.
+    processes
+        How many to use.
+    progress
+        Called with every record, and whether it was recalled.
+
+    Returns
+    -------
+    dict
+        Records by id.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Interrupted; what was finished is kept in ``folder``.
+    """
+    records: dict[str, Record] = {}
+    left: list[Task] = []
+    for task in tasks:
+        known = recall(folder, task)
+        if known is None:
+            left.append(task)
+        else:
+            records[task.id] = known
+            progress(known, True)
+    if left:
+        for task, record in _solve_all(left, processes):
+            record = plain(record)
+            text = json.dumps(
+                {"digest": digest_of(task), "versions": versions(), "record": record}, allow_nan=False
+            )
+            write_whole(folder / f"{task.id}.json", text)
+            records[task.id] = record
+            progress(record, False)
+    return {task.id: records[task.id] for task in tasks}
+
+
+def _solve_all(tasks: Sequence[Task], processes: int) -> Iterable[tuple[Task, Record]]:
+    before = os.environ.get("OPENBLAS_NUM_THREADS")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each process works on one core
+    pool = ProcessPoolExecutor(
+        max(1, min(processes, len(tasks))), multiprocessing.get_context("spawn"), initializer=_start_worker
+    )
+    try:
+        waiting = iter(tasks)
+        running: dict[Future[Record], Task] = {}
+        for task in waiting:
+            running[pool.submit(solve, task)] = task
+            if len(running) < 2 * processes:
+                continue
+            yield from _finished(running)
+        while running:
+            yield from _finished(running)
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+        if before is None:
+            os.environ.pop("OPENBLAS_NUM_THREADS", None)
+
+
+def _finished(running: dict[Future[Record], Task]) -> Iterable[tuple[Task, Record]]:
+    done, _ = wait(running, return_when=FIRST_COMPLETED)
+    for future in done:
+        yield running.pop(future), future.result()

@@ -1,0 +1,288 @@
+"""One case on both sides: deviations of shape, orientation, tensions and hole states, in plain numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.results import SequenceResult, StepResult
+from tdcr_fe.robot import Robot
+from tdcr_fe.simulate import SolverSettings, Trajectory, simulate
+from tdcr_fe.validation.crosscheck.cases import PRESLIDING, Case
+from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
+
+Array = NDArray[np.float64]
+Record = dict[str, Any]
+
+#: A hole whose states differ is on the verge where both mobilisations are within this of each other ...
+VERGE_MOBILISATION = 0.01
+#: ... or where it moved less than this in the load step [m], a tenth of the presliding distance.
+VERGE_SLIP = 0.1 * PRESLIDING
+#: Tensions below this share of the highest in the sequence are not compared [1].
+SLACK = 1e-6
+
+
+def compare(case: Case) -> Record:
+    """Solve a case on both sides.
+
+    Parameters
+    ----------
+    case
+        The case.
+
+    Returns
+    -------
+    dict
+        Plain numbers, strings and lists, ready for JSON. ``steps`` has one entry per load step that both solved;
+        the other keys are worst values over them.
+    """
+    trajectory: Trajectory = []
+    fe = simulate(
+        case.robot, case.model, case.steps, SolverSettings(presliding=PRESLIDING), record=trajectory
+    )
+    at = tuple(float(x) for x in fe.steps[0].s) if fe.steps else ()
+    ref = solve_reference(
+        case.robot, case.model, case.steps, settings=ReferenceSettings(presliding=PRESLIDING, sample_at=at)
+    )
+    # Timed apart: the shape between the nodes is for the comparison only.
+    states = [waypoints[-1].state.histories[0] for waypoints in trajectory[: len(fe.steps)]]
+    slips = np.array([state.slip for state in states])
+    steps = []
+    tops = _tops(case.robot, ref)
+    for i, (a, b) in enumerate(zip(fe.steps, ref.steps, strict=False)):
+        moved = slips[i] - (slips[i - 1] if i else 0.0)
+        steps.append(_compare_step(case, a, b, states[i].mobilisation, moved, tops))
+    both = fe.converged and ref.converged
+    worst = max(range(len(steps)), key=lambda i: steps[i]["tip_percent"]) if steps else None
+
+    def most(key: str) -> float:
+        return max((s[key] for s in steps), default=float("nan"))
+
+    off = [hole for s in steps for hole in s["holes_differing"] if not hole["verge"]]
+    same_path = all(s["substeps_finite_element"] == s["substeps_reference"] for s in steps)
+    deviation = most("tip_percent")
+    tension = most("tension_percent")
+    reasons = []
+    if not fe.converged:
+        reasons.append(f"finite elements: {fe.message}")
+    if not ref.converged:
+        reasons.append(f"reference: {ref.message}")
+    if both and not deviation <= case.tolerance_percent:
+        reasons.append(f"tip deviates by {deviation:.4f} % of the length")
+    if both and not tension <= case.tension_tolerance_percent:
+        reasons.append(f"a tension deviates by {tension:.3f} %")
+    if off:
+        reasons.append(f"{len(off)} hole states differ that are not on the verge")
+    return {
+        "id": case.id,
+        "group": case.group,
+        "routing": case.routing,
+        "tendon_path": case.model.tendon_path,
+        "friction": case.model.friction,
+        "load": case.load,
+        "disks": case.disks,
+        "converged": both,
+        "tip_finite_element": steps[worst]["tip_finite_element"] if worst is not None else None,
+        "tip_reference": steps[worst]["tip_reference"] if worst is not None else None,
+        "worst_step": None if worst is None else worst + 1,
+        "deviation_percent": deviation,
+        "tolerance_percent": case.tolerance_percent,
+        "shape_percent": most("shape_percent"),
+        "orientation_deg": most("orientation_deg"),
+        "tension_percent": tension,
+        "tension_tolerance_percent": case.tension_tolerance_percent,
+        "displacement_percent": most("displacement_percent"),
+        "largest_bending_deg": most("turned_deg"),
+        "holes": sum(s["holes"] for s in steps),
+        "holes_differing": sum(len(s["holes_differing"]) for s in steps),
+        "holes_differing_off_the_verge": len(off),
+        "same_path": same_path,
+        "bounds": {key: most(key) for key in _BOUNDS},
+        "iterations_finite_element": sum(s["iterations_finite_element"] for s in steps),
+        "iterations_reference": sum(s["iterations_reference"] for s in steps),
+        "substeps": sum(s["substeps_reference"] for s in steps),
+        "time_finite_element": fe.wall_time,
+        "time_reference": ref.wall_time,
+        "passed": not reasons,
+        "reasons": reasons,
+        "steps": steps,
+        "tendons": list(case.robot.tendon_names),
+    }
+
+
+_BOUNDS = ("outside_finite_element", "outside_reference", "off_bound_finite_element", "off_bound_reference")
+
+
+def _tops(robot: Robot, result: SequenceResult) -> Array:
+    """Highest tension of every tendon in the sequence [N]."""
+    return np.array(
+        [
+            max((float(np.max(s.tensions[i])) for s in result.steps), default=0.0)
+            for i in range(len(robot.tendons))
+        ]
+    )
+
+
+def _compare_step(
+    case: Case, a: StepResult, b: StepResult, mobilisation: Array, moved: Array, tops: Array
+) -> Record:
+    length = case.robot.backbone.length
+    index = np.array([int(np.argmin(np.abs(b.s - s))) for s in a.s])
+    if np.max(np.abs(b.s[index] - a.s)) > 1e-9:
+        raise RuntimeError(f"{case.id}: the reference was not sampled at the nodes")
+    gap = np.linalg.norm(a.positions - b.positions[index], axis=1)
+    relative = np.swapaxes(a.rotations, 1, 2) @ b.rotations[index]
+    sine = 0.5 * np.linalg.norm(
+        np.stack([relative[:, i, j] - relative[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1), axis=1
+    )
+    turn = np.degrees(np.arctan2(sine, 0.5 * (np.trace(relative, axis1=1, axis2=2) - 1.0)))
+    worst_tension = 0.0
+    highest = float(np.max(tops, initial=0.0))
+    for x, y in zip(a.tensions, b.tensions, strict=True):
+        scale = float(np.max(y))
+        if scale > SLACK * highest:
+            worst_tension = max(worst_tension, 100.0 * float(np.max(np.abs(x - y))) / scale)
+    rough = case.model.friction != "none"
+    reference_share = b.details["mobilisation"]
+    holes = sum(len(x) - 1 for x in b.hole_states) if rough else 0
+    differing = _differing(case, a, b, mobilisation, moved, highest) if rough else []
+    record: Record = {
+        "label": b.label,
+        "tip_finite_element": a.tip.tolist(),
+        "tip_reference": b.tip.tolist(),
+        "tip_percent": 100.0 * float(gap[-1]) / length,
+        "shape_percent": 100.0 * float(np.max(gap)) / length,
+        "orientation_deg": float(np.max(turn)),
+        "tip_orientation_deg": float(turn[-1]),
+        "tension_percent": worst_tension,
+        "displacement_percent": 100.0
+        * float(np.max(np.abs(a.displacements - b.displacements), initial=0.0))
+        / length,
+        "bending_deg": float(np.degrees(b.bending_angle)),
+        "turned_deg": _turned(b),
+        "iterations_finite_element": a.iterations,
+        "iterations_reference": b.iterations,
+        "substeps_finite_element": a.substeps,
+        "substeps_reference": b.substeps,
+        "holes": holes,
+        "holes_differing": differing,
+        "base_tensions": b.base_tensions.tolist(),
+        "base_tensions_finite_element": a.base_tensions.tolist(),
+        "displacements_finite_element": a.displacements.tolist(),
+        "displacements_reference": b.displacements.tolist(),
+        "tensions_finite_element": [x.tolist() for x in a.tensions],
+        "tensions_reference": [x.tolist() for x in b.tensions],
+        "mobilisation_reference": [x.tolist() for x in reference_share],
+        "mobilisation_finite_element": [
+            _of_holes(mobilisation[i], len(x)).tolist() for i, x in enumerate(reference_share)
+        ],
+        "dissipation_reference": float(sum(np.sum(x) for x in b.details["dissipation"])),
+        "s": a.s.tolist(),
+        "shape_finite_element": a.positions.round(9).tolist(),
+        "shape_reference": b.positions[index].round(9).tolist(),
+    }
+    for side, result in (("finite_element", a), ("reference", b)):
+        if rough:
+            record[f"friction_share_{side}"] = friction_shares(case, result)
+        outside, off = capstan(case, result) if rough else (0.0, 0.0)
+        record[f"outside_{side}"], record[f"off_bound_{side}"] = outside, off
+    return record
+
+
+def _turned(step: StepResult) -> float:
+    """Angle that the tangent sweeps along the backbone [deg]; unlike the bending angle it may exceed 180."""
+    tangents = step.rotations[:, :, 2]
+    sine = np.linalg.norm(np.cross(tangents[:-1], tangents[1:]), axis=1)
+    return float(np.degrees(np.sum(np.arctan2(sine, np.sum(tangents[:-1] * tangents[1:], axis=1)))))
+
+
+def _of_holes(mobilisation: Array, count: int) -> Array:
+    """Mobilisation at every hole of a tendon, shape (count,)."""
+    if mobilisation.size == 0:
+        return np.zeros(count)
+    return np.full(count, mobilisation[0]) if mobilisation.size == 1 else mobilisation[:count]
+
+
+def _differing(
+    case: Case, a: StepResult, b: StepResult, mobilisation: Array, moved: Array, highest: float
+) -> list[Record]:
+    """Holes whose states differ, and whether they are on the verge."""
+    found: list[Record] = []
+    for i, (mine, theirs) in enumerate(zip(a.hole_states, b.hole_states, strict=True)):
+        share = b.details["mobilisation"][i]
+        own, slip = _of_holes(mobilisation[i], len(share)), _of_holes(moved[i], len(share))
+        for k, (x, y) in enumerate(zip(mine, theirs, strict=True)):
+            if x == y:
+                continue
+            slack = max(a.tensions[i][k], b.tensions[i][k]) <= SLACK * highest
+            verge = slack or abs(own[k] - share[k]) <= VERGE_MOBILISATION or abs(slip[k]) <= VERGE_SLIP
+            found.append(
+                {
+                    "tendon": case.robot.tendon_names[i],
+                    "hole": k + 1,
+                    "finite_element": x,
+                    "reference": y,
+                    "mobilisation_finite_element": float(own[k]),
+                    "mobilisation_reference": float(share[k]),
+                    "slip": float(slip[k]),
+                    "verge": bool(verge),
+                }
+            )
+    return found
+
+
+def turning_angles(robot: Robot, step: StepResult, tendon: int) -> Array:
+    """Angles by which a straight-segment tendon turns at its holes [rad], shape (n - 1,)."""
+    t = robot.tendons[tendon]
+    arcs = robot.hole_arc_lengths(t)
+    nodes = np.array([int(np.argmin(np.abs(step.s - s))) for s in arcs])
+    holes = np.concatenate((robot.holes(t), np.zeros((len(arcs), 1))), axis=1)
+    points = step.positions[nodes] + np.einsum("nij,nj->ni", step.rotations[nodes], holes)
+    edges = np.diff(points, axis=0)
+    sine = np.linalg.norm(np.cross(edges[:-1], edges[1:]), axis=1)
+    return np.asarray(np.arctan2(sine, np.sum(edges[:-1] * edges[1:], axis=1)), dtype=float)
+
+
+def friction_shares(case: Case, step: StepResult) -> list[list[float]]:
+    """By tendon and hole ``ln(T_k+1 / T_k) / (mu theta_k)``: -1 pulls, +1 releases; 0 where nothing is pulled.
+
+    From the solved geometry and tensions alone.
+    """
+    shares = []
+    for i, tendon in enumerate(case.robot.tendons):
+        tension = np.maximum(step.tensions[i], 1e-12)
+        bound = tendon.friction_coefficient * turning_angles(case.robot, step, i)
+        usable = (bound > 1e-12) & (step.tensions[i][:-1] > 1e-6)
+        ratio = np.log(tension[1:] / tension[:-1]) / np.where(usable, bound, 1.0)
+        shares.append(np.where(usable, ratio, 0.0).tolist())
+    return shares
+
+
+def capstan(case: Case, step: StepResult) -> tuple[float, float]:
+    """How far tensions violate the Capstan bounds, from the solved geometry and tensions alone.
+
+    Returns
+    -------
+    tuple of float
+        Largest excess beyond the bounds, and largest distance from its bound of a hole that slips, both relative
+        to the tension before the hole.
+    """
+    outside = off = 0.0
+    for i, tendon in enumerate(case.robot.tendons):
+        tension = step.tensions[i]
+        before, after = tension[:-1], tension[1:]
+        factor = np.exp(tendon.friction_coefficient * turning_angles(case.robot, step, i))
+        lower = np.maximum(0.0, before / factor - tendon.adhesion)
+        upper = (before + tendon.adhesion) * factor
+        states = np.array(step.hole_states[i][:-1])
+        taut = before > 1e-6
+        if not np.any(taut):
+            continue
+        scale = np.where(taut, before, np.inf)
+        excess = np.maximum(np.maximum(after - upper, lower - after), 0.0) / scale
+        bound = np.where(states == "pull", lower, upper)
+        distance = np.where(states == "stick", 0.0, np.abs(after - bound)) / scale
+        outside, off = max(outside, float(np.max(excess))), max(off, float(np.max(distance)))
+    return outside, off

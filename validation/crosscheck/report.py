@@ -1,0 +1,346 @@
+"""Judges the records of cases and studies, and writes report.html and report.json."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tdcr_fe.validation.crosscheck import campaign
+from tdcr_fe.validation.crosscheck.cases import (
+    LEAST_ORDER,
+    LOADS,
+    MEDIAN_TOLERANCE,
+    MODELS,
+    PRESLIDING,
+    ROUTINGS,
+    TENSION_TOLERANCE,
+    TIP_TOLERANCE,
+)
+from tdcr_fe.validation.crosscheck.studies import Study
+
+Record = dict[str, Any]
+
+#: The cases that differ most get a third argument.
+DISPUTES = 5
+#: Deviations that the reference may have: from closed forms, from the figures of other codes (they agree with
+#: each other to 1e-8 and are quoted to 1e-9 m), from the third integration [% of the length].
+CLOSED_TOLERANCE, LITERATURE_TOLERANCE, THIRD_TOLERANCE = 1e-6, 2e-6, 1e-4
+#: How far a tension may be outside its Capstan bounds, relative to itself [1].
+BOUND_TOLERANCE = 1e-8
+#: What is left out of report.json, because only the pictures need it.
+_PICTURES_ONLY = (
+    "s", "shape_finite_element", "shape_reference", "mobilisation_finite_element", "mobilisation_reference",
+    "friction_share_finite_element", "friction_share_reference",
+)  # fmt: skip
+
+
+def disputes(cases: Sequence[Record]) -> list[Study]:
+    """Studies of the cases that differ most."""
+    solved = [c for c in cases if c.get("deviation_percent") is not None and c.get("converged")]
+    worst = sorted(solved, key=lambda c: -c["deviation_percent"])[:DISPUTES]
+    return [Study(f"dispute_{c['id']}", "dispute", (c["id"], c["worst_step"]), True) for c in worst]
+
+
+def _failed_case(record: Record) -> Record:
+    """What the report needs to know of a case that ended in an error."""
+    blank: Record = dict.fromkeys(
+        ("routing", "tendon_path", "friction", "load", "group", "tip_finite_element", "tip_reference")
+    )
+    return {**blank, "deviation_percent": None, "tolerance_percent": TIP_TOLERANCE, "converged": False,
+            "passed": False, "reasons": [record["error"]], "steps": [], **record}  # fmt: skip
+
+
+def judge(
+    cases: Sequence[Record],
+    studies: Sequence[Record],
+    *,
+    full: bool,
+    wall_time: float,
+    processes: int,
+    recalled: int,
+) -> Record:
+    """Everything that the report says, before it is written.
+
+    Parameters
+    ----------
+    cases, studies
+        Records.
+    full
+        Whether it is the full set.
+    wall_time
+        Of the whole run [s].
+    processes
+        How many worked.
+    recalled
+        How many records were finished before.
+    """
+    cases = [_failed_case(c) if c.get("error") else c for c in cases]
+    solved = [c for c in cases if c["converged"]]
+    kinds: dict[str, list[Record]] = {
+        k: [] for k in ("mesh", "disks", "literature", "closed", "time", "dispute")
+    }
+    broken = [f"study {s['id']}: {s['error']}" for s in studies if s.get("error")]
+    for study in studies:
+        if not study.get("error"):
+            kinds[study["kind"]].append(study)
+
+    def worst(key: str) -> Record | None:
+        return max((c for c in solved if c.get(key) is not None), key=lambda c: c[key], default=None)
+
+    def most(rows: Sequence[Record], key: str) -> float:
+        return max((float(r[key]) for r in rows if r.get(key) is not None), default=float("nan"))
+
+    failing = [c for c in cases if not c["passed"]]
+    median = float(np.median([c["deviation_percent"] for c in solved])) if solved else float("nan")
+    shape, tip, tension = worst("shape_percent"), worst("deviation_percent"), worst("tension_percent")
+    holes = sum(c["holes"] for c in solved)
+    differing = sum(c["holes_differing"] for c in solved)
+    off = sum(c["holes_differing_off_the_verge"] for c in solved)
+    orders = [s["order"] for s in kinds["mesh"] if s["order"] is not None]
+    outside = max((v for c in solved for k, v in c["bounds"].items() if v is not None), default=float("nan"))
+    third = most(kinds["dispute"], "third_shape_percent")
+    requirements = [
+        _need("Tip, worst case", tip, "deviation_percent", TIP_TOLERANCE, "% of the length"),
+        _row("Tip, median of all cases", median, MEDIAN_TOLERANCE, "% of the length"),
+        _need("Tension at a hole, worst", tension, "tension_percent", TENSION_TOLERANCE, "% of the tendon's highest"),
+        _row("Hole states that differ, not on the verge", float(off), 0.5, f"of {holes}", show=f"{off}", need="0"),
+        _row("Tensions outside the Capstan bounds", outside, BOUND_TOLERANCE, "of the tension"),
+        _row("Reference against closed forms", most(kinds["closed"], "reference_percent"), CLOSED_TOLERANCE,
+             "% of the length"),
+        _row("Reference against two public codes", most(kinds["literature"], "reference_percent"),
+             LITERATURE_TOLERANCE, "% of the length"),
+        _row("Reference against a third integration, worst five cases", third, THIRD_TOLERANCE, "% of the length"),
+    ]  # fmt: skip
+    least = min(orders, default=float("nan"))
+    requirements.insert(
+        4,
+        {"what": "Order of mesh convergence, least", "found": f"{least:.2f}", "required": f"at least {LEAST_ORDER:g}",
+         "unit": "", "passed": bool(least >= LEAST_ORDER), "where": ""},
+    )  # fmt: skip
+    failures = broken + [f"{c['id']}: {'; '.join(c['reasons'])}" for c in failing]
+    failures += [
+        f"{r['what']}: {r['found']} {r['unit']}, required {r['required']}"
+        for r in requirements
+        if not r["passed"]
+    ]
+    return {
+        "passed": not failures,
+        "failures": failures,
+        "set": "full" if full else "quick",
+        "requirements": requirements,
+        "counts": {
+            "cases": len(cases),
+            "failing": len(failing),
+            "steps": sum(len(c["steps"]) for c in solved),
+            "holes": holes,
+            "holes_differing": differing,
+            "holes_differing_off_the_verge": off,
+            "histories": sum(c["group"] == "history" for c in cases),
+            "other_paths": sum(not c["same_path"] and c["friction"] != "none" for c in solved),
+        },
+        "worst": {
+            "tip_percent": None if tip is None else tip["deviation_percent"],
+            "tip_case": None if tip is None else tip["id"],
+            "median_tip_percent": median,
+            "shape_percent": None if shape is None else shape["shape_percent"],
+            "orientation_deg": most(solved, "orientation_deg"),
+            "tension_percent": None if tension is None else tension["tension_percent"],
+            "displacement_percent": most(solved, "displacement_percent"),
+            "largest_bending_deg": most(solved, "largest_bending_deg"),
+        },
+        "time": {
+            "wall": wall_time,
+            "processes": processes,
+            "recalled": recalled,
+            "finite_element": sum(c["time_finite_element"] for c in solved),
+            "reference": sum(c["time_reference"] for c in solved),
+        },
+        "versions": campaign.versions(),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "cases": cases,
+        "studies": kinds,
+    }
+
+
+def _row(
+    what: str, found: float, limit: float, unit: str, show: str = "", need: str = "", where: str = ""
+) -> Record:
+    return {
+        "what": what,
+        "found": show or _short(found),
+        "required": need or f"below {limit:g}",
+        "unit": unit,
+        "passed": bool(found < limit),
+        "where": where,
+    }
+
+
+def _need(what: str, case: Record | None, key: str, limit: float, unit: str) -> Record:
+    if case is None:
+        return _row(what, float("nan"), limit, unit)
+    return _row(what, float(case[key]), limit, unit, where=case["id"])
+
+
+def _short(value: float | None) -> str:
+    """A number as people read it."""
+    if value is None or not np.isfinite(value):
+        return "–"
+    if value == 0.0:
+        return "0"
+    if abs(value) >= 1e-4:
+        return f"{value:.4f}" if abs(value) < 10.0 else f"{value:.1f}"
+    exponent = int(np.floor(np.log10(abs(value))))
+    return f"{value / 10.0**exponent:.1f}e{exponent}"
+
+
+def headline(outcome: Record) -> list[str]:
+    """The outcome in a few lines, for a terminal."""
+    counts, time = outcome["counts"], outcome["time"]
+    lines = [
+        f"{counts['cases'] - counts['failing']} of {counts['cases']} cases hold ({outcome['set']} set, "
+        f"{counts['steps']} load steps, {time['wall']:.0f} s)"
+    ]
+    for r in outcome["requirements"]:
+        mark = "holds" if r["passed"] else "FAILS"
+        lines.append(f"  {mark}  {r['what']}: {r['found']} {r['unit']} ({r['required']})")
+    return lines
+
+
+# ------------------------------------------------------------------------------------------------- writing
+
+
+def write(outcome: Record, out: Path) -> None:
+    """Write report.json and report.html into a directory."""
+    campaign.write_whole(out / "report.json", json.dumps(to_json(outcome), indent=1, allow_nan=False) + "\n")
+    campaign.write_whole(out / "report.html", to_html(outcome))
+
+
+def to_json(outcome: Record) -> Record:
+    """What scripts read: the outcome without what only pictures need."""
+
+    def slim(case: Record) -> Record:
+        steps = [{k: v for k, v in s.items() if k not in _PICTURES_ONLY} for s in case["steps"]]
+        return {**case, "steps": steps}
+
+    result: Record = campaign.plain({**outcome, "cases": [slim(c) for c in outcome["cases"]]})
+    return result
+
+
+def _picture(svg: str, text: str) -> Record:
+    code = base64.b64encode(svg.encode()).decode()
+    return {"source": f"data:image/svg+xml;base64,{code}", "text": text}
+
+
+def _pictures(outcome: Record) -> Record:
+    from tdcr_fe.validation.crosscheck import figures
+
+    cases = [c for c in outcome["cases"] if c["converged"]]
+    studies = outcome["studies"]
+    pictures: Record = {"groups": [], "histories": [], "bounds": []}
+    if cases:
+        median = outcome["worst"]["median_tip_percent"]
+        pictures["deviations"] = _picture(
+            figures.deviations(outcome["cases"], TIP_TOLERANCE, median), "Deviation of the tip in every case"
+        )
+        pictures["times"] = _picture(figures.times(cases), "Time per substep over the number of disks")
+    if studies["mesh"]:
+        pictures["mesh"] = _picture(figures.mesh(studies["mesh"]), "Mesh convergence")
+    if studies["disks"]:
+        pictures["disks"] = _picture(
+            figures.disks(studies["disks"]), "Straight model against the classical one"
+        )
+    for routing in ROUTINGS:
+        for path, friction in MODELS:
+            mine = [
+                c for c in cases
+                if c["group"] == "grid" and (c["routing"], c["tendon_path"], c["friction"]) == (routing, path, friction)
+            ]  # fmt: skip
+            chosen = []
+            for k, load in enumerate(LOADS):
+                of_load = sorted((c for c in mine if c["load"] == load), key=lambda c: c["disks"])
+                if of_load:
+                    chosen.append(of_load[k % len(of_load)])
+            if chosen:
+                model = (
+                    path
+                    if path == "continuous"
+                    else f"{path}, {'no' if friction == 'none' else friction} friction"
+                )
+                worst = max(mine, key=lambda c: c["deviation_percent"])
+                pictures["groups"].append(
+                    {
+                        "title": f"{routing}: {model}",
+                        "count": len(mine),
+                        "worst": _short(worst["deviation_percent"]),
+                        "where": f"{worst['load']}, {worst['disks']} disks",
+                        **_picture(figures.group(chosen), f"Shapes and tensions, {routing}, {model}"),
+                    }
+                )
+    for case in cases:
+        if case["group"] == "history" and case["friction"] == "per-hole":
+            pictures["histories"].append(
+                {
+                    "case": case,
+                    "energy": _energy(case),
+                    **_picture(figures.history(case), f"Hysteresis of {case['id']}"),
+                }
+            )
+    single = [
+        c for c in cases if c["group"] == "history" and c["friction"] == "per-hole" and len(c["tendons"]) == 1
+    ]
+    for routing in ("parallel", "helical"):
+        for case in [c for c in single if c["routing"] == routing][:1]:
+            pictures["bounds"].append(
+                {
+                    "title": f"{routing}, {case['disks']} disks",
+                    **_picture(figures.bounds(case), f"Friction bounds, {routing}"),
+                }
+            )
+    return pictures
+
+
+def _energy(case: Record) -> Record:
+    """Work of the actuators by the trapezoidal rule on both sides, and what the holes dissipated [mJ]."""
+    result: Record = {}
+    for side, tension in (("finite_element", "base_tensions_finite_element"), ("reference", "base_tensions")):
+        pull = np.array([s[tension] for s in case["steps"]])
+        moved = np.array([s[f"displacements_{side}"] for s in case["steps"]])
+        pull, moved = (np.concatenate((np.zeros((1, pull.shape[1])), x)) for x in (pull, moved))
+        result[side] = 1e3 * float(np.sum(0.5 * (pull[1:] + pull[:-1]) * np.diff(moved, axis=0)))
+    result["dissipated"] = 1e3 * case["steps"][-1]["dissipation_reference"]
+    return result
+
+
+def to_html(outcome: Record) -> str:
+    """The report as one file that needs nothing else."""
+    import jinja2
+
+    text = files("tdcr_fe.validation").joinpath("templates/validate.html.j2").read_text(encoding="utf-8")
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["short"] = _short
+    environment.filters["ms"] = lambda seconds: f"{1e3 * seconds:.0f}"
+    worst = sorted(
+        (c for c in outcome["cases"] if c.get("deviation_percent") is not None),
+        key=lambda c: -c["deviation_percent"],
+    )
+    verge = [
+        (c, n + 1, h)
+        for c in outcome["cases"]
+        for n, s in enumerate(c["steps"])
+        for h in s["holes_differing"]
+    ]
+    return environment.from_string(text).render(
+        outcome=outcome,
+        pictures=_pictures(outcome),
+        worst=worst[:DISPUTES],
+        verge=verge,
+        tip_tolerance=TIP_TOLERANCE,
+        presliding=PRESLIDING,
+    )
