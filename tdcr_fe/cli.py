@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from tdcr_fe import __version__
+from tdcr_fe.status import INTERRUPTED, NOT_CONVERGED, SOLVED, WRONG_INPUT, complain
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from tdcr_fe.files import Scenario
     from tdcr_fe.results import SequenceResult, StepResult
 
-SOLVED, NOT_CONVERGED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 #: Every subcommand, as ``module:function``.
 COMMANDS = (
@@ -76,11 +76,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         for problem in error.problems:
             print(f"  {problem}", file=sys.stderr)
         return WRONG_INPUT
-
-
-def complain(text: str) -> None:
-    """Print one line on stderr, with the program's name."""
-    print(f"tdcr-fe: {text}", file=sys.stderr)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -137,7 +132,9 @@ def run(args: argparse.Namespace) -> int:
     """Solve a scenario and write what came out."""
     from tdcr_fe.files import read_scenario
     from tdcr_fe.output import check_place
+    from tdcr_fe.validation.effects.table import register
 
+    register()
     problems: list[Any] = []
     scenario = _or_note(problems, lambda: read_scenario(args.scenario))
     out = _or_note(problems, lambda: check_place(args.out))

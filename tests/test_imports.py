@@ -14,7 +14,7 @@ VALIDATION = sorted((ROOT / "validation").glob("**/*.py"))
 REFERENCE = sorted((ROOT / "validation" / "reference").glob("**/*.py"))
 
 #: Rooms that read, write, draw or talk to people; all others are numerics.
-ROOMS_WITH_FILES = {"files", "output", "plots", "cli", "__main__", "sweep", "sweeps"}
+ROOMS_WITH_FILES = {"files", "output", "plots", "cli", "status", "__main__"}
 NUMERICS = [*ELEMENTS, *(p for p in MIDDLE if p.stem not in ROOMS_WITH_FILES), *REFERENCE]
 #: What the reference shares with the finite elements: data, no solver.
 DATA = {"robot", "routing", "loading", "results", "checks", "interpolation"}

@@ -43,8 +43,8 @@ def run(args: argparse.Namespace) -> int:
     """Close the loop on a folder."""
     from tqdm import tqdm
 
-    from tdcr_fe.cli import INTERRUPTED, NOT_CONVERGED, SOLVED, complain
     from tdcr_fe.output import check_place
+    from tdcr_fe.status import INTERRUPTED, NOT_CONVERGED, SOLVED, complain
     from tdcr_fe.validation.identify.loop import NotSolved, identify
     from tdcr_fe.validation.identify.outcome import IdentifySettings
     from tdcr_fe.validation.identify.report import summary, write_report
