@@ -248,9 +248,11 @@ class _LoadTable(_Table):
 #: Takes key, value and what is allowed of one mistake.
 Report = Callable[[str, str, str], None]
 
-#: Tables of `scenario.toml` beyond those here: by name, a function from the table, the robot, the model and
-#: a `Report` to another robot and model.
-EXTRA_TABLES: dict[str, Callable[[Any, Robot, Model, Report], tuple[Robot, Model]]] = {}
+Steps = tuple[LoadStep, ...]
+
+#: Tables of `scenario.toml` beyond those here: by name, a function from the table, the robot, the model, the
+#: steps and a `Report` to another robot, model and steps.
+EXTRA_TABLES: dict[str, Callable[[Any, Robot, Model, Steps, Report], tuple[Robot, Model, Steps]]] = {}
 
 
 def _text(value: Any, limit: int = 60) -> str:
@@ -724,15 +726,16 @@ def read_scenario(path: str | os.PathLike[str]) -> Scenario:
     _check_times(tables, report)
 
     robot = parts.robot
+    sound = tuple(s for s in steps if s is not None)
     if not problems and robot is not None and model is not None:
         for name in EXTRA_TABLES.keys() & data.keys():
-            robot, model = EXTRA_TABLES[name](data[name], robot, model, report)
+            robot, model, sound = EXTRA_TABLES[name](data[name], robot, model, sound, report)
     if problems or robot is None or model is None:
         raise InputError(problems)
     return Scenario(
         robot,
         model,
-        tuple(s for s in steps if s is not None),
+        sound,
         path,
         robot_path,
         {str(path): scenario_digest, str(robot_path): robot_digest},

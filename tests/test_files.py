@@ -469,10 +469,10 @@ def paths(data, prefix=""):
 
 
 def test_further_table_gets_table_robot_and_model_and_changes_them(tmp_path, monkeypatch):
-    def read(table, robot, model, report):
+    def read(table, robot, model, steps, report):
         if table["g"] < 0:
             report("weight.g", str(table["g"]), "zero or more")
-        return robot.with_backbone(density=1.0), Model(gravity=(table["g"], 0.0, 0.0))
+        return robot.with_backbone(density=1.0), Model(gravity=(table["g"], 0.0, 0.0)), steps
 
     monkeypatch.setitem(files.EXTRA_TABLES, "weight", read)
     scenario = read_scenario(write(tmp_path, scenario=changed(SCENARIO, {"weight": {"g": 2.0}})))

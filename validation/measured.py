@@ -233,12 +233,17 @@ def _table(path: Path, problems: list[Problem]) -> pd.DataFrame | None:
         return None
     try:
         text = path.read_text(encoding="utf-8-sig")
-        table = pd.read_csv(io.StringIO(text), dtype=str, keep_default_na=False, skip_blank_lines=False)
+        # Without pandas' header, which renames columns of the same name.
+        rows = pd.read_csv(
+            io.StringIO(text), dtype=str, keep_default_na=False, skip_blank_lines=False, header=None
+        ).fillna("")
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
         problems.append(Problem(str(path), "", "", f"not a table of comma-separated values: {error}"))
         return None
-    table.columns = [str(c).strip() for c in table.columns]
-    twice = [c for c in table.columns if table.columns.tolist().count(c) > 1]
+    table = rows.iloc[1:].copy()
+    names = [str(c).strip() for c in rows.iloc[0]]
+    table.columns = pd.Index(names)
+    twice = [c for c in names if names.count(c) > 1]
     if twice:
         problems.append(Problem(str(path), twice[0], "", "the column is there more than once"))
         return None

@@ -93,7 +93,10 @@ class HoleClearance(Effect):
     """The tendon shifts inside an oversized hole."""
 
     name = "hole_clearance"
-    sentence = "Holes are wider than the tendon, so that the tendon shifts to their inner side where the robot bends."
+    sentence = (
+        "Holes are wider than the tendon, so that where the robot bends the tendon shifts towards the inside of the "
+        "bend, farther from the backbone."
+    )
     experiment = "repeat the measurement with a thicker tendon, or measure the holes"
     parameters = (Parameter("clearance", "m", 0.0, 5e-3, 0.0, 1e-4, "how far the tendon can shift sideways"),)
 
