@@ -1,0 +1,134 @@
+"""Search for critical loads: a load is raised in small steps, and a loss of stability is closed in by bisection."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.robot import Robot
+from tdcr_fe.simulate import Simulation
+from tdcr_fe.stability import stability
+from tdcr_fe.stepping import StepFailed
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CriticalSearch:
+    """What was found while a load at the tip was raised.
+
+    Attributes
+    ----------
+    direction : (float, float, float)
+        Unit vector of the load.
+    loads : ndarray, shape (n,)
+        Sizes that were solved [N], the first one zero.
+    eigenvalues : ndarray, shape (n,)
+        Smallest eigenvalue at each, see `tdcr_fe.stability` [1].
+    tips : ndarray, shape (n, 3)
+        [m].
+    critical : float or None
+        Load at which the smallest eigenvalue becomes zero, or beyond which no equilibrium follows [N]; None where
+        none was met.
+    how : str
+        "none", "eigenvalue", "snap" (the robot jumped) or "stop" (no equilibrium was found).
+    """
+
+    direction: tuple[float, float, float]
+    loads: Array
+    eigenvalues: Array
+    tips: Array
+    critical: float | None
+    how: str
+
+    @property
+    def smallest(self) -> float:
+        """Smallest eigenvalue on the way [1]."""
+        return float(np.min(self.eigenvalues))
+
+    @property
+    def largest_rate(self) -> tuple[float, float]:
+        """Largest tip displacement per load on the way [m/N], and the load in the middle of that increment [N]."""
+        if len(self.loads) < 2:
+            return 0.0, 0.0
+        rates = np.linalg.norm(np.diff(self.tips, axis=0), axis=1) / np.diff(self.loads)
+        k = int(np.argmax(rates))
+        return float(rates[k]), float(0.5 * (self.loads[k] + self.loads[k + 1]))
+
+
+def search_critical_load(
+    robot: Robot,
+    model: Model,
+    before: Sequence[LoadStep],
+    direction: Sequence[float],
+    loads: Sequence[float],
+    tolerance: float = 1e-4,
+) -> CriticalSearch:
+    """Raise a load at the tip until the robot loses its stability, or until the largest load.
+
+    Parameters
+    ----------
+    robot, model
+        Description. Without friction the sign of the eigenvalue decides; with friction see `tdcr_fe.stability`.
+    before
+        Steps that come first (the tendons).
+    direction
+        Of the load in the world, shape (3,); its length does not matter.
+    loads
+        Sizes, ascending [N].
+    tolerance
+        To which a critical load is closed in, as a share of it [1].
+    """
+    unit = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+    length = robot.backbone.length
+
+    def steps(values: Sequence[float]) -> list[LoadStep]:
+        return [
+            *before, *(LoadStep(f"{f:.6g} N", loads={"tip": Load(length, _vector(f * unit))}) for f in values)
+        ]
+
+    def follow(values: Sequence[float]) -> tuple[list[float], list[Array], str]:
+        targets = resolve(robot, steps(values))
+        simulation = Simulation(robot, model, targets)
+        found: list[float] = []
+        tips: list[Array] = []
+        for number, target in enumerate(targets, start=1):
+            try:
+                report = simulation.advance(target)
+            except StepFailed:
+                return found, tips, "stop"
+            if number < len(before):
+                continue
+            if report["snapped"] and number > len(before):
+                return found, tips, "snap"
+            found.append(stability(simulation).smallest)
+            tips.append(simulation.solver.positions(0)[-1].copy())
+            if found[-1] <= 0.0:
+                return found, tips, "eigenvalue"
+        return found, tips, "none"
+
+    values = [0.0, *loads]
+    found, tips, how = follow(values[1:] if before else values)
+    solved = np.array(values[: len(found)])
+    critical: float | None = None
+    if how != "none":
+        good = len(found) - 1 if how == "eigenvalue" else len(found)
+        low, high = values[max(good - 1, 0)], values[min(good, len(values) - 1)]
+        path = values[1:good] if before else values[:good]
+        while high - low > tolerance * max(high, 1e-6):
+            middle = 0.5 * (low + high)
+            if follow([*path, middle])[2] == "none":
+                low = middle
+                path = [*path, middle]
+            else:
+                high = middle
+        critical = 0.5 * (low + high)
+    return CriticalSearch(_vector(unit), solved, np.array(found), np.array(tips), critical, how)
+
+
+def _vector(v: Array) -> tuple[float, float, float]:
+    return float(v[0]), float(v[1]), float(v[2])
