@@ -2,74 +2,169 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 
-from tdcr_fe.loading import LoadStep
+import numpy as np
+
+from tdcr_fe.loading import Load, LoadStep, resolve
 from tdcr_fe.validation.effects.contract import Effect, Parameter, Reach, Setup, Values
 
-#: From the commands of one tendon over the steps to what arrives.
-Transform = Callable[[list[float]], list[float]]
 
+@dataclass(frozen=True)
+class Play:
+    """Arrived value ``a`` that stays between two growing bounds of the command and changes only where it meets one.
 
-def transform_inputs(
-    steps: Iterable[LoadStep], tension: Transform | None = None, displacement: Transform | None = None
-) -> tuple[LoadStep, ...]:
-    """Replace the commands of every tendon; what a step does not name stays as it was.
-
-    Parameters
+    Attributes
     ----------
-    steps
-        Loading sequence.
-    tension, displacement
-        Take the commands of one tendon, in order, and give what arrives [N or m]; None leaves them alone.
+    low, high : callable
+        Bounds, from the command.
+    pushes, pulls : callable
+        Inverses: the command at which a growing one pushes ``a`` up by the lower bound, and at which a falling one
+        pulls it down by the upper.
     """
-    steps = list(steps)
-    new = [(dict(s.tensions), dict(s.displacements)) for s in steps]
-    for which, transform in ((0, tension), (1, displacement)):
-        if transform is None:
-            continue
-        names = dict.fromkeys(n for pair in new for n in pair[which])
-        for name in names:
-            named = [k for k, pair in enumerate(new) if name in pair[which]]
-            for k, value in zip(named, transform([new[k][which][name] for k in named]), strict=True):
-                new[k][which][name] = value
-    return tuple(replace(s, tensions=t, displacements=d) for s, (t, d) in zip(steps, new, strict=True))
+
+    low: Callable[[float], float]
+    high: Callable[[float], float]
+    pushes: Callable[[float], float]
+    pulls: Callable[[float], float]
+
+    def arrive(self, before: float, command: float) -> float:
+        """What arrives at a command [N or m]."""
+        return min(max(before, self.low(command)), self.high(command))
+
+    def kink(self, before: float, start: float, end: float) -> float | None:
+        """Share of a ramp of the command at which what arrives begins to move; None where at once or never."""
+        if start == end:
+            return None
+        share = ((self.pushes if end > start else self.pulls)(before) - start) / (end - start)
+        return share if 1e-9 < share < 1.0 - 1e-9 else None
+
+
+def tension_play(dead_band: float, efficiency: float) -> Play:
+    """Friction before the base plate: between ``(T - dead_band) efficiency`` and ``T / efficiency + dead_band``, >= 0."""
+    return Play(
+        lambda t: max((t - dead_band) * efficiency, 0.0),
+        lambda t: max(t / efficiency + dead_band, 0.0),
+        lambda a: a / efficiency + dead_band,
+        lambda a: (a - dead_band) * efficiency,
+    )
+
+
+def displacement_play(backlash: float, first: float) -> Play:
+    """Lost motion [m]: at the start, whichever way the ``first`` travel beyond it goes, and at every reversal."""
+    low, high = (-backlash, 0.0) if first > 0.0 else (0.0, backlash)
+    return Play(lambda d: d + low, lambda d: d + high, lambda a: a - low, lambda a: a - high)
 
 
 def tension_that_arrives(commands: Iterable[float], dead_band: float, efficiency: float) -> list[float]:
-    """Play operator of friction before the base plate.
-
-    What arrives lies between ``(T - dead_band) efficiency`` and ``T / efficiency + dead_band``, never below zero,
-    and changes only where it meets a bound. Before the first command both are zero.
-
-    Parameters
-    ----------
-    commands
-        Tensions at the actuator [N].
-    dead_band
-        [N].
-    efficiency
-        In (0, 1] [1].
-    """
-    arrived, result = 0.0, []
+    """Tensions at the base plate [N] for commands from the unloaded state on; see `tension_play`."""
+    play, arrived, result = tension_play(dead_band, efficiency), 0.0, []
     for t in commands:
-        low, high = (t - dead_band) * efficiency, t / efficiency + dead_band
-        arrived = max(min(max(arrived, low), high), 0.0)
+        arrived = play.arrive(arrived, t)
         result.append(arrived)
     return result
+
+
+def first_travel(commands: Iterable[float], backlash: float) -> float:
+    """The first command beyond the lost motion [m], zero where none is."""
+    return next((d for d in commands if abs(d) > backlash), 0.0)
 
 
 def displacement_that_arrives(commands: Iterable[float], backlash: float) -> list[float]:
-    """Play operator of lost motion: ``backlash`` [m] is lost at the start, either way, and at every reversal."""
-    arrived, result = 0.0, []
-    low, high = -backlash, backlash  # at the start the play is open to both sides
+    """Displacements at the base plate [m] for commands from the unloaded state on; see `displacement_play`."""
+    commands = list(commands)
+    play, arrived, result = displacement_play(backlash, first_travel(commands, backlash)), 0.0, []
+    moving = False
     for d in commands:
-        if low < 0.0 < high and abs(d) > backlash:
-            low, high = (-backlash, 0.0) if d > 0.0 else (0.0, backlash)
-        arrived = min(max(arrived, d + low), d + high)
+        moving = moving or abs(d) > backlash
+        arrived = play.arrive(arrived, d) if moving else 0.0
         result.append(arrived)
     return result
+
+
+def _between(old: Mapping[str, Load], new: Mapping[str, Load], share: float) -> dict[str, Load]:
+    """Loads on the way from one step to the next."""
+    result = {}
+    for name, load in new.items():
+        start = old.get(name)
+        if start is None or (start.at, start.frame) != (load.at, load.frame):
+            start = replace(load, force=(0.0, 0.0, 0.0), moment=(0.0, 0.0, 0.0))
+        f = (1.0 - share) * np.array(start.force) + share * np.array(load.force)
+        m = (1.0 - share) * np.array(start.moment) + share * np.array(load.moment)
+        result[name] = replace(
+            load, force=(float(f[0]), float(f[1]), float(f[2])), moment=(float(m[0]), float(m[1]), float(m[2]))
+        )
+    return result
+
+
+def pass_through(
+    setup: Setup,
+    tension: Play | None = None,
+    displacement: Callable[[list[float]], Play] | None = None,
+    slack: float = 0.0,
+) -> Setup:
+    """Replace the commands of every tendon by what arrives behind a play.
+
+    Where several inputs change in one step, what arrives of one may begin to move on the way; the step is divided
+    there, because the order in which tendons move matters to friction.
+
+    Parameters
+    ----------
+    setup
+        With the commands.
+    tension
+        Play of tendons driven by tension; None leaves them alone.
+    displacement
+        From the commands of a tendon [m] to its play; None leaves them alone.
+    slack
+        Travel before which a tendon driven by displacement does not move at all [m].
+    """
+    actions = resolve(setup.robot, setup.steps)
+    names = setup.robot.tendon_names
+    count = len(names)
+    plays: list[Play | None] = []
+    for i in range(count):
+        travel = [float(a.values[i]) for a in actions if a.by_displacement[i]]
+        plays.append(displacement(travel) if displacement is not None and travel else None)
+    command, arrived, moving = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
+    loads: Mapping[str, Load] = {}
+    time = 0.0
+    steps: list[LoadStep] = []
+    ends: list[tuple[int, float]] = []
+    begun: dict[int, float] = {}
+    for step, action, (commanded, done) in zip(setup.steps, actions, setup.step_ends, strict=True):
+        goal, before = action.values, begun.get(commanded, 0.0)
+        play = [plays[i] if action.by_displacement[i] else tension for i in range(count)]
+        changed = int(np.count_nonzero(goal != command)) + any(x != loads.get(n) for n, x in action.loads.items())
+        shares = {1.0}
+        if changed > 1:
+            kinks = [None if p is None else p.kink(arrived[i], command[i], goal[i]) for i, p in enumerate(play)]
+            shares |= {k for k in kinks if k is not None}
+        for share in sorted(shares):
+            there = command + share * (goal - command)
+            moving |= ~action.by_displacement | (np.abs(there) > slack)
+            for i, p in enumerate(play):
+                if p is None:
+                    arrived[i] = there[i]
+                elif moving[i]:
+                    arrived[i] = p.arrive(float(arrived[i]), float(there[i]))
+            whole = share == 1.0
+            steps.append(
+                replace(
+                    step,
+                    tensions={n: float(arrived[names.index(n)]) for n in step.tensions},
+                    displacements={n: float(arrived[names.index(n)]) for n in step.displacements},
+                    loads=step.loads if whole else _between(loads, step.loads, share),
+                    time=step.time if whole or step.time is None else time + share * (step.time - time),
+                )
+            )
+            ends.append((commanded, float(before + share * (done - before))))
+        begun[commanded] = done
+        command, loads = goal.copy(), action.loads
+        time = step.time if step.time is not None else time
+    divided = setup.ends is not None or len(steps) > len(setup.steps)
+    return replace(setup, steps=tuple(steps), ends=tuple(ends) if divided else None)
 
 
 class ActuatorGain(Effect):
@@ -83,11 +178,15 @@ class ActuatorGain(Effect):
     def apply(self, setup: Setup, values: Values) -> Setup:
         """See `Effect.apply`."""
         gain = values["gain"]
-
-        def scale(commands: list[float]) -> list[float]:
-            return [gain * c for c in commands]
-
-        return replace(setup, steps=transform_inputs(setup.steps, scale, scale))
+        steps = tuple(
+            replace(
+                s,
+                tensions={n: gain * t for n, t in s.tensions.items()},
+                displacements={n: gain * d for n, d in s.displacements.items()},
+            )
+            for s in setup.steps
+        )
+        return replace(setup, steps=steps)
 
 
 class ActuatorBacklash(Effect):
@@ -111,12 +210,13 @@ class ActuatorBacklash(Effect):
 
     def apply(self, setup: Setup, values: Values) -> Setup:
         """See `Effect.apply`."""
-        return replace(
+        backlash = values["backlash"]
+        if backlash == 0.0:
+            return setup
+        return pass_through(
             setup,
-            steps=transform_inputs(
-                setup.steps,
-                displacement=lambda commands: displacement_that_arrives(commands, values["backlash"]),
-            ),
+            displacement=lambda commands: displacement_play(backlash, first_travel(commands, backlash)),
+            slack=backlash,
         )
 
 
@@ -124,7 +224,9 @@ class ActuatorLoss(Effect):
     """Friction before the base plate."""
 
     name = "actuator_loss"
-    sentence = "Pulleys, sheaths and motor friction take part of the tension before the base plate, against the motion."
+    sentence = (
+        "Pulleys, sheaths and motor friction take part of the tension before the base plate, against the motion."
+    )
     experiment = "measure the tension at the base plate while pulling and while letting out"
     parameters = (
         Parameter("dead_band", "N", 0.0, 20.0, 0.0, 0.02, "tension lost whatever the tension is"),
@@ -150,12 +252,6 @@ class ActuatorLoss(Effect):
 
     def apply(self, setup: Setup, values: Values) -> Setup:
         """See `Effect.apply`."""
-        return replace(
-            setup,
-            steps=transform_inputs(
-                setup.steps,
-                tension=lambda commands: tension_that_arrives(
-                    commands, values["dead_band"], values["efficiency"]
-                ),
-            ),
-        )
+        if values["dead_band"] == 0.0 and values["efficiency"] == 1.0:
+            return setup
+        return pass_through(setup, tension_play(values["dead_band"], values["efficiency"]))

@@ -44,12 +44,21 @@ class Setup:
     steps : tuple of LoadStep
         The commanded loading sequence, turned by effects into the one that arrives.
     observation : Observation
+    ends : tuple of (int, float) or None
+        Where effects divide a load step, because what arrives has a kink on the way: for every one of ``steps``, the
+        commanded step that it belongs to and the share of it that is done at its end. None: they are the same.
     """
 
     robot: Robot
     model: Model
     steps: tuple[LoadStep, ...] = ()
     observation: Observation = field(default_factory=Observation)
+    ends: tuple[tuple[int, float], ...] | None = None
+
+    @property
+    def step_ends(self) -> tuple[tuple[int, float], ...]:
+        """For every step, the commanded step it belongs to and the share that is done at its end."""
+        return self.ends if self.ends is not None else tuple((k, 1.0) for k in range(len(self.steps)))
 
     def with_robot(self, **changes: object) -> Setup:
         """A copy with fields of the robot replaced."""

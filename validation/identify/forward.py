@@ -45,6 +45,8 @@ class Run:
         Why it ended.
     trajectory : object
         Guide for neighbouring runs; None where none was recorded.
+    ends : tuple of (int, float)
+        Of the steps of the trajectory, as in `Setup.step_ends`.
     """
 
     s: Array
@@ -56,6 +58,7 @@ class Run:
     solved: int
     message: str
     trajectory: Any = None
+    ends: tuple[tuple[int, float], ...] = ()
 
     @property
     def curvature(self) -> Array:
@@ -74,14 +77,20 @@ def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
 
     setup, guide, record, path_tolerance = task
     trajectory: list[Any] | None = [] if record else None
-    steps, m = len(setup.steps), len(setup.robot.tendons)
+    ends = setup.step_ends
+    # Where effects divide a step on the way, its parts are simulated and its end is kept.
+    whole = [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
+    steps, m = len(whole), len(setup.robot.tendons)
+    waypoints = None
+    if guide is not None:
+        waypoints = guide[0] if guide[1] == ends else _divide(_join(*guide), ends)
     try:
         result = simulate(
             setup.robot,
             setup.model,
             setup.steps,
             SolverSettings(path_tolerance=path_tolerance),
-            guide=guide,
+            guide=waypoints,
             record=trajectory,
         )
     except (ValueError, np.linalg.LinAlgError, IndexError) as error:  # a robot that cannot be, or a guide that does not fit
@@ -100,7 +109,8 @@ def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
         )
     if not result.converged and guide is not None:
         return _simulate((setup, None, record, path_tolerance))
-    solved = len(result.steps)
+    kept = [result.steps[j] for j in whole if j < len(result.steps)]
+    solved = len(kept)
     s = result.steps[0].s if solved else np.array([0.0, setup.robot.backbone.length])
 
     def fill(values: list[Array], shape: tuple[int, ...]) -> Array:
@@ -111,15 +121,41 @@ def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
 
     return Run(
         s,
-        fill([r.positions for r in result.steps], (s.size, 3)),
-        fill([r.rotations for r in result.steps], (s.size, 3, 3)),
-        fill([r.displacements for r in result.steps], (m,)),
-        fill([r.base_tensions for r in result.steps], (m,)),
-        fill([np.array([t[-1] for t in r.tensions]) for r in result.steps], (m,)),
+        fill([r.positions for r in kept], (s.size, 3)),
+        fill([r.rotations for r in kept], (s.size, 3, 3)),
+        fill([r.displacements for r in kept], (m,)),
+        fill([r.base_tensions for r in kept], (m,)),
+        fill([np.array([t[-1] for t in r.tensions]) for r in kept], (m,)),
         solved,
         result.message,
         trajectory,
+        ends,
     )
+
+
+def _join(trajectory: Any, ends: Sequence[tuple[int, float]]) -> dict[int, list[Any]]:
+    """Waypoints by commanded step, their shares those of the commanded step."""
+    joined: dict[int, list[Any]] = {}
+    done: dict[int, float] = {}
+    for waypoints, (k, share) in zip(trajectory, ends, strict=True):
+        start = done.get(k, 0.0)
+        joined.setdefault(k, []).extend(replace(w, share=start + (share - start) * w.share) for w in waypoints)
+        done[k] = share
+    return joined
+
+
+def _divide(joined: dict[int, list[Any]], ends: Sequence[tuple[int, float]]) -> list[list[Any]]:
+    """Waypoints of commanded steps, for steps divided in another way."""
+    divided = []
+    done: dict[int, float] = {}
+    for k, share in ends:
+        start = done.get(k, 0.0)
+        inside = [w for w in joined[k] if start + 1e-9 < w.share < share - 1e-9]
+        last = next(w for w in joined[k] if w.share >= share - 1e-9)
+        part = [replace(w, share=(w.share - start) / (share - start)) for w in inside]
+        divided.append([*part, replace(last, share=1.0)])
+        done[k] = share
+    return divided
 
 
 def _quiet_worker() -> None:
@@ -254,7 +290,7 @@ class ForwardModel:
             kind = f"guided{id(guide)}"
         keys = [_key(s, kind) for s in setups]
         todo = {k: s for k, s in zip(keys, setups, strict=True) if k not in self._cache}
-        trajectory = None if guide is None else guide.trajectory
+        trajectory = None if guide is None else (guide.trajectory, guide.ends)
         tasks = [(s, trajectory, record, self.path_tolerance) for s in todo.values()]
         for key, run in zip(todo, self._map(tasks), strict=True):
             self._cache[key] = run
@@ -275,5 +311,5 @@ class ForwardModel:
 
 
 def _key(setup: Setup, kind: str) -> str:
-    text = pickle.dumps((setup.robot, setup.model, setup.steps))
+    text = pickle.dumps((setup.robot, setup.model, setup.steps, setup.ends))
     return hashlib.sha256(text).hexdigest() + kind

@@ -73,7 +73,8 @@ class SideSpring(Effect):
         """See `Effect.apply`."""
         k = values["stiffness"]
         steps = []
-        for step, u in zip(setup.steps, self._moved, strict=True):
+        for step, (k, _) in zip(setup.steps, setup.step_ends, strict=True):
+            u = self._moved[k]
             f = -k * u
             load = Load(self.at, (float(f[0]), float(f[1]), float(f[2])))
             steps.append(replace(step, loads={**step.loads, f"spring {self.at:g}": load}))
