@@ -651,9 +651,9 @@ class StrainSpaceSolver:
         ]
         turn = max(float(np.abs(c[:, 3:]).max()) for c in changes)
         factor = min(1.0, self.settings.max_turn / turn) if turn > 0.0 else 1.0
-        for i, (change, part) in enumerate(zip(changes, self._slices, strict=True)):
+        for i, (change, own) in enumerate(zip(changes, self._slices, strict=True)):
             self.twists[i] = self.twists[i] + factor * change
-            first = factor * nodes[part.start]
+            first = factor * nodes[own.start]
             if max(map(abs, first.tolist())) > 1e-15:
                 p, r = self.roots[i]
                 dr, dp = exp_se3(first)
