@@ -31,7 +31,19 @@ MODEL = Model(friction="none", elements_per_bay=1)
 
 def sequence():
     """Both tendons up and down, with and without a force at the tip."""
-    pulls = [(0.4, 0), (0.8, 0), (1.2, 0), (0.6, 0), (0, 0), (0, 0.5), (0, 1.0), (0, 0.5), (0.4, 0.4), (0.8, 0.8), (0.4, 0.2)]
+    pulls = [
+        (0.4, 0),
+        (0.8, 0),
+        (1.2, 0),
+        (0.6, 0),
+        (0, 0),
+        (0, 0.5),
+        (0, 1.0),
+        (0, 0.5),
+        (0.4, 0.4),
+        (0.8, 0.8),
+        (0.4, 0.2),
+    ]
     forces = [(0, 0)] * 5 + [(0.01, 0), (0.01, 0), (0, 0)] + [(0, -0.015)] * 2 + [(0, 0)]
     return tuple(
         LoadStep(tensions={"t1": a, "t2": b}, loads={"tip": Load(LENGTH, (x, y, 0.0))})
@@ -48,7 +60,10 @@ def measured(truth=None, sigma=1e-4, seed=0, robot=None, given=True):
     run = _simulate((true, None, False, 2e-5))
     values = Reader(readings, ids, ROBOT.tendon_names).read(run, true)
     values = values + np.random.default_rng(seed).normal(0.0, sigma, values.size)
-    readings = [replace(r, value=float(v), sigma=r.sigma if given else None) for r, v in zip(readings, values, strict=True)]
+    readings = [
+        replace(r, value=float(v), sigma=r.sigma if given else None)
+        for r, v in zip(readings, values, strict=True)
+    ]
     return MeasuredData("small", ROBOT, MODEL, ids, steps, ("",) * len(ids), tuple(readings))
 
 
@@ -72,7 +87,9 @@ def test_one_monotone_branch_keeps_its_last_levels_aside():
     assert choose_held_out(one) == ()
     steps = tuple(LoadStep(tensions={"t1": 0.2 * k}) for k in range(1, 7))
     readings = tuple(Reading(k, "tip_offset", None, 0.01, 1e-4) for k in range(1, 7))
-    assert choose_held_out(MeasuredData("x", ROBOT, MODEL, tuple(range(1, 7)), steps, ("",) * 6, readings)) == (5,)
+    assert choose_held_out(
+        MeasuredData("x", ROBOT, MODEL, tuple(range(1, 7)), steps, ("",) * 6, readings)
+    ) == (5,)
 
 
 def test_sigma_is_estimated_from_scatter_about_smooth_curves():
@@ -96,7 +113,9 @@ def test_noise_passes_and_structure_does_not():
 
 def test_a_fit_recovers_parameters_within_their_errors():
     data = measured({"precurvature": {"kappa_x": 0.4, "kappa_y": -0.2}})
-    problem = Problem(data, np.full(len(data.readings), 1e-4), np.zeros(len(data.readings), dtype=bool), ForwardModel())
+    problem = Problem(
+        data, np.full(len(data.readings), 1e-4), np.zeros(len(data.readings), dtype=bool), ForwardModel()
+    )
     problem.correct_mesh((), {})
     e = effect("precurvature")
     fit = problem.fit((e,), [{"precurvature": {"kappa_x": 0.0, "kappa_y": 0.0}}])
@@ -107,7 +126,9 @@ def test_a_fit_recovers_parameters_within_their_errors():
 
 def test_a_parameter_that_changes_nothing_is_not_fitted():
     data = measured()
-    problem = Problem(data, np.full(len(data.readings), 1e-4), np.zeros(len(data.readings), dtype=bool), ForwardModel())
+    problem = Problem(
+        data, np.full(len(data.readings), 1e-4), np.zeros(len(data.readings), dtype=bool), ForwardModel()
+    )
     fit = problem.fit((effect("stiffness_scale"),), [{"stiffness_scale": {"bending": 1.1, "torsion": 1.0}}])
     assert ("stiffness_scale", "bending") in fit.free
     fit = problem.fit((effect("tip_payload"),), [{"tip_payload": {"mass": 1e-3}}])
@@ -124,7 +145,10 @@ def test_clean_data_miss_nothing():
 
 @pytest.mark.parametrize(
     ("name", "truth"),
-    [("gravity", {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}), ("precurvature", {"kappa_x": 0.4, "kappa_y": -0.3})],
+    [
+        ("gravity", {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}),
+        ("precurvature", {"kappa_x": 0.4, "kappa_y": -0.3}),
+    ],
 )
 def test_a_missing_effect_is_named_with_its_numbers(name, truth):
     result = identify(measured({name: truth}))

@@ -20,14 +20,23 @@ def add_identify_parser(commands: Any) -> None:
         epilog="Exit status: 0 done, whatever the verdict; 1 the declared model did not converge; "
         "2 the input is wrong; 130 interrupted, what was found is written.",
     )
-    parser.add_argument("folder", help="holds robot.toml, loading.csv, observations.csv and perhaps model.toml")
-    parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for result.json and report.html")
-    parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
     parser.add_argument(
-        "--processes", type=_positive, default=min(2, os.cpu_count() or 1), help="worker processes [%(default)s]"
+        "folder", help="holds robot.toml, loading.csv, observations.csv and perhaps model.toml"
     )
     parser.add_argument(
-        "--strict", action="store_true", help="refuse bad rows (exit status 2) instead of leaving them out by name"
+        "-o", "--out", metavar="OUT", required=True, help="directory for result.json and report.html"
+    )
+    parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
+    parser.add_argument(
+        "--processes",
+        type=_positive,
+        default=min(2, os.cpu_count() or 1),
+        help="worker processes [%(default)s]",
+    )
+    parser.add_argument(
+        "--strict",
+        action="store_true",
+        help="refuse bad rows (exit status 2) instead of leaving them out by name",
     )
     parser.set_defaults(handler=run)
 

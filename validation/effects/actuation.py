@@ -42,7 +42,7 @@ class Play:
 
 
 def tension_play(dead_band: float, efficiency: float) -> Play:
-    """Friction before the base plate: between ``(T - dead_band) efficiency`` and ``T / efficiency + dead_band``, >= 0."""
+    """Friction before the base: from ``(T - dead_band) efficiency`` to ``T / efficiency + dead_band``, at least 0."""
     return Play(
         lambda t: max((t - dead_band) * efficiency, 0.0),
         lambda t: max(t / efficiency + dead_band, 0.0),
@@ -93,7 +93,9 @@ def _between(old: Mapping[str, Load], new: Mapping[str, Load], share: float) -> 
         f = (1.0 - share) * np.array(start.force) + share * np.array(load.force)
         m = (1.0 - share) * np.array(start.moment) + share * np.array(load.moment)
         result[name] = replace(
-            load, force=(float(f[0]), float(f[1]), float(f[2])), moment=(float(m[0]), float(m[1]), float(m[2]))
+            load,
+            force=(float(f[0]), float(f[1]), float(f[2])),
+            moment=(float(m[0]), float(m[1]), float(m[2])),
         )
     return result
 
@@ -136,10 +138,14 @@ def pass_through(
     for step, action, (commanded, done) in zip(setup.steps, actions, setup.step_ends, strict=True):
         goal, before = action.values, begun.get(commanded, 0.0)
         play = [plays[i] if action.by_displacement[i] else tension for i in range(count)]
-        changed = int(np.count_nonzero(goal != command)) + any(x != loads.get(n) for n, x in action.loads.items())
+        changed = int(np.count_nonzero(goal != command)) + any(
+            x != loads.get(n) for n, x in action.loads.items()
+        )
         shares = {1.0}
         if changed > 1:
-            kinks = [None if p is None else p.kink(arrived[i], command[i], goal[i]) for i, p in enumerate(play)]
+            kinks = [
+                None if p is None else p.kink(arrived[i], command[i], goal[i]) for i, p in enumerate(play)
+            ]
             shares |= {k for k in kinks if k is not None}
         for share in sorted(shares):
             there = command + share * (goal - command)
@@ -224,9 +230,7 @@ class ActuatorLoss(Effect):
     """Friction before the base plate."""
 
     name = "actuator_loss"
-    sentence = (
-        "Pulleys, sheaths and motor friction take part of the tension before the base plate, against the motion."
-    )
+    sentence = "Pulleys, sheaths and motor friction take part of the tension before the base plate, against the motion."
     experiment = "measure the tension at the base plate while pulling and while letting out"
     parameters = (
         Parameter("dead_band", "N", 0.0, 20.0, 0.0, 0.02, "tension lost whatever the tension is"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 from tdcr_fe.robot import Superelastic
@@ -61,7 +62,8 @@ class SuperelasticBackbone(Effect):
         """Thresholds at shares of the strain that the data reach."""
         strain = max(reach.curvature * setup.robot.backbone.radius, 2e-5)
         return [
-            [{"threshold_strain": min(share * strain, 0.2), "plateau_ratio": 0.7}] for share in (0.25, 0.5, 0.75)
+            [{"threshold_strain": min(share * strain, 0.2), "plateau_ratio": 0.7}]
+            for share in (0.25, 0.5, 0.75)
         ]
 
 
@@ -69,7 +71,9 @@ class Precurvature(Effect):
     """The unloaded backbone is bent."""
 
     name = "precurvature"
-    sentence = "The unloaded backbone is bent: wire that came off a spool, a print that warped, a robot bent once too far."
+    sentence = (
+        "The unloaded backbone is bent: wire that came off a spool, a print that warped, a robot bent once too far."
+    )
     experiment = "measure the shape with no tendon pulled, once more with the robot turned about its axis"
     parameters = (
         Parameter("kappa_x", "1/m", -20.0, 20.0, 0.0, 0.05, "turning rate of the section about its x axis"),
@@ -91,9 +95,13 @@ class RigidDisks(Effect):
     """Disks stiffen the length they occupy."""
 
     name = "rigid_disks"
-    sentence = "Glued or clamped disks keep the backbone straight over the length they occupy, so that less of it bends."
+    sentence = (
+        "Glued or clamped disks keep the backbone straight over the length they occupy, so that less of it bends."
+    )
     experiment = "measure positions on both sides of a disk closely, or compare a robot with thinner disks"
-    parameters = (Parameter("thickness", "m", 0.0, 0.1, 0.0, 1e-3, "length of backbone that each disk makes rigid"),)
+    parameters = (
+        Parameter("thickness", "m", 0.0, 0.1, 0.0, 1e-3, "length of backbone that each disk makes rigid"),
+    )
 
     def absent(self, setup: Setup) -> dict[str, float]:
         """What is declared."""
@@ -103,7 +111,9 @@ class RigidDisks(Effect):
         """Something flexible is left in the shortest bay."""
         s = (0.0, *setup.robot.disks.positions)
         first = 2.0 * s[1]
-        return {"thickness": (0.0, 0.95 * min([first, *(b - a for a, b in zip(s[1:-1], s[2:], strict=True))]))}
+        return {
+            "thickness": (0.0, 0.95 * min([first, *(b - a for a, b in itertools.pairwise(s))]))
+        }
 
     def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:
         """A tenth of a bay."""
@@ -120,10 +130,15 @@ class Creep(Effect):
     """Compliance that grows with time."""
 
     name = "creep"
-    sentence = "The backbone yields slowly under load, so that the same load bends it further later: polymers, warm joints, glue."
+    sentence = (
+        "The backbone yields slowly under load, so that the same load bends it further later: polymers, glue, "
+        "warm joints."
+    )
     experiment = "hold one load for the length of the experiment, and repeat the first loads at the end"
     parameters = (
-        Parameter("rate", "1/s", 0.0, 10.0, 0.0, 1e-4, "growth of the compliance per second, over the elastic one"),
+        Parameter(
+            "rate", "1/s", 0.0, 10.0, 0.0, 1e-4, "growth of the compliance per second, over the elastic one"
+        ),
     )
 
     def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:

@@ -47,8 +47,16 @@ def read_effects(
             p = next((p for p in e.parameters if p.name == key), None)
             if p is None:
                 report(f"effects.{name}.{key}", str(value), f"unknown parameter; there are {allowed}")
-            elif isinstance(value, bool) or not isinstance(value, int | float) or not p.lower <= value <= p.upper:
-                report(f"effects.{name}.{key}", str(value), f"must be a number from {p.lower:g} to {p.upper:g} {p.unit}")
+            elif (
+                isinstance(value, bool)
+                or not isinstance(value, int | float)
+                or not p.lower <= value <= p.upper
+            ):
+                report(
+                    f"effects.{name}.{key}",
+                    str(value),
+                    f"must be a number from {p.lower:g} to {p.upper:g} {p.unit}",
+                )
             else:
                 numbers[key] = float(value)
         sound[name] = numbers
@@ -59,7 +67,11 @@ def read_effects(
         return robot, model, steps
     if changed.observation != setup.observation:
         names = " and ".join(n for n in sound if n in ("frame_misalignment", "marker_offset"))
-        report("effects", names, "acts on the measurement only; the results of a run are those of the robot itself")
+        report(
+            "effects",
+            names,
+            "acts on the measurement only; the results of a run are those of the robot itself",
+        )
     return changed.robot, changed.model, changed.steps
 
 

@@ -87,7 +87,9 @@ class Problem:
         Runs setups.
     """
 
-    def __init__(self, data: MeasuredData, sigma: Array, held: NDArray[np.bool_], forward: ForwardModel) -> None:
+    def __init__(
+        self, data: MeasuredData, sigma: Array, held: NDArray[np.bool_], forward: ForwardModel
+    ) -> None:
         self.data = data
         self.forward = forward
         self.held = held
@@ -117,7 +119,11 @@ class Problem:
         return setup
 
     def residuals(
-        self, effects: Sequence[Effect], points: Sequence[Point], guide: Run | None = None, record: bool = False
+        self,
+        effects: Sequence[Effect],
+        points: Sequence[Point],
+        guide: Run | None = None,
+        record: bool = False,
     ) -> tuple[list[Array], list[Run]]:
         """Reading less model over sigma at several points; NaN where the model does not get."""
         setups = [self.setup(effects, p) for p in points]
@@ -166,7 +172,7 @@ class Problem:
             float(np.sqrt(np.mean(distance**2))) if distance.size else None,
             float(np.sqrt(np.mean(angles**2))) if angles.size else None,
             float(np.max(distance)) if distance.size else None,
-            float(np.sum(r[which] ** 2) / max(1, np.count_nonzero(which) - parameters)),
+            float(np.sum(r[which] ** 2) / max(1, int(np.count_nonzero(which)) - parameters)),
             int(np.count_nonzero(which)),
         )
 
@@ -197,7 +203,9 @@ class Problem:
         parameter = {(e.name, p.name): p for e in effects for p in e.parameters}
         return np.array([parameter[k].coordinate(values[k[0]][k[1]]) for k in free])
 
-    def point(self, effects: Sequence[Effect], values: Point, free: Sequence[tuple[str, str]], z: Array) -> Point:
+    def point(
+        self, effects: Sequence[Effect], values: Point, free: Sequence[tuple[str, str]], z: Array
+    ) -> Point:
         """Values with the free parameters at these coordinates."""
         parameter = {(e.name, p.name): p for e in effects for p in e.parameters}
         new = {k: dict(v) for k, v in values.items()}
@@ -230,8 +238,8 @@ class Problem:
             points.append(self.point(effects, fit.values, free, moved))
         found, _ = self.residuals(effects, points, guide=fit.run)
         columns = [(fit.residual - r) / h for r, h in zip(found, taken, strict=True)]
-        j = np.stack(columns, axis=1) if columns else np.zeros((fit.residual.size, 0))
-        return np.where(np.isfinite(j), j, 0.0)
+        matrix = np.stack(columns, axis=1) if columns else np.zeros((fit.residual.size, 0))
+        return np.where(np.isfinite(matrix), matrix, 0.0)
 
     def fit(
         self,
@@ -263,7 +271,15 @@ class Problem:
         costs = [self.cost(r) for r in found]
         best = int(np.argmin([c[0] for c in costs]))
         every = tuple((e.name, p.name) for e in effects for p in e.parameters)
-        now = Fit(effects, starts[best], found[best], *costs[best], np.zeros((len(self.values), 0)), every, runs[best])
+        now = Fit(
+            effects,
+            starts[best],
+            found[best],
+            *costs[best],
+            np.zeros((len(self.values), 0)),
+            every,
+            runs[best],
+        )
         if not np.isfinite(now.cost):
             return now
         natural = {(e.name, p.name): p.scale for e in effects for p in e.parameters}
@@ -325,7 +341,7 @@ class Problem:
         j = fit.jacobian[fitted] * np.sqrt(w)[:, None]
         norm = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
         inner = np.linalg.pinv((j / norm).T @ (j / norm), rcond=1e-10)
-        dof = max(1, np.count_nonzero(fitted) - len(fit.free))
+        dof = max(1, int(np.count_nonzero(fitted)) - len(fit.free))
         factor = max(1.0, fit.cost / dof) if inflate else 1.0
         return np.asarray(inner / np.outer(norm, norm) * factor)
 

@@ -93,7 +93,11 @@ def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
             guide=waypoints,
             record=trajectory,
         )
-    except (ValueError, np.linalg.LinAlgError, IndexError) as error:  # a robot that cannot be, or a guide that does not fit
+    except (
+        ValueError,
+        np.linalg.LinAlgError,
+        IndexError,
+    ) as error:  # a robot that cannot be, or a guide that does not fit
         if guide is not None:
             return _simulate((setup, None, record, path_tolerance))
         nothing = np.full((steps, m), np.nan)
@@ -139,7 +143,9 @@ def _join(trajectory: Any, ends: Sequence[tuple[int, float]]) -> dict[int, list[
     done: dict[int, float] = {}
     for waypoints, (k, share) in zip(trajectory, ends, strict=True):
         start = done.get(k, 0.0)
-        joined.setdefault(k, []).extend(replace(w, share=start + (share - start) * w.share) for w in waypoints)
+        joined.setdefault(k, []).extend(
+            replace(w, share=start + (share - start) * w.share) for w in waypoints
+        )
         done[k] = share
     return joined
 
@@ -179,7 +185,9 @@ class Reader:
         Of the robot.
     """
 
-    def __init__(self, readings: Sequence[Reading], step_ids: Sequence[int], tendon_names: Sequence[str]) -> None:
+    def __init__(
+        self, readings: Sequence[Reading], step_ids: Sequence[int], tendon_names: Sequence[str]
+    ) -> None:
         index = {n: i for i, n in enumerate(step_ids)}
         self.count = len(readings)
         self.step = np.array([index[r.step] for r in readings])
@@ -187,12 +195,17 @@ class Reader:
         self._axes = {a: np.flatnonzero(quantity == f"position_{a}") for a in "xyz"}
         self._places = np.unique([r.location for r in readings if isinstance(r.location, float)])
         self._place = np.array(
-            [int(np.searchsorted(self._places, r.location)) if isinstance(r.location, float) else 0 for r in readings]
+            [
+                int(np.searchsorted(self._places, r.location)) if isinstance(r.location, float) else 0
+                for r in readings
+            ]
         )
         tendon = {n: i for i, n in enumerate(tendon_names)}
         self._tendon = np.array([tendon[r.location] if isinstance(r.location, str) else 0 for r in readings])
-        self._of = {q: np.flatnonzero(quantity == q) for q in
-                    ("bending_angle", "chord_angle", "tip_offset", "tendon_displacement", "distal_tension")}
+        self._of = {
+            q: np.flatnonzero(quantity == q)
+            for q in ("bending_angle", "chord_angle", "tip_offset", "tendon_displacement", "distal_tension")
+        }
 
     def read(self, run: Run, setup: Setup) -> Array:
         """What would be read [m, rad, N], shape (n,); NaN where the run did not get.
@@ -266,7 +279,9 @@ class ForwardModel:
             self._pool.shutdown(wait=True, cancel_futures=True)
             self._pool = None
 
-    def run(self, setups: Sequence[Setup], guide: Run | None = None, record: bool = False, fine: bool = False) -> list[Run]:
+    def run(
+        self, setups: Sequence[Setup], guide: Run | None = None, record: bool = False, fine: bool = False
+    ) -> list[Run]:
         """Simulate setups, those that were simulated before from memory.
 
         Parameters
@@ -282,7 +297,8 @@ class ForwardModel:
         """
         if fine:
             setups = [
-                replace(s, model=replace(s.model, elements_per_bay=2 * s.model.elements_per_bay)) for s in setups
+                replace(s, model=replace(s.model, elements_per_bay=2 * s.model.elements_per_bay))
+                for s in setups
             ]
         kind = f"free{record}"
         if guide is not None:

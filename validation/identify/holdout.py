@@ -17,7 +17,9 @@ def inputs(data: MeasuredData) -> Array:
     """Commands and tip forces of every step, each over its largest value, shape (n_steps, n_tendons + 3)."""
     actions = resolve(data.robot, data.steps)
     force = [a.loads["tip"].force if "tip" in a.loads else (0.0, 0.0, 0.0) for a in actions]
-    table = np.concatenate((np.array([a.values for a in actions]).reshape(len(actions), -1), np.array(force)), axis=1)
+    table = np.concatenate(
+        (np.array([a.values for a in actions]).reshape(len(actions), -1), np.array(force)), axis=1
+    )
     for part in (slice(0, -3), slice(-3, None)):
         largest = np.max(np.abs(table[:, part]), initial=0.0)
         if largest > 0.0:

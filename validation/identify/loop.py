@@ -152,7 +152,7 @@ class _Loop:
 
     def level(self, fit: Fit) -> float:
         """Misfit per degree of freedom, at least one."""
-        return max(1.0, fit.cost / max(1, np.count_nonzero(self.fitted) - len(fit.free)))
+        return max(1.0, fit.cost / max(1, int(np.count_nonzero(self.fitted)) - len(fit.free)))
 
     def is_noise(self, fit: Fit) -> bool:
         """Whether what a model leaves is noise, on fitted and on held-out readings, in size and in structure."""
@@ -220,11 +220,19 @@ class _Loop:
             share = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
             proposals: list[tuple[float, Fit, Score]] = []
             for fit in level:
-                self.tell(f"round {number}: screening beside {_list(fit.names) or 'the declared model'}", share)
+                self.tell(
+                    f"round {number}: screening beside {_list(fit.names) or 'the declared model'}", share
+                )
                 for score in self.screened(fit):
                     worth = score.drop > self.bar(score.count) * max(1.0, self.level(fit) * 0.02)
                     s.candidates.append(
-                        Candidate(number, fit.names, score.effect.name, score.drop / self.level(fit), note=score.note)
+                        Candidate(
+                            number,
+                            fit.names,
+                            score.effect.name,
+                            score.drop / self.level(fit),
+                            note=score.note,
+                        )
                     )
                     if worth:
                         proposals.append((fit.cost - score.drop, fit, score))
@@ -256,8 +264,9 @@ class _Loop:
             s.best = accepted[0]
             self.correct()
             s.history.append(
-                f"round {number}: {_list(s.best.names)}, misfit per reading {self.mean(s.best.cost, self.fitted):.3g} on "
-                f"fitted and {self.mean(s.best.held_cost, self.problem.held):.3g} on held-out steps"
+                f"round {number}: {_list(s.best.names)}, misfit per reading "
+                f"{self.mean(s.best.cost, self.fitted):.3g} on fitted and "
+                f"{self.mean(s.best.held_cost, self.problem.held):.3g} on held-out steps"
             )
             others = [s.fits[frozenset(f.names)] for f in accepted[1 : settings.beam]]
             level = [s.best] if self.is_noise(s.best) else [s.best, *others]
@@ -273,7 +282,7 @@ class _Loop:
 
     def mean(self, cost: float, which: NDArray[np.bool_]) -> float:
         """Cost per reading."""
-        return cost / max(1, np.count_nonzero(which))
+        return cost / max(1, int(np.count_nonzero(which)))
 
     def note(self, number: int, fit: Fit, score: Score, new: Fit) -> None:
         """Complete a candidate's entry after its fit."""
@@ -335,7 +344,9 @@ class _Loop:
                 rest = self.without(e)
                 scores = [x for x in self.screened(rest) if x.effect.name != e.name and x.starts]
                 room = s.best.cost * 1.5 + 60.0
-                chosen = [x for i, x in enumerate(scores) if i < 3 or rest.cost - x.drop < room][: self.settings.candidates]
+                chosen = [x for i, x in enumerate(scores) if i < 3 or rest.cost - x.drop < room][
+                    : self.settings.candidates
+                ]
                 for x in chosen:
                     if x.drop < 0.05 * max(1e-9, rest.cost - s.best.cost):
                         continue
@@ -368,7 +379,11 @@ class _Loop:
             suspects = local_suspects(self.problem, base)
             # To first order a place must do about as well as the best model, or it is not worth a fit.
             room = 0.1 * base.cost + 5.0 * s.best.cost if base is not s.best else math.inf
-            scores = [x for x in screen(self.problem, base, suspects) if x.drop > self.bar(1) * self.level(base) * 0.02]
+            scores = [
+                x
+                for x in screen(self.problem, base, suspects)
+                if x.drop > self.bar(1) * self.level(base) * 0.02
+            ]
             found += [(base.cost - x.drop, base, x) for x in scores[:2] if base.cost - x.drop < room]
         fits = []
         for _, base, score in sorted(found, key=lambda p: p[0])[:3]:
@@ -454,7 +469,9 @@ def _added(problem: Problem, loop: _Loop, state: _State, deviation: Array) -> tu
         names = frozenset(x.name for x in best.effects[: i + 1])
         after = best if i == len(best.effects) - 1 else state.fits.get(names)
         if after is None or not after.solved:
-            after = loop.fit(best.effects[: i + 1], [{x.name: best.values[x.name] for x in best.effects[: i + 1]}])
+            after = loop.fit(
+                best.effects[: i + 1], [{x.name: best.values[x.name] for x in best.effects[: i + 1]}]
+            )
         numbers = {}
         for p in e.parameters:
             value = best.values[e.name][p.name]
@@ -479,7 +496,9 @@ def _added(problem: Problem, loop: _Loop, state: _State, deviation: Array) -> tu
         experiment = ""
         if rivals:
             others = [x for x in EFFECTS if x.name in rivals]
-            experiment = f"for {e.name}: {e.experiment}" + "".join(f"; for {x.name}: {x.experiment}" for x in others)
+            experiment = f"for {e.name}: {e.experiment}" + "".join(
+                f"; for {x.name}: {x.experiment}" for x in others
+            )
         added.append(
             AddedEffect(
                 e.name,
@@ -519,13 +538,19 @@ def _remaining(
             error = float(np.sqrt(problem.covariance(local)[j, j]))
         what = "a bending stiffness of" if isinstance(suspect, SoftBay) else "a spring of"
         unit = "times the declared one" if isinstance(suspect, SoftBay) else "N/m"
-        ending = "to noise" if loop.is_noise(local) else f"to {local.cost / max(1, np.count_nonzero(loop.fitted)):.3g} per reading"
+        ending = (
+            "to noise"
+            if loop.is_noise(local)
+            else f"to {local.cost / max(1, int(np.count_nonzero(loop.fitted))):.3g} per reading"
+        )
         return (
             suspect.where,
-            f"not on the list: {what} {value:.3g} +- {1.96 * error:.2g} {unit}, {suspect.where}, would bring the misfit "
-            f"{ending}; {text}",
+            f"not on the list: {what} {value:.3g} +- {1.96 * error:.2g} {unit}, {suspect.where}, would bring the "
+            f"misfit {ending}; {text}",
         )
-    told = [t for t in structure(problem.data, state.best.residual, len(state.best.free)) if t.p_value < 1e-4][:3]
+    told = [
+        t for t in structure(problem.data, state.best.residual, len(state.best.free)) if t.p_value < 1e-4
+    ][:3]
     if told:
         text += "; the residual is largest in: " + ", ".join(t.group for t in told)
     return where, text

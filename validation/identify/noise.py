@@ -64,7 +64,9 @@ def estimate_sigma(data: MeasuredData, residual: Array) -> tuple[Array, bool]:
                 seconds.append(r[2:] - 2.0 * r[1:-1] + r[:-2])
         values = np.abs(np.concatenate(seconds)) if seconds else np.abs(residual[family == kind])
         values = values[np.isfinite(values)]
-        scatter = 1.4826 * float(np.median(values)) / (math.sqrt(6.0) if seconds else 1.0) if values.size else 0.0
+        scatter = (
+            1.4826 * float(np.median(values)) / (math.sqrt(6.0) if seconds else 1.0) if values.size else 0.0
+        )
         unit = data.readings[int(np.flatnonzero(family == kind)[0])].unit
         floor = {"m": 2e-5 * data.robot.backbone.length, "rad": 2e-5, "N": 1e-5}[unit]
         sigma[missing & (family == kind)] = max(scatter, floor)
@@ -130,10 +132,10 @@ def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Struct
     for number, k in position.items():
         size(f"step {number}", step == k)
     products, means = [], []
-    for i in series(readings):
-        if i.size >= 4:
-            products.append(c[i][1:] * c[i][:-1])
-            means.append((i, float(np.sum(c[i]) / math.sqrt(i.size))))
+    for one in series(readings):
+        if one.size >= 4:
+            products.append(c[one][1:] * c[one][:-1])
+            means.append((one, float(np.sum(c[one]) / math.sqrt(one.size))))
     if products:
         together = np.concatenate(products)
         z = float(np.sum(together) / math.sqrt(together.size))
@@ -141,10 +143,10 @@ def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Struct
         runs = np.sign(together)
         z = float(np.sum(runs) / math.sqrt(runs.size))
         tests.append(Structure("signs of neighbouring steps alike", z, float(norm.sf(z))))
-    for i, z in means:
-        x = readings[int(i[0])]
-        place = "" if x.location is None else f" at {x.location}"
-        tests.append(Structure(f"mean of {x.quantity}{place}", abs(z), float(2.0 * norm.sf(abs(z)))))
+    for which, z in means:
+        x = readings[int(which[0])]
+        at = "" if x.location is None else f" at {x.location}"
+        tests.append(Structure(f"mean of {x.quantity}{at}", abs(z), float(2.0 * norm.sf(abs(z)))))
     return tuple(sorted(tests, key=lambda t: t.p_value))
 
 

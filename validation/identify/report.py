@@ -40,7 +40,9 @@ def headline(result: IdentificationResult) -> str:
     if result.verdict == "explained":
         return f"Explained: what the declared model lacks is {names}."
     if result.verdict == "partly explained":
-        return f"Partly explained: {names} removes part of the error, but something that is on no list remains."
+        return (
+            f"Partly explained: {names} removes part of the error, but something that is on no list remains."
+        )
     return "Unexplained: the model lacks something that is on no list."
 
 
@@ -108,7 +110,9 @@ def summary(result: IdentificationResult) -> str:
     for e in result.effects:
         for name, p in e.parameters.items():
             error = f" +- {1.96 * p.std_error:.2g}" if p.std_error is not None else ""
-            lines.append(f"    {e.name}.{name} = {p.value:.5g}{error} {p.unit} {f'({p.note})' if p.note else ''}".rstrip())
+            lines.append(
+                f"    {e.name}.{name} = {p.value:.5g}{error} {p.unit} {f'({p.note})' if p.note else ''}".rstrip()
+            )
     return "\n".join(lines)
 
 
@@ -153,10 +157,17 @@ def _by_step(result: IdentificationResult) -> str:
     figure, axes = _axes()
     for n in result.held_out_steps:
         axes.axvspan(position[n] - 0.5, position[n] + 0.5, color=HELD, linewidth=0)
-    for r, color, label in ((result.residual_before, BEFORE, "declared"), (result.residual_after, AFTER, "with what was added")):
+    for r, color, label in (
+        (result.residual_before, BEFORE, "declared"),
+        (result.residual_after, AFTER, "with what was added"),
+    ):
         keys, size = _rms_by(steps, r[mask] * factor)
-        axes.plot([position[k] for k in keys], size, "o-", color=color, markersize=3.5, linewidth=1.2, label=label)
-    axes.axhline(float(np.sqrt(np.mean(result.sigma[mask] ** 2))) * factor, color="#555", linestyle=":", label="noise")
+        axes.plot(
+            [position[k] for k in keys], size, "o-", color=color, markersize=3.5, linewidth=1.2, label=label
+        )
+    axes.axhline(
+        float(np.sqrt(np.mean(result.sigma[mask] ** 2))) * factor, color="#555", linestyle=":", label="noise"
+    )
     axes.set_yscale("log")
     ids = result.data.step_ids
     ticks = range(0, len(ids), max(1, len(ids) // 20))
@@ -191,7 +202,10 @@ def _over_input(result: IdentificationResult) -> str:
     k = np.array([position[data.readings[i].step] for i in np.flatnonzero(mask)])
     driven = data.driven_by_displacement
     size = np.array(
-        [max((abs(v) for v in (s.displacements if driven else s.tensions).values()), default=0.0) for s in data.steps]
+        [
+            max((abs(v) for v in (s.displacements if driven else s.tensions).values()), default=0.0)
+            for s in data.steps
+        ]
     )
     moves = directions(data)[:, : len(data.robot.tendons)]
     leading = np.array([np.sign(m[np.argmax(np.abs(m))]) if np.any(m) else 0 for m in moves])
@@ -248,12 +262,19 @@ def _moment(result: IdentificationResult) -> str:
 def render(result: IdentificationResult) -> str:
     """The whole page."""
     place = files("tdcr_fe.validation") / "templates" / "identify.html.j2"
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     template = environment.from_string(place.read_text(encoding="utf-8"))
     readings = result.data.readings
     svg = {
         name: Markup(draw(result))
-        for name, draw in {"steps": _by_step, "along": _along, "input": _over_input, "moment": _moment}.items()
+        for name, draw in {
+            "steps": _by_step,
+            "along": _along,
+            "input": _over_input,
+            "moment": _moment,
+        }.items()
     }
     robot = result.data.robot
     candidates = sorted(result.candidates, key=lambda c: (c.round, c.model, -c.drop))

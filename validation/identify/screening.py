@@ -151,7 +151,11 @@ def _score(
     if best is None:
         return Score(e, 0.0, 0.0, [], np.zeros((fit.residual.size, 0)), "it changes nothing on these data")
     return Score(
-        e, best.drop, best.drop_held, best.starts + [o for o in others if o is not best.starts[0]], best.signature
+        e,
+        best.drop,
+        best.drop_held,
+        best.starts + [o for o in others if o is not best.starts[0]],
+        best.signature,
     )
 
 
@@ -163,7 +167,9 @@ def _direction(e: Effect, absent: dict[str, float], point: dict[str, float]) -> 
     }
 
 
-def _room(problem: Problem, e: Effect, absent: dict[str, float], direction: dict[str, float]) -> tuple[float, float]:
+def _room(
+    problem: Problem, e: Effect, absent: dict[str, float], direction: dict[str, float]
+) -> tuple[float, float]:
     """How far an amplitude may go down and up before a parameter meets a bound."""
     low, high = -np.inf, np.inf
     for p in e.parameters:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -25,7 +26,9 @@ class SoftBay(Effect):
         self.number, self.start, self.end = number, start, end
         self.name = f"stiffness of bay {number}"
         self.sentence = "The backbone is softer or stiffer in one place: a crack, a kink, glue."
-        self.parameters = (Parameter("bending", "1", 0.02, 50.0, 1.0, 0.2, "factor on the bending stiffness there"),)
+        self.parameters = (
+            Parameter("bending", "1", 0.02, 50.0, 1.0, 0.2, "factor on the bending stiffness there"),
+        )
 
     @property
     def where(self) -> str:
@@ -94,7 +97,7 @@ def local_suspects(problem: Problem, fit: Fit) -> list[Effect]:
     """A soft bay for every bay, a spring at every disk but the last."""
     edges = bay_edges(problem)
     suspects: list[Effect] = [
-        SoftBay(i + 1, float(a), float(b)) for i, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True))
+        SoftBay(i + 1, float(a), float(b)) for i, (a, b) in enumerate(itertools.pairwise(edges))
     ]
     for s in edges[1:]:
         suspects.append(SideSpring(float(s), fit.run, np.array([0.0, 0.0, s])))
@@ -192,6 +195,8 @@ def _inputs_text(problem: Problem, k: int) -> str:
     parts = [f"{n} = {v:.3g} N" for n, v in step.tensions.items() if v > 0.0]
     parts += [f"{n} = {1e3 * v:.3g} mm" for n, v in step.displacements.items() if v != 0.0]
     parts += [
-        f"tip force ({', '.join(f'{x:.3g}' for x in load.force)}) N" for load in step.loads.values() if any(load.force)
+        f"tip force ({', '.join(f'{x:.3g}' for x in load.force)}) N"
+        for load in step.loads.values()
+        if any(load.force)
     ]
     return ", ".join(parts) or "nothing pulled"
