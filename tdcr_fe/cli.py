@@ -30,6 +30,7 @@ COMMANDS = (
     "tdcr_fe.cli:add_demo_parser",
     "tdcr_fe.validation.identify_command:add_identify_parser",
     "tdcr_fe.validation.crosscheck.command:add_validate_parser",
+    "tdcr_fe.validation.paper.command:add_paper_parser",
 )
 
 

@@ -114,13 +114,20 @@ def compare_table(
         steps += [None] * (2 - len(steps))
 
         def add(
-            loaded: bool, place: str, s: float, offset: str, angle: str, row: pd.Series = row, good: bool = good,
+            loaded: bool,
+            place: str,
+            s: float,
+            offset: str,
+            angle: str,
+            row: pd.Series = row,
+            good: bool = good,
             steps: Sequence[StepResult | None] = steps,
         ) -> None:
             step = steps[1 if loaded else 0]
             found = (np.nan, np.nan) if step is None else _offset_and_angle(step.position_at(s), number)
             for name, value, column, scale in (
-                ("offset", found[0], offset, 1e-3), ("angle", found[1], angle, np.pi / 180.0)
+                ("offset", found[0], offset, 1e-3),
+                ("angle", found[1], angle, np.pi / 180.0),
             ):
                 if column:
                     readings.append(
@@ -169,7 +176,9 @@ class Deviation:
     mean_percent: float
 
 
-def deviation(readings: Sequence[Reading], length: float, where: Callable[[Reading], bool] | None = None) -> Deviation:
+def deviation(
+    readings: Sequence[Reading], length: float, where: Callable[[Reading], bool] | None = None
+) -> Deviation:
     """Summarise readings.
 
     Parameters
@@ -250,7 +259,9 @@ def fit_table(number: int, model: Model | None = None, dead_band: bool = False) 
     def angles(factor: float, lost: float) -> Array:
         robot = scaled(factor)
         if loaded:
-            found = [simulate(robot, model, row_steps(number, row, robot, True)) for _, row in table.iterrows()]
+            found = [
+                simulate(robot, model, row_steps(number, row, robot, True)) for _, row in table.iterrows()
+            ]
             return np.array([r.steps[-1].chord_angle if r.converged else np.nan for r in found])
         name, tension = robot.tendon_names[0], table["tension_N"].to_numpy()
         order = np.argsort(tension)
@@ -300,7 +311,9 @@ def load_direction_study(robot: Robot, directions: int = 12) -> pd.DataFrame:
                 LoadStep(
                     "load",
                     loads={
-                        "tip": Load(robot.backbone.length, (f * np.cos(direction), f * np.sin(direction), 0.0))
+                        "tip": Load(
+                            robot.backbone.length, (f * np.cos(direction), f * np.sin(direction), 0.0)
+                        )
                     },
                 ),
             ]

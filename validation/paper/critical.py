@@ -88,7 +88,8 @@ def search_critical_load(
 
     def steps(values: Sequence[float]) -> list[LoadStep]:
         return [
-            *before, *(LoadStep(f"{f:.6g} N", loads={"tip": Load(length, _vector(f * unit))}) for f in values)
+            *before,
+            *(LoadStep(f"{f:.6g} N", loads={"tip": Load(length, _vector(f * unit))}) for f in values),
         ]
 
     def follow(values: Sequence[float]) -> tuple[list[float], list[Array], str]:

@@ -1,4 +1,4 @@
-"""What the paper leaves out and names itself: disk thickness, nonlinear friction, dynamics; each added to its Fig. 3."""
+"""What the paper leaves out: disk thickness, nonlinear friction, dynamics; each added to a case of it."""
 
 from __future__ import annotations
 
@@ -187,7 +187,12 @@ class DynamicRun:
 
 
 def dynamic_run(
-    robot: Robot, tension: float, ramp: float, rest: float = 1.5, step: float = 5e-3, friction: str = "per-hole"
+    robot: Robot,
+    tension: float,
+    ramp: float,
+    rest: float = 1.5,
+    step: float = 5e-3,
+    friction: str = "per-hole",
 ) -> DynamicRun:
     """Pull the first tendon and wait.
 

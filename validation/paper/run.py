@@ -53,8 +53,8 @@ from tdcr_fe.validation.reference.sequence import solve_reference
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-#: Loads of the search for a critical load in the helical case [N]; the paper's own go to 0.8 N.
-SEARCH_LOADS = (0.01, 0.02, 0.04, 0.06, 0.08, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
+#: Loads of the search for a critical load in the helical case [N]; twice the paper's own.
+SEARCH_LOADS = (0.01, 0.02, 0.04, 0.06, 0.08, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8, 1.2, 1.6)
 #: Tensions of that search [N]; the simulation has 1.2 N, the prototype 5 to 30 N.
 SEARCH_TENSIONS = (1.2, 5.0, 10.0, 20.0, 30.0)
 #: Directions of that search.
@@ -318,7 +318,11 @@ def _critical(run: PaperRun, tell: Progress) -> None:
     for text in ("+y", "-y"):
         for tension in (1.2, 10.0):
             run.searches[tension, text, "per-hole"] = search_critical_load(
-                robot, MODELS["per-hole"], [LoadStep("pull", {name: tension})], SEARCH_DIRECTIONS[text], SEARCH_LOADS
+                robot,
+                MODELS["per-hole"],
+                [LoadStep("pull", {name: tension})],
+                SEARCH_DIRECTIONS[text],
+                SEARCH_LOADS,
             )
     tell("helical, with friction")
     # The search must find a critical load where there is one: Euler's column, the tendon slack.

@@ -78,7 +78,10 @@ def identify_stiffness(
     ValueError
         Shapes do not match, or the displacements do not span all directions and nothing regularises.
     """
-    f, u = np.atleast_2d(np.asarray(forces, dtype=float)), np.atleast_2d(np.asarray(displacements, dtype=float))
+    f, u = (
+        np.atleast_2d(np.asarray(forces, dtype=float)),
+        np.atleast_2d(np.asarray(displacements, dtype=float)),
+    )
     if f.shape != u.shape:
         raise ValueError(f"forces have shape {f.shape}, displacements {u.shape}; must be the same, (m, n)")
     left, singular, right = np.linalg.svd(u, full_matrices=False)

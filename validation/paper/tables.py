@@ -86,8 +86,8 @@ def paper_table(number: int) -> pd.DataFrame:
     -------
     DataFrame
         The printed columns; ``row`` from 1; ``chord..._mm`` and ``even_bend_chord..._mm`` for every pair of offset
-        and angle; ``stiffness_from_tension_Nm2`` and ``stiffness_from_load_Nm2`` where the row has both; ``geometry_ok``
-        (some robot can have this shape), ``elastic_ok`` (one stiffness fits the tension and the load), and
+        and angle; ``stiffness_from_tension_Nm2`` and ``stiffness_from_load_Nm2`` where the row has both;
+        ``geometry_ok`` (some robot can have this shape), ``elastic_ok`` (one stiffness fits the tension and the load), and
         ``reasons``, a sentence for each check that fails.
 
     Raises
@@ -106,7 +106,10 @@ def paper_table(number: int) -> pd.DataFrame:
         pairs = [("_1", "offset_1_mm", "angle_1_deg", half), ("_2", "offset_2_mm", "angle_2_deg", 2.0 * half)]
     else:
         length = 1e3 * robot.backbone.length
-        pairs = [("", "offset_mm", "angle_deg", length), ("_loaded", "offset_loaded_mm", "angle_loaded_deg", length)]
+        pairs = [
+            ("", "offset_mm", "angle_deg", length),
+            ("_loaded", "offset_loaded_mm", "angle_loaded_deg", length),
+        ]
     for suffix, offset, angle, length in pairs:
         _check_chord(table, suffix, offset, angle, length, _BESIDE.get(number, ""), reasons)
     table["geometry_ok"] = [not r for r in reasons]
@@ -123,7 +126,13 @@ def paper_table(number: int) -> pd.DataFrame:
 
 
 def _check_chord(
-    table: pd.DataFrame, suffix: str, offset: str, angle: str, length: float, beside: str, reasons: Sequence[list[str]]
+    table: pd.DataFrame,
+    suffix: str,
+    offset: str,
+    angle: str,
+    length: float,
+    beside: str,
+    reasons: Sequence[list[str]],
 ) -> None:
     tolerance = AXIS_TOLERANCE if beside else FOLD_TOLERANCE
     phi = np.deg2rad(table[angle].to_numpy())
@@ -140,7 +149,11 @@ def _check_chord(
             reasons[k].append(
                 f"{what}chord of {c:.0f} mm where {table[angle][k]:g} deg needs about {e:.0f} mm: offset "
                 f"{table[offset][k]:g} mm, or the angle, is wrong"
-                + (f" (or the tip lies {aside:.0f} mm off along {beside}, which is not given)" if beside else "")
+                + (
+                    f" (or the tip lies {aside:.0f} mm off along {beside}, which is not given)"
+                    if beside
+                    else ""
+                )
             )
 
 
@@ -155,7 +168,10 @@ def first_moment(robot: Robot, tendon: Tendon) -> float:
 def _check_stiffness(table: pd.DataFrame, robot: Robot, elastic: Sequence[list[str]]) -> None:
     length = robot.backbone.length
     tension, load = table["tension_N"].to_numpy(), table["load_N"].to_numpy()
-    angle, loaded = np.deg2rad(table["angle_deg"].to_numpy()), np.deg2rad(table["angle_loaded_deg"].to_numpy())
+    angle, loaded = (
+        np.deg2rad(table["angle_deg"].to_numpy()),
+        np.deg2rad(table["angle_loaded_deg"].to_numpy()),
+    )
     # Offsets from the angles: they are the ones that hang together in every table.
     offset, offset_loaded = (length * np.sin(a) ** 2 / a for a in (angle, loaded))
     by_tension = tension * first_moment(robot, robot.tendons[0]) / offset
@@ -168,7 +184,8 @@ def _check_stiffness(table: pd.DataFrame, robot: Robot, elastic: Sequence[list[s
             elastic[k].append(f"{f:g} N bends the robot less, not more")
         elif b > STIFFNESS_FACTOR * a or a > STIFFNESS_FACTOR * b:
             elastic[k].append(
-                f"{f:g} N acts like {f * a / b:.3f} N: EI {1e3 * b:.3g}e-3 N m² from the load, {1e3 * a:.3g}e-3 from the "
+                f"{f:g} N acts like {f * a / b:.3f} N: EI {1e3 * b:.3g}e-3 N m² from the load, "
+                f"{1e3 * a:.3g}e-3 from the "
                 "tension"
             )
 
@@ -189,7 +206,8 @@ def _check_first_segment(table: pd.DataFrame, robot: Robot, elastic: Sequence[li
     for k, a in enumerate(by_tension):
         if a > STIFFNESS_FACTOR * other or other > STIFFNESS_FACTOR * a:
             elastic[k].append(
-                f"first segment as stiff as EI {1e3 * a:.3g}e-3 N m², before its load is counted; the robot of Table 1 has "
+                f"first segment as stiff as EI {1e3 * a:.3g}e-3 N m², before its load is counted; the robot of "
+                "Table 1 has "
                 f"{1e3 * other:.3g}e-3"
             )
 
@@ -198,7 +216,11 @@ def _check_order(table: pd.DataFrame, elastic: Sequence[list[str]]) -> None:
     for k in range(1, len(table)):
         same = table["load_N"][k] == table["load_N"][k - 1]
         for column, what in (("offset_mm", "offset"), ("offset_loaded_mm", "loaded offset")):
-            if same and table["tension_N"][k] > table["tension_N"][k - 1] and table[column][k] <= table[column][k - 1]:
+            if (
+                same
+                and table["tension_N"][k] > table["tension_N"][k - 1]
+                and table[column][k] <= table[column][k - 1]
+            ):
                 elastic[k].append(f"{what} falls although the tension rises")
 
 
@@ -217,7 +239,8 @@ def table_remarks(number: int) -> list[str]:
         good = by_load[by_load > 0.0]
         remarks.append(
             f"The load column asks for EI {1e3 * good.min():.3g} to {1e3 * good.max():.3g}e-3 N m²: "
-            f"{(good / found[by_load > 0.0]).min():.1f} to {(good / found[by_load > 0.0]).max():.0f} times the tension's."
+            f"{(good / found[by_load > 0.0]).min():.1f} to {(good / found[by_load > 0.0]).max():.0f} times the "
+            "tension's."
         )
         remarks.append(
             f"The offset grows like T^{growth_exponent(table):.2f}; linear elasticity with Capstan friction gives an "
@@ -227,8 +250,9 @@ def table_remarks(number: int) -> list[str]:
 
 
 def growth_exponent(table: pd.DataFrame) -> float:
-    """Exponent ``p`` of offset ~ tension^p over a table's unloaded rows, by least squares of logarithms [1]."""
-    return float(np.polyfit(np.log(table["tension_N"]), np.log(table["offset_mm"]), 1)[0])
+    """Exponent ``p`` of offset ~ tension^p over the unloaded, consistent rows of a table [1]."""
+    used = table[table["geometry_ok"]]
+    return float(np.polyfit(np.log(used["tension_N"]), np.log(used["offset_mm"]), 1)[0])
 
 
 def table1_dataset(folder: str | os.PathLike[str], all_rows: bool = False) -> Path:

@@ -1,0 +1,246 @@
+"""Drawings of the report on the paper, as SVG text."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tdcr_fe.results import StepResult
+from tdcr_fe.validation.paper.cases import MODEL_NAMES
+from tdcr_fe.validation.paper.claims import deformation
+from tdcr_fe.validation.paper.run import CaseStudy, PaperRun, TableStudy
+
+Array = NDArray[np.float64]
+
+COLORS = {"classical": "#777777", "discrete": "#0072B2", "per-tendon": "#D55E00", "per-hole": "#009E73"}
+LINES = {"classical": (0, (1, 1)), "discrete": "-", "per-tendon": (0, (5, 1.5)), "per-hole": "-"}
+WIDTHS = {"classical": 2.4, "discrete": 1.3, "per-tendon": 1.8, "per-hole": 1.0}
+
+_STYLE: Any = {
+    "font.size": 8.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 9,
+    "legend.frameon": False,
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+}
+
+
+def svg(figure: Figure) -> str:
+    """The figure as SVG text, without the lines that belong in a file of its own."""
+    text = io.StringIO()
+    figure.savefig(text, format="svg", metadata={"Date": None})
+    plt.close(figure)
+    whole = text.getvalue()
+    return whole[whole.index("<svg") :]
+
+
+def _dense(step: StepResult) -> Array:
+    s = np.linspace(0.0, step.s[-1], 61)
+    return 1e3 * step.position_at(s)
+
+
+def draw_case(study: CaseStudy) -> Figure:
+    """Three views of every marked state with every model, and how the tip and its stability follow the load."""
+    with plt.rc_context(_STYLE):
+        figure, axes = plt.subplots(
+            1, 4, figsize=(13.2, 3.5), width_ratios=(1, 1, 1, 1.25), layout="constrained"
+        )
+        views = (
+            (
+                "isometric",
+                lambda p: ((p[:, 0] - p[:, 1]) * 0.866, p[:, 2] + 0.5 * (p[:, 0] + p[:, 1]) * -1.0),
+                ("", ""),
+            ),
+            ("top", lambda p: (p[:, 0], p[:, 1]), ("x [mm]", "y [mm]")),
+            ("side", _side(study), _side_labels(study)),
+        )
+        for axis, (name, project, labels) in zip(axes[:3], views, strict=True):
+            for key, run in study.runs.items():
+                for k, label in enumerate(study.case.marked):
+                    step = next((s for s in run.steps if s.label == label), None)
+                    if step is None:
+                        continue
+                    u, v = project(_dense(step))
+                    shade = 0.45 + 0.55 * k / max(len(study.case.marked) - 1, 1)
+                    axis.plot(
+                        u,
+                        v,
+                        color=COLORS[key],
+                        ls=LINES[key],
+                        lw=WIDTHS[key],
+                        alpha=shade,
+                        label=MODEL_NAMES[key] if k == len(study.case.marked) - 1 else None,
+                    )
+            axis.plot(*project(np.array([[0.0, 0.0, 0.0]])), "ks", ms=4)
+            axis.set_aspect("equal", adjustable="datalim")
+            axis.set(title=name, xlabel=labels[0], ylabel=labels[1])
+            if name == "isometric":
+                axis.set_xticklabels([])
+                axis.set_yticklabels([])
+        last = axes[3]
+        length = study.case.robot.backbone.length
+        second = last.twinx()
+        second.spines["right"].set_visible(True)
+        second.grid(False)
+        for key, run in study.runs.items():
+            x = np.arange(1, len(run.steps) + 1)
+            last.plot(
+                x,
+                [1e3 * deformation(s, length) for s in run.steps],
+                color=COLORS[key],
+                ls=LINES[key],
+                lw=WIDTHS[key],
+            )
+            second.plot(
+                x,
+                [s.smallest for s in run.stabilities],
+                color=COLORS[key],
+                ls=LINES[key],
+                lw=0.8,
+                alpha=0.7,
+                marker=".",
+                ms=3,
+            )
+        steps = study.case.steps
+        last.set_xticks(range(1, len(steps) + 1), [_tick(s.label) for s in steps], rotation=90, fontsize=6.5)
+        last.set(title="along the loading sequence", ylabel="tip displacement [mm]")
+        last.set_ylim(bottom=0.0)
+        second.set_ylim(0.0, 1.05)
+        second.set_ylabel("smallest eigenvalue (dots)")
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _tick(label: str) -> str:
+    return label.replace(" at the tip", "").replace("pull ", "T ").replace(" at disk 7", " (7)")
+
+
+def _plane(study: CaseStudy) -> int:
+    """Which horizontal axis the robot leans along in its last state: 0 for x, 1 for y."""
+    step = next(iter(study.runs.values())).steps[-1]
+    return int(np.argmax(np.abs(step.tip[:2])))
+
+
+def _side(study: CaseStudy) -> Any:
+    k = _plane(study)
+    return lambda p: (p[:, k], p[:, 2])
+
+
+def _side_labels(study: CaseStudy) -> tuple[str, str]:
+    return f"{'xy'[_plane(study)]} [mm]", "z [mm]"
+
+
+def draw_tables(run: PaperRun) -> Figure:
+    """Chord angles of all tables: measured, as declared, with what was fitted."""
+    with plt.rc_context(_STYLE):
+        figure, axes = plt.subplots(1, len(run.tables), figsize=(13.2, 3.2), layout="constrained")
+        for axis, study in zip(np.atleast_1d(axes), run.tables.values(), strict=True):
+            _draw_table(axis, study)
+        handles, labels = np.atleast_1d(axes)[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    return figure
+
+
+def _draw_table(axis: Any, study: TableStudy) -> None:
+    marks = {"declared": ("#D55E00", "s"), "stiffness": ("#0072B2", "^"), "dead band": ("#009E73", "v")}
+    names = {
+        "declared": "model as declared",
+        "stiffness": "one stiffness fitted",
+        "dead band": "stiffness and dead band fitted",
+    }
+    place = "tip"
+    for name, readings in study.readings.items():
+        color, mark = marks[name]
+        for loaded in (False, True):
+            used = [r for r in readings if r.quantity == "angle" and r.place == place and r.loaded == loaded]
+            if used:
+                axis.plot(
+                    [r.row for r in used],
+                    np.rad2deg([r.model for r in used]),
+                    mark,
+                    color=color,
+                    ms=4.5,
+                    mfc=color if loaded else "none",
+                    label=names[name] if not loaded else None,
+                    alpha=0.85,
+                )
+    for loaded in (False, True):
+        used = [
+            r
+            for r in study.readings["declared"]
+            if r.quantity == "angle" and r.place == place and r.loaded == loaded
+        ]
+        if used:
+            axis.plot(
+                [r.row for r in used],
+                np.rad2deg([r.measured for r in used]),
+                "k*",
+                ms=8,
+                mfc="k" if loaded else "none",
+                label="measured (filled: with load)" if not loaded else None,
+            )
+    bad = study.table.loc[~study.table["geometry_ok"], "row"]
+    for row in bad:
+        axis.axvspan(row - 0.4, row + 0.4, color="#cc0000", alpha=0.08, lw=0)
+    axis.set(title=f"Table {study.number}", xlabel="row", ylabel="chord angle at the tip [deg]")
+    axis.set_xticks(study.table["row"])
+
+
+def draw_searches(run: PaperRun) -> Figure:
+    """Smallest eigenvalue against load, for every direction and tension searched."""
+    with plt.rc_context(_STYLE):
+        directions = list(dict.fromkeys(k[1] for k in run.searches))
+        figure, axes = plt.subplots(
+            1, len(directions), figsize=(13.2, 2.9), sharey=True, layout="constrained"
+        )
+        tensions = sorted({k[0] for k in run.searches})
+        colors = plt.get_cmap("viridis")(np.linspace(0.0, 0.85, len(tensions)))
+        for axis, direction in zip(np.atleast_1d(axes), directions, strict=True):
+            for (tension, d, model), search in run.searches.items():
+                if d == direction:
+                    axis.plot(
+                        search.loads,
+                        search.eigenvalues,
+                        color=colors[tensions.index(tension)],
+                        lw=1.4,
+                        ls="-" if model == "discrete" else ":",
+                        label=f"{tension:g} N" if model == "discrete" else None,
+                    )
+            axis.axhline(0.0, color="#cc0000", lw=1.0)
+            axis.set(title=f"load along {direction}", xlabel="load [N]")
+        first = np.atleast_1d(axes)[0]
+        first.set_ylabel("smallest eigenvalue")
+        first.set_ylim(-0.05, 1.05)
+        figure.legend(
+            *first.get_legend_handles_labels(),
+            loc="outside lower center",
+            ncols=len(tensions),
+            title="tension of the helical tendon (dotted: with friction per hole)",
+        )
+    return figure
+
+
+def draw_dynamics(run: PaperRun) -> Figure:
+    """Tip against time."""
+    with plt.rc_context(_STYLE):
+        figure, axis = plt.subplots(figsize=(6.4, 2.7), layout="constrained")
+        for d, color in zip(run.dynamics, ("#D55E00", "#0072B2", "#009E73"), strict=False):
+            axis.plot(d.times, 1e3 * d.tips[:, 0], color=color, lw=1.2, label=f"pulled in {d.ramp:g} s")
+        still = run.cases["fig3"].runs["per-hole"].at("pull 1.5 N").tip[0] if "fig3" in run.cases else None
+        if still is not None:
+            axis.axhline(1e3 * still, color="k", lw=0.8, ls="--", label="quasi-static")
+        axis.set(xlabel="time [s]", ylabel="tip, x [mm]")
+        axis.legend(loc="lower right")
+    return figure

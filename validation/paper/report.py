@@ -1,0 +1,316 @@
+"""The report on the paper: a `PaperRun` as JSON, as one HTML page, and as a page of the documentation."""
+
+from __future__ import annotations
+
+import json
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from tdcr_fe import __version__
+from tdcr_fe.validation.paper.cases import MODEL_NAMES, packaged_text
+from tdcr_fe.validation.paper.claims import case_table, orders, verdicts
+from tdcr_fe.validation.paper.comparison import Deviation, Reading
+from tdcr_fe.validation.paper.figures import draw_case, draw_dynamics, draw_searches, draw_tables, svg
+from tdcr_fe.validation.paper.limitations import Influence
+from tdcr_fe.validation.paper.run import PaperRun, euler_load, sign_steps
+from tdcr_fe.validation.paper.tables import table_remarks, table_title, typed_table
+
+_PAPER = (
+    "Wang, Du, Mao: Cosserat Rod-Based Tendon Friction Modeling, Simulation, and Experiments for Tendon-Driven "
+    "Continuum Robots, Micromachines 2025, 16(3), 346"
+)
+
+
+def plain(value: Any) -> Any:
+    """The same in what JSON knows; what is not finite becomes null."""
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, (np.bool_, bool)):
+        return bool(value)
+    if isinstance(value, np.integer):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value
+
+
+def _deviation(d: Deviation) -> dict[str, Any]:
+    return {
+        "readings": d.count,
+        "rms_offset_mm": 1e3 * d.rms_offset,
+        "max_offset_mm": 1e3 * d.max_offset,
+        "rms_angle_deg": np.rad2deg(d.rms_angle),
+        "max_angle_deg": np.rad2deg(d.max_angle),
+        "mean_percent": d.mean_percent,
+    }
+
+
+def _reading(r: Reading) -> dict[str, Any]:
+    scale, unit = (1e3, "mm") if r.quantity == "offset" else (180.0 / np.pi, "deg")
+    gap = r.model - r.measured
+    # Of an angle: the arc that the end of a chord of the robot's length runs through.
+    share = 100.0 * abs(gap) / 0.25 if r.quantity == "offset" else 100.0 * abs(gap)
+    return {
+        "row": r.row,
+        "loaded": r.loaded,
+        "place": r.place,
+        "quantity": r.quantity,
+        "unit": unit,
+        "measured": scale * r.measured,
+        "model": scale * r.model,
+        "deviation": scale * gap,
+        "percent_of_length": share,
+        "consistent": r.consistent,
+    }
+
+
+def _influence(x: Influence) -> dict[str, Any]:
+    return {
+        "change": x.name,
+        "tip_mm": 1e3 * x.tip_shift,
+        "percent_of_length": x.percent,
+        "bending_angle_deg": np.rad2deg(x.angle_shift),
+    }
+
+
+def to_json(run: PaperRun, wall_time: float) -> dict[str, Any]:
+    """Everything that was found, without the shapes."""
+    out: dict[str, Any] = {
+        "paper": _PAPER,
+        "versions": {
+            "tdcr-fe": __version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("exudyn", "numpy", "scipy")},
+        },
+        "wall_time_s": wall_time,
+        "seconds": run.seconds,
+        "verdicts": [v.__dict__ for v in verdicts(run)],
+        "figures": {
+            name: {
+                "title": study.case.title,
+                "assumed": study.case.assumed,
+                "states": case_table(study),
+                "smallest_eigenvalue": {
+                    key: min(s.smallest for s in r.stabilities) for key, r in study.runs.items()
+                },
+                "snapped": {key: r.snapped for key, r in study.runs.items() if r.snapped},
+                "failures": {key: r.failure for key, r in study.runs.items() if r.failure},
+                "reference_gap_mm": {
+                    key: 1e3 * r.reference_gap
+                    for key, r in study.runs.items()
+                    if np.isfinite(r.reference_gap)
+                },
+            }
+            for name, study in run.cases.items()
+        },
+        "order_of_models": [
+            {
+                "case": o.case,
+                "state": o.label,
+                "tendons_alone": o.tendon_only,
+                "tip_displacement_mm": {k: 1e3 * v for k, v in o.sizes.items()},
+            }
+            for o in (orders(run) if run.cases else [])
+        ],
+        "tables": {
+            str(number): {
+                "title": table_title(number),
+                "rows": study.table.to_dict("records"),
+                "remarks": table_remarks(number),
+                "readings": {name: [_reading(r) for r in found] for name, found in study.readings.items()},
+                "deviations": {
+                    name: {part: _deviation(d) for part, d in parts.items()}
+                    for name, parts in study.deviations.items()
+                },
+                "fits": {
+                    name: {
+                        "stiffness_factor": f.factor,
+                        "dead_band_N": f.dead_band,
+                        "rms_angle_deg": np.rad2deg(f.rms_angle),
+                    }
+                    for name, f in study.fits.items()
+                },
+            }
+            for number, study in run.tables.items()
+        },
+        "critical_loads": [
+            {
+                "tension_N": k[0],
+                "direction": k[1],
+                "model": k[2],
+                "critical_N": s.critical,
+                "how": s.how,
+                "smallest_eigenvalue": s.smallest,
+                "loads_N": s.loads,
+                "eigenvalues": s.eigenvalues,
+                "largest_rate_m_per_N": s.largest_rate[0],
+                "at_N": s.largest_rate[1],
+            }
+            for k, s in run.searches.items()
+        ],
+        "signs": [
+            {
+                "step": s.label,
+                "consistent": s.solved,
+                "accepted": s.accepted.signs,
+                "trials": [
+                    {
+                        "signs": t.signs,
+                        "length_changes_mm": 1e3 * t.length_changes,
+                        "agrees": t.agrees,
+                        "consistent": t.consistent,
+                    }
+                    for t in s.trials
+                ],
+                "implicit_law": [states[0] for states in own.hole_states],
+                "tip_gap_mm": 1e3 * float(np.linalg.norm(s.accepted.tip - own.tip)),
+            }
+            for s, own in zip(run.signs, run.signs_own, strict=True)
+        ],
+        "disk_thickness": [_influence(x) for x in run.thickness],
+        "nonlinear_friction": [_influence(x) for x in run.friction],
+        "dynamics": [
+            {
+                "ramp_s": d.ramp,
+                "overshoot_mm": 1e3 * d.overshoot,
+                "left_mm": 1e3 * d.left,
+                "swing_mm": 1e3 * d.swing,
+            }
+            for d in run.dynamics
+        ],
+        "effects_of_table1": run.effects,
+    }
+    if run.tables and run.printed_offset and run.simulation_rod and run.directions is not None:
+        out["table1_variants"] = {
+            "hole offset 0.43 mm as printed": _deviation(run.printed_offset),
+            "rod of the simulation, R_b = 0.4 mm": _deviation(run.simulation_rod),
+        }
+        out["table1_load_directions"] = run.directions.to_dict("records")
+    if run.column is not None and "fig5" in run.cases:
+        out["column"] = {"found_N": run.column.critical, "euler_N": euler_load(run.cases["fig5"].case.robot)}
+    if run.stiffness is not None:
+        s = run.stiffness
+        out["stiffness"] = {
+            "true_EI": s.true_stiffness,
+            "declared_EI": s.declared_stiffness,
+            "found_EI": s.found_stiffness,
+            "matrix_N_per_m": s.identified.matrix,
+            "regularisation_m2": s.identified.regularisation,
+            "new_load_error": s.new_load_error,
+            "tip_error_mm": 1e3 * s.shape_error,
+            "tip_error_declared_mm": 1e3 * s.shape_error_declared,
+            "large_load_factor": s.large_load_factor,
+        }
+    return dict(plain(out))
+
+
+def _number(value: Any, digits: int = 2) -> str:
+    """A number for people; a dash where there is none."""
+    if value is None or (isinstance(value, float) and not np.isfinite(value)):
+        return "–"
+    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
+
+
+def _environment() -> jinja2.Environment:
+    loader = jinja2.FunctionLoader(lambda name: packaged_text("templates", name))
+    environment = jinja2.Environment(
+        loader=loader,
+        autoescape=lambda name: bool(name and name.endswith(".html.j2")),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters["n"] = _number
+    return environment
+
+
+def _context(run: PaperRun, data: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "data": data,
+        "models": MODEL_NAMES,
+        "typed": {int(k): typed_table(int(k)).to_dict("records") for k in data["tables"]},
+        "sign_steps": {s.label: s for s in sign_steps()},
+        "paper": _PAPER,
+        "mark": {
+            "holds": "good",
+            "holds in part": "part",
+            "does not hold": "bad",
+            "not found": "bad",
+            "matters": "part",
+            "matters little": "good",
+        },
+    }
+
+
+def drawings(run: PaperRun) -> dict[str, str]:
+    """Every drawing as SVG, by name."""
+    found = {name: svg(draw_case(study)) for name, study in run.cases.items()}
+    if run.tables:
+        found["tables"] = svg(draw_tables(run))
+    if run.searches:
+        found["critical"] = svg(draw_searches(run))
+    if run.dynamics:
+        found["dynamics"] = svg(draw_dynamics(run))
+    return found
+
+
+def html(run: PaperRun, data: dict[str, Any]) -> str:
+    """The page: one file, nothing fetched from elsewhere."""
+    return _environment().get_template("report.html.j2").render(**_context(run, data), drawings=drawings(run))
+
+
+def write_report(run: PaperRun, out: Path, wall_time: float) -> list[Path]:
+    """Write ``report.html`` and ``report.json``.
+
+    Parameters
+    ----------
+    run
+        Results.
+    out
+        An existing directory.
+    wall_time
+        Of the run [s].
+    """
+    data = to_json(run, wall_time)
+    page, numbers = out / "report.html", out / "report.json"
+    numbers.write_text(
+        json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+    )
+    page.write_text(html(run, data), encoding="utf-8")
+    return [page, numbers]
+
+
+def write_docs(run: PaperRun, folder: Path, wall_time: float) -> list[Path]:
+    """Write the documentation's page, ``paper.md``, and its pictures.
+
+    Parameters
+    ----------
+    run
+        Results.
+    folder
+        The ``docs`` folder.
+    wall_time
+        Of the run [s].
+    """
+    data = to_json(run, wall_time)
+    pictures = folder / "pictures"
+    pictures.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, text in drawings(run).items():
+        path = pictures / f"paper_{name}.svg"
+        path.write_text(text, encoding="utf-8")
+        written.append(path)
+    page = folder / "paper.md"
+    page.write_text(
+        _environment().get_template("paper.md.j2").render(**_context(run, data)), encoding="utf-8"
+    )
+    return [page, *written]
