@@ -270,8 +270,8 @@ def _consistency(run: PaperRun) -> list[Verdict]:
     elastic = sum(int((~t.table["elastic_ok"]).sum()) for t in run.tables.values())
     either = sum(int((~(t.table["geometry_ok"] & t.table["elastic_ok"])).sum()) for t in run.tables.values())
     text = (
-        f"{shape} of {rows} rows have an offset and an angle that contradict each other, {elastic} a load or a stiffness "
-        "that contradicts the others"
+        f"{shape} of {rows} rows have an offset and an angle that contradict each other, {elastic} a load or a "
+        "stiffness that contradicts the others"
     )
     if run.directions is not None:
         best = run.directions.loc[run.directions["rms_deg"].idxmin()]

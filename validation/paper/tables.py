@@ -85,10 +85,10 @@ def paper_table(number: int) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        The printed columns; ``row`` from 1; ``chord..._mm`` and ``even_bend_chord..._mm`` for every pair of offset
-        and angle; ``stiffness_from_tension_Nm2`` and ``stiffness_from_load_Nm2`` where the row has both;
-        ``geometry_ok`` (some robot can have this shape), ``elastic_ok`` (one stiffness fits the tension and the load), and
-        ``reasons``, a sentence for each check that fails.
+        The printed columns; ``row`` from 1; ``chord..._mm`` and ``even_bend_chord..._mm`` for every pair of
+        offset and angle; ``stiffness_from_tension_Nm2`` and ``stiffness_from_load_Nm2`` where the row has both;
+        ``geometry_ok`` (some robot can have this shape), ``elastic_ok`` (one stiffness fits the tension and the
+        load), and ``reasons``, a sentence for each check that fails.
 
     Raises
     ------
