@@ -72,7 +72,7 @@ class Precurvature(Effect):
 
     name = "precurvature"
     sentence = (
-        "The unloaded backbone is bent: wire that came off a spool, a print that warped, a robot bent once too far."
+        "The unloaded backbone is bent: wire off a spool, a print that warped, a robot bent once too far."
     )
     experiment = "measure the shape with no tendon pulled, once more with the robot turned about its axis"
     parameters = (
@@ -96,7 +96,7 @@ class RigidDisks(Effect):
 
     name = "rigid_disks"
     sentence = (
-        "Glued or clamped disks keep the backbone straight over the length they occupy, so that less of it bends."
+        "Glued or clamped disks keep the backbone straight over the length they occupy; less of it bends."
     )
     experiment = "measure positions on both sides of a disk closely, or compare a robot with thinner disks"
     parameters = (
@@ -111,9 +111,7 @@ class RigidDisks(Effect):
         """Something flexible is left in the shortest bay."""
         s = (0.0, *setup.robot.disks.positions)
         first = 2.0 * s[1]
-        return {
-            "thickness": (0.0, 0.95 * min([first, *(b - a for a, b in itertools.pairwise(s))]))
-        }
+        return {"thickness": (0.0, 0.95 * min([first, *(b - a for a, b in itertools.pairwise(s))]))}
 
     def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:
         """A tenth of a bay."""

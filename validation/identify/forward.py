@@ -303,7 +303,7 @@ class ForwardModel:
         kind = f"free{record}"
         if guide is not None:
             self._guides[id(guide)] = guide  # kept, so that its id stays its own
-            kind = f"guided{id(guide)}"
+            kind = f"guided{id(guide)}{record}"
         keys = [_key(s, kind) for s in setups]
         todo = {k: s for k, s in zip(keys, setups, strict=True) if k not in self._cache}
         trajectory = None if guide is None else (guide.trajectory, guide.ends)

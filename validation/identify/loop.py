@@ -205,11 +205,18 @@ class _Loop:
                 self.state.refused.update({x.effect.name: x.note for x in scores if x.note})
         return self.state.screens[key]
 
-    def fit(self, effects: Sequence[Effect], starts: Sequence[Point], hopeless: float = math.inf) -> Fit:
-        """Fit a model, once."""
+    def fit(
+        self,
+        effects: Sequence[Effect],
+        starts: Sequence[Point],
+        hopeless: float = math.inf,
+        beside: Fit | None = None,
+    ) -> Fit:
+        """Fit a model, once; ``beside`` is the one whose path the first runs follow."""
         key = frozenset(e.name for e in effects)
         if key not in self.state.fits:
-            self.state.fits[key] = self.problem.fit(effects, starts, hopeless)
+            guide = None if beside is None else beside.run
+            self.state.fits[key] = self.problem.fit(effects, starts, hopeless, guide=guide)
         return self.state.fits[key]
 
     def grow(self, estimated: bool) -> None:
@@ -248,7 +255,7 @@ class _Loop:
                     break
                 seen.add(key)
                 self.tell(f"round {number}: fitting {_list((*fit.names, score.effect.name))}", share)
-                new = self.fit((*fit.effects, score.effect), score.starts, 3.0 * known)
+                new = self.fit((*fit.effects, score.effect), score.starts, 3.0 * known, fit)
                 known = min(known, new.cost)
                 fits.append(new)
                 self.note(number, fit, score, new)
@@ -351,7 +358,7 @@ class _Loop:
                     if x.drop < 0.05 * max(1e-9, rest.cost - s.best.cost):
                         continue
                     self.tell(f"comparing {e.name} with {x.effect.name}", 0.75)
-                    other = self.fit((*rest.effects, x.effect), x.starts, 3.0 * s.best.cost)
+                    other = self.fit((*rest.effects, x.effect), x.starts, 3.0 * s.best.cost, rest)
                     if not other.solved:
                         continue
                     gap = (self.criterion(other) - self.criterion(s.best)) / self.level(s.best)
@@ -388,7 +395,9 @@ class _Loop:
         fits = []
         for _, base, score in sorted(found, key=lambda p: p[0])[:3]:
             self.tell(f"fitting {score.effect.name}", 0.9)
-            new = self.problem.fit((*base.effects, score.effect), score.starts, 2.0 * s.best.cost)
+            new = self.problem.fit(
+                (*base.effects, score.effect), score.starts, 2.0 * s.best.cost, guide=base.run
+            )
             if new.solved and self.better(new, base):
                 fits.append(new)
         if not fits:
