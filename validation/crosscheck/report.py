@@ -343,4 +343,9 @@ def to_html(outcome: Record) -> str:
         verge=verge,
         tip_tolerance=TIP_TOLERANCE,
         presliding=PRESLIDING,
+        reference_right=all(
+            d["third_shape_percent"] < THIRD_TOLERANCE
+            and d["deviation_percent"][-1] < 0.2 * d["deviation_percent"][0]
+            for d in outcome["studies"]["dispute"]
+        ),
     )
