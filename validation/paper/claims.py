@@ -274,7 +274,7 @@ def _consistency(run: PaperRun) -> list[Verdict]:
         "stiffness that contradicts the others"
     )
     if run.directions is not None:
-        best = run.directions.loc[run.directions["rms_deg"].idxmin()]
+        best = run.directions.iloc[int(run.directions["rms_deg"].to_numpy().argmin())]
         text += (
             f"; in Table 1 the best direction of the load, {best['direction_deg']:.0f} degrees from the plane "
             "of bending, "
