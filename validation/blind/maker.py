@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Values = dict[str, dict[str, float]]
 
 #: Substeps of every load step of the truth, so that what depends on the path is resolved.
-SUBSTEPS = 8
+SUBSTEPS = 16
 
 #: The declared model is off by this many sigma at least, and at most in a weak set [1].
 DETECTABLE, WEAK = 5.0, 2.0
