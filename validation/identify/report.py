@@ -134,6 +134,14 @@ def _axes(width: float = 8.0, height: float = 2.8) -> tuple[Figure, Any]:
     return figure, axes
 
 
+def _decades(axes: Any) -> None:
+    """A logarithmic axis of at least two decades, so that scatter does not look like structure."""
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    middle = math.sqrt(low * high)
+    axes.set_ylim(min(low, middle / 10.0), max(high, middle * 10.0))
+
+
 def _main_unit(result: IdentificationResult) -> tuple[NDArray[np.bool_], float, str]:
     """Readings that the pictures show: positions where there are any, else the most frequent unit."""
     units = np.array([r.unit for r in result.data.readings])
@@ -168,7 +176,7 @@ def _by_step(result: IdentificationResult) -> str:
     axes.axhline(
         float(np.sqrt(np.mean(result.sigma[mask] ** 2))) * factor, color="#555", linestyle=":", label="noise"
     )
-    axes.set_yscale("log")
+    _decades(axes)
     ids = result.data.step_ids
     ticks = range(0, len(ids), max(1, len(ids) // 20))
     axes.set_xticks(list(ticks), [str(ids[k]) for k in ticks])
@@ -188,7 +196,7 @@ def _along(result: IdentificationResult) -> str:
         keys, size = _rms_by(places, r[mask] * factor)
         order = np.argsort(keys)
         axes.plot(1e3 * np.array(keys)[order], size[order], "o-", color=color, markersize=4)
-    axes.set_yscale("log")
+    _decades(axes)
     axes.set_xlabel("place along the backbone [mm]")
     axes.set_ylabel(f"error, rms [{unit}]")
     return _svg(figure)
@@ -229,10 +237,10 @@ def _over_input(result: IdentificationResult) -> str:
                     ax.plot(x, rms[chosen], marker, color=color, markerfacecolor=fill, markersize=5, linestyle="",
                             label=label + (", tip loaded" if tip else ""))  # fmt: skip
         ax.set_title(title, fontsize=10)
-        ax.set_yscale("log")
         ax.grid(True, color="#ddd", linewidth=0.6)
         ax.spines[["top", "right"]].set_visible(False)
         ax.set_xlabel("largest displacement [mm]" if driven else "largest tension [N]")
+    _decades(axes[0])
     axes[0].set_ylabel(f"error, rms [{unit}]")
     axes[0].legend(frameon=False, fontsize=7)
     return _svg(figure)
@@ -297,7 +305,7 @@ def render(result: IdentificationResult) -> str:
         effects=[(e, effect(e.name)) for e in result.effects],
         robot=robot,
         model=result.data.model,
-        candidates=[c for c in candidates if c.drop > 0.0 or c.fitted],
+        candidates=[c for c in candidates if c.drop > 0.5 or c.fitted],
         outliers=standing,
         size=_size,
         noise=noise_size(result),

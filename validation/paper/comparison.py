@@ -278,7 +278,9 @@ def fit_table(number: int, model: Model | None = None, dead_band: bool = False) 
     start = np.log(np.median(table["stiffness_from_tension_Nm2"]) / declared.backbone.EI)
     x0 = [start, 0.3] if dead_band else [start]
     low, high = ([start - 2.5, 0.0], [start + 2.5, 1.0]) if dead_band else ([start - 2.5], [start + 2.5])
-    best = least_squares(misfit, x0, bounds=(low, high), diff_step=np.full(len(x0), 1e-3), xtol=1e-5, ftol=1e-6)
+    best = least_squares(
+        misfit, x0, bounds=(low, high), diff_step=np.full(len(x0), 1e-3), xtol=1e-5, ftol=1e-6
+    )
     factor = float(np.exp(best.x[0]))
     lost = float(best.x[1] * lowest) if dead_band else 0.0
     return TableFit(factor, lost, scaled(factor), float(np.sqrt(np.mean(best.fun**2))))
