@@ -219,9 +219,11 @@ def read(result: SequenceResult, setup: Setup, marks: list[Mark]) -> Array:
     frame = Rotation.from_rotvec(setup.observation.rotation).as_matrix()
     offset = np.array([*setup.observation.offset, 0.0])
     names = setup.robot.tendon_names
+    # Where effects divide a step on the way, its end is read.
+    end = {k: j for j, (k, _) in enumerate(setup.step_ends)}
     values = []
     for k, quantity, place in marks:
-        step = result.steps[k]
+        step = result.steps[end[k]]
         if quantity.startswith("position_"):
             assert isinstance(place, float)
             node = int(np.argmin(np.abs(step.s - place)))

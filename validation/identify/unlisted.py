@@ -74,11 +74,9 @@ class SideSpring(Effect):
 
     def apply(self, setup: Setup, values: dict[str, float]) -> Setup:  # type: ignore[override]
         """See `Effect.apply`."""
-        k = values["stiffness"]
         steps = []
-        for step, (k, _) in zip(setup.steps, setup.step_ends, strict=True):
-            u = self._moved[k]
-            f = -k * u
+        for step, (commanded, _) in zip(setup.steps, setup.step_ends, strict=True):
+            f = -values["stiffness"] * self._moved[commanded]
             load = Load(self.at, (float(f[0]), float(f[1]), float(f[2])))
             steps.append(replace(step, loads={**step.loads, f"spring {self.at:g}": load}))
         return replace(setup, steps=tuple(steps))
