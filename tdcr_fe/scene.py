@@ -397,6 +397,10 @@ def build_mesh(
         (b.EA * one, b.GA * one, b.GA * one, b.GJ * torsion, b.EI * bending, b.EI * bending), axis=1
     )
     stiffness[rigid] *= INSERT_FACTORS
+    # Residual bending flexibility (MacNeal 1978): a constant strain cannot follow a moment that changes with the shear
+    # force; h^2 / (12 EI) of shear flexibility makes up for it.
+    size = np.diff(arc)[:, None]
+    stiffness[:, 1:3] = 1.0 / (1.0 / stiffness[:, 1:3] + size**2 / (12.0 * stiffness[:, 5:3:-1]))
     second_moment = np.pi * b.radius**4 / 4.0
     rotary = b.density * second_moment * np.array([2.0, 1.0, 1.0])
     precurvature = BEAM_TO_SECTION.T @ np.array([*b.precurvature, 0.0])
