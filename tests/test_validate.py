@@ -124,6 +124,15 @@ def test_the_order_of_mesh_convergence_is_two_or_better():
     assert studies.observed_order([0.5, 0.25, 0.125], [4e-4, 1e-4, 2.5e-5]) == pytest.approx(2.0)
 
 
+def test_more_elements_undo_what_the_compression_of_a_bay_does_to_the_error():
+    """Helical tendon, five disks, gravity: order 1.9 or better at every share of a bay's buckling load."""
+    found = studies.near_buckling("helical_straight_none_gravity_5")
+    four, eight = (np.array(x) for x in found["deviation_percent"])
+    assert np.all(np.diff(four) > 0.0)
+    assert np.all(np.log2(four / eight) > cases.LEAST_ORDER)
+    assert four[found["shares"].index(cases.MOST_COMPRESSION)] < cases.TIP_TOLERANCE < four[-1]
+
+
 def test_closed_forms_know_the_error_of_both_sides():
     for name in studies.CLOSED_FORMS:
         record = studies.closed_form(name)

@@ -18,6 +18,7 @@ from tdcr_fe.validation.crosscheck.cases import (
     LOADS,
     MEDIAN_TOLERANCE,
     MODELS,
+    MOST_COMPRESSION,
     PRESLIDING,
     ROUTINGS,
     TENSION_TOLERANCE,
@@ -84,7 +85,7 @@ def judge(
     cases = [_failed_case(c) if c.get("error") else c for c in cases]
     solved = [c for c in cases if c["converged"]]
     kinds: dict[str, list[Record]] = {
-        k: [] for k in ("mesh", "disks", "literature", "closed", "time", "dispute")
+        k: [] for k in ("mesh", "disks", "buckling", "literature", "closed", "time", "dispute")
     }
     broken = [f"study {s['id']}: {s['error']}" for s in studies if s.get("error")]
     for study in studies:
@@ -343,6 +344,7 @@ def to_html(outcome: Record) -> str:
         verge=verge,
         tip_tolerance=TIP_TOLERANCE,
         presliding=PRESLIDING,
+        most_compression=MOST_COMPRESSION,
         reference_right=all(
             d["third_shape_percent"] < THIRD_TOLERANCE
             and d["deviation_percent"][-1] < 0.2 * d["deviation_percent"][0]

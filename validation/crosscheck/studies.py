@@ -1,4 +1,7 @@
-"""Studies beside the cases: mesh and disk convergence, closed forms, figures of other codes, time, disputes."""
+"""Studies beside the cases.
+
+Mesh and disk convergence, compression of a bay, closed forms, figures of other codes, time, disputes.
+"""
 
 from __future__ import annotations
 
@@ -25,11 +28,13 @@ from tdcr_fe.validation.crosscheck.cases import (
     ROUTINGS,
     Case,
     all_cases,
+    bay_buckling_load,
     highest_tension,
     make_load,
     make_robot,
     pulls,
 )
+from tdcr_fe.validation.crosscheck.compare import compare
 from tdcr_fe.validation.crosscheck.third import integrate_again
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 from tdcr_fe.validation.reference.closed_forms import constant_strain, elastica_tip, helix_wrench
@@ -73,6 +78,7 @@ def all_studies() -> list[Study]:
                 Study(f"mesh_{routing}_{path}_{friction}", "mesh", (routing, path, friction), quick)
             )
         studies.append(Study(f"disks_{routing}", "disks", (routing,), routing in ("parallel", "helical")))
+    studies += [Study(f"buckling_{c}", "buckling", (c,), k < 2) for k, c in enumerate(NEAR_BUCKLING)]
     studies += [Study(f"literature_{i}", "literature", (i,), True) for i in range(len(LITERATURE))]
     studies += [Study(f"closed_{_slug(name)}", "closed", (name,), True) for name in CLOSED_FORMS]
     studies += [Study(f"time_{_slug(name)}", "time", (name,), True) for name in TIMED]
@@ -89,6 +95,7 @@ def run_study(study: Study) -> Record:
     functions: dict[str, Callable[..., Record]] = {
         "mesh": mesh_convergence,
         "disks": disk_convergence,
+        "buckling": near_buckling,
         "literature": literature,
         "closed": closed_form,
         "time": timing,
@@ -182,6 +189,54 @@ def disk_convergence(routing: str) -> Record:
         "reference_percent": [100.0 * e for e in reference],
         "finite_element_percent": [100.0 * e for e in elements],
         "rate": rate,
+    }
+
+
+# ---------------------------------------------------------------------------------- compression of a bay
+
+#: Cases with few disks that differ most as the tension rises; the first two are part of the quick set.
+NEAR_BUCKLING = (
+    "parallel_straight_none_tip-in-plane_5",
+    "helical_straight_none_mid-span_5",
+    "helical_straight_none_gravity_5",
+    "parallel_straight_none_no-load_5",
+    "two-segment_straight_none_tip-in-plane_5",
+)
+#: Sum of the tensions over the buckling load of a bay [1].
+COMPRESSIONS = (0.1, 0.2, 0.3, 0.4, 0.5)
+
+
+def near_buckling(case_id: str) -> Record:
+    """Deviation of the tip in a case of the grid whose highest tension nears the buckling load of a bay.
+
+    With the mesh of all cases, and with twice as many elements. Three levels up and one down, as in the case.
+    """
+    case: Case = next(c for c in all_cases() if c.id == case_id)
+    load = bay_buckling_load(case.disks)
+    meshes = (ELEMENTS_PER_BAY, 2 * ELEMENTS_PER_BAY)
+    deviations: list[list[float]] = [[] for _ in meshes]
+    bending: list[list[float]] = []
+    for share in COMPRESSIONS:
+        factor = share * load / highest_tension(case.disks)
+        steps = tuple(
+            replace(s, tensions={name: factor * t for name, t in s.tensions.items()}) for s in case.steps
+        )
+        for n, found in zip(meshes, deviations, strict=True):
+            record = compare(replace(case, steps=steps, model=replace(case.model, elements_per_bay=n)))
+            if not record["converged"]:
+                raise RuntimeError(f"{share:g} of the buckling load: {'; '.join(record['reasons'])}")
+            found.append(record["deviation_percent"])
+        bending.append([s["turned_deg"] for s in record["steps"]])
+    return {
+        "case": case_id,
+        "routing": case.routing,
+        "load": case.load,
+        "disks": case.disks,
+        "shares": list(COMPRESSIONS),
+        "tension": [share * load for share in COMPRESSIONS],
+        "elements_per_bay": list(meshes),
+        "deviation_percent": deviations,
+        "bending_deg": bending,
     }
 
 
