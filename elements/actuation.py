@@ -47,6 +47,23 @@ class Connectors:
     hole_markers: list[list[Any]] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class Clamp:
+    """A base plate that a joint holds on ground.
+
+    Attributes
+    ----------
+    joint : object
+        Exudyn's number of the joint, which blocks all six motions.
+    position, rotation : ndarray
+        Where it holds the base node, the rotation in beam axes; shapes (3,) and (3, 3).
+    """
+
+    joint: Any
+    position: Array
+    rotation: Array
+
+
 class TendonActuation:
     """Tendons, friction and section forces of one robot.
 
@@ -71,6 +88,8 @@ class TendonActuation:
     inextensible_stiffness
         EA that an inextensible tendon is given when it is driven by displacement in Exudyn's own solvers,
         which know no tension as an unknown [N].
+    clamp
+        What holds the base, where that is ground.
     """
 
     def __init__(
@@ -84,6 +103,7 @@ class TendonActuation:
         section: SectionForces | None,
         connectors: Connectors,
         inextensible_stiffness: float = 1e5,
+        clamp: Clamp | None = None,
     ) -> None:
         self.mbs = mbs
         self.nodes = list(nodes)
@@ -94,6 +114,7 @@ class TendonActuation:
         self.section = section
         self.connectors = connectors
         self.inextensible_stiffness = inextensible_stiffness
+        self.clamp = clamp
         m = law.shape[0]
         self.count = m
         self.by_displacement: NDArray[np.bool_] = np.zeros(m, dtype=bool)
@@ -175,9 +196,8 @@ class TendonActuation:
         d = np.zeros((m, n_nodes, 6))
         d[:, :-1] += by_nodes[:, :, 0, :6]
         d[:, 1:] += by_nodes[:, :, 0, 6:]
-        self.shape = CableShape(
-            length[:, None], np.zeros((m, 0)), d.reshape(m, 1, -1), np.zeros((m, 0, d[0].size))
-        )
+        derivatives = d.reshape(m, 1, -1), np.zeros((m, 0, d[0].size))
+        self.shape = CableShape(length[:, None], np.zeros((m, 0)), lambda: derivatives)
 
     def update(
         self, positions: Array, rotations: Array, base_tension: Array, twists: Array | None = None
@@ -213,7 +233,7 @@ class TendonActuation:
         d = -np.swapaxes(self.by_mobilisation, 1, 2) @ self.shape.d_lengths
         return self._spread(d[self.law.holding]).T
 
-    def slip_change(self, nodes: Array, base_tension: Array) -> Array:
+    def slip_change(self, nodes: Array, base_tension: Array | None) -> Array:
         """Change of the slips behind the mobilisations in a step, the mobilisations kept [m], shape (m, g).
 
         Parameters
@@ -221,14 +241,16 @@ class TendonActuation:
         nodes
             Body-frame increments of all nodes, shape (6 N,).
         base_tension
-            Change of the tensions at the base [N], shape (m,).
+            Change of the tensions at the base [N], shape (m,); None where they are kept.
         """
         f, s = self.field, self.shape
         moved = nodes if self._all_nodes or self.geometry is None else nodes[self._columns]
         given = f.given_d_length * (s.d_lengths @ moved)
         if self.law.elastic:
             change = (f.d_angle @ (s.d_angles @ moved)[:, :, None])[:, :, 0]
-            given = given + f.given_d_tension * (change + f.d_base * base_tension[:, None])
+            if base_tension is not None:
+                change = change + f.d_base * base_tension[:, None]
+            given = given + f.given_d_tension * change
         return self.law.slips(given)
 
     def slip_rows(self) -> tuple[Array, Array, Array]:
@@ -340,40 +362,47 @@ class TendonActuation:
         d = -(self.field.d_base[:, None, :] @ self.shape.d_lengths)[:, 0]
         return self._spread(d).T
 
-    def tangent(self, loads_jacobian: bool = False) -> Array:
-        """What Exudyn's Jacobian lacks: derivative of the forces by the node twists, shape (6 N, 6 N).
+    def tangent(self) -> Array:
+        """What Exudyn's Jacobian lacks, by itself; see `add_tangent`."""
+        k = np.zeros((6 * self.mesh.arc_lengths.size,) * 2)
+        self.add_tangent(k)
+        return k
+
+    def add_tangent(self, k: Array, loads_jacobian: bool = False) -> None:
+        """Add what Exudyn's Jacobian lacks: derivative of the forces by the node twists.
 
         The change of the tensions with the configuration, and the section forces; the geometric stiffness of the
         straight segments is Exudyn's own.
 
         Parameters
         ----------
+        k
+            Changed in place, shape (6 N, 6 N).
         loads_jacobian
             Whether Exudyn's Jacobian was asked to contain the derivatives of loads; the turning of the
             body-fixed loads that carry the section forces is then in it already.
         """
-        f, s = self.field, self.shape
-        change = f.d_angle @ s.d_angles
-        if np.any(f.d_length):
-            change += f.d_length @ s.d_lengths
+        f = self.field
+        d_lengths, d_angles = self.shape.derivatives
+        change = f.d_angle @ d_angles
+        if not self.law.is_rigid(f):
+            change += f.d_length @ d_lengths
         if self._d_base is not None:
             change = change + f.d_base[:, :, None] * self._d_base[:, None, :]
-        width = s.d_lengths.shape[-1]
-        rows = s.d_lengths.reshape(-1, width)
+        width = d_lengths.shape[-1]
         if width > SPARSE_WIDTH and self.geometry is not None:
-            k = self._force_change(change)
+            softer = self._softening(change)
         else:
-            k = -rows.T @ change.reshape(-1, width)
-        if not self._all_nodes and self.geometry is not None:
-            full = np.zeros((6 * self.mesh.arc_lengths.size,) * 2)
-            full[np.ix_(self._columns, self._columns)] = k
-            k = full
+            softer = d_lengths.reshape(-1, width).T @ change.reshape(-1, width)
+        if self._all_nodes or self.geometry is None:
+            k -= softer
+        else:
+            k[np.ix_(self._columns, self._columns)] -= softer
         if self.section is not None:
             self._add_section_tangent(k, loads_jacobian)
-        return k
 
-    def _force_change(self, change: Array) -> Array:
-        """Change of the forces on the nodes with the tensions' (m, n, W), segment by segment, shape (W, W)."""
+    def _softening(self, change: Array) -> Array:
+        """Change of the tensions (m, n, W) times the pull on the nodes, segment by segment, shape (W, W)."""
         assert self.geometry is not None
         m, n, width = change.shape
         k = np.zeros((width // 6, 6, width))
@@ -381,7 +410,7 @@ class TendonActuation:
         for i, nodes in enumerate(self.geometry.nodes):
             segments = np.flatnonzero(self.geometry.mask[i])
             for end in (nodes[segments], nodes[segments + 1]):
-                k[end] -= pulls[i, segments, end][:, :, None] * change[i, segments][:, None, :]
+                k[end] += pulls[i, segments, end][:, :, None] * change[i, segments][:, None, :]
         return k.reshape(width, width)
 
     def _add_section_tangent(self, k: Array, loads_jacobian: bool) -> None:

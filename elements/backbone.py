@@ -14,16 +14,21 @@ from typing import Any
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.poses import (
     adjoint_inverse,
+    coefficients,
     cross,
     euler_parameters_of_rotation,
+    exp_matrix,
     exp_se3,
     inverse_tangent_se3,
     log_se3,
+    skew,
     twist_change,
+    twist_matrix,
 )
 
 Array = NDArray[np.float64]
@@ -150,28 +155,123 @@ def reference_poses(mesh: BackboneMesh, position: Array, rotation: Array) -> tup
     positions : ndarray, shape (N, 3)
     rotations : ndarray, shape (N, 3, 3)
     """
-    return chain_poses(position, rotation, mesh.reference_twists)
+    return ElementChain(mesh.reference_twists).poses(position, rotation)
 
 
-def chain_poses(position: Array, rotation: Array, twists: Array) -> tuple[Array, Array]:
-    """Poses of all nodes from the base and the relative twist of every element, by exact exponentials."""
-    return chain(position, rotation, *exp_se3(twists))
+class ElementChain:
+    """The elements of one backbone one after the other: their twists, and the poses that follow from them.
 
+    Parameters
+    ----------
+    twists
+        Relative twist of every element, length times strain, shape (E, 6).
+    """
 
-def chain(position: Array, rotation: Array, relative_r: Array, relative_p: Array) -> tuple[Array, Array]:
-    """Poses of all nodes from the base and the pose of every node in the frame of the one before."""
-    count = len(relative_p) + 1
-    step = np.zeros((count - 1, 4, 4))
-    step[:, :3, :3] = relative_r
-    step[:, :3, 3] = relative_p
-    step[:, 3, 3] = 1.0
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, position
-    poses = np.empty((count, 4, 4))
-    poses[0] = pose
-    for k in range(count - 1):
-        np.dot(poses[k], step[k], out=poses[k + 1])
-    return poses[:, :3, 3].copy(), poses[:, :3, :3].copy()
+    def __init__(self, twists: Array) -> None:
+        self.twists = twists
+        self._coefficients = coefficients(twists[:, 3:])
+        #: Pose of every node in the frame of the one before, shape (E, 4, 4).
+        self.steps = exp_matrix(twists, self._coefficients)
+
+    def poses(self, position: Array, rotation: Array) -> tuple[Array, Array]:
+        """Positions (N, 3) and rotations (N, 3, 3) of all nodes, from those of the base."""
+        poses = np.empty((len(self.steps) + 1, 4, 4))
+        first = poses[0]
+        first[:3, :3], first[:3, 3], first[3] = rotation, position, (0.0, 0.0, 0.0, 1.0)
+        each = list(poses)
+        for before, step, after in zip(each, self.steps, each[1:], strict=False):
+            before.dot(step, after)
+        return poses[:, :3, 3].copy(), poses[:, :3, :3].copy()
+
+    def changes(self, increments: Array) -> Array:
+        """Linearised change of the twists for body-frame increments of the nodes.
+
+        Parameters
+        ----------
+        increments
+            Twists ``[v, w]`` of the nodes in their own frames, shape (N, 6).
+
+        Returns
+        -------
+        ndarray, shape (E, 6)
+        """
+        before = increments[:-1]
+        # Ad(h^-1) of the first node's twist: its velocity at the second node, in the second node's frame.
+        at_second = before.reshape(-1, 2, 3).copy()
+        at_second[:, 0] = (twist_matrix(before) @ self.steps[:, :, 3:])[:, :3, 0]
+        moved = increments[1:] - (at_second @ self.steps[:, :3, :3]).reshape(-1, 6)
+        return twist_change(self.twists, moved, self._coefficients)
+
+    @staticmethod
+    def _beyond(wrenches: Array, positions: Array, rotations: Array) -> Array:
+        """Sum of the wrenches on a node and all beyond it, in its own frame: (N, 2, 3) to (N, 2, 3)."""
+        world = wrenches @ rotations.swapaxes(1, 2)
+        world[:, 1] += cross(positions, world[:, 0])
+        beyond = world[::-1].cumsum(axis=0)[::-1]
+        beyond[:, 1] -= cross(positions, beyond[:, 0])
+        return np.asarray(beyond @ rotations)
+
+    def add_unbalanced(self, k: Array, wrenches: Array, positions: Array, rotations: Array) -> None:
+        """Add to a tangent by the nodes what unbalanced wrenches do as the elements turn them.
+
+        Away from equilibrium the tangent depends on the unknowns it is taken in. With the elements' twists, whose
+        poses follow by exponentials, it has besides the derivatives of the wrenches the second derivatives of the
+        poses times the wrenches (derivation: documentation, page "Theory").
+
+        Parameters
+        ----------
+        k
+            Derivative of the wrenches by body-frame increments, written in frames that stay; changed in place, shape
+            (6 N, 6 N).
+        wrenches
+            ``[f, m]`` on the nodes in their own frames, shape (N, 6).
+        positions, rotations
+            Of the nodes, shapes (N, 3) and (N, 3, 3).
+        """
+        own = wrenches.reshape(-1, 2, 3)
+        count = len(own)
+        beyond = skew(self._beyond(own, positions, rotations))
+        # Half the coadjoint map: of the change of a twist to that of the wrench beyond it.
+        turned = np.zeros((count, 6, 6))
+        turned[:, :3, 3:] = turned[:, 3:, :3] = 0.5 * beyond[:, 0]
+        turned[:, 3:, 3:] = 0.5 * beyond[:, 1]
+        to_second = adjoint_inverse(self.steps[:, :3, :3], self.steps[:, :3, 3])
+        outer = to_second.swapaxes(1, 2) @ turned[1:]
+        down, right = k.strides
+        along = (6 * (down + right), down, right)
+        as_strided(k[:, 6:], (count - 1, 6, 6), along)[...] -= outer
+        as_strided(k[6:], (count - 1, 6, 6), along)[...] -= outer.swapaxes(1, 2)
+        pull = 0.5 * skew(own[:, 0])
+        as_strided(k[:, 3:], (count, 3, 3), along)[...] += pull
+        as_strided(k[3:], (count, 3, 3), along)[...] -= pull
+        k[:6, :6] += turned[0]
+
+    def carry(self, wrenches: Array, positions: Array, rotations: Array, now: ElementChain) -> Array:
+        """Wrenches on the nodes that bend and stretch these elements as given ones do in a neighbouring configuration.
+
+        What an element feels is the sum of all wrenches beyond it. It stays the same in the frame of the element's
+        second node; how much of it the first node bears depends on the pose between both.
+
+        Parameters
+        ----------
+        wrenches
+            ``[f, m]`` on the nodes in their own frames, in the neighbouring configuration, shape (N, 6).
+        positions, rotations, now
+            Of that configuration, shapes (N, 3) and (N, 3, 3).
+
+        Returns
+        -------
+        ndarray, shape (N, 6)
+            In the frames of these elements' nodes.
+        """
+        own = wrenches.reshape(-1, 2, 3)
+        felt = self._beyond(own, positions, rotations)[1:]
+        carried = own.copy()
+        for sign, steps in ((1.0, now.steps), (-1.0, self.steps)):
+            borne = felt @ steps[:, :3, :3].swapaxes(1, 2)
+            borne[:, 1] += cross(steps[:, :3, 3], borne[:, 0])
+            carried[:-1] += sign * borne
+        return carried.reshape(-1, 6)
 
 
 def relative_twists(positions: Array, rotations: Array) -> Array:
@@ -180,28 +280,6 @@ def relative_twists(positions: Array, rotations: Array) -> Array:
     r = inverse @ rotations[1:]
     p = (inverse @ np.diff(positions, axis=0)[..., None])[..., 0]
     return log_se3(r, p)
-
-
-def twist_increments(twists: Array, increments: Array, relative: tuple[Array, Array] | None = None) -> Array:
-    """Linearised change of the elements' twists for body-frame increments of the nodes.
-
-    Parameters
-    ----------
-    twists
-        Of the elements, shape (N-1, 6).
-    increments
-        Twists ``[v, w]`` of the nodes in their own frames, shape (N, 6).
-    relative
-        Exponentials of the twists, where they are known: rotations (N-1, 3, 3), translations (N-1, 3).
-    """
-    r, p = exp_se3(twists) if relative is None else relative
-    before = increments[:-1]
-    # Ad(h^-1) of the first node's twist: its velocity at the second node, in the second node's frame.
-    at_second = np.concatenate(
-        ((before[:, :3] + cross(before[:, 3:], p))[:, None, :], before[:, None, 3:]), axis=1
-    )
-    moved = increments[1:] - (at_second @ r).reshape(-1, 6)
-    return twist_change(twists, moved)
 
 
 def strain_matrices(twists: Array) -> Array:

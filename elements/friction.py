@@ -17,7 +17,7 @@ The derivation is in the documentation, page "Theory".
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,8 +147,7 @@ class FrictionState:
     mobilisation: Array
 
 
-@dataclass(frozen=True)
-class TensionField:
+class TensionField(NamedTuple):
     """Tensions along all tendons with their derivatives.
 
     Attributes
@@ -223,6 +222,10 @@ class TendonLaw:
         """History of a robot that was never loaded."""
         m = self.shape[0]
         return FrictionState(np.zeros((m, self.groups)), np.zeros((m, self.groups)))
+
+    def is_rigid(self, field: TensionField) -> bool:
+        """Whether a field was made with the mobilisations as unknowns of their own, so that no length changes it."""
+        return field.d_length is self._rigid
 
     def slips(self, given: Array) -> Array:
         """Slip behind each mobilisation from what the segments have given up [m], (m, n) to (m, g)."""
@@ -336,8 +339,7 @@ class TendonLaw:
         right = np.concatenate((drive * field.given_d_length[:, None, :], by_angle, by_base), axis=2)
         ds = by_mobilisation @ np.linalg.solve(own, right)
         n = self.shape[1]
-        return replace(
-            field,
+        return field._replace(
             d_length=ds[:, :, :n],
             d_angle=field.d_angle + ds[:, :, n : 2 * n - 1],
             d_base=field.d_base + ds[:, :, -1],
@@ -347,14 +349,17 @@ class TendonLaw:
         """Tensions, their direct derivatives with respect to ``s`` and angle, and the chain ``dT_k / dT_j``."""
         mu = self._mu
         m, n = self.shape
-        exponent = -s * mu * angles
+        turned = -mu * angles
+        exponent = s * turned
         if not self._has_adhesion:
-            ratio = np.ones((m, n))
-            np.exp(np.cumsum(exponent, axis=1), out=ratio[:, 1:])
+            ratio = np.empty((m, n))
+            ratio[:, 0] = 1.0
+            np.exp(exponent.cumsum(axis=1), out=ratio[:, 1:])
             tension = base_tension[:, None] * ratio
-            chain = (ratio[:, :, None] / ratio[:, None, :]) * self._lower
+            chain = ratio[:, :, None] / ratio[:, None, :]
+            chain *= self._lower
             after = tension[:, 1:]
-            return tension, -mu * angles * after, -mu * s * after, chain
+            return tension, turned * after, -mu * s * after, chain
         a = self._adhesion
         tension = np.empty((m, n))
         slope = np.empty((m, n - 1))

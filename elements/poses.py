@@ -3,8 +3,8 @@
 Conventions. A twist is ``[v, w]``: translation first, rotation second, in the moving frame. Euler parameters
 are ``[e0, e1, e2, e3]`` with the scalar first, as in Exudyn. All functions take stacks along leading axes.
 Formulas: R. M. Murray, Z. Li, S. S. Sastry, A Mathematical Introduction to Robotic Manipulation (1994),
-ch. 2 and App. A; the series of the inverse tangent map with Bernoulli numbers: A. Iserles et al., Lie-group
-methods, Acta Numerica 9 (2000), eq. 2.46.
+ch. 2 and App. A; the inverse tangent map with Bernoulli numbers: A. Iserles et al., Lie-group methods, Acta
+Numerica 9 (2000), eq. 2.46, its series summed by ``ad^5 = -2 a^2 ad^3 - a^4 ad`` with the angle ``a``.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import bernoulli
 
 Array = NDArray[np.float64]
 
@@ -23,6 +24,7 @@ _SKEW = np.array(
 )
 _EYE3 = np.eye(3)
 _EYE6 = np.eye(6)
+_ONES3, _ONES4 = np.ones(3), np.ones(4)
 
 
 def skew(v: Array) -> Array:
@@ -74,6 +76,17 @@ def euler_parameters_of_rotation(r: Array) -> Array:
     return e.reshape(*r.shape[:-2], 4)
 
 
+def euler_parameters_near(r: Array, near: Array) -> Array:
+    """Euler parameters of rotation matrices (n, 3, 3), of both signs those nearer to given ones (n, 4)."""
+    # The symmetric matrix 4 e e^T takes any vector that is not across e to a multiple of e, with the nearer sign.
+    e = ((r.reshape(-1, 9) @ _SHEPPERD[1:] + _SHEPPERD[0]).reshape(-1, 4, 4) @ near[:, :, None])[..., 0]
+    size = np.sqrt((e * e) @ _ONES4)
+    if size.min() < 0.1:
+        e = euler_parameters_of_rotation(r)
+        return e * np.where((e * near) @ _ONES4 < 0.0, -1.0, 1.0)[:, None]
+    return np.asarray(e / size[:, None])
+
+
 #: ``e @ _RATE`` is the matrix of `euler_rate_matrix`, row by row.
 _RATE: Array = np.zeros((4, 4, 3))
 for _e, _row, _col, _way in (
@@ -89,39 +102,79 @@ def euler_rate_matrix(e: Array) -> Array:
     return (e @ _RATE).reshape(*e.shape, 3)
 
 
-#: Taylor coefficients in the squared angle of ``sin a / a``, ``(1 - cos a) / a^2``, ``(a - sin a) / a^3``.
-_SERIES = np.array([[(-1.0) ** k / factorial(2 * k + j) for j in (1, 2, 3)] for k in range(9)])
-_POWERS = np.arange(9)
+#: Terms of the Taylor series in the squared angle, enough for 16 digits below 0.5.
+_TERMS = 9
+_POWERS = np.arange(_TERMS)
 
 
-def _coefficients(angle2: Array) -> tuple[Array, Array, Array]:
-    """``sin a / a``, ``(1 - cos a) / a^2``, ``(a - sin a) / a^3`` of the squared angle."""
+def _series() -> Array:
+    """Taylor coefficients, by power of the squared angle, of the five functions of `coefficients`."""
+    table = np.zeros((_TERMS, 5))
+    for k in range(_TERMS):
+        table[k, :3] = [(-1.0) ** k / factorial(2 * k + j) for j in (1, 2, 3)]
+    # Even powers of ad beyond the fourth fall back on the second and fourth: ad^6 = -2 a^2 ad^4 - a^4 ad^2, so
+    # ad^2k = (-1)^k ((k - 2) a^(2k-2) ad^2 + (k - 1) a^(2k-4) ad^4).
+    even = bernoulli(2 * _TERMS + 4)[2::2]
+    for k in range(1, _TERMS + 2):
+        share = (-1.0) ** k * even[k - 1] / factorial(2 * k)
+        if k <= _TERMS:
+            table[k - 1, 3] = share * (k - 2)
+        if k >= 2:
+            table[k - 2, 4] = share * (k - 1)
+    return table
+
+
+_SERIES = _series()
+
+
+def coefficients(w: Array) -> Array:
+    """What exponential and inverse tangent need of rotation vectors (..., 3), by their angle ``a``: (..., 5).
+
+    ``sin a / a``, ``(1 - cos a) / a^2``, ``(a - sin a) / a^3`` for the exponential; for the inverse of its tangent,
+    ``1 + ad / 2 + c ad^2 + d ad^4``, the factors ``c`` and ``d``.
+    """
+    angle2 = (w * w) @ _ONES3
     if angle2.size == 0 or angle2.max() < 0.5:
         # Digits are lost to cancellation near zero in the closed form; the series has none to lose.
-        c = angle2[..., None] ** _POWERS @ _SERIES
-        return c[..., 0], c[..., 1], c[..., 2]
-    a = np.sqrt(angle2)
-    small = a < 0.3
-    safe = np.where(small, 1.0, a)
-    c = np.where(small, angle2, 0.0)[..., None] ** _POWERS @ _SERIES
-    s = np.where(small, c[..., 0], np.sin(safe) / safe)
-    return (
-        s,
-        np.where(small, c[..., 1], (1.0 - np.cos(safe)) / safe**2),
-        np.where(small, c[..., 2], (safe - np.sin(safe)) / safe**3),
+        return np.asarray(angle2[..., None] ** _POWERS @ _SERIES)
+    small = angle2 < 0.5
+    series = np.where(small, angle2, 0.0)[..., None] ** _POWERS @ _SERIES
+    a = np.sqrt(np.where(small, 1.0, angle2))
+    sine, versed = np.sin(a), 1.0 - np.cos(a)
+    closed = (
+        sine / a,
+        versed / a**2,
+        (a - sine) / a**3,
+        2.0 / a**2 - (a + 3.0 * sine) / (4.0 * a * versed),
+        1.0 / a**4 - (a + sine) / (4.0 * a**3 * versed),
     )
+    return np.where(small[..., None], series, np.stack(closed, axis=-1))
+
+
+#: ``xi @ _HAT`` is the 4 x 4 matrix of a twist, row by row.
+_HAT: Array = np.zeros((6, 4, 4))
+_HAT[3:, :3, :3] = _SKEW.reshape(3, 3, 3)
+_HAT[:3, :3, 3] = np.eye(3)
+_HAT = _HAT.reshape(6, 16)
+_EYE4 = np.eye(4)
+
+
+def twist_matrix(xi: Array) -> Array:
+    """4 x 4 matrices of twists: (..., 6) to (..., 4, 4)."""
+    return (xi @ _HAT).reshape(*xi.shape[:-1], 4, 4)
+
+
+def exp_matrix(xi: Array, c: Array) -> Array:
+    """Exponential of twists (..., 6) as 4 x 4 matrices, with the `coefficients` of their rotations."""
+    x = twist_matrix(xi)
+    x2 = x @ x
+    return _EYE4 + x + c[..., 1, None, None] * x2 + c[..., 2, None, None] * (x2 @ x)
 
 
 def exp_se3(xi: Array) -> tuple[Array, Array]:
     """Exponential of twists: (..., 6) to rotations (..., 3, 3) and translations (..., 3)."""
-    v, w = xi[..., :3], xi[..., 3:]
-    s, c, d = _coefficients(np.einsum("...i,...i->...", w, w))
-    k = skew(w)
-    kk = k @ k
-    c = c[..., None, None]
-    rotation = _EYE3 + s[..., None, None] * k + c * kk
-    translation = v + ((c * k + d[..., None, None] * kk) @ v[..., None])[..., 0]
-    return rotation, translation
+    h = exp_matrix(xi, coefficients(xi[..., 3:]))
+    return h[..., :3, :3], h[..., :3, 3]
 
 
 def log_so3(r: Array) -> Array:
@@ -137,9 +190,9 @@ def log_so3(r: Array) -> Array:
 def log_se3(r: Array, p: Array) -> Array:
     """Logarithm of poses: rotations (..., 3, 3) and translations (..., 3) to twists (..., 6)."""
     w = log_so3(r)
-    _, c, d = _coefficients(np.einsum("...i,...i->...", w, w))
+    c = coefficients(w)
     k = skew(w)
-    tangent = np.eye(3) + c[..., None, None] * k + d[..., None, None] * (k @ k)
+    tangent = _EYE3 + c[..., 1, None, None] * k + c[..., 2, None, None] * (k @ k)
     v = np.linalg.solve(tangent, p[..., None])[..., 0]
     return np.concatenate((v, w), axis=-1)
 
@@ -166,33 +219,18 @@ def adjoint_map(xi: Array) -> Array:
 
 
 def inverse_tangent_se3(xi: Array) -> Array:
-    """``T`` with ``d(xi) = T (h^-1 dh)`` for ``h = exp(xi)``: (..., 6) to (..., 6, 6).
-
-    The Bernoulli series up to the eighth power, good to 1e-12 for rotations below half a radian and to
-    1e-7 at one and a half; elements of a robot stay far below.
-    """
+    """``T`` with ``d(xi) = T (h^-1 dh)`` for ``h = exp(xi)``: (..., 6) to (..., 6, 6); rotations below a full turn."""
+    c = coefficients(xi[..., 3:])
     ad = adjoint_map(xi)
     a2 = ad @ ad
-    a4 = a2 @ a2
-    inner = a2 / 12.0 - a4 / 720.0
-    if np.max(np.abs(xi[..., 3:]), initial=0.0) > 0.05:
-        inner = inner + a4 @ (a2 / 30240.0 - a4 / 1209600.0)
-    return _EYE6 + 0.5 * ad + inner
+    return _EYE6 + 0.5 * ad + c[..., 3, None, None] * a2 + c[..., 4, None, None] * (a2 @ a2)
 
 
-def twist_change(xi: Array, moved: Array) -> Array:
-    """`inverse_tangent_se3` of ``xi`` times ``moved``, without forming the matrix: (..., 6)."""
+def twist_change(xi: Array, moved: Array, c: Array) -> Array:
+    """`inverse_tangent_se3` of ``xi`` times ``moved`` without forming the matrix, with its `coefficients`: (..., 6)."""
     ad = adjoint_map(xi)
     x = moved[..., None]
     y1 = ad @ x
     y2 = ad @ y1
-    result = x + 0.5 * y1 + y2 / 12.0
-    turn = np.max(np.abs(xi[..., 3:]), initial=0.0)
-    if turn > 0.01:
-        a2 = ad @ ad
-        y4 = a2 @ y2
-        result -= y4 / 720.0
-        if turn > 0.1:
-            y6 = a2 @ y4
-            result += y6 / 30240.0 - (a2 @ y6) / 1209600.0
-    return result[..., 0]
+    y4 = ad @ (ad @ y2)
+    return (x + 0.5 * y1 + c[..., 3, None, None] * y2 + c[..., 4, None, None] * y4)[..., 0]

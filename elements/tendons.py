@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.poses import skew
 
 Array = NDArray[np.float64]
+_ONES = np.ones(3)
 
 
-@dataclass(frozen=True)
 class CableShape:
     """Lengths and angles of all tendons of a robot, with derivatives.
 
     Derivatives are with respect to the body-frame twists ``[v, w]`` of the nodes that carry holes, laid out as
-    ``6 * node + component``.
+    ``6 * node + component``; they are formed when first asked for, and overwritten by those of the next shape.
 
     Attributes
     ----------
@@ -25,14 +25,32 @@ class CableShape:
         Of the segments, zero where padded [m].
     angles : ndarray, shape (m, n-1)
         By which each tendon turns at its holes 1 .. n-1, zero where padded [rad].
-    d_lengths : ndarray, shape (m, n, 6 N)
-    d_angles : ndarray, shape (m, n-1, 6 N)
     """
 
-    lengths: Array
-    angles: Array
-    d_lengths: Array
-    d_angles: Array
+    __slots__ = ("_derivatives", "_derive", "angles", "lengths")
+
+    def __init__(self, lengths: Array, angles: Array, derive: Callable[[], tuple[Array, Array]]) -> None:
+        self.lengths = lengths
+        self.angles = angles
+        self._derive = derive
+        self._derivatives: tuple[Array, Array] | None = None
+
+    @property
+    def derivatives(self) -> tuple[Array, Array]:
+        """`d_lengths` and `d_angles`."""
+        if self._derivatives is None:
+            self._derivatives = self._derive()
+        return self._derivatives
+
+    @property
+    def d_lengths(self) -> Array:
+        """Derivatives of the lengths, shape (m, n, 6 N)."""
+        return self.derivatives[0]
+
+    @property
+    def d_angles(self) -> Array:
+        """Derivatives of the angles, shape (m, n-1, 6 N)."""
+        return self.derivatives[1]
 
 
 class CableGeometry:
@@ -88,17 +106,21 @@ class CableGeometry:
         real = np.flatnonzero(np.concatenate((mask, mask, turns, turns, turns), axis=1).ravel())
         self._entry = real if self._padded else None
         row, self._hole = rows[real], holes[real]
-        self._carrier = nodes.ravel()[self._hole]
         width = 6 * node_count
-        self._target = ((row * width + 6 * self._carrier)[:, None] + np.arange(6)).ravel()
+        self._target = ((row * width + 6 * nodes.ravel()[self._hole])[:, None] + np.arange(6)).ravel()
         self._derivatives = np.zeros((m * (2 * n - 1), width))
+        self._d_lengths = self._derivatives[: m * n].reshape(m, n, width)
+        self._d_angles = self._derivatives[m * n :].reshape(m, n - 1, width)
+        #: Forces on the holes, in the order above, and its five parts.
+        self._forces = np.zeros((m, 5 * n - 3, 3))
+        self._parts = np.split(self._forces, np.cumsum([n, n, n - 1, n - 1]), axis=1)
         self._lever = self._levers()
 
     def _levers(self) -> Array:
-        """From a force on a hole, in its node's frame, to the wrench on the node, by entry, shape (K, 6, 3)."""
-        lever = np.zeros((len(self._hole), 6, 3))
-        lever[:, :3] = np.eye(3)
-        lever[:, 3:] = skew(self.offsets.reshape(-1, 3)[self._hole])
+        """From a force on a hole, in its node's frame, to the wrench on the node, by hole, shape (m, n+1, 6, 3)."""
+        lever = np.zeros((*self.nodes.shape, 6, 3))
+        lever[..., :3, :] = np.eye(3)
+        lever[..., 3:, :] = skew(self.offsets)
         return lever
 
     def settle(self, positions: Array, rotations: Array) -> None:
@@ -143,23 +165,18 @@ class CableGeometry:
         return d / np.where(length > 0.0, length, 1.0)
 
     def evaluate(self, positions: Array, rotations: Array) -> CableShape:
-        """Lengths and angles with their derivatives.
+        """Lengths and angles.
 
         Parameters
         ----------
         positions, rotations
             Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
-
-        Returns
-        -------
-        CableShape
-            Its derivatives are overwritten by the next call.
         """
-        m, n = self.mask.shape
-        holes = positions[self.nodes]
-        holes += (rotations[self.nodes] @ self.offsets[..., None])[..., 0]
+        frames = rotations[self.nodes]
+        holes = (frames @ self.offsets[..., None])[..., 0]
+        holes += positions[self.nodes]
         d = holes[:, 1:] - holes[:, :-1]
-        lengths = np.sqrt(np.einsum("mki,mki->mk", d, d))
+        lengths = np.sqrt((d * d) @ _ONES)
         if self._padded:
             inverse = self._exists / (lengths + (1.0 - self._exists))
             lengths *= self._exists
@@ -167,31 +184,42 @@ class CableGeometry:
             inverse = 1.0 / lengths
         e = d * inverse[..., None]
 
-        before, after = e[:, :-1], e[:, 1:]
         # Half the chord between unit vectors is the sine of half the angle: exact down to the smallest turn.
-        bend = after - before
-        half = 0.5 * np.sqrt(np.einsum("mki,mki->mk", bend, bend))
+        bend = e[:, 1:] - e[:, :-1]
+        chord = (bend * bend) @ _ONES
         if self._padded:
-            half *= self._turns
-        half = np.minimum(half, 1.0)
-        angles = 2.0 * np.arcsin(half)
-        square = half * half
-        sine = 2.0 * half * np.sqrt(1.0 - square)
-        # A tendon that does not turn has no preferred direction to turn into: the derivative is taken as zero.
-        weight = np.divide(-1.0, sine, out=np.zeros_like(sine), where=sine > 1e-12)
-        c = (1.0 - 2.0 * square)[..., None]
-        g1 = (after - c * before) * (weight * inverse[:, :-1])[..., None]
-        g2 = (before - c * after) * (weight * inverse[:, 1:])[..., None]
-        gradient = np.concatenate((-e, e, -g1, g1 - g2, g2), axis=1).reshape(-1, 3)
+            chord *= self._turns
+        angles = 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chord), 1.0))
+        return CableShape(lengths, angles, lambda: self._derive(frames, e, inverse, bend, chord))
+
+    def _derive(
+        self, frames: Array, e: Array, inverse: Array, bend: Array, chord: Array
+    ) -> tuple[Array, Array]:
+        """Derivatives of lengths and angles.
+
+        Parameters
+        ----------
+        frames
+            Rotations of the nodes that carry the holes, by hole, shape (m, n+1, 3, 3).
+        e, inverse
+            Unit vectors of the segments (m, n, 3) and one over their lengths (m, n).
+        bend, chord
+            Differences of neighbouring unit vectors (m, n-1, 3) and their squared lengths (m, n-1).
+        """
+        square = chord * (1.0 - 0.25 * chord)
+        # One over the sine; a tendon that does not turn has no preferred direction to turn into, and gets none.
+        weight = np.sqrt(np.abs(square)) / (square + 1e-24)
+        versed = (0.5 * chord)[..., None]
+        near, far, back, middle, front = self._parts
+        np.negative(e, out=near)
+        far[...] = e
+        np.multiply(bend + versed * e[:, :-1], (weight * inverse[:, :-1])[..., None], out=back)
+        np.multiply(bend - versed * e[:, 1:], (weight * inverse[:, 1:])[..., None], out=front)
+        np.add(back, front, out=middle)
+        np.negative(middle, out=middle)
+        forces = self._forces.reshape(-1, 3, 1)
         if self._entry is not None:
-            gradient = gradient[self._entry]
-        local = gradient[:, None, :] @ rotations[self._carrier]
-        twist = self._lever @ local.reshape(-1, 3, 1)
-        self._derivatives.reshape(-1)[self._target] = twist.ravel()
-        width = 6 * self.node_count
-        return CableShape(
-            lengths,
-            angles,
-            self._derivatives[: m * n].reshape(m, n, width),
-            self._derivatives[m * n :].reshape(m, n - 1, width),
-        )
+            forces = forces[self._entry]
+        maps = (self._lever @ frames.swapaxes(-1, -2)).reshape(-1, 6, 3)
+        self._derivatives.reshape(-1)[self._target] = (maps[self._hole] @ forces).ravel()
+        return self._d_lengths, self._d_angles

@@ -27,11 +27,12 @@ class BodyFrameReduction:
         An assembled system.
     beam
         ODE2 coordinate numbers of all beam nodes, shape (N, 7).
-    norms
-        Numbers of the nodes' norm constraints among the algebraic equations.
+    dropped
+        Numbers of the algebraic equations that are met by themselves: the nodes' norm constraints, and joints that
+        hold a node where it is kept anyway.
     """
 
-    def __init__(self, mbs: exu.MainSystem, beam: Index, norms: Sequence[int]) -> None:
+    def __init__(self, mbs: exu.MainSystem, beam: Index, dropped: Sequence[int]) -> None:
         data = mbs.systemData
         self.n2, self.na = data.ODE2Size(), data.AEsize()
         self.size = self.n2 + self.na
@@ -39,7 +40,7 @@ class BodyFrameReduction:
         self.nodes = len(beam)
         taken = np.zeros(self.size, dtype=bool)
         taken[beam.ravel()] = True
-        taken[[self.n2 + i for i in norms]] = True
+        taken[[self.n2 + i for i in dropped]] = True
         #: Exudyn's numbers of what is not a beam node, coordinates first, multipliers behind them.
         self.other = np.flatnonzero(~taken)
         self.other_coordinates = self.other[self.other < self.n2]
@@ -92,6 +93,10 @@ class BodyFrameReduction:
         """Wrenches ``[f, m]`` of the nodes in their own frames, then the rest, shape (count,)."""
         at_nodes = (r[self.beam][:, None, :] @ self._maps).ravel()
         return np.concatenate((at_nodes, r[self.other]))
+
+    def node_rows(self, j: Array, node: int, multipliers: Index) -> Array:
+        """Derivative of the wrench on one node, in its own frame, by algebraic unknowns, shape (6, k)."""
+        return np.asarray(self._maps[node].T @ j[np.ix_(self.beam[node], self.n2 + multipliers)])
 
     def jacobian(self, j: Array, check: bool) -> Array:
         """Exudyn's Jacobian in the same terms, shape (count, count); overwritten by the next call.

@@ -11,7 +11,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.actuation import Connectors, TendonActuation
+from tdcr_fe.elements.actuation import Clamp, Connectors, TendonActuation
 from tdcr_fe.elements.backbone import (
     BEAM_TO_SECTION,
     INSERT_FACTORS,
@@ -526,7 +526,8 @@ def CreateTDCR(
             localHT=exu.HT(rotation=BEAM_TO_SECTION.T, translation=[0.0, 0.0, 0.0]),
         )
     )
-    if baseMarker is None:
+    on_ground = baseMarker is None
+    if on_ground:
         ground = mbs.AddObject(eii.ObjectGround(name=f"{name}.ground"))
         baseMarker = mbs.AddMarker(
             eii.MarkerBodyRigid(
@@ -628,7 +629,10 @@ def CreateTDCR(
             forces.append(mbs.AddLoad(eii.Force(markerNumber=marker, loadVector=zero, bodyFixed=True)))
             torques.append(mbs.AddLoad(eii.Torque(markerNumber=marker, loadVector=zero, bodyFixed=True)))
     connectors = Connectors([] if continuous else tendons_of, forces, torques, holes_of)
-    actuation = TendonActuation(mbs, items.nodes, mesh, hole_nodes, geometry, law, section, connectors)
+    clamp = Clamp(joint, position, rotation @ BEAM_TO_SECTION) if on_ground else None
+    actuation = TendonActuation(
+        mbs, items.nodes, mesh, hole_nodes, geometry, law, section, connectors, clamp=clamp
+    )
     hooks.actuations.append(actuation)
     names.append(name)
     handle = TDCR(

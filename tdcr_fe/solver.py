@@ -18,14 +18,19 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from tdcr_fe.elements.actuation import TendonActuation
-from tdcr_fe.elements.backbone import chain, relative_twists, twist_increments
+from tdcr_fe.elements.backbone import ElementChain, relative_twists
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.friction import FrictionState
 from tdcr_fe.elements.hooks import SceneHooks
-from tdcr_fe.elements.poses import euler_parameters_of_rotation, exp_se3
+from tdcr_fe.elements.poses import euler_parameters_near, exp_se3
 from tdcr_fe.reduction import BodyFrameReduction
 
 Array = NDArray[np.float64]
+_NONE = np.zeros(0, dtype=bool)
+_EYE6 = np.eye(6)
+
+#: Residual below which a step may take the tangent of the iteration before [1].
+_NEAR = 1e-5
 
 
 @dataclass(frozen=True)
@@ -157,6 +162,8 @@ class StrainSpaceSolver:
         exudyn_settings.staticSolver.verboseMode = 0
         self._exudyn_settings = exudyn_settings
         self._kernel = exu.MainSolverStatic()
+        #: Whether bases clamped to ground are treated as any other joint.
+        self._released = False
         data = mbs.systemData
         start = np.array(data.GetODE2Coordinates())
         multipliers = np.array(data.GetAECoordinates())
@@ -193,14 +200,25 @@ class StrainSpaceSolver:
         for robot in self.robots:
             robot.forget_coordinates()
         norms = [i for robot in self.robots for node in robot.nodes for i in data.GetNodeLTGAE(node)]
+        self._clamps = {} if self._released else self._find_clamps()
+        dropped = [*norms, *(i for joint in self._clamps.values() for i in joint)]
         self._reduction = BodyFrameReduction(
-            self.mbs, np.concatenate([r.coordinates for r in self.robots]), norms
+            self.mbs, np.concatenate([r.coordinates for r in self.robots]), dropped
         )
         self._beam, self._nodes = self._reduction.beam, self._reduction.nodes
         ends = np.cumsum([len(r.nodes) for r in self.robots])
         self._slices = [slice(int(e) - len(r.nodes), int(e)) for e, r in zip(ends, self.robots, strict=True)]
+        starts = [6 * self._slices[i].start for i in self._clamps]
+        self._bases = [slice(k, k + 6) for k in starts]
         self._reference = np.array(data.GetODE2Coordinates(exu.ConfigurationType.Reference))
         self._beam_reference = self._reference[self._beam]
+        flat = self._beam.ravel()
+        #: Where the beam nodes' coordinates lie, if in one piece and in order.
+        self._span = (
+            slice(int(flat[0]), int(flat[-1]) + 1)
+            if np.array_equal(np.diff(flat), np.ones(len(flat) - 1))
+            else None
+        )
         self._scale_length = max(float(r.mesh.arc_lengths[-1]) for r in self.robots)
         # Moments count by a lever of a fiftieth of the length, gaps in joints by the length.
         nodes = np.tile(np.repeat((1.0, 50.0 / self._scale_length), 3), self._nodes)
@@ -211,8 +229,21 @@ class StrainSpaceSolver:
         self._floor_force = min(
             float(np.min(r.mesh.stiffness[:, 5])) / float(r.mesh.arc_lengths[-1]) ** 2 for r in self.robots
         )
+        #: By clamped robot, change of the wrench on its base by the joint's multipliers, shape (6, 6).
+        self._reactions: dict[int, Array] = {}
         # Forces fixed in the world have no derivative at a node; all other loads may have one.
         self._loads_jacobian = any(_turns(self.mbs.GetLoad(i)) for i in range(data.NumberOfLoads()))
+
+    def _find_clamps(self) -> dict[int, Array]:
+        """By robot whose base is clamped to ground, the numbers of the joint's multipliers."""
+        found = {}
+        for i, robot in enumerate(self.robots):
+            if robot.clamp is None:
+                continue
+            joint = self.mbs.GetObject(robot.clamp.joint)
+            if joint["activeConnector"] and all(joint["constrainedAxes"]) and not joint["offsetUserFunction"]:
+                found[i] = np.array(self.mbs.systemData.GetObjectLTGAE(robot.clamp.joint), dtype=int)
+        return found
 
     def read_scene(self) -> None:
         """Take the configuration that the scene is in now."""
@@ -221,10 +252,11 @@ class StrainSpaceSolver:
         data = self.mbs.systemData
         self._coordinates = np.array(data.GetODE2Coordinates())
         self._multipliers = np.array(data.GetAECoordinates())
-        for robot in self.robots:
+        for i, robot in enumerate(self.robots):
             p, r, _ = robot.scene_poses()
             self.twists.append(relative_twists(p, r))
-            self.roots.append((p[0], r[0]))
+            clamp = robot.clamp if i in self._clamps else None
+            self.roots.append((p[0], r[0]) if clamp is None else (clamp.position, clamp.rotation))
         self._tension = [r.base_tension.copy() for r in self.robots]
         self._mobilisation = [r.state.mobilisation.copy() for r in self.robots]
         self._parameters: Array | None = None
@@ -251,24 +283,23 @@ class StrainSpaceSolver:
 
     def _rebuild(self) -> None:
         """Poses of all beam nodes from base and strains, and their coordinates in Exudyn."""
-        self._relative = [exp_se3(twists) for twists in self.twists]
-        self._poses = [
-            chain(p, r, *relative) for (p, r), relative in zip(self.roots, self._relative, strict=True)
-        ]
+        self._chains = [ElementChain(twists) for twists in self.twists]
+        self._poses = [chain.poses(*root) for root, chain in zip(self.roots, self._chains, strict=True)]
         if len(self._poses) == 1:
             positions, rotations = self._poses[0]
         else:
             positions = np.concatenate([p for p, _ in self._poses])
             rotations = np.concatenate([r for _, r in self._poses])
-        parameters = euler_parameters_of_rotation(rotations)
+        beam = self._coordinates[self._span].reshape(-1, 7) if self._span else self._coordinates[self._beam]
         if self._parameters is None:
-            self._parameters = self._coordinates[self._beam[:, 3:]] + self._beam_reference[:, 3:]
+            self._parameters = beam[:, 3:] + self._beam_reference[:, 3:]
         # Both signs are the same rotation; Exudyn's own solvers go on from the nearer one.
-        flip = np.einsum("ni,ni->n", self._parameters, parameters) < 0.0
-        parameters[flip] *= -1.0
+        parameters = euler_parameters_near(rotations, self._parameters)
         self._positions, self._rotations, self._parameters = positions, rotations, parameters
-        total = np.concatenate((positions, parameters), axis=1)
-        self._coordinates[self._beam] = total - self._beam_reference
+        np.subtract(positions, self._beam_reference[:, :3], out=beam[:, :3])
+        np.subtract(parameters, self._beam_reference[:, 3:], out=beam[:, 3:])
+        if not self._span:
+            self._coordinates[self._beam] = beam
         self._reduction.set_poses(rotations, parameters)
         #: Whether scene and forces are those of the present unknowns.
         self._current = False
@@ -358,7 +389,37 @@ class StrainSpaceSolver:
     def _residual(self) -> Array:
         """Exudyn's residual with the beam nodes in body-frame wrenches."""
         self._kernel.ComputeNewtonResidual(self.mbs, self._exudyn_settings)
-        return self._reduction.residual(self._kernel.GetSystemResidual())
+        self._raw = self._kernel.GetSystemResidual()
+        return self._reduction.residual(self._raw)
+
+    def _hold(self, r: Array) -> None:
+        """Take what acts on clamped bases out of a residual: their joints bear it, whatever it is."""
+        self._on_bases = []
+        for base in self._bases:
+            self._on_bases.append(r[base].copy())
+            r[base] = 0.0
+
+    def _clamps_hold(self) -> bool:
+        """Whether the joints of clamped bases are closed where the bases are kept."""
+        n2 = self._reduction.n2
+        gaps = [np.abs(self._raw[n2 + joint]).max() for joint in self._clamps.values()]
+        return max(gaps, default=0.0) <= 1e-9 * self._scale_length
+
+    def _release(self) -> None:
+        """Treat clamped bases as any other joint from now on: somebody has moved what they sit on."""
+        self._released = True
+        self._number_unknowns()
+        self._rebuild()
+
+    def _react(self, t: float) -> None:
+        """Give the joints of clamped bases the forces that keep them, after everything else is in equilibrium."""
+        if not self._clamps:
+            return
+        if not self._reactions:
+            self._jacobian(t)
+        for (i, joint), acting in zip(self._clamps.items(), self._on_bases, strict=True):
+            self._multipliers[joint] -= np.linalg.solve(self._reactions[i], acting)
+        self.mbs.systemData.SetAECoordinates(self._multipliers)
 
     def _jacobian(self, t: float) -> Array:
         """Exudyn's Jacobian in the same terms, with what the tendons add."""
@@ -370,11 +431,14 @@ class StrainSpaceSolver:
         extra = self.hooks.user_jacobian(t)
         if extra is not None:
             j[: extra.shape[0], : extra.shape[1]] += extra
+        if not self._reactions:
+            for i, joint in self._clamps.items():
+                self._reactions[i] = self._reduction.node_rows(j, self._slices[i].start, joint)
         k = self._reduction.jacobian(j, check=self._iteration == 0)
         for robot, part in zip(self.robots, self._slices, strict=True):
             i = slice(6 * part.start, 6 * part.stop)
             if robot.count or robot.section is not None:
-                k[i, i] += robot.tangent(self._loads_jacobian)
+                robot.add_tangent(k[i, i], self._loads_jacobian)
         return k
 
     def _number_parts(self) -> None:
@@ -400,9 +464,10 @@ class StrainSpaceSolver:
             at += driven[i].size
             hole += held[i]
         self._mixed = hole > self._linear
+        self._unknowns = hole
 
-    def _factorise(self, t: float) -> None:
-        """Factorise the tangent, with the tensions of tendons driven by displacement as further unknowns."""
+    def _factorise(self, t: float, r: Array) -> None:
+        """Factorise the tangent at a residual, with the tensions of driven tendons as further unknowns."""
         k = self._jacobian(t)
         if self._linear > len(k):
             extra = self._linear - len(k)
@@ -410,27 +475,35 @@ class StrainSpaceSolver:
         self._slack: list[NDArray[np.bool_]] = []
         for part in self._parts:
             robot, which = part.robot, part.driven
+            if not which.size:
+                self._slack.append(_NONE)
+                continue
             gap = robot.field.base_slip[which] - self._goal[part.index][which]
             # A tendon is taut where its tension, or else the pull it lacks, is positive.
             slack = robot.base_tension[which] - gap * self._slack_stiffness <= 0.0
             self._slack.append(slack)
-            if which.size:
-                k[part.nodes, part.tensions] = robot.base_tension_columns()[:, which]
-                rows = robot.base_slip_rows()[which]
-                rows[slack] = 0.0
-                k[part.tensions, part.nodes] = rows
-                k[part.tensions, part.tensions] = np.diag(
-                    np.where(slack, 1.0, robot.base_slip_by_base()[which])
-                )
+            k[part.nodes, part.tensions] = robot.base_tension_columns()[:, which]
+            rows = robot.base_slip_rows()[which]
+            rows[slack] = 0.0
+            k[part.tensions, part.nodes] = rows
+            k[part.tensions, part.tensions] = np.diag(np.where(slack, 1.0, robot.base_slip_by_base()[which]))
         if self._damping > 0.0:
             nodes = np.arange(6 * self._nodes)
             weight = np.tile(np.repeat((1.0 / self._scale_length**2, 1.0), 3), self._nodes)
             # Exudyn's Jacobian is that of the right-hand side: minus the stiffness.
             k[nodes, nodes] -= self._damping * weight
+        for part, chain, pose in zip(self._slices, self._chains, self._poses, strict=True):
+            i = slice(6 * part.start, 6 * part.stop)
+            chain.add_unbalanced(k[i, i], r[i].reshape(-1, 6), *pose)
+        for base in self._bases:
+            rows = k[base]
+            rows.fill(0.0)
+            rows[:, base] = _EYE6
         lu, pivots, info = dgetrf(k.T, overwrite_a=True)
         if info != 0 or not np.isfinite(lu[-1, -1]):
             raise np.linalg.LinAlgError
         self._factors = lu, pivots
+        self._then = self._chains
 
     @property
     def tangent_sign(self) -> int:
@@ -461,7 +534,22 @@ class StrainSpaceSolver:
         r
             Reduced residual.
         """
-        self._factorise(t)
+        self._factorise(t, r)
+        alone = self._solve_linear(self._right_side(r))
+        self._settled = True
+        if not self._mixed:
+            return alone
+        missing, before = self._slip_missing(alone)
+        settled = (np.abs(before) >= 1.0) & (before * missing >= 0.0)
+        if settled.all():
+            step = np.zeros(len(alone) + len(before))
+            step[: len(alone)] = alone
+            return step
+        self._settled = False
+        return self._with_holes(alone, missing, before)
+
+    def _right_side(self, r: Array) -> Array:
+        """What a step has to undo: a residual, and the gaps of driven tendons."""
         right = np.zeros(self._linear)
         np.negative(r, out=right[: len(r)])
         for part in self._parts:
@@ -469,14 +557,19 @@ class StrainSpaceSolver:
                 gap = part.robot.field.base_slip - self._goal[part.index]
                 tension = part.robot.base_tension[part.driven]
                 right[part.tensions] = -np.where(self._slack[part.index], tension, gap[part.driven])
-        alone = self._solve_linear(right)
-        if not self._mixed:
-            return alone
-        missing, before = self._slip_missing(alone)
-        settled = ((before >= 1.0) & (missing >= 0.0)) | ((before <= -1.0) & (missing <= 0.0))
-        if settled.all():
-            return np.concatenate((alone, np.zeros(len(before))))
-        return self._with_holes(alone, missing, before)
+        return right
+
+    def _repeated_step(self, r: Array) -> Array:
+        """A step with the tangent of the iteration before, taken in strains: turned frames do not spoil it there."""
+        right = self._right_side(r)
+        nodes = right[: 6 * self._nodes].reshape(-1, 6)
+        for part, then, now, pose in zip(self._slices, self._then, self._chains, self._poses, strict=True):
+            nodes[part] = then.carry(nodes[part], *pose, now)
+        for base in self._bases:
+            right[base] = 0.0
+        step = np.zeros(self._unknowns)
+        step[: self._linear] = self._solve_linear(right)
+        return step
 
     def _slip_missing(self, step: Array) -> tuple[Array, Array]:
         """By how much the holes' slip would run ahead of their mobilisation [m], and the latter, shape (k,)."""
@@ -485,13 +578,19 @@ class StrainSpaceSolver:
             if not part.holds:
                 continue
             robot = part.robot
-            base = np.zeros(robot.count)
-            base[part.driven] = step[part.tensions]
+            base = None
+            if part.driven.size:
+                base = np.zeros(robot.count)
+                base[part.driven] = step[part.tensions]
             keep, state, s = robot.law.holding, robot.state, self._mobilisation[part.index]
             slip = robot.field.slip + robot.slip_change(step[part.nodes], base)
             missing.append((slip - state.slip - self._presliding * (s - state.mobilisation))[keep])
             before.append(s[keep])
-        return np.concatenate(missing), np.concatenate(before)
+        return (
+            (missing[0], before[0])
+            if len(missing) == 1
+            else (np.concatenate(missing), np.concatenate(before))
+        )
 
     def _with_holes(self, alone: Array, missing: Array, before: Array) -> Array:
         """The step where the holes are solved too; ``alone`` is the step with all mobilisations kept."""
@@ -511,6 +610,8 @@ class StrainSpaceSolver:
             rows[here, part.nodes] = by_nodes
             rows[here, part.tensions] = by_tension[:, part.driven]
             own[here, here] = block
+        for base in self._bases:
+            columns[base] = 0.0
         by_hole = self._solve_linear(-columns)
         matrix = self._presliding * np.eye(len(before)) - rows @ by_hole - own
         new, _ = solve_box(matrix, missing + matrix @ before, before)
@@ -592,20 +693,32 @@ class StrainSpaceSolver:
         self._start = None
         self._number_parts()
         history: list[float] = []
+        again = False
         for iteration in range(limit + 1):
             self._iteration = iteration
             self._update_forces(t)
             r = self._residual()
+            if iteration == 0 and not self._clamps_hold():
+                self._release()
+                self._number_parts()
+                self._update_forces(t)
+                r = self._residual()
+            self._hold(r)
             size = self._measure(r)
             history.append(size)
             if not np.isfinite(size):
                 raise NotConverged("the residual is not a number", size, iteration)
             if size <= s.tolerance and self._hole_error() <= 1e-4:
+                self._react(t)
                 return NewtonReport(iteration, size, tuple(history))
             if iteration == limit:
                 break
+            # Where all but nothing is left to do, the tangent at hand will do; if not, the next step has its own.
+            again = size < _NEAR and iteration > 0 and self._settled and not (again or relax)
             try:
-                if relax:
+                if again:
+                    step = self._repeated_step(r)
+                elif relax:
                     step = self._damped_step(t, r)
                 else:
                     step = self._newton_step(t, r)
@@ -614,12 +727,15 @@ class StrainSpaceSolver:
                     "the tangent is singular: something in the scene moves freely", size, iteration
                 ) from None
             still = size < 1e-3 and self._step_size(step) <= s.step_tolerance
-            self._advance(step)
+            self._advance(step, self._then if again else self._chains)
             if still:
                 # Nothing moves any more: what is left of the residual is round-off of very stiff parts.
                 self._update_forces(t)
-                size = self._measure(self._residual())
+                r = self._residual()
+                self._hold(r)
+                size = self._measure(r)
                 if self._hole_error() <= 1e-4:
+                    self._react(t)
                     return NewtonReport(iteration + 1, size, (*history, size))
         raise NotConverged(f"no equilibrium after {limit} iterations, residual {size:.1e}", size, limit)
 
@@ -641,14 +757,19 @@ class StrainSpaceSolver:
         nodes = np.abs(step[: 6 * self._nodes].reshape(-1, 6))
         return max(float(np.max(nodes[:, :3])) / self._scale_length, float(np.max(nodes[:, 3:])))
 
-    def _advance(self, step: Array) -> None:
-        """Move all unknowns by a Newton step, no element turning more than allowed."""
+    def _advance(self, step: Array, chains: Sequence[ElementChain]) -> None:
+        """Move all unknowns by a Newton step, no element turning more than allowed.
+
+        Parameters
+        ----------
+        step
+            Change of all unknowns.
+        chains
+            In whose frames it is.
+        """
         n = self._nodes
         nodes = step[: 6 * n].reshape(n, 6)
-        changes = [
-            twist_increments(t, nodes[p], relative)
-            for t, p, relative in zip(self.twists, self._slices, self._relative, strict=True)
-        ]
+        changes = [chain.changes(nodes[p]) for chain, p in zip(chains, self._slices, strict=True)]
         turn = max(float(np.abs(c[:, 3:]).max()) for c in changes)
         factor = min(1.0, self.settings.max_turn / turn) if turn > 0.0 else 1.0
         for i, (change, own) in enumerate(zip(changes, self._slices, strict=True)):
@@ -659,10 +780,11 @@ class StrainSpaceSolver:
                 dr, dp = exp_se3(first)
                 self.roots[i] = (p + r @ dp, r @ dr)
         reduction = self._reduction
-        rest = factor * step[6 * n : reduction.count]
-        n2 = len(reduction.other_coordinates)
-        self._coordinates[reduction.other_coordinates] += rest[:n2]
-        self._multipliers[reduction.other_multipliers] += rest[n2:]
+        if reduction.count > 6 * n:
+            rest = factor * step[6 * n : reduction.count]
+            n2 = len(reduction.other_coordinates)
+            self._coordinates[reduction.other_coordinates] += rest[:n2]
+            self._multipliers[reduction.other_multipliers] += rest[n2:]
         for part in self._parts:
             i = part.index
             if part.driven.size:

@@ -50,13 +50,13 @@ def newton(robot, tensions, settings=None, by_displacement=False, prepare=None, 
     ],
 )
 def test_newton_converges_quadratically(robot, tensions, model):
-    """The tangent is consistent: near the end each residual is of the order of the square of the one before."""
+    """The tangent is consistent, away from equilibrium too: each residual is of the order of the last one's square."""
     *_, report = newton(robot, tensions, SolverSettings(tolerance=1e-9), **model)
-    assert report.iterations <= 8
+    assert report.iterations <= 6
     r = np.array(report.residuals)
-    near = np.flatnonzero((r[:-1] < 2e-3) & (r[:-1] > 1e-6))
+    near = np.flatnonzero((r[:-1] < 5e-2) & (r[:-1] > 1e-5))
     assert near.size
-    assert np.all(r[near + 1] <= np.maximum(30.0 * r[near] ** 2, 1e-8))
+    assert np.all(r[near + 1] <= np.maximum(10.0 * r[near] ** 2, 1e-8))
 
 
 @pytest.mark.parametrize(
