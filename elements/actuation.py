@@ -134,6 +134,8 @@ class TendonActuation:
             law.presliding,
         )
         self._d_base: Array | None = None
+        #: Positions of the configuration that was measured last.
+        self._measured: Array | None = None
 
     # ------------------------------------------------------------------ configuration
 
@@ -178,6 +180,9 @@ class TendonActuation:
 
     def measure(self, positions: Array, rotations: Array, twists: Array | None = None) -> None:
         """Lengths and angles of the tendons in a configuration; the first part of `update`."""
+        if positions is self._measured and twists is not None:
+            return
+        self._measured = positions
         self.positions, self.rotations = positions, rotations
         if self.section is not None:
             self.twists = relative_twists(positions, rotations) if twists is None else twists
@@ -265,18 +270,21 @@ class TendonActuation:
         f, s, law = self.field, self.shape, self.law
         given = f.given_d_length[:, :, None] * s.d_lengths
         stretched = f.given_d_tension[:, :, None]
-        if s.d_angles.shape[1]:
+        if s.d_angles.shape[1] and law.elastic:
             given = given + stretched * (f.d_angle @ s.d_angles)
         drive = law.law.drive(law.shape[1])
         keep = law.holding
         tendon = np.nonzero(keep)[0]
         by_nodes = self._spread((drive @ given)[keep])
         m = self.count
-        by_base = ((drive @ (stretched * f.d_base[:, :, None]))[:, :, 0][keep])[:, None] * (
-            tendon[:, None] == np.arange(m)
-        )
-        own = drive @ (stretched * self.by_mobilisation)
+        by_base = np.zeros((len(tendon), m))
+        if law.elastic:
+            change = (drive @ (stretched * f.d_base[:, :, None]))[:, :, 0][keep]
+            by_base = change[:, None] * (tendon[:, None] == np.arange(m))
         block = np.zeros((len(tendon), len(tendon)))
+        if not law.elastic:
+            return by_nodes, by_base, block
+        own = drive @ (stretched * self.by_mobilisation)
         start = 0
         for i in range(m):
             inside = np.flatnonzero(keep[i])

@@ -158,6 +158,35 @@ def reference_poses(mesh: BackboneMesh, position: Array, rotation: Array) -> tup
     return ElementChain(mesh.reference_twists).poses(position, rotation)
 
 
+class NodeBlocks:
+    """Views of the blocks that neighbouring nodes have in a matrix by body-frame increments.
+
+    Parameters
+    ----------
+    k
+        Shape (6 N, 6 N); changing a view changes it.
+
+    Attributes
+    ----------
+    after, before : ndarray, shape (N-1, 6, 6)
+        Of every node by the next one, of every next node by the one before.
+    force_by_turn, moment_by_shift : ndarray, shape (N, 3, 3)
+        Of every node by itself.
+    base : ndarray, shape (6, 6)
+        Of the first node by itself.
+    """
+
+    def __init__(self, k: Array) -> None:
+        count = len(k) // 6
+        down, right = k.strides
+        along = (6 * (down + right), down, right)
+        self.after = as_strided(k[:, 6:], (count - 1, 6, 6), along)
+        self.before = as_strided(k[6:], (count - 1, 6, 6), along)
+        self.force_by_turn = as_strided(k[:, 3:], (count, 3, 3), along)
+        self.moment_by_shift = as_strided(k[3:], (count, 3, 3), along)
+        self.base = k[:6, :6]
+
+
 class ElementChain:
     """The elements of one backbone one after the other: their twists, and the poses that follow from them.
 
@@ -211,7 +240,7 @@ class ElementChain:
         beyond[:, 1] -= cross(positions, beyond[:, 0])
         return np.asarray(beyond @ rotations)
 
-    def add_unbalanced(self, k: Array, wrenches: Array, positions: Array, rotations: Array) -> None:
+    def add_unbalanced(self, k: NodeBlocks, wrenches: Array, positions: Array, rotations: Array) -> None:
         """Add to a tangent by the nodes what unbalanced wrenches do as the elements turn them.
 
         Away from equilibrium the tangent depends on the unknowns it is taken in. With the elements' twists, whose
@@ -221,30 +250,26 @@ class ElementChain:
         Parameters
         ----------
         k
-            Derivative of the wrenches by body-frame increments, written in frames that stay; changed in place, shape
-            (6 N, 6 N).
+            Derivative of the wrenches by body-frame increments, written in frames that stay; changed in place.
         wrenches
             ``[f, m]`` on the nodes in their own frames, shape (N, 6).
         positions, rotations
             Of the nodes, shapes (N, 3) and (N, 3, 3).
         """
         own = wrenches.reshape(-1, 2, 3)
-        count = len(own)
-        beyond = skew(self._beyond(own, positions, rotations))
+        beyond = skew(0.5 * self._beyond(own, positions, rotations))
         # Half the coadjoint map: of the change of a twist to that of the wrench beyond it.
-        turned = np.zeros((count, 6, 6))
-        turned[:, :3, 3:] = turned[:, 3:, :3] = 0.5 * beyond[:, 0]
-        turned[:, 3:, 3:] = 0.5 * beyond[:, 1]
+        turned = np.zeros((len(own), 6, 6))
+        turned[:, :3, 3:] = turned[:, 3:, :3] = beyond[:, 0]
+        turned[:, 3:, 3:] = beyond[:, 1]
         to_second = adjoint_inverse(self.steps[:, :3, :3], self.steps[:, :3, 3])
         outer = to_second.swapaxes(1, 2) @ turned[1:]
-        down, right = k.strides
-        along = (6 * (down + right), down, right)
-        as_strided(k[:, 6:], (count - 1, 6, 6), along)[...] -= outer
-        as_strided(k[6:], (count - 1, 6, 6), along)[...] -= outer.swapaxes(1, 2)
-        pull = 0.5 * skew(own[:, 0])
-        as_strided(k[:, 3:], (count, 3, 3), along)[...] += pull
-        as_strided(k[3:], (count, 3, 3), along)[...] -= pull
-        k[:6, :6] += turned[0]
+        k.after -= outer
+        k.before -= outer.swapaxes(1, 2)
+        pull = skew(0.5 * own[:, 0])
+        k.force_by_turn += pull
+        k.moment_by_shift -= pull
+        k.base += turned[0]
 
     def carry(self, wrenches: Array, positions: Array, rotations: Array, now: ElementChain) -> Array:
         """Wrenches on the nodes that bend and stretch these elements as given ones do in a neighbouring configuration.

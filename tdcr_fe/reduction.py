@@ -91,8 +91,8 @@ class BodyFrameReduction:
 
     def residual(self, r: Array) -> Array:
         """Wrenches ``[f, m]`` of the nodes in their own frames, then the rest, shape (count,)."""
-        at_nodes = (r[self.beam][:, None, :] @ self._maps).ravel()
-        return np.concatenate((at_nodes, r[self.other]))
+        at_nodes = (r[self.beam][:, None, :] @ self._maps).reshape(-1)
+        return np.concatenate((at_nodes, r[self.other])) if self.other.size else at_nodes
 
     def node_rows(self, j: Array, node: int, multipliers: Index) -> Array:
         """Derivative of the wrench on one node, in its own frame, by algebraic unknowns, shape (6, k)."""
@@ -111,9 +111,9 @@ class BodyFrameReduction:
         """
         flat = j.reshape(-1)
         if check:
-            stray = self._outside[flat[self._outside] != 0.0]
-            if stray.size:
-                self._widen(stray)
+            outside = flat[self._outside]
+            if outside.any():
+                self._widen(self._outside[outside != 0.0])
         maps = self._maps
         turned = np.swapaxes(maps, 1, 2)
         k = self._matrix
