@@ -446,9 +446,7 @@ class StrainSpaceSolver:
             j[: extra.shape[0], : extra.shape[1]] += extra
         if not self._reactions:
             for i, joint in self._clamps.items():
-                self._reactions[i] = np.linalg.inv(
-                    self._reduction.node_rows(j, self._slices[i].start, joint)
-                )
+                self._reactions[i] = np.linalg.inv(self._reduction.node_rows(j, self._slices[i].start, joint))
         k = self._reduction.jacobian(j, check=self._iteration == 0)
         for robot, part in zip(self.robots, self._slices, strict=True):
             i = slice(6 * part.start, 6 * part.stop)
@@ -492,7 +490,9 @@ class StrainSpaceSolver:
             self._blocks_of = k
             inside = [slice(6 * part.start, 6 * part.stop) for part in self._slices]
             self._blocks = [NodeBlocks(k[i, i]) for i in inside]
-        for part, blocks, chain, pose in zip(self._slices, self._blocks, self._chains, self._poses, strict=True):
+        for part, blocks, chain, pose in zip(
+            self._slices, self._blocks, self._chains, self._poses, strict=True
+        ):
             chain.add_unbalanced(blocks, r[6 * part.start : 6 * part.stop], *pose)
         if self._linear > len(k):
             extra = self._linear - len(k)
