@@ -63,3 +63,27 @@ def add_disk(
             visualization=eii.VObjectRigidBody(graphicsData=[cylinder]),
         )
     )
+
+
+def base_plate(
+    position: Array,
+    rotation: Array,
+    radius: float,
+    thickness: float,
+    color: Sequence[float],
+) -> Any:
+    """Graphics of a base plate, for a body that stays where it is.
+
+    Parameters
+    ----------
+    position, rotation
+        Of the base; the plate lies below, along the third axis; shapes (3,) and (3, 3).
+    radius, thickness
+        [m].
+    color
+        RGBA.
+    """
+    axis = thickness * np.asarray(rotation)[:, 2]
+    return graphics.Cylinder(
+        pAxis=list(position - axis), vAxis=list(axis), radius=radius, color=list(color), nTiles=32
+    )

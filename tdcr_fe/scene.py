@@ -20,7 +20,7 @@ from tdcr_fe.elements.backbone import (
     reference_poses,
     subdivide,
 )
-from tdcr_fe.elements.disks import add_disk
+from tdcr_fe.elements.disks import add_disk, base_plate
 from tdcr_fe.elements.friction import FRICTION_LAWS, TendonLaw, TendonParameters, TensionField, hole_states
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.elements.section import (
@@ -345,8 +345,14 @@ class TDCR:
         return {t.name: self._segments(i, field_.tension[i]) for i, t in enumerate(self.robot.tendons)}
 
     def displacements(self) -> dict[str, float]:
-        """By tendon, what is pulled in at the base since the unloaded, just taut state [m]."""
-        return dict(zip(self.robot.tendon_names, self._field().base_slip.tolist(), strict=True))
+        """By tendon, what is pulled in at the base since the unloaded, just taut state [m].
+
+        Of a slack tendon driven by displacement what was imposed, not what its shape would take up.
+        """
+        taken = self._field().base_slip
+        imposed = np.where(self.actuation.by_displacement, self.actuation.input_values(), taken)
+        slack = self.actuation.by_displacement & (self.actuation.base_tension <= 0.0)
+        return dict(zip(self.robot.tendon_names, np.where(slack, imposed, taken).tolist(), strict=True))
 
     def hole_states(self) -> dict[str, tuple[str, ...]]:
         """By tendon, state of the hole at the distal end of every segment: stick, pull, release, anchor."""
@@ -528,7 +534,10 @@ def CreateTDCR(
     )
     on_ground = baseMarker is None
     if on_ground:
-        ground = mbs.AddObject(eii.ObjectGround(name=f"{name}.ground"))
+        plate = base_plate(position, rotation, 1.2 * robot.disks.radius, 0.2 * robot.disks.radius, DISK_COLOR)
+        ground = mbs.AddObject(
+            eii.ObjectGround(name=f"{name}.ground", visualization=eii.VObjectGround(graphicsData=[plate]))
+        )
         baseMarker = mbs.AddMarker(
             eii.MarkerBodyRigid(
                 name=f"{name}.mGround",

@@ -245,6 +245,13 @@ def test_setting_and_reading():
     assert t["t1"].shape == (13,) and t["t1"][0] == 1.0
     assert np.all(t["t3"] == 0.0)
     assert handle.displacements()["t2"] == pytest.approx(1e-3, abs=1e-9)
+    handle.set_displacements({"t2": -8e-3})
+    mbs.SolveTDCR()
+    assert handle.tensions()["t2"][0] == 0.0  # let out: slack, and what was let out is what is told
+    assert handle.displacements()["t2"] == -8e-3
+    handle.set_displacements({"t2": 1e-3})
+    mbs.SolveTDCR()
+    t, states = handle.tensions(), handle.hole_states()
     assert len(states["t1"]) == 13 and states["t1"][-1] == "anchor"
     assert handle.position_at(0.0) == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
     assert handle.position_at(np.array([0.1, LENGTH]))[1] == pytest.approx(handle.tip_position, abs=1e-12)
