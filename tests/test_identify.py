@@ -116,7 +116,7 @@ def test_a_fit_recovers_parameters_within_their_errors():
     problem = Problem(
         data, np.full(len(data.readings), 1e-4), np.zeros(len(data.readings), dtype=bool), ForwardModel()
     )
-    problem.correct_mesh((), {})
+    problem.sharpen((), {})
     e = effect("precurvature")
     fit = problem.fit((e,), [{"precurvature": {"kappa_x": 0.0, "kappa_y": 0.0}}])
     error = np.sqrt(np.diag(problem.covariance(fit)))

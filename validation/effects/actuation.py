@@ -83,7 +83,7 @@ def displacement_that_arrives(commands: Iterable[float], backlash: float) -> lis
     return result
 
 
-def _between(old: Mapping[str, Load], new: Mapping[str, Load], share: float) -> dict[str, Load]:
+def loads_between(old: Mapping[str, Load], new: Mapping[str, Load], share: float) -> dict[str, Load]:
     """Loads on the way from one step to the next."""
     result = {}
     for name, load in new.items():
@@ -161,7 +161,7 @@ def pass_through(
                     step,
                     tensions={n: float(arrived[names.index(n)]) for n in step.tensions},
                     displacements={n: float(arrived[names.index(n)]) for n in step.displacements},
-                    loads=step.loads if whole else _between(loads, step.loads, share),
+                    loads=step.loads if whole else loads_between(loads, step.loads, share),
                     time=step.time if whole or step.time is None else time + share * (step.time - time),
                 )
             )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from tdcr_fe.validation.effects import EFFECTS, Effect, Reach, Setup
-from tdcr_fe.validation.identify.forward import ForwardModel, Reader, Run
+from tdcr_fe.validation.identify.forward import ForwardModel, Reader, Run, divide_steps
 from tdcr_fe.validation.identify.outcome import Misfit
 from tdcr_fe.validation.measured import MeasuredData
 
@@ -22,6 +22,27 @@ ROBUST = 4.0
 
 #: A parameter whose natural step changes the readings by less than this, rms over sigma, changes nothing.
 NOTHING = 0.02
+
+#: Error of the mesh that is let pass, rms over sigma: hundreds of readings do not make a signal of it.
+MESH = 0.1
+
+#: Elements a bay, at most.
+FINEST = 6
+
+#: Order of the mesh's error that is counted on; four where bending is small.
+ORDER = 3.2
+
+#: Share of the extrapolated error of mesh and path that may be wrong.
+UNSURE = 1.0 / 3.0
+
+#: The computation is trusted to this share of the length, and to as many radians.
+NUMERICS = 2e-5
+
+#: A step that moves a reading by more than this, over sigma, when it is divided, stays divided.
+PATH = 0.4
+
+#: Into how many parts.
+PARTS = 4
 
 
 @dataclass(frozen=True)
@@ -61,6 +82,11 @@ class Fit:
         return tuple(e.name for e in self.effects)
 
     @property
+    def anew(self) -> Fit:
+        """The same without its sensitivities, so that fresh ones are taken."""
+        return replace(self, jacobian=self.jacobian[:, :0])
+
+    @property
     def solved(self) -> bool:
         """Whether every reading is predicted."""
         return bool(np.isfinite(self.cost + self.held_cost))
@@ -97,7 +123,9 @@ class Problem:
         self.sigma = sigma
         self.reader = Reader(data.readings, data.step_ids, data.robot.tendon_names)
         self.declared = Setup(data.robot, replace(data.model, elements_per_bay=1), data.steps)
+        #: What a finer mesh and path would add to the residual, over sigma, as last seen.
         self.correction = np.zeros_like(self.values)
+        self.mesh_error = 0.0
         units = np.array([r.unit for r in data.readings])
         quantities = np.array([r.quantity for r in data.readings])
         self.is_position = np.array([q.startswith("position_") for q in quantities])
@@ -128,31 +156,65 @@ class Problem:
         """Reading less model over sigma at several points; NaN where the model does not get."""
         setups = [self.setup(effects, p) for p in points]
         runs = self.forward.run(setups, guide, record)
-        found = [
-            (self.values - self.reader.read(run, s) - self.correction) / self.sigma
-            for run, s in zip(runs, setups, strict=True)
-        ]
-        return found, runs
+        return [self.residual(s, run) for s, run in zip(setups, runs, strict=True)], runs
 
-    def correct_mesh(self, effects: Sequence[Effect], values: Point) -> float:
-        """Take the error of the mesh out of the predictions near a point.
+    def residual(self, setup: Setup, run: Run) -> Array:
+        """Reading less model over sigma."""
+        return (self.values - self.reader.read(run, setup)) / self.sigma + self.correction
 
-        With one and two elements a bay, and an error that falls with the square of their length, the rest is
-        extrapolated.
+    def sharpen(self, effects: Sequence[Effect], values: Point) -> bool:
+        """Choose mesh and path so fine that their errors stay below the noise near a point.
+
+        A run with one element a bay more and all steps divided tells whether either matters; if so, each is judged
+        by itself. Elements are added until the error, which falls with a power of their number, is small; steps that
+        come out otherwise when divided stay divided. What is then left is extrapolated and taken out of the
+        predictions.
 
         Returns
         -------
-        float
-            Change of this correction since the last one, rms over sigma: the error that was left.
+        bool
+            Whether anything was changed, so that earlier predictions no longer count.
         """
-        setup = self.setup(effects, values)
-        coarse = self.forward.run([setup], record=True)[0]
-        fine = self.forward.run([setup], fine=True)[0]
-        new = (4.0 / 3.0) * (self.reader.read(fine, setup) - self.reader.read(coarse, setup))
-        new = np.where(np.isfinite(new), new, self.correction)
-        change = float(np.sqrt(np.mean(((new - self.correction) / self.sigma) ** 2)))
-        self.correction = new
-        return change
+        self.correction = np.zeros_like(self.values)
+        (here,), _ = self.residuals(effects, [values], record=True)
+        both, _ = self._finer(effects, values, mesh=True, path=True)
+        n = self.declared.model.elements_per_bay
+        share = 1.0 - (n / (n + 1.0)) ** ORDER
+        change = _known(both - here)
+        total = float(np.sqrt(np.mean(change**2)))
+        if total <= MESH * share and float(np.max(np.abs(change))) <= PATH:
+            self.mesh_error = total / share
+            self.correction = change / share
+            return False
+        meshed, _ = self._finer(effects, values, mesh=True, path=False)
+        self.mesh_error = float(np.sqrt(np.mean(_known(meshed - here) ** 2))) / share
+        changed = False
+        change = np.abs(_known(both - meshed))
+        steps = {int(k) for k in np.unique(self.reader.step[change > PATH])}
+        if steps:
+            finer = divide_steps(self.declared, steps, PARTS)
+            changed = finer is not self.declared
+            self.declared = finer
+        if self.mesh_error > MESH and n < FINEST:
+            more = min(FINEST, max(n + 1, int(np.ceil(n * (self.mesh_error / MESH) ** (1.0 / ORDER)))))
+            self.declared = replace(self.declared, model=replace(self.declared.model, elements_per_bay=more))
+            self.mesh_error *= (n / more) ** ORDER
+            changed = True
+        return changed
+
+    def _finer(self, effects: Sequence[Effect], values: Point, mesh: bool, path: bool) -> tuple[Array, Run]:
+        """Residual at a point with one element a bay more, or with every step divided."""
+        coarse = self.declared
+        if mesh:
+            n = coarse.model.elements_per_bay + 1
+            self.declared = replace(self.declared, model=replace(coarse.model, elements_per_bay=n))
+        if path:
+            self.declared = divide_steps(self.declared, set(range(len(self.data.steps))), PARTS)
+        try:
+            (r,), (run,) = self.residuals(effects, [values])
+        finally:
+            self.declared = coarse
+        return r, run
 
     def cost(self, r: Array) -> tuple[float, float]:
         """Robust sums of squares over fitted and held-out readings; infinite where a prediction is missing."""
@@ -248,6 +310,7 @@ class Problem:
         hopeless: float = float("inf"),
         max_iterations: int = 12,
         guide: Run | None = None,
+        polish: bool = True,
     ) -> Fit:
         """Levenberg and Marquardt with bounds.
 
@@ -259,13 +322,16 @@ class Problem:
         effects
             Whose parameters are fitted.
         starts
-            Points to begin from; the best is taken.
+            Points to begin from; the best is taken. The second and later ones are tried only where the first does not
+            improve on ``guide`` alone.
         hopeless
             A fit that hardly moves while its cost is above this is given up.
         max_iterations
-            Of sensitivities and steps.
+            Steps.
         guide
             A neighbour's run for the starting points.
+        polish
+            Go on to the end; see `finish`.
 
         Returns
         -------
@@ -288,76 +354,104 @@ class Problem:
         )
         if not np.isfinite(now.cost):
             return now
-        for _ in range(3):
+        if polish:
+            return self.finish(now, hopeless, max_iterations)
+        return self._descend(now, hopeless, max_iterations, last=False)
+
+    def finish(self, now: Fit, hopeless: float = float("inf"), max_iterations: int = 12) -> Fit:
+        """Improve a fit to the end, on its own path, with the sensitivities there."""
+        for _ in range(2):
             now = self._descend(now, hopeless, max_iterations)
             if now.cost > hopeless:
                 break
-            (r,), (run,) = self.residuals(effects, [now.values], record=True)
+            (r,), (run,) = self.residuals(now.effects, [now.values], record=True)
             alone = replace(now, residual=r, cost=self.cost(r)[0], held_cost=self.cost(r)[1], run=run)
             if not np.isfinite(alone.cost):
                 return alone
             change = abs(alone.cost - now.cost)
             now = alone
-            if change < 0.1 + 1e-3 * now.cost:
+            if change < 1.0 + 1e-2 * now.cost:
                 break
         return now
 
-    def _descend(self, now: Fit, hopeless: float, max_iterations: int) -> Fit:
-        """Iterate from a fit on the path of its run."""
+    def _descend(self, now: Fit, hopeless: float, max_iterations: int, last: bool = True) -> Fit:
+        """Iterate from a fit on the path of its run.
+
+        Between fresh sensitivities, what each step shows is put into the old ones (Broyden), which costs no run.
+        ``last``: fresh ones at the end.
+        """
         effects = now.effects
         every = now.free
         natural = {(e.name, p.name): p.scale for e in effects for p in e.parameters}
         scale = np.array([self.scales.get(k, natural[k]) for k in every])
         steps = 0.2 * scale
         free = every
-        damping, j = 1e-3, np.zeros((len(self.values), len(free)))
+        damping, j = 1e-3, now.jacobian
         fitted = ~self.held
         by_name = {e.name: e for e in effects}
-        for _ in range(max_iterations):
-            j = self.sensitivities(effects, now, free, steps)
-            size = np.sqrt(np.mean(j[fitted] ** 2, axis=0))
-            keep = size * scale > NOTHING
-            if not np.all(keep):
-                free = tuple(k for k, ok in zip(free, keep, strict=True) if ok)
-                j, steps, scale, size = j[:, keep], steps[keep], scale[keep], size[keep]
-            if not free:
-                break
-            # The next derivatives: over a change of the readings by one sigma.
-            steps = np.clip(1.0 / size, 1e-3 * scale, 0.5 * scale)
+        known = j.shape[1] == len(free)
+        size = np.sqrt(np.mean(j[fitted] ** 2, axis=0)) if known else np.ones(len(free))
+        if known:
+            steps = np.clip(1.0 / np.maximum(size, 1e-300), 1e-3 * scale, 0.5 * scale)
+        fresh, stale = False, not known
+        for _ in range(max_iterations if free else 0):
+            if stale:
+                j = self.sensitivities(effects, now, free, steps)
+                size = np.sqrt(np.mean(j[fitted] ** 2, axis=0))
+                keep = size * scale > NOTHING
+                if not np.all(keep):
+                    free = tuple(k for k, ok in zip(free, keep, strict=True) if ok)
+                    j, steps, scale, size = j[:, keep], steps[keep], scale[keep], size[keep]
+                if not free:
+                    break
+                # The next derivatives: over a change of the readings by one sigma.
+                steps = np.clip(1.0 / size, 1e-3 * scale, 0.5 * scale)
+                fresh, stale = True, False
             z = self.coordinates(effects, now.values, free)
             limits = np.array([self.bounds(by_name[k[0]], k[1]) for k in free])
             a = np.abs(now.residual)
             w = np.sqrt(np.where(a <= self.threshold, 1.0, self.threshold / np.maximum(a, 1e-300)))[fitted]
             jw, rw = j[fitted] * w[:, None], now.residual[fitted] * w
             norm = np.linalg.norm(jw, axis=0)
-            improved = False
-            for _attempt in range(3):
-                tries = [damping, 100.0 * damping]
-                moves = [_bounded_step(jw, rw, norm, x, limits[:, 0] - z, limits[:, 1] - z) for x in tries]
-                promised = now.cost - float(np.sum((rw - jw @ moves[0]) ** 2))
-                if promised < 0.02 + 2e-5 * now.cost:
+            move = _bounded_step(jw, rw, norm, damping, limits[:, 0] - z, limits[:, 1] - z)
+            promised = float(np.sum(rw**2) - np.sum((rw - jw @ move) ** 2))
+            if promised < 0.02 + 2e-4 * now.cost:
+                if fresh or known:
                     break
-                points = [self.point(effects, now.values, free, z + m) for m in moves]
-                found, runs = self.residuals(effects, points, now.run, record=True)
-                costs = [self.cost(r) for r in found]
-                best = int(np.argmin([c[0] for c in costs]))
-                if costs[best][0] < now.cost:
-                    improved = True
-                    damping = max(1e-6, tries[best] * 0.1)
+                stale = True
+                continue
+            point = self.point(effects, now.values, free, z + move)
+            (r,), (run,) = self.residuals(effects, [point], now.run, record=True)
+            cost, held_cost = self.cost(r)
+            if not cost < now.cost:
+                damping *= 100.0
+                if not fresh:
+                    stale = True
+                elif damping > 1e6:
                     break
-                damping *= 1e3
-            if not improved:
+                continue
+            gain = now.cost - cost
+            if gain > 0.25 * promised:
+                damping = max(1e-6, 0.1 * damping)
+            seen = now.residual - r - j @ move
+            ruler = size**2
+            j = j + np.outer(seen, ruler * move) / float(np.sum(ruler * move**2))
+            was_fresh, fresh, stale = fresh or known, False, gain < 0.5 * promised
+            known = False
+            now = replace(now, values=point, residual=r, cost=cost, held_cost=held_cost, run=run, free=free)
+            if gain < 0.05 + 1e-3 * now.cost and (was_fresh or promised < 2.0 * gain):
                 break
-            gain = now.cost - costs[best][0]
-            now = replace(now, values=points[best], residual=found[best], cost=costs[best][0],
-                          held_cost=costs[best][1], run=runs[best], free=free)  # fmt: skip
-            if gain < 0.05 + 2e-4 * now.cost or (now.cost > hopeless and gain < 0.7 * now.cost):
-                j = self.sensitivities(effects, now, free, steps)
+            if now.cost > hopeless and gain < 0.5 * now.cost and was_fresh is False:
                 break
+        if free and last and not (fresh or known):
+            j = self.sensitivities(effects, now, free, steps)
         return replace(now, jacobian=j, free=free)
 
     def covariance(self, fit: Fit, inflate: bool = True) -> Array:
-        """Of the coordinates of the free parameters, shape (p, p), larger where the misfit is above noise."""
+        """Of the coordinates of the free parameters, shape (p, p).
+
+        Larger where the misfit is above noise, and by what the errors of the computation itself can do.
+        """
         if not fit.free:
             return np.zeros((0, 0))
         fitted = ~self.held
@@ -367,7 +461,18 @@ class Problem:
         inner = np.linalg.pinv((j / norm).T @ (j / norm), rcond=1e-10)
         dof = max(1, int(np.count_nonzero(fitted)) - len(fit.free))
         factor = max(1.0, fit.cost / dof) if inflate else 1.0
-        return np.asarray(inner / np.outer(norm, norm) * factor)
+        # A systematic error too small to be seen moves the parameters most where it looks like what they do.
+        scale = np.where(self.is_position, self.data.robot.backbone.length, 1.0) / self.sigma
+        known = (self.is_position | self.is_angle) & fitted
+        factor += NUMERICS**2 * float(np.sum(scale[known] ** 2))
+        # The error of mesh and path that was taken out is known to about a third; so is what it does to the parameters.
+        shift = inner / np.outer(norm, norm) @ (j.T @ (UNSURE * self.correction[fitted] * np.sqrt(w)))
+        return np.asarray(inner / np.outer(norm, norm) * factor + np.outer(shift, shift))
+
+
+def _known(r: Array) -> Array:
+    """Differences, zero where a prediction is missing."""
+    return np.where(np.isfinite(r), r, 0.0)
 
 
 def _bounded_step(j: Array, r: Array, norm: Array, damping: float, low: Array, high: Array) -> Array:

@@ -17,10 +17,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.interpolation import interpolate_positions
+from tdcr_fe.loading import Actuation, LoadStep, resolve
 from tdcr_fe.validation.effects import Setup
+from tdcr_fe.validation.effects.actuation import loads_between
 from tdcr_fe.validation.measured import Reading
 
 Array = NDArray[np.float64]
+
+#: Smallest share of a load step that is tried, alone and along a neighbour's path.
+SMALLEST, GUIDED = 1.0 / 256.0, 1.0 / 16.0
 
 #: Runs kept in memory.
 CACHE = 400
@@ -47,6 +52,8 @@ class Run:
         Guide for neighbouring runs; None where none was recorded.
     ends : tuple of (int, float)
         Of the steps of the trajectory, as in `Setup.step_ends`.
+    elements : int
+        Per bay.
     """
 
     s: Array
@@ -59,6 +66,7 @@ class Run:
     message: str
     trajectory: Any = None
     ends: tuple[tuple[int, float], ...] = ()
+    elements: int = 0
 
     @property
     def curvature(self) -> Array:
@@ -82,14 +90,18 @@ def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
     whole = [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
     steps, m = len(whole), len(setup.robot.tendons)
     waypoints = None
+    if guide is not None and guide[2] != setup.model.elements_per_bay:
+        guide = None
     if guide is not None:
-        waypoints = guide[0] if guide[1] == ends else _divide(_join(*guide), ends)
+        waypoints = guide[0] if guide[1] == ends else _divide(_join(*guide[:2]), ends)
     try:
         result = simulate(
             setup.robot,
             setup.model,
             setup.steps,
-            SolverSettings(path_tolerance=path_tolerance),
+            SolverSettings(
+                path_tolerance=path_tolerance, min_substep=SMALLEST if waypoints is None else GUIDED
+            ),
             guide=waypoints,
             record=trajectory,
         )
@@ -111,7 +123,8 @@ def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
             0,
             str(error),
         )
-    if not result.converged and guide is not None:
+    # Along a fit, what cannot follow its neighbour is too far away and dear to solve: it counts as not solved.
+    if not result.converged and guide is not None and not record:
         return _simulate((setup, None, record, path_tolerance))
     kept = [result.steps[j] for j in whole if j < len(result.steps)]
     solved = len(kept)
@@ -134,6 +147,7 @@ def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
         result.message,
         trajectory,
         ends,
+        setup.model.elements_per_bay,
     )
 
 
@@ -162,6 +176,60 @@ def _divide(joined: dict[int, list[Any]], ends: Sequence[tuple[int, float]]) -> 
         divided.append([*part, replace(last, share=1.0)])
         done[k] = share
     return divided
+
+
+def divide_steps(setup: Setup, which: set[int], parts: int) -> Setup:
+    """Divide commanded steps into equal parts, so that what depends on the path is resolved.
+
+    Steps already divided, of a fixed number of substeps, or in which a tendon changes from tension to displacement stay
+    whole; without friction at each hole, and where it is found anew in each load step, so do all.
+
+    Parameters
+    ----------
+    setup
+        With the commands.
+    which
+        Commanded steps, from 0.
+    parts
+        Of each.
+
+    Returns
+    -------
+    Setup
+        The same one where nothing is to be divided.
+    """
+    if setup.model.friction != "per-hole":
+        return setup
+    actions = resolve(setup.robot, setup.steps)
+    whole = [k for k, share in setup.step_ends if share == 1.0]
+    single = {k for k, _ in setup.step_ends if [x for x, _ in setup.step_ends].count(k) == 1}
+    steps: list[LoadStep] = []
+    ends: list[tuple[int, float]] = []
+    names = setup.robot.tendon_names
+    before = Actuation(actions[0].by_displacement, np.zeros(len(names)))
+    for step, action, (k, share) in zip(setup.steps, actions, setup.step_ends, strict=True):
+        same = bool(np.all(before.by_displacement == action.by_displacement))
+        if k in which and k in single and k in whole and same and step.substeps is None:
+            for i in range(1, parts):
+                x = i / parts
+                values = before.values + x * (action.values - before.values)
+                commanded = {n: float(values[names.index(n)]) for n in (*step.tensions, *step.displacements)}
+                steps.append(
+                    replace(
+                        step,
+                        tensions={n: commanded[n] for n in step.tensions},
+                        displacements={n: commanded[n] for n in step.displacements},
+                        loads=loads_between(before.loads, step.loads, x),
+                        time=None if step.time is None else before.time + x * (action.time - before.time),
+                    )
+                )
+                ends.append((k, x))
+        steps.append(step)
+        ends.append((k, share))
+        before = action
+    if len(steps) == len(setup.steps):
+        return setup
+    return replace(setup, steps=tuple(steps), ends=tuple(ends))
 
 
 def _quiet_worker() -> None:
@@ -279,9 +347,7 @@ class ForwardModel:
             self._pool.shutdown(wait=True, cancel_futures=True)
             self._pool = None
 
-    def run(
-        self, setups: Sequence[Setup], guide: Run | None = None, record: bool = False, fine: bool = False
-    ) -> list[Run]:
+    def run(self, setups: Sequence[Setup], guide: Run | None = None, record: bool = False) -> list[Run]:
         """Simulate setups, those that were simulated before from memory.
 
         Parameters
@@ -292,21 +358,16 @@ class ForwardModel:
             A neighbour's run with its trajectory; makes a run three times as fast, for sensitivities.
         record
             Record trajectories.
-        fine
-            With twice the elements, to know the error of the mesh.
         """
-        if fine:
-            setups = [
-                replace(s, model=replace(s.model, elements_per_bay=2 * s.model.elements_per_bay))
-                for s in setups
-            ]
         kind = f"free{record}"
         if guide is not None:
             self._guides[id(guide)] = guide  # kept, so that its id stays its own
             kind = f"guided{id(guide)}{record}"
         keys = [_key(s, kind) for s in setups]
+        if not record:  # a recorded run serves as well
+            keys = [k[:-5] + "True" if k[:-5] + "True" in self._cache else k for k in keys]
         todo = {k: s for k, s in zip(keys, setups, strict=True) if k not in self._cache}
-        trajectory = None if guide is None else (guide.trajectory, guide.ends)
+        trajectory = None if guide is None else (guide.trajectory, guide.ends, guide.elements)
         tasks = [(s, trajectory, record, self.path_tolerance) for s in todo.values()]
         for key, run in zip(todo, self._map(tasks), strict=True):
             self._cache[key] = run

@@ -48,6 +48,9 @@ SAME = 6.0
 #: The sum of squares of the held-out readings must fall by this much, in units of the misfit that is left.
 HELD_OUT = 4.0
 
+#: The path of loading is resolved to this share of the noise of a position, but no more loosely than this.
+PATH_SHARE, LOOSEST = 0.3, 2e-4
+
 #: Noise is no larger than this, in standard deviations of its sum of squares.
 SPREAD = 4.0
 
@@ -67,9 +70,9 @@ class _State:
     candidates: list[Candidate] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
     rivals: dict[str, list[str]] = field(default_factory=dict)
+    places: dict[frozenset[str], list[Score]] = field(default_factory=dict)
     local: Fit | None = None
     history: list[str] = field(default_factory=list)
-    mesh_error: float = 0.0
     interrupted: bool = False
 
 
@@ -120,7 +123,7 @@ def identify(
 
 
 def _pose(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> tuple[Problem, bool]:
-    """The problem with sigma known, steps held out, and the error of the mesh taken out."""
+    """The problem with sigma known, steps held out, mesh and path fine enough."""
     held_positions = set(choose_held_out(data, settings.hold_out))
     position = {n: k for k, n in enumerate(data.step_ids)}
     held = np.array([position[r.step] in held_positions for r in data.readings])
@@ -129,7 +132,10 @@ def _pose(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel)
     (residual,), _ = problem.residuals((), [{}], record=True)
     sigma, estimated = estimate_sigma(data, residual)
     problem.sigma = sigma
-    problem.correct_mesh((), {})
+    if np.any(problem.is_position):
+        share = PATH_SHARE * float(np.median(sigma[problem.is_position])) / data.robot.backbone.length
+        forward.path_tolerance = float(np.clip(share, forward.path_tolerance, LOOSEST))
+    problem.sharpen((), {})
     return problem, estimated
 
 
@@ -143,6 +149,7 @@ class _Loop:
         self.problem, self.settings, self.state, self.tell = problem, settings, state, tell
         self.count = len(problem.values)
         self.fitted = ~problem.held
+        self.share = 0.0
 
     # ------------------------------------------------------------------ judging
 
@@ -186,8 +193,11 @@ class _Loop:
         s = self.state
         self.tell("rounds of adding", 0.05)
         self.grow(estimated)
+        if s.local is not None:
+            return
         if s.best.effects:
-            self.tell("removing and swapping", 0.7)
+            self.share = 0.75
+            self.tell("removing and swapping", self.share)
             self.prune()
             self.compare()
         if s.best.effects or not self.is_noise(s.best):
@@ -219,6 +229,37 @@ class _Loop:
             self.state.fits[key] = self.problem.fit(effects, starts, hopeless, guide=guide)
         return self.state.fits[key]
 
+    def race(
+        self, starters: Sequence[tuple[Fit, Score]], known: float = math.inf
+    ) -> list[tuple[Fit, Score, Fit]]:
+        """Fit several models, each a fitted one and an effect more; only those near the best are fitted to the end."""
+        found = []
+        for parent, score in starters:
+            effects = (*parent.effects, score.effect)
+            key = frozenset(e.name for e in effects)
+            new = self.state.fits.get(key)
+            if new is None:
+                self.tell(f"fitting {_list([e.name for e in effects])}", self.share)
+                starts = score.starts
+                first = self.problem.fit(effects, starts[:1], 3.0 * known, 5, parent.run, polish=False)
+                new = first
+                if len(starts) > 1 and not first.cost < max(1.5 * known, parent.cost - 0.7 * score.drop):
+                    other = self.problem.fit(effects, starts[1:], 3.0 * known, 5, parent.run, polish=False)
+                    new = min(first, other, key=lambda f: f.cost)
+            known = min(known, new.cost)
+            found.append((parent, score, new))
+        result = []
+        for parent, score, new in sorted(found, key=lambda f: f[2].cost):
+            key = frozenset(new.names)
+            if key not in self.state.fits:
+                if new.solved and new.cost < 1.3 * known + 60.0:
+                    self.tell(f"fitting {_list(new.names)} to the end", self.share)
+                    new = self.problem.finish(new.anew)
+                    known = min(known, new.cost)
+                self.state.fits[key] = new
+            result.append((parent, score, self.state.fits[key]))
+        return result
+
     def grow(self, estimated: bool) -> None:
         """Add one effect at a time, several models side by side."""
         s, settings = self.state, self.settings
@@ -244,19 +285,13 @@ class _Loop:
                     if worth:
                         proposals.append((fit.cost - score.drop, fit, score))
             proposals.sort(key=lambda p: p[0])
-            fits: list[Fit] = []
-            known = math.inf
-            seen: set[frozenset[str]] = set()
+            chosen: dict[frozenset[str], tuple[Fit, Score]] = {}
             for _, fit, score in proposals:
-                key = frozenset({*fit.names, score.effect.name})
-                if key in seen:
-                    continue
-                if len(seen) >= settings.candidates:
-                    break
-                seen.add(key)
-                self.tell(f"round {number}: fitting {_list((*fit.names, score.effect.name))}", share)
-                new = self.fit((*fit.effects, score.effect), score.starts, 3.0 * known, fit)
-                known = min(known, new.cost)
+                if len(chosen) < settings.candidates:
+                    chosen.setdefault(frozenset({*fit.names, score.effect.name}), (fit, score))
+            self.share = share
+            fits: list[Fit] = []
+            for fit, score, new in self.race(list(chosen.values())):
                 fits.append(new)
                 self.note(number, fit, score, new)
             fits = sorted((f for f in fits if f.solved), key=self.criterion)
@@ -269,14 +304,21 @@ class _Loop:
                 )
                 return
             s.best = accepted[0]
-            self.correct()
+            self.sharpen()
             s.history.append(
                 f"round {number}: {_list(s.best.names)}, misfit per reading "
                 f"{self.mean(s.best.cost, self.fitted):.3g} on fitted and "
                 f"{self.mean(s.best.held_cost, self.problem.held):.3g} on held-out steps"
             )
             others = [s.fits[frozenset(f.names)] for f in accepted[1 : settings.beam]]
-            level = [s.best] if self.is_noise(s.best) else [s.best, *others]
+            level = [s.best] if self.is_noise(s.best) or number > 1 else [s.best, *others]
+            if number == 1 and not self.is_noise(s.best):
+                # One place that explains everything spares the search for several effects that mimic it.
+                kept, told = s.best, list(s.history)
+                self.look_for_places(alone=True)
+                if s.local is not None and self.is_noise(s.local):
+                    return
+                s.best, s.local, s.history = kept, None, told
 
     def parent(self, fit: Fit) -> Fit:
         """The best smaller model that was fitted and is contained in it."""
@@ -306,21 +348,29 @@ class _Loop:
                     "" if new.solved else "the model did not converge there",
                 )
 
-    def correct(self) -> None:
-        """Take the error of the mesh out where the best model is; everything fitted before is judged anew."""
+    def sharpen(self) -> None:
+        """Choose mesh and path anew where the best model is; if that changes them, judge what was fitted anew."""
         s, problem = self.state, self.problem
-        before = problem.correction
-        s.mesh_error = problem.correct_mesh(s.best.effects, s.best.values)
-        shift = (problem.correction - before) / problem.sigma
         problem.threshold = min(problem.threshold, _threshold(s.best.residual))
+        before = s.best.residual
+        changed = False
+        for _ in range(3):
+            if not problem.sharpen(s.best.effects, s.best.values):
+                break
+            changed = True
+        again = problem.evaluate(s.best.effects, s.best.values)
+        shift = again.residual - before
         for key, old in s.fits.items():
-            r = old.residual - shift
+            r = old.residual + shift
             cost, held_cost = problem.cost(r)
             s.fits[key] = replace(old, residual=r, cost=cost, held_cost=held_cost)
-        key = frozenset(s.best.names)
-        s.best = s.fits[key] = problem.fit(s.best.effects, [s.best.values])
-        s.base = s.fits[frozenset()]
-        s.screens.clear()
+        s.best = problem.finish(replace(again, free=s.best.free, jacobian=s.best.jacobian))
+        s.fits[frozenset(s.best.names)] = s.best
+        if changed:
+            s.base = problem.evaluate((), {})
+        else:
+            s.base = s.fits[frozenset()]
+        s.fits[frozenset()] = s.base
 
     def without(self, effect: Effect) -> Fit:
         """The best model less one effect, fitted anew."""
@@ -354,11 +404,8 @@ class _Loop:
                 chosen = [x for i, x in enumerate(scores) if i < 3 or rest.cost - x.drop < room][
                     : self.settings.candidates
                 ]
-                for x in chosen:
-                    if x.drop < 0.05 * max(1e-9, rest.cost - s.best.cost):
-                        continue
-                    self.tell(f"comparing {e.name} with {x.effect.name}", 0.75)
-                    other = self.fit((*rest.effects, x.effect), x.starts, 3.0 * s.best.cost, rest)
+                worth = [x for x in chosen if x.drop >= 0.3 * max(1e-9, rest.cost - s.best.cost)]
+                for _, x, other in self.race([(rest, x) for x in worth], s.best.cost):
                     if not other.solved:
                         continue
                     gap = (self.criterion(other) - self.criterion(s.best)) / self.level(s.best)
@@ -373,23 +420,37 @@ class _Loop:
             if not swapped:
                 return
 
-    def look_for_places(self) -> None:
-        """Try single bays and springs at one place, beside the best model and beside smaller ones."""
+    def placed(self, fit: Fit) -> list[Score]:
+        """Scores of places along the backbone beside a model: every other one, and the neighbours of the best."""
+        key = frozenset(fit.names)
+        if key in self.state.places:
+            return self.state.places[key]
+        found: dict[str, Score] = {}
+        for family in local_suspects(self.problem, fit):
+            scores = screen(self.problem, fit, family[1::2] or family)
+            best = scores[0].effect
+            place = next(i for i, e in enumerate(family) if e.name == best.name)
+            near = [family[i] for i in (place - 1, place + 1) if 0 <= i < len(family)]
+            found |= {x.effect.name: x for x in (*scores, *screen(self.problem, fit, near))}
+        self.state.places[key] = sorted(found.values(), key=lambda x: -x.drop)
+        return self.state.places[key]
+
+    def look_for_places(self, alone: bool = False) -> None:
+        """Try single bays and springs at one place, beside the best model and beside smaller ones, or alone."""
         s = self.state
-        bases = {frozenset(): s.base, frozenset(s.best.names): s.best}
-        for e in s.best.effects:
+        bases = {frozenset(): s.base}
+        if not alone and not self.is_noise(s.best):
+            bases[frozenset(s.best.names)] = s.best
+        for e in () if alone else s.best.effects:
             rest = self.without(e)
             if rest.solved:
                 bases[frozenset(rest.names)] = rest
         found: list[tuple[float, Fit, Score]] = []
         for base in sorted(bases.values(), key=self.criterion)[:3]:
-            suspects = local_suspects(self.problem, base)
             # To first order a place must do about as well as the best model, or it is not worth a fit.
             room = 0.1 * base.cost + 5.0 * s.best.cost if base is not s.best else math.inf
             scores = [
-                x
-                for x in screen(self.problem, base, suspects)
-                if x.drop > self.bar(1) * self.level(base) * 0.02
+                x for x in self.placed(base) if x.drop > self.bar(1) * max(1.0, self.level(base) * 0.02)
             ]
             found += [(base.cost - x.drop, base, x) for x in scores[:2] if base.cost - x.drop < room]
         fits = []
@@ -460,7 +521,7 @@ def _conclude(
         outliers=outliers(best.residual),
         correlation=covariance / outer,
         parameter_names=tuple(f"{a}.{b}" for a, b in best.free),
-        mesh_error=state.mesh_error,
+        mesh_error=problem.mesh_error,
         left_out_candidates=dict(state.refused),
         runs=runs,
         wall_time=wall_time,

@@ -98,10 +98,7 @@ def _residuals(problem: Problem, fit: Fit, tasks: Sequence[tuple[Effect, int, Po
     """Residuals at every task's point, all runs at once."""
     setups = [problem.setup((*fit.effects, e), point) for e, _, point in tasks]
     runs = problem.forward.run(setups, guide=fit.run)
-    return [
-        (problem.values - problem.reader.read(run, s) - problem.correction) / problem.sigma
-        for run, s in zip(runs, setups, strict=True)
-    ]
+    return [problem.residual(s, run) for s, run in zip(setups, runs, strict=True)]
 
 
 def _score(

@@ -75,8 +75,9 @@ class SideSpring(Effect):
     def apply(self, setup: Setup, values: dict[str, float]) -> Setup:  # type: ignore[override]
         """See `Effect.apply`."""
         steps = []
-        for step, (commanded, _) in zip(setup.steps, setup.step_ends, strict=True):
-            f = -values["stiffness"] * self._moved[commanded]
+        for step, (k, share) in zip(setup.steps, setup.step_ends, strict=True):
+            before = self._moved[k - 1] if k else np.zeros(3)
+            f = -values["stiffness"] * (before + share * (self._moved[k] - before))
             load = Load(self.at, (float(f[0]), float(f[1]), float(f[2])))
             steps.append(replace(step, loads={**step.loads, f"spring {self.at:g}": load}))
         return replace(setup, steps=tuple(steps))
@@ -91,15 +92,14 @@ def bay_edges(problem: Problem) -> Array:
     return np.array(edges)
 
 
-def local_suspects(problem: Problem, fit: Fit) -> list[Effect]:
-    """A soft bay for every bay, a spring at every disk but the last."""
+def local_suspects(problem: Problem, fit: Fit) -> list[list[Effect]]:
+    """A soft bay for every bay, and a spring at every disk, each family from the base on."""
     edges = bay_edges(problem)
-    suspects: list[Effect] = [
+    bays: list[Effect] = [
         SoftBay(i + 1, float(a), float(b)) for i, (a, b) in enumerate(itertools.pairwise(edges))
     ]
-    for s in edges[1:]:
-        suspects.append(SideSpring(float(s), fit.run, np.array([0.0, 0.0, s])))
-    return suspects
+    springs: list[Effect] = [SideSpring(float(s), fit.run, np.array([0.0, 0.0, s])) for s in edges[1:]]
+    return [bays, springs]
 
 
 def missing_moment(problem: Problem, fit: Fit) -> tuple[Array, Array]:
