@@ -391,3 +391,22 @@ def test_robot_without_tendons_in_a_scene():
     mbs.SolveTDCR()
     assert handle.tensions() == {} and handle.hole_states() == {}
     assert handle.tip_position[1] > 0.1
+
+
+def test_joint_of_the_base_bears_the_load_and_the_robot_follows_what_it_sits_on():
+    """Force of the base joint against the tip force; the ground moved between two solves takes everything along."""
+    _keep, mbs, handle = scene(paper(0.3), assemble=False)
+    push = handle.add_load("push", LENGTH)
+    mbs.Assemble()
+    handle.set_tensions({"t1": 1.0})
+    force = np.array([0.01, 0.02, -0.03])
+    push.set(force.tolist())
+    mbs.SolveTDCR()
+    # Tendons pull between base node and anchor: inside the robot.
+    born = np.array(mbs.GetObjectOutput(handle.oBaseJoint, exu.OutputVariableType.ForceLocal))
+    assert np.sign(born @ force) * born == pytest.approx(force, abs=1e-8)
+    before = handle.tip_position.copy()
+    ground = mbs.GetObjectNumber(f"{handle.name}.ground")
+    mbs.SetObjectParameter(ground, "referencePosition", [0.01, 0.02, 0.0])
+    mbs.SolveTDCR()
+    assert handle.tip_position - before == pytest.approx([0.01, 0.02, 0.0], abs=1e-9)
