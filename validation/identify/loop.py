@@ -606,6 +606,7 @@ def _remaining(
         if (suspect.name, name) in local.free:
             j = local.free.index((suspect.name, name))
             error = float(np.sqrt(problem.covariance(local)[j, j]))
+            error *= value**2 if suspect.parameters[0].inverse else 1.0
         what = "a bending stiffness of" if isinstance(suspect, SoftBay) else "a spring of"
         unit = "times the declared one" if isinstance(suspect, SoftBay) else "N/m"
         ending = (

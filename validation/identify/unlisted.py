@@ -27,7 +27,9 @@ class SoftBay(Effect):
         self.name = f"stiffness of bay {number}"
         self.sentence = "The backbone is softer or stiffer in one place: a crack, a kink, glue."
         self.parameters = (
-            Parameter("bending", "1", 0.02, 50.0, 1.0, 0.2, "factor on the bending stiffness there"),
+            Parameter(
+                "bending", "1", 0.02, 50.0, 1.0, 0.2, "factor on the bending stiffness there", inverse=True
+            ),
         )
 
     @property
