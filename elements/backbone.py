@@ -50,7 +50,8 @@ class BackboneMesh:
     arc_lengths : ndarray, shape (N,)
         Of the nodes, ascending, base first [m].
     stiffness : ndarray, shape (N-1, 6)
-        Of every element, in beam axes: axial, shear, shear [N], torsion, bending, bending [N m^2].
+        Of every element, in beam axes: axial, shear, shear [N], torsion, bending, bending [N m^2]. Shear includes the
+        residual flexibility of bending.
     mass_per_length : float
         [kg/m].
     rotary_inertia : ndarray, shape (3,)

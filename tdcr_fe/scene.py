@@ -293,11 +293,15 @@ class TDCR:
         if factor == self._compliance:
             return
         self._compliance = factor
-        share = np.array([1.0, 1.0, 1.0, 1.0 / factor, 1.0 / factor, 1.0 / factor])
-        for beam, stiffness, rigid in zip(self.oBeams, self.mesh.stiffness, self.rigid, strict=True):
+        softer = self.mesh.stiffness.copy()
+        softer[:, 3:] /= factor
+        # The residual flexibility of bending, which the shear holds, grows along.
+        residual = self.mesh.lengths[:, None] ** 2 / (12.0 * self.mesh.stiffness[:, 5:3:-1])
+        softer[:, 1:3] = 1.0 / (1.0 / self.mesh.stiffness[:, 1:3] + (factor - 1.0) * residual)
+        for beam, stiffness, rigid in zip(self.oBeams, softer, self.rigid, strict=True):
             if not rigid:
                 section = self.mbs.GetObjectParameter(beam, "sectionData")
-                section.stiffnessMatrix = np.diag(stiffness * share)
+                section.stiffnessMatrix = np.diag(stiffness)
                 self.mbs.SetObjectParameter(beam, "sectionData", section)
         section_forces = self.actuation.section
         if section_forces is not None and section_forces.superelastic is not None:

@@ -238,7 +238,7 @@ class StrainSpaceSolver:
         # Forces fixed in the world have no derivative at a node; all other loads may have one.
         self._loads_jacobian = any(_turns(self.mbs.GetLoad(i)) for i in range(data.NumberOfLoads()))
 
-    def _find_clamps(self) -> dict[int, Array]:
+    def _find_clamps(self) -> dict[int, NDArray[np.int_]]:
         """By robot whose base is clamped to ground, the numbers of the joint's multipliers."""
         found = {}
         for i, robot in enumerate(self.robots):
@@ -445,8 +445,9 @@ class StrainSpaceSolver:
         if extra is not None:
             j[: extra.shape[0], : extra.shape[1]] += extra
         if not self._reactions:
-            for i, joint in self._clamps.items():
-                self._reactions[i] = np.linalg.inv(self._reduction.node_rows(j, self._slices[i].start, joint))
+            for number, joint in self._clamps.items():
+                by_joint = self._reduction.node_rows(j, self._slices[number].start, joint)
+                self._reactions[number] = np.linalg.inv(by_joint)
         k = self._reduction.jacobian(j, check=self._iteration == 0)
         for robot, part in zip(self.robots, self._slices, strict=True):
             i = slice(6 * part.start, 6 * part.stop)
@@ -488,12 +489,12 @@ class StrainSpaceSolver:
         k = self._jacobian(t)
         if k is not self._blocks_of:
             self._blocks_of = k
-            inside = [slice(6 * part.start, 6 * part.stop) for part in self._slices]
+            inside = [slice(6 * own.start, 6 * own.stop) for own in self._slices]
             self._blocks = [NodeBlocks(k[i, i]) for i in inside]
-        for part, blocks, chain, pose in zip(
+        for own, blocks, chain, pose in zip(
             self._slices, self._blocks, self._chains, self._poses, strict=True
         ):
-            chain.add_unbalanced(blocks, r[6 * part.start : 6 * part.stop], *pose)
+            chain.add_unbalanced(blocks, r[6 * own.start : 6 * own.stop], *pose)
         if self._linear > len(k):
             extra = self._linear - len(k)
             k = np.pad(k, ((0, extra), (0, extra)))
