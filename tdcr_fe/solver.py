@@ -447,7 +447,7 @@ class StrainSpaceSolver:
         if not self._reactions:
             for number, joint in self._clamps.items():
                 by_joint = self._reduction.node_rows(j, self._slices[number].start, joint)
-                self._reactions[number] = np.linalg.inv(by_joint)
+                self._reactions[number] = np.asarray(np.linalg.inv(by_joint), dtype=float)
         k = self._reduction.jacobian(j, check=self._iteration == 0)
         for robot, part in zip(self.robots, self._slices, strict=True):
             i = slice(6 * part.start, 6 * part.stop)
