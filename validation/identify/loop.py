@@ -15,7 +15,7 @@ from tdcr_fe.validation.effects import EFFECTS, Effect
 from tdcr_fe.validation.identify.fitting import Fit, Point, Problem
 from tdcr_fe.validation.identify.forward import ForwardModel
 from tdcr_fe.validation.identify.holdout import choose_held_out
-from tdcr_fe.validation.identify.noise import estimate_sigma, excess, is_noise, outliers, structure
+from tdcr_fe.validation.identify.noise import alike, estimate_sigma, excess, is_noise, outliers, structure
 from tdcr_fe.validation.identify.outcome import (
     AddedEffect,
     Candidate,
@@ -160,6 +160,19 @@ class _Loop:
     def level(self, fit: Fit) -> float:
         """Misfit per degree of freedom, at least one."""
         return max(1.0, fit.cost / max(1, int(np.count_nonzero(self.fitted)) - len(fit.free)))
+
+    def doubt(self, fit: Fit) -> float:
+        """What a difference of the criterion is measured by when models are told apart, at least one.
+
+        One where noise is left. Else the misfit per degree of freedom on all readings, times the number of steps over
+        which the residual stays alike: what is left is then the same error seen many times, and no witness for the
+        model that happens to follow it.
+        """
+        if self.is_noise(fit):
+            return 1.0
+        misfit = (fit.cost + fit.held_cost) / max(1, self.count - len(fit.free))
+        rho = float(np.clip(alike(self.problem.data, fit.residual), 0.0, 0.9))
+        return max(1.0, misfit) * (1.0 + rho) / (1.0 - rho)
 
     def is_noise(self, fit: Fit) -> bool:
         """Whether what a model leaves is noise, on fitted and on held-out readings, in size and in structure."""
@@ -413,12 +426,29 @@ class _Loop:
                         s.history.append(f"{x.effect.name} in the place of {e.name}: it explains more")
                         s.best, swapped = other, True
                         break
-                    if gap < SAME:
+                    if self.criterion(other) - self.criterion(s.best) < SAME * self.doubt(s.best):
                         s.rivals.setdefault(e.name, []).append(x.effect.name)
                 if swapped:
                     break
             if not swapped:
-                return
+                break
+        self.compare_sets()
+
+    def compare_sets(self) -> None:
+        """Name effects of other models of the same size that do as well, each beside the effect that it resembles."""
+        s = self.state
+        signatures = {x.effect.name: x.signature for x in self.screened(s.base)}
+        mine = set(s.best.names)
+        for key, other in s.fits.items():
+            if not other.solved or len(key) != len(mine) or len(key & mine) > len(mine) - 2:
+                continue
+            if self.criterion(other) - self.criterion(s.best) >= SAME * self.doubt(s.best):
+                continue
+            for name in key - mine:
+                likeness = {e: _likeness(signatures.get(e), signatures.get(name)) for e in mine - key}
+                like = max(likeness, key=lambda e: likeness[e])
+                if name not in s.rivals.setdefault(like, []):
+                    s.rivals[like].append(name)
 
     def placed(self, fit: Fit) -> list[Score]:
         """Scores of places along the backbone beside a model: every other one, and the neighbours of the best."""
@@ -447,12 +477,17 @@ class _Loop:
                 bases[frozenset(rest.names)] = rest
         found: list[tuple[float, Fit, Score]] = []
         for base in sorted(bases.values(), key=self.criterion)[:3]:
-            # To first order a place must do about as well as the best model, or it is not worth a fit.
+            # To first order a place must do about as well as the best model, or it is not worth a fit; the best place
+            # has more room, because linearisation misleads.
             room = 0.1 * base.cost + 5.0 * s.best.cost if base is not s.best else math.inf
             scores = [
                 x for x in self.placed(base) if x.drop > self.bar(1) * max(1.0, self.level(base) * 0.02)
             ]
-            found += [(base.cost - x.drop, base, x) for x in scores[:2] if base.cost - x.drop < room]
+            found += [
+                (base.cost - x.drop, base, x)
+                for i, x in enumerate(scores[:2])
+                if base.cost - x.drop < (room if i else max(room, 0.6 * base.cost))
+            ]
         fits = []
         for _, base, score in sorted(found, key=lambda p: p[0])[:3]:
             self.tell(f"fitting {score.effect.name}", 0.9)
@@ -472,6 +507,14 @@ class _Loop:
             if frozenset(e.name for e in listed) != frozenset(s.best.names):
                 s.best = s.fits[frozenset(e.name for e in listed)]
                 s.rivals = {k: v for k, v in s.rivals.items() if k in s.best.names}
+
+
+def _likeness(a: Array | None, b: Array | None) -> float:
+    """Largest cosine between what two effects can do to the readings; zero where one is not known."""
+    if a is None or b is None or not a.size or not b.size:
+        return 0.0
+    first, second = np.linalg.qr(a)[0], np.linalg.qr(b)[0]
+    return float(np.linalg.svd(first.T @ second, compute_uv=False)[0])
 
 
 def _list(names: Sequence[str]) -> str:

@@ -85,6 +85,13 @@ def excess(r: Array, parameters: int = 0) -> float:
     return float(norm.isf(max(p, 1e-300)))
 
 
+def alike(data: MeasuredData, r: Array) -> float:
+    """Correlation of the residuals of neighbouring steps, over all quantities and places."""
+    parts = [r[i] for i in series(data.readings) if i.size >= 2]
+    size = sum(float(np.sum(x[1:] ** 2 + x[:-1] ** 2)) for x in parts) / 2.0
+    return sum(float(np.sum(x[1:] * x[:-1])) for x in parts) / size if size > 0.0 else 0.0
+
+
 def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Structure, ...]:
     """Tests of a residual over sigma: by quantity, place, tendon, branch, load, step; signs and neighbours.
 
