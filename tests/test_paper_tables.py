@@ -5,15 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tdcr_fe.validation.measured import read_measured
+from tdcr_fe.loading import resolve
+from tdcr_fe.validation.measured import read_measured, write_measured
 from tdcr_fe.validation.paper.cases import prototype
 from tdcr_fe.validation.paper.comparison import compare_table, deviation
+from tdcr_fe.validation.paper.datasets import DATASETS, table_dataset
+from tdcr_fe.validation.paper.missing import first_stiffness, remarks, study_missing
 from tdcr_fe.validation.paper.tables import (
     TABLES,
     first_moment,
     growth_exponent,
     paper_table,
-    table1_dataset,
     table_remarks,
     typed_table,
 )
@@ -76,11 +78,65 @@ def test_an_unknown_table_is_named():
         paper_table(5)
 
 
-@pytest.mark.parametrize("all_rows", [False, True])
-def test_table_1_becomes_a_folder_of_measured_data(tmp_path, all_rows):
-    data = read_measured(table1_dataset(tmp_path / "table1", all_rows), strict=True)
-    assert len(data.readings) == (10 if all_rows else 8)
-    assert {r.quantity for r in data.readings} == {"chord_angle", "tip_offset"}
+def test_a_data_set_has_the_rows_that_agree_with_themselves():
+    rows = {name: table_dataset(name).rows for name in DATASETS}
+    assert rows == {
+        "table1": (2, 4, 5),
+        "table1-angles": (1, 2, 3, 4, 5),
+        "table2": (1, 2, 3, 4, 5, 6),
+        "table3": (1, 2, 3, 4, 5),
+        "table4": (1, 2, 3, 4, 5, 6),
+    }
+
+
+def test_every_reading_of_a_table_is_in_its_data_set_or_left_out_with_a_reason():
+    states = {"table1": 10, "table3": 12, "table4": 12}
+    for name, count in states.items():
+        found = table_dataset(name)
+        used = {r.step for r in found.data.readings}
+        assert len(used) + len(found.left_out) == count
+        assert all(reason for _, reason in found.left_out)
+    assert len(table_dataset("table4").left_out) == 3
+
+
+@pytest.mark.parametrize("name", [n for n in DATASETS if n != "table2"])
+def test_a_table_becomes_a_folder_of_measured_data(tmp_path, name):
+    found = table_dataset(name)
+    assert found.in_files
+    write_measured(found.data, tmp_path / name)
+    data = read_measured(tmp_path / name, strict=True)
+    assert data.step_ids == found.data.step_ids
+    assert [(r.step, r.quantity) for r in data.readings] == [
+        (r.step, r.quantity) for r in found.data.readings
+    ]
+    for a, b in zip(
+        resolve(data.robot, data.steps), resolve(found.data.robot, found.data.steps), strict=True
+    ):
+        assert a.values == pytest.approx(b.values)
+        f = [x.loads["tip"].force if "tip" in x.loads else (0.0, 0.0, 0.0) for x in (a, b)]
+        assert f[0] == pytest.approx(f[1])
+
+
+def test_an_unknown_data_set_is_named():
+    with pytest.raises(KeyError, match="table1-angles"):
+        table_dataset("table5")
+
+
+def test_three_consistent_rows_of_table_1_leave_nothing_to_hold_out():
+    """One effect at most, nothing held out, and the study says so."""
+    found = study_missing("table1")
+    assert found.held_out_rows == () and found.max_effects == 1 and found.stiffness_factor is None
+    assert any("too few to hold one out" in r for r in remarks(found))
+    before, after = found.stages[0].fitted, found.stages[-1].fitted
+    assert before.count == 6
+    assert np.rad2deg(before.rms_angle) == pytest.approx(6.2, abs=0.1)
+    assert after.rms_angle < 0.2 * before.rms_angle
+
+
+def test_the_loop_begins_with_the_stiffness_that_the_tensions_ask_for():
+    """Table 3: 3.5 to 9.5 times the declared stiffness from row to row."""
+    assert 5.0 < first_stiffness(table_dataset("table3")) < 8.0
+    assert first_stiffness(table_dataset("table1-angles")) is None
 
 
 def test_declared_model_misses_table_1_by_five_degrees_and_not_by_a_third_of_a_per_cent():

@@ -13,10 +13,11 @@ def add_paper_parser(commands: Any) -> None:
         "paper",
         help="reproduce the paper's figures and tables, and judge its claims",
         description="Solve every figure and table of the paper, put its claims to the test, and write one page "
-        "(report.html), the numbers (report.json) and the cases as input for 'tdcr-fe run' (cases/).",
+        "(report.html), the numbers (report.json), the cases as input for 'tdcr-fe run' (cases/) and the tables as "
+        "input for 'tdcr-fe identify' (datasets/).",
     )
     parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for the report")
-    parser.add_argument("--no-effects", action="store_true", help="leave out the closed loop on Table 1")
+    parser.add_argument("--no-effects", action="store_true", help="leave out the closed loop on the tables")
     parser.add_argument(
         "--docs", metavar="DOCS", help="also write paper.md and its pictures into this folder"
     )
@@ -34,7 +35,7 @@ def paper(args: argparse.Namespace) -> int:
     from tdcr_fe.output import check_place
     from tdcr_fe.validation.paper.cases import write_cases
     from tdcr_fe.validation.paper.claims import verdicts
-    from tdcr_fe.validation.paper.report import write_docs, write_report
+    from tdcr_fe.validation.paper.report import write_datasets, write_docs, write_report
     from tdcr_fe.validation.paper.run import PARTS, run_paper, tasks
 
     out = check_place(args.out)
@@ -52,6 +53,7 @@ def paper(args: argparse.Namespace) -> int:
     seconds = time.perf_counter() - begun
     written = write_report(run, out, seconds)
     write_cases(out / "cases")
+    write_datasets(run, out / "datasets")
     if args.docs:
         write_docs(run, Path(args.docs), seconds)
     if not args.quiet:
@@ -59,5 +61,5 @@ def paper(args: argparse.Namespace) -> int:
         width = max(len(v.verdict) for v in found)
         for v in found:
             print(f"{v.verdict.ljust(width)}  {v.claim}")
-        print(f"\n{seconds:.0f} s. Written to {out}: {', '.join(p.name for p in written)}, cases/")
+        print(f"\n{seconds:.0f} s. Written to {out}: {', '.join(p.name for p in written)}, cases/, datasets/")
     return 0

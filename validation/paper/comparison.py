@@ -71,10 +71,10 @@ def row_steps(
     """
     if number == 2:
         tensions = {"a1": float(row["tension_1_N"]), "b1": float(row["tension_2_N"])}
-        loads = {"middle": (0.5, row["concentrated_load_N"]), "end": (1.0, row["end_load_N"])}
+        loads = {"middle": (0.5, row["concentrated_load_N"]), "tip": (1.0, row["end_load_N"])}
     else:
         tensions = {robot.tendon_names[0]: float(row["tension_N"]) - dead_band}
-        loads = {"end": (1.0, row["load_N"])}
+        loads = {"tip": (1.0, row["load_N"])}
     steps = [LoadStep("pull", tensions)]
     if loaded:
         x, y = LOAD_DIRECTION[number]

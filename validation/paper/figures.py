@@ -31,6 +31,8 @@ _STYLE: Any = {
     "axes.titlesize": 9,
     "legend.frameon": False,
     "svg.fonttype": "none",
+    # The same drawing twice is the same text.
+    "svg.hashsalt": "tdcr-fe",
     "font.family": "sans-serif",
     "axes.grid": True,
     "grid.alpha": 0.25,
@@ -40,7 +42,8 @@ _STYLE: Any = {
 def svg(figure: Figure) -> str:
     """The figure as SVG text, without the lines that belong in a file of its own."""
     text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None})
+    with plt.rc_context(_STYLE):
+        figure.savefig(text, format="svg", metadata={"Date": None})
     plt.close(figure)
     whole = text.getvalue()
     return whole[whole.index("<svg") :]
@@ -196,6 +199,43 @@ def _draw_table(axis: Any, study: TableStudy) -> None:
         axis.axvspan(row - 0.4, row + 0.4, color="#cc0000", alpha=0.08, lw=0)
     axis.set(title=f"Table {study.number}", xlabel="row", ylabel="chord angle at the tip [deg]")
     axis.set_xticks(study.table["row"])
+
+
+def draw_missing(run: PaperRun) -> Figure:
+    """Chord angles in the data sets of the closed loop: measured, as declared, and after each stage."""
+    looks = (
+        ("#D55E00", "s", "as declared"),
+        ("#0072B2", "^", "one stiffness"),
+        ("#009E73", "v", "with effects"),
+    )
+    with plt.rc_context(_STYLE):
+        figure, axes = plt.subplots(1, len(run.missing), figsize=(13.2, 3.2), layout="constrained")
+        legend: dict[str, Any] = {}
+        for axis, study in zip(np.atleast_1d(axes), run.missing.values(), strict=True):
+            data = study.table.data
+            chosen = [i for i, r in enumerate(data.readings) if r.unit == "rad"]
+            rows = [study.table.row(data.readings[i].step) for i in chosen]
+            for row in study.held_out_rows:
+                axis.axvspan(row - 0.4, row + 0.4, color="#777777", alpha=0.12, lw=0)
+            for stage in study.stages:
+                known = {x[2]: x for x in looks}
+                color, mark, name = known.get(stage.name, looks[2])
+                values = np.rad2deg(stage.predicted[chosen])
+                (legend[name],) = axis.plot(rows, values, mark, color=color, mfc="none", ms=5)
+            measured = np.rad2deg([data.readings[i].value for i in chosen])
+            (legend["measured"],) = axis.plot(rows, measured, "k*", ms=7)
+            axis.set(title=study.table.title, xlabel="row", ylabel="chord angle at the tip [deg]")
+            axis.set_xticks(sorted(set(rows)))
+            axis.set_ylim(0.0, min(1.9 * measured.max(), axis.get_ylim()[1]))
+            axis.title.set_fontsize(8)
+        figure.legend(
+            list(legend.values()),
+            list(legend),
+            loc="outside lower center",
+            ncols=4,
+            title="grey: rows held out",
+        )
+    return figure
 
 
 def draw_searches(run: PaperRun) -> Figure:

@@ -12,11 +12,20 @@ import jinja2
 import numpy as np
 
 from tdcr_fe import __version__
+from tdcr_fe.validation.measured import write_measured
 from tdcr_fe.validation.paper.cases import MODEL_NAMES, packaged_text
 from tdcr_fe.validation.paper.claims import case_table, orders, verdicts
 from tdcr_fe.validation.paper.comparison import Deviation, Reading
-from tdcr_fe.validation.paper.figures import draw_case, draw_dynamics, draw_searches, draw_tables, svg
+from tdcr_fe.validation.paper.figures import (
+    draw_case,
+    draw_dynamics,
+    draw_missing,
+    draw_searches,
+    draw_tables,
+    svg,
+)
 from tdcr_fe.validation.paper.limitations import Influence
+from tdcr_fe.validation.paper.missing import Gap, MissingStudy, remarks, tried
 from tdcr_fe.validation.paper.run import PaperRun, euler_load, sign_steps
 from tdcr_fe.validation.paper.tables import table_remarks, table_title, typed_table
 
@@ -70,6 +79,43 @@ def _reading(r: Reading) -> dict[str, Any]:
         "deviation": scale * gap,
         "percent_of_length": share,
         "consistent": r.consistent,
+    }
+
+
+def _gap(g: Gap) -> dict[str, Any]:
+    return {
+        "readings": g.count,
+        "rms_offset_mm": 1e3 * g.rms_offset,
+        "max_offset_mm": 1e3 * g.max_offset,
+        "rms_angle_deg": np.rad2deg(g.rms_angle),
+        "max_angle_deg": np.rad2deg(g.max_angle),
+        "mean_percent": g.mean_percent,
+    }
+
+
+def _missing(m: MissingStudy) -> dict[str, Any]:
+    found = None if m.result is None else m.result.to_json()
+    return {
+        "dataset": m.table.id,
+        "title": m.table.title,
+        "rows": m.table.rows,
+        "readings": len(m.table.data.readings),
+        "held_out_rows": m.held_out_rows,
+        "stiffness_factor": m.stiffness_factor,
+        "max_effects": m.max_effects,
+        "stages": [
+            {"model": s.name, "fitted": _gap(s.fitted), "held_out": _gap(s.held_out)} for s in m.stages
+        ],
+        "verdict": "not solved" if found is None else found["verdict"],
+        "effects": [] if found is None else found["effects"],
+        "remarks": remarks(m),
+        "remaining": None if found is None else found["remaining"],
+        "tried": [{"effect": n, "misfit_fitted": a, "misfit_held_out": b} for n, a, b in tried(m)],
+        "left_out": [{"what": a, "reason": b} for a, b in m.table.left_out],
+        "note": m.table.note,
+        "in_files": m.table.in_files,
+        "simulations": None if found is None else found["simulations"],
+        "wall_time_s": None if found is None else found["wall_time"],
     }
 
 
@@ -187,7 +233,7 @@ def to_json(run: PaperRun, wall_time: float) -> dict[str, Any]:
             }
             for d in run.dynamics
         ],
-        "effects_of_table1": run.effects,
+        "missing": [_missing(m) for m in run.missing.values()],
     }
     if run.tables and run.printed_offset and run.simulation_rod and run.directions is not None:
         out["table1_variants"] = {
@@ -256,6 +302,8 @@ def drawings(run: PaperRun) -> dict[str, str]:
     found = {name: svg(draw_case(study)) for name, study in run.cases.items()}
     if run.tables:
         found["tables"] = svg(draw_tables(run))
+    if run.missing:
+        found["missing"] = svg(draw_missing(run))
     if run.searches:
         found["critical"] = svg(draw_searches(run))
     if run.dynamics:
@@ -287,6 +335,16 @@ def write_report(run: PaperRun, out: Path, wall_time: float) -> list[Path]:
     )
     page.write_text(html(run, data), encoding="utf-8")
     return [page, numbers]
+
+
+def write_datasets(run: PaperRun, folder: Path) -> list[Path]:
+    """Write the tables as the closed loop was given them, one folder each, where files can hold them."""
+    written = []
+    for name, study in run.missing.items():
+        if study.table.in_files and study.result is not None:
+            write_measured(study.result.data, folder / name)
+            written.append(folder / name)
+    return written
 
 
 def write_docs(run: PaperRun, folder: Path, wall_time: float) -> list[Path]:

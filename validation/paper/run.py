@@ -5,9 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,6 +28,7 @@ from tdcr_fe.validation.paper.comparison import (
     load_direction_study,
 )
 from tdcr_fe.validation.paper.critical import CriticalSearch, search_critical_load
+from tdcr_fe.validation.paper.datasets import DATASETS
 from tdcr_fe.validation.paper.limitations import (
     DynamicRun,
     Influence,
@@ -40,6 +38,7 @@ from tdcr_fe.validation.paper.limitations import (
     dynamic_run,
     pressure_dependent_friction,
 )
+from tdcr_fe.validation.paper.missing import MissingStudy, study_missing
 from tdcr_fe.validation.paper.signs import SignStep, trial_signs
 from tdcr_fe.validation.paper.stiffness import (
     IdentifiedStiffness,
@@ -47,7 +46,7 @@ from tdcr_fe.validation.paper.stiffness import (
     validation_error,
     with_identified_stiffness,
 )
-from tdcr_fe.validation.paper.tables import TABLES, paper_table, table1_dataset
+from tdcr_fe.validation.paper.tables import TABLES, paper_table
 from tdcr_fe.validation.reference.sequence import solve_reference
 
 Array = NDArray[np.float64]
@@ -167,7 +166,7 @@ class PaperRun:
     signs: list[SignStep] = field(default_factory=list)
     signs_own: tuple[StepResult, ...] = ()
     stiffness: StiffnessStudy | None = None
-    effects: dict[str, Any] | None = None
+    missing: dict[str, MissingStudy] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
 
@@ -181,7 +180,7 @@ def run_paper(parts: Sequence[str] = PARTS, progress: Progress | None = None) ->
     Parameters
     ----------
     parts
-        Some of `PARTS`; "effects" runs the closed loop of `tdcr_fe.validation.identify` on Table 1.
+        Some of `PARTS`; "effects" runs the closed loop of `tdcr_fe.validation.identify` on every table.
     progress
         Called with what was finished.
     """
@@ -212,7 +211,7 @@ def tasks(parts: Sequence[str] = PARTS) -> int:
         "signs": 1,
         "stiffness": 1,
         "limitations": 5,
-        "effects": 1,
+        "effects": len(DATASETS),
     }
     return sum(counts[p] for p in parts)
 
@@ -451,16 +450,7 @@ def _limitations(run: PaperRun, tell: Progress) -> None:
 # --------------------------------------------------------------------------------------------------- effects
 
 
-def effects_of_table1() -> dict[str, Any]:
-    """The closed loop on Table 1 without load: what the declared model lacks, as ``result.json`` has it."""
-    from tdcr_fe.validation.identify import identify
-    from tdcr_fe.validation.measured import read_measured
-
-    with TemporaryDirectory() as place:
-        data = read_measured(table1_dataset(Path(place) / "paper-table1"))
-        return identify(data).to_json()
-
-
 def _effects(run: PaperRun, tell: Progress) -> None:
-    run.effects = effects_of_table1()
-    tell("effects that Table 1 lacks")
+    for name in DATASETS:
+        run.missing[name] = study_missing(name)
+        tell(f"what is missing, {name}")

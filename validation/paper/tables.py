@@ -19,15 +19,11 @@ makes ``EI_tension`` too large by less than the Capstan factor.
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.files import model_to_toml, robot_to_toml
-from tdcr_fe.loading import Model
 from tdcr_fe.robot import Robot, Tendon
 from tdcr_fe.validation.paper.cases import packaged_text, prototype
 
@@ -85,10 +81,11 @@ def paper_table(number: int) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        The printed columns; ``row`` from 1; ``chord..._mm`` and ``even_bend_chord..._mm`` for every pair of
-        offset and angle; ``stiffness_from_tension_Nm2`` and ``stiffness_from_load_Nm2`` where the row has both;
-        ``geometry_ok`` (some robot can have this shape), ``elastic_ok`` (one stiffness fits the tension and the
-        load), and ``reasons``, a sentence for each check that fails.
+        The printed columns; ``row`` from 1; ``chord..._mm``, ``even_bend_chord..._mm`` and ``wrong...`` (a sentence,
+        or nothing) for every pair of offset and angle; ``stiffness_from_tension_Nm2`` and
+        ``stiffness_from_load_Nm2`` where the row has both; ``geometry_ok`` (some robot can have this shape),
+        ``elastic_ok`` (one stiffness fits the tension and the load), and ``reasons``, a sentence for each check that
+        fails.
 
     Raises
     ------
@@ -140,13 +137,14 @@ def _check_chord(
     even = length * np.sin(phi) / phi
     table[f"chord{suffix}_mm"] = chord
     table[f"even_bend_chord{suffix}_mm"] = even
+    found: list[str] = [""] * len(table)
     what = {"": "", "_loaded": "loaded ", "_1": "first segment's ", "_2": "tip's "}[suffix]
     for k, (c, e) in enumerate(zip(chord, even, strict=True)):
         if c > length * (1.0 + CHORD_TOLERANCE):
-            reasons[k].append(f"{what}chord of {c:.0f} mm on a {length:.0f} mm robot")
+            found[k] = f"{what}chord of {c:.0f} mm on a {length:.0f} mm robot"
         elif c < e * (1.0 - tolerance):
             aside = np.sqrt((e * np.sin(phi[k])) ** 2 - table[offset][k] ** 2)
-            reasons[k].append(
+            found[k] = (
                 f"{what}chord of {c:.0f} mm where {table[angle][k]:g} deg needs about {e:.0f} mm: offset "
                 f"{table[offset][k]:g} mm, or the angle, is wrong"
                 + (
@@ -155,6 +153,9 @@ def _check_chord(
                     else ""
                 )
             )
+    table[f"wrong{suffix}"] = found
+    for r, text in zip(reasons, found, strict=True):
+        r.extend([text] if text else [])
 
 
 def first_moment(robot: Robot, tendon: Tendon) -> float:
@@ -253,39 +254,3 @@ def growth_exponent(table: pd.DataFrame) -> float:
     """Exponent ``p`` of offset ~ tension^p over the unloaded, consistent rows of a table [1]."""
     used = table[table["geometry_ok"]]
     return float(np.polyfit(np.log(used["tension_N"]), np.log(used["offset_mm"]), 1)[0])
-
-
-def table1_dataset(folder: str | os.PathLike[str], all_rows: bool = False) -> Path:
-    """Write Table 1 without load as a folder of measured data.
-
-    Parameters
-    ----------
-    folder
-        Gets ``robot.toml`` (as declared), ``model.toml``, ``loading.csv`` and ``observations.csv``.
-    all_rows
-        Also the offsets of rows that contradict their own angle; without it, those rows give their angle only.
-
-    Returns
-    -------
-    Path
-        The folder.
-    """
-    place = Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
-    table = paper_table(1)
-    robot = prototype(1)
-    (place / "robot.toml").write_text(robot_to_toml(robot), encoding="utf-8")
-    (place / "model.toml").write_text(model_to_toml(Model()), encoding="utf-8")
-    name = robot.tendon_names[0]
-    loading = pd.DataFrame({"step": table["row"], f"tension_{name}": table["tension_N"]})
-    loading.to_csv(place / "loading.csv", index=False)
-    rows: list[tuple[int, str, str, float, float]] = []
-    for row, offset, angle, good in zip(
-        table["row"], table["offset_mm"], table["angle_deg"], table["geometry_ok"], strict=True
-    ):
-        rows.append((int(row), "chord_angle", "", np.deg2rad(angle), STATED_ERROR / robot.backbone.length))
-        if good or all_rows:
-            rows.append((int(row), "tip_offset", "", 1e-3 * offset, STATED_ERROR))
-    observations = pd.DataFrame(rows, columns=["step", "quantity", "location", "value", "sigma"])
-    observations.to_csv(place / "observations.csv", index=False)
-    return place
