@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import acos
 from typing import Any
 
 import exudyn as exu
@@ -18,17 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 
+from tdcr_fe.configuration import Configuration, Place
 from tdcr_fe.elements.actuation import TendonActuation
-from tdcr_fe.elements.backbone import ElementChain, NodeBlocks, relative_twists
+from tdcr_fe.elements.backbone import ElementChain, NodeBlocks
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.friction import FrictionState
 from tdcr_fe.elements.hooks import SceneHooks
-from tdcr_fe.elements.poses import euler_parameters_near, exp_se3
 from tdcr_fe.reduction import BodyFrameReduction
 
 Array = NDArray[np.float64]
 _NONE = np.zeros(0, dtype=bool)
-_EYE6, _ONES4 = np.eye(6), np.ones(4)
+_EYE6 = np.eye(6)
 
 #: A step with the tangent of the iteration before leaves about this times the residual, per turn of the elements that
 #: the tangent has seen since [1/rad]; 0.4 to 5 in 200 steps of all routings.
@@ -85,10 +84,7 @@ class NotConverged(Exception):
 class Snapshot:
     """A state that the solver can go back to."""
 
-    coordinates: Array
-    multipliers: Array
-    twists: list[Array]
-    roots: list[tuple[Array, Array]]
+    place: Place
     tensions: list[Array]
     histories: list[FrictionState]
     mobilisations: list[Array]
@@ -184,8 +180,16 @@ class StrainSpaceSolver:
         data.SetODE2Coordinates(start)
         if multipliers.size:
             data.SetAECoordinates(multipliers)
+        self._tension = [r.base_tension.copy() for r in self.robots]
+        self._mobilisation = [r.state.mobilisation.copy() for r in self.robots]
+        self._start: list[Array] | None = None
+        self._iteration = 0
+        self._presliding, self._damping = self.settings.presliding, 0.0
+        self._factors: tuple[Array, Array] | None = None
+        self._sign = 0
+        #: Sign of the tangent where the robot is stable, as far as known.
+        self.stable_sign = 0
         self._number_unknowns()
-        self.read_scene()
 
     # ------------------------------------------------------------------ unknowns
 
@@ -209,23 +213,14 @@ class StrainSpaceSolver:
         )
         self._blocks_of: Array | None = None
         self._numbered: tuple[Any, ...] = ()
-        self._beam, self._nodes = self._reduction.beam, self._reduction.nodes
-        ends = np.cumsum([len(r.nodes) for r in self.robots])
-        self._slices = [slice(int(e) - len(r.nodes), int(e)) for e, r in zip(ends, self.robots, strict=True)]
-        starts = [6 * self._slices[i].start for i in self._clamps]
+        #: Where the scene is.
+        self.now = Configuration(self.mbs, self.robots, self._reduction, list(self._clamps))
+        starts = [6 * self.now.slices[i].start for i in self._clamps]
         self._bases = [slice(k, k + 6) for k in starts]
-        self._reference = np.array(data.GetODE2Coordinates(exu.ConfigurationType.Reference))
-        self._beam_reference = self._reference[self._beam]
-        flat = self._beam.ravel()
-        #: Where the beam nodes' coordinates lie, if in one piece and in order.
-        self._span = (
-            slice(int(flat[0]), int(flat[-1]) + 1)
-            if np.array_equal(np.diff(flat), np.ones(len(flat) - 1))
-            else None
-        )
+        self._current = False
         self._scale_length = max(float(r.mesh.arc_lengths[-1]) for r in self.robots)
         # Moments count by a lever of a fiftieth of the length, gaps in joints by the length.
-        nodes = np.tile(np.repeat((1.0, 50.0 / self._scale_length), 3), self._nodes)
+        nodes = np.tile(np.repeat((1.0, 50.0 / self._scale_length), 3), self._reduction.nodes)
         other = np.ones(len(self._reduction.other_coordinates))
         gaps = np.full(len(self._reduction.other_multipliers), 1.0 / self._scale_length)
         self._weights = np.concatenate((nodes, other, gaps))
@@ -249,31 +244,6 @@ class StrainSpaceSolver:
                 found[i] = np.array(self.mbs.systemData.GetObjectLTGAE(robot.clamp.joint), dtype=int)
         return found
 
-    def read_scene(self) -> None:
-        """Take the configuration that the scene is in now."""
-        self.twists: list[Array] = []
-        self.roots: list[tuple[Array, Array]] = []
-        data = self.mbs.systemData
-        self._coordinates = np.array(data.GetODE2Coordinates())
-        self._multipliers = np.array(data.GetAECoordinates())
-        self._multipliers_written = True
-        for i, robot in enumerate(self.robots):
-            p, r, _ = robot.scene_poses()
-            self.twists.append(relative_twists(p, r))
-            clamp = robot.clamp if i in self._clamps else None
-            self.roots.append((p[0], r[0]) if clamp is None else (clamp.position, clamp.rotation))
-        self._tension = [r.base_tension.copy() for r in self.robots]
-        self._mobilisation = [r.state.mobilisation.copy() for r in self.robots]
-        self._parameters: Array | None = None
-        self._start: list[Array] | None = None
-        self._iteration = 0
-        self._presliding, self._damping = self.settings.presliding, 0.0
-        self._factors: tuple[Array, Array] | None = None
-        self._sign = 0
-        #: Sign of the tangent where the robot is stable, as far as known.
-        self.stable_sign = 0
-        self._rebuild()
-
     @property
     def length(self) -> float:
         """Length of the longest backbone [m]."""
@@ -281,50 +251,18 @@ class StrainSpaceSolver:
 
     def positions(self, robot: int | None = None) -> Array:
         """Positions of the nodes of one robot, or of all [m], shape (N, 3)."""
-        return self._positions if robot is None else self._poses[robot][0]
+        return self.now.positions if robot is None else self.now.poses[robot][0]
 
     def rotations(self, robot: int) -> Array:
         """Rotations of the nodes of one robot, in beam axes, shape (N, 3, 3)."""
-        return self._poses[robot][1]
-
-    def _rebuild(self) -> None:
-        """Poses of all beam nodes from base and strains, and their coordinates in Exudyn."""
-        self._chains = [ElementChain(twists) for twists in self.twists]
-        self._poses = [chain.poses(*root) for root, chain in zip(self.roots, self._chains, strict=True)]
-        if len(self._poses) == 1:
-            positions, rotations = self._poses[0]
-        else:
-            positions = np.concatenate([p for p, _ in self._poses])
-            rotations = np.concatenate([r for _, r in self._poses])
-        beam = self._beam_coordinates(self._coordinates)
-        if self._parameters is None:
-            self._parameters = beam[:, 3:] + self._beam_reference[:, 3:]
-        # Both signs are the same rotation; Exudyn's own solvers go on from the nearer one.
-        parameters = euler_parameters_near(rotations, self._parameters)
-        self._positions, self._rotations, self._parameters = positions, rotations, parameters
-        np.subtract(positions, self._beam_reference[:, :3], out=beam[:, :3])
-        np.subtract(parameters, self._beam_reference[:, 3:], out=beam[:, 3:])
-        if not self._span:
-            self._coordinates[self._beam] = beam
-        self._reduction.set_poses(rotations, parameters)
-        #: Whether scene and forces are those of the present unknowns.
-        self._current = False
-
-    def _write_scene(self) -> None:
-        self.mbs.systemData.SetODE2Coordinates(self._coordinates)
-        if not self._multipliers_written:
-            self.mbs.systemData.SetAECoordinates(self._multipliers)
-            self._multipliers_written = True
+        return self.now.poses[robot][1]
 
     # ------------------------------------------------------------------ states
 
     def snapshot(self) -> Snapshot:
         """The present state, history included."""
         return Snapshot(
-            self._coordinates.copy(),
-            self._multipliers.copy(),
-            list(self.twists),
-            list(self.roots),
+            self.now.place(),
             [r.base_tension.copy() for r in self.robots],
             [r.state for r in self.robots],
             [x.copy() for x in self._mobilisation],
@@ -332,44 +270,29 @@ class StrainSpaceSolver:
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a state."""
-        self._coordinates = snapshot.coordinates.copy()
-        self._multipliers = snapshot.multipliers.copy()
-        self._multipliers_written = not self._na
-        self.twists, self.roots = list(snapshot.twists), list(snapshot.roots)
+        self.now.go(snapshot.place)
+        self._current = False
         for robot, tension, state in zip(self.robots, snapshot.tensions, snapshot.histories, strict=True):
             robot.base_tension, robot.state = tension.copy(), state
         self._tension = [x.copy() for x in snapshot.tensions]
         self._mobilisation = [x.copy() for x in snapshot.mobilisations]
-        self._rebuild()
 
     def guess(self, snapshot: Snapshot) -> None:
         """Take the unknowns of another run as the start of the next solve, keeping the present history.
 
         Does nothing where that run had another mesh.
         """
-        if [len(t) for t in snapshot.twists] != [len(t) for t in self.twists]:
+        if not self.now.fits(snapshot.place):
             return
-        if len(snapshot.coordinates) != len(self._coordinates):
-            return
-        self._coordinates = snapshot.coordinates.copy()
-        self._multipliers = snapshot.multipliers.copy()
-        self._multipliers_written = not self._na
-        self.twists, self.roots = list(snapshot.twists), list(snapshot.roots)
+        self.now.go(snapshot.place)
+        self._current = False
         for robot, tension in zip(self.robots, snapshot.tensions, strict=True):
             robot.base_tension = tension.copy()
         self._start = [x.copy() for x in snapshot.mobilisations]
-        self._rebuild()
 
     def turn_since(self, snapshot: Snapshot) -> float:
         """Largest rotation of any node since a state [rad]."""
-        now, then = self._beam_coordinates(self._coordinates), self._beam_coordinates(snapshot.coordinates)
-        reference = self._beam_reference[:, 3:]
-        cosine = np.abs(((now[:, 3:] + reference) * (then[:, 3:] + reference)) @ _ONES4).min()
-        return 2.0 * acos(min(float(cosine), 1.0))
-
-    def _beam_coordinates(self, coordinates: Array) -> Array:
-        """Of the beam nodes, shape (N, 7); a view where they lie in one piece."""
-        return coordinates[self._span].reshape(-1, 7) if self._span else coordinates[self._beam]
+        return self.now.turn_since(snapshot.place)
 
     def refresh(self) -> None:
         """Bring forces and fields to a restored state without solving."""
@@ -379,21 +302,18 @@ class StrainSpaceSolver:
         """Leave the solved state in the scene, as current and as initial configuration."""
         if not self._current:
             self._update_forces()
-        data = self.mbs.systemData
-        data.SetODE2Coordinates(self._coordinates, exu.ConfigurationType.Initial)
-        if self._na:
-            data.SetAECoordinates(self._multipliers, exu.ConfigurationType.Initial)
+        self.now.keep()
 
     # ------------------------------------------------------------------ Newton
 
     def _update_forces(self, t: float = 0.0) -> None:
         """Bring the scene and all its forces to the present unknowns."""
-        self._write_scene()
+        self.now.write()
         user = self.hooks.user_function("PreNewtonResidual")
         if user is not None:
             user(self.mbs, t, self._iteration, 0)
         for i, (robot, (p, r), twists, tension) in enumerate(
-            zip(self.robots, self._poses, self.twists, self._tension, strict=True)
+            zip(self.robots, self.now.poses, self.now.twists, self._tension, strict=True)
         ):
             robot.update_mixed(p, r, tension, self._mobilisation[i], twists)
             robot.apply()
@@ -422,7 +342,6 @@ class StrainSpaceSolver:
         """Treat clamped bases as any other joint from now on: somebody has moved what they sit on."""
         self._released = True
         self._number_unknowns()
-        self._rebuild()
 
     def _react(self, t: float) -> None:
         """Give the joints of clamped bases the forces that keep them, after everything else is in equilibrium."""
@@ -431,8 +350,8 @@ class StrainSpaceSolver:
         if not self._reactions:
             self._jacobian(t)
         for (i, joint), acting in zip(self._clamps.items(), self._on_bases, strict=True):
-            self._multipliers[joint] -= self._reactions[i] @ acting
-        self.mbs.systemData.SetAECoordinates(self._multipliers)
+            self.now.multipliers[joint] -= self._reactions[i] @ acting
+        self.now.write_multipliers()
 
     def _jacobian(self, t: float) -> Array:
         """Exudyn's Jacobian in the same terms, with what the tendons add."""
@@ -446,10 +365,10 @@ class StrainSpaceSolver:
             j[: extra.shape[0], : extra.shape[1]] += extra
         if not self._reactions:
             for number, joint in self._clamps.items():
-                by_joint = self._reduction.node_rows(j, self._slices[number].start, joint)
+                by_joint = self._reduction.node_rows(j, self.now.slices[number].start, joint)
                 self._reactions[number] = np.asarray(np.linalg.inv(by_joint), dtype=float)
         k = self._reduction.jacobian(j, check=self._iteration == 0)
-        for robot, part in zip(self.robots, self._slices, strict=True):
+        for robot, part in zip(self.robots, self.now.slices, strict=True):
             i = slice(6 * part.start, 6 * part.stop)
             if robot.count or robot.section is not None:
                 robot.add_tangent(k[i, i], self._loads_jacobian)
@@ -468,7 +387,7 @@ class StrainSpaceSolver:
         #: Number of unknowns that equilibrium is linear in.
         self._linear = hole
         self._parts: list[_Part] = []
-        for i, (robot, nodes) in enumerate(zip(self.robots, self._slices, strict=True)):
+        for i, (robot, nodes) in enumerate(zip(self.robots, self.now.slices, strict=True)):
             self._parts.append(
                 _Part(
                     i,
@@ -489,10 +408,10 @@ class StrainSpaceSolver:
         k = self._jacobian(t)
         if k is not self._blocks_of:
             self._blocks_of = k
-            inside = [slice(6 * own.start, 6 * own.stop) for own in self._slices]
+            inside = [slice(6 * own.start, 6 * own.stop) for own in self.now.slices]
             self._blocks = [NodeBlocks(k[i, i]) for i in inside]
         for own, blocks, chain, pose in zip(
-            self._slices, self._blocks, self._chains, self._poses, strict=True
+            self.now.slices, self._blocks, self.now.chains, self.now.poses, strict=True
         ):
             chain.add_unbalanced(blocks, r[6 * own.start : 6 * own.stop], *pose)
         if self._linear > len(k):
@@ -514,8 +433,8 @@ class StrainSpaceSolver:
             k[part.tensions, part.nodes] = rows
             k[part.tensions, part.tensions] = np.diag(np.where(slack, 1.0, robot.base_slip_by_base()[which]))
         if self._damping > 0.0:
-            nodes = np.arange(6 * self._nodes)
-            weight = np.tile(np.repeat((1.0 / self._scale_length**2, 1.0), 3), self._nodes)
+            nodes = np.arange(6 * self._reduction.nodes)
+            weight = np.tile(np.repeat((1.0 / self._scale_length**2, 1.0), 3), self._reduction.nodes)
             # Exudyn's Jacobian is that of the right-hand side: minus the stiffness.
             k[nodes, nodes] -= self._damping * weight
         for base in self._bases:
@@ -526,7 +445,7 @@ class StrainSpaceSolver:
         if info != 0 or not np.isfinite(lu[-1, -1]):
             raise np.linalg.LinAlgError
         self._factors, self._sign = (lu, pivots), 0
-        self._then = self._chains
+        self._then = self.now.chains
 
     @property
     def tangent_sign(self) -> int:
@@ -587,8 +506,10 @@ class StrainSpaceSolver:
     def _repeated_step(self, r: Array) -> Array:
         """A step with the tangent of the iteration before, taken in strains: turned frames do not spoil it there."""
         right = self._right_side(r)
-        nodes = right[: 6 * self._nodes].reshape(-1, 6)
-        for part, then, now, pose in zip(self._slices, self._then, self._chains, self._poses, strict=True):
+        nodes = right[: 6 * self._reduction.nodes].reshape(-1, 6)
+        for part, then, now, pose in zip(
+            self.now.slices, self._then, self.now.chains, self.now.poses, strict=True
+        ):
             nodes[part] = then.carry(nodes[part], *pose, now)
         for base in self._bases:
             right[base] = 0.0
@@ -752,7 +673,7 @@ class StrainSpaceSolver:
                     "the tangent is singular: something in the scene moves freely", size, iteration
                 ) from None
             still = size < 1e-3 and self._step_size(step) <= s.step_tolerance
-            self._advance(step, self._then if again else self._chains)
+            self._advance(step, self._then if again else self.now.chains)
             if still:
                 # Nothing moves any more: what is left of the residual is round-off of very stiff parts.
                 self._update_forces(t)
@@ -768,7 +689,7 @@ class StrainSpaceSolver:
         """A step of the damped motion: as long as it turns no section far, and never up to a saddle."""
         for _ in range(20):
             step = self._newton_step(t, r)
-            turn = float(np.max(np.abs(step[: 6 * self._nodes].reshape(-1, 6)[:, 3:])))
+            turn = float(np.max(np.abs(step[: 6 * self._reduction.nodes].reshape(-1, 6)[:, 3:])))
             climbs = self.tangent_sign * self.stable_sign < 0
             if turn <= 0.5 and not climbs:
                 break
@@ -779,7 +700,7 @@ class StrainSpaceSolver:
 
     def _step_size(self, step: Array) -> float:
         """Largest displacement over the backbone's length, or rotation, of any node in a step [1]."""
-        nodes = np.abs(step[: 6 * self._nodes].reshape(-1, 6))
+        nodes = np.abs(step[: 6 * self._reduction.nodes].reshape(-1, 6))
         return max(float(np.max(nodes[:, :3])) / self._scale_length, float(np.max(nodes[:, 3:])))
 
     def _advance(self, step: Array, chains: Sequence[ElementChain]) -> None:
@@ -792,26 +713,8 @@ class StrainSpaceSolver:
         chains
             In whose frames it is.
         """
-        n = self._nodes
-        nodes = step[: 6 * n].reshape(n, 6)
-        changes = [chain.changes(nodes[p]) for chain, p in zip(chains, self._slices, strict=True)]
-        turn = max(float(np.abs(c[:, 3:]).max()) for c in changes)
-        factor = min(1.0, self.settings.max_turn / turn) if turn > 0.0 else 1.0
-        self._turn = turn
-        for i, (change, own) in enumerate(zip(changes, self._slices, strict=True)):
-            self.twists[i] = self.twists[i] + factor * change
-            first = factor * nodes[own.start]
-            if max(map(abs, first.tolist())) > 1e-15:
-                p, r = self.roots[i]
-                dr, dp = exp_se3(first)
-                self.roots[i] = (p + r @ dp, r @ dr)
-        reduction = self._reduction
-        if reduction.count > 6 * n:
-            rest = factor * step[6 * n : reduction.count]
-            n2 = len(reduction.other_coordinates)
-            self._coordinates[reduction.other_coordinates] += rest[:n2]
-            self._multipliers[reduction.other_multipliers] += rest[n2:]
-            self._multipliers_written = not self._na
+        factor, self._turn = self.now.move(step, chains, self.settings.max_turn)
+        self._current = False
         for part in self._parts:
             i = part.index
             if part.driven.size:
@@ -823,7 +726,6 @@ class StrainSpaceSolver:
                 s, keep = self._mobilisation[i].copy(), part.robot.law.holding
                 s[keep] = np.clip(s[keep] + factor * change, -1.0, 1.0)
                 self._mobilisation[i] = s
-        self._rebuild()
 
     def commit(self) -> None:
         """Take the present holes' states as history."""

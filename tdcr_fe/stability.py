@@ -135,10 +135,10 @@ def strain_tangent(solver: StrainSpaceSolver, robot: int = 0) -> tuple[Array, Ar
             "Take the robot alone through tdcr_fe.simulate.Simulation"
         )
     solver.refresh()
-    part = solver._slices[robot]
+    part = solver.now.slices[robot]
     inside = slice(6 * (part.start + 1), 6 * part.stop)
     by_nodes = -solver._jacobian(0.0)[inside, inside]
-    blocks = strain_matrices(solver.twists[robot])
+    blocks = strain_matrices(solver.now.twists[robot])
     count = len(blocks)
     to_nodes = np.zeros((6 * count, 6 * count))
     for e, block in enumerate(blocks):

@@ -93,17 +93,17 @@ def test_tangent_is_the_derivative_of_the_potential():
     tangent, _ = strain_tangent(solver)
     mesh = simulation.handle.mesh
     direction = (
-        np.sin(np.arange(solver.twists[0].size)) * np.sqrt(mesh.lengths[:, None] / mesh.stiffness).ravel()
+        np.sin(np.arange(solver.now.twists[0].size)) * np.sqrt(mesh.lengths[:, None] / mesh.stiffness).ravel()
     )
-    rest, twists = mesh.reference_twists, solver.twists[0].copy()
+    rest, twists = mesh.reference_twists, solver.now.twists[0].copy()
 
     def potential(step):
-        solver.twists[0] = twists + step * direction.reshape(-1, 6)
-        solver._rebuild()
-        positions, rotations = solver._poses[0]
+        solver.now.twists[0] = twists + step * direction.reshape(-1, 6)
+        solver.now.rebuild()
+        positions, rotations = solver.now.poses[0]
         forces = simulation.handle.actuation
-        forces.measure(positions, rotations, solver.twists[0])
-        change = solver.twists[0] - rest
+        forces.measure(positions, rotations, solver.now.twists[0])
+        change = solver.now.twists[0] - rest
         elastic = 0.5 * np.sum(change**2 * mesh.stiffness / mesh.lengths[:, None])
         return elastic + 1.5 * np.sum(forces.shape.lengths) + 0.3 * EULER * positions[-1][2]
 

@@ -84,7 +84,7 @@ def test_tangent_of_the_complete_system_against_differences(robot, model):
     solver._update_forces()
     solver._residual()
     k = np.array(solver._jacobian(0.0))
-    start = [x.copy() for x in solver.twists]
+    start = [x.copy() for x in solver.now.twists]
     # Increments of the nodes that change one strain: what the strain matrices say, solved from the base on.
     b = strain_matrices(start[0])
     rng = np.random.default_rng(0)
@@ -97,16 +97,16 @@ def test_tangent_of_the_complete_system_against_differences(robot, model):
         found = []
         h = 1e-6
         for sign in (1.0, -1.0):
-            solver.twists = [start[0] + sign * h * change]
-            solver._rebuild()
+            solver.now.twists = [start[0] + sign * h * change]
+            solver.now.rebuild()
             solver._update_forces()
             found.append(np.array(solver._residual()))
         difference = (found[0] - found[1]) / (2 * h)
         predicted = k[:, : 6 * n] @ nodes.ravel()
         scale = np.max(np.abs(difference[: 6 * n]))
         assert predicted[: 6 * n] == pytest.approx(difference[: 6 * n], abs=2e-5 * scale)
-    solver.twists = start
-    solver._rebuild()
+    solver.now.twists = start
+    solver.now.rebuild()
 
 
 @pytest.mark.parametrize("axial_stiffness", [None, 300.0], ids=["inextensible", "elastic"])
@@ -117,10 +117,10 @@ def test_forces_and_slips_by_mobilisation_against_differences(axial_stiffness):
     act = handle.actuation
     s = 0.5 * solver._mobilisation[0]
     h = 1e-6
-    (p, r), tension = solver._poses[0], act.base_tension.copy()
+    (p, r), tension = solver.now.poses[0], act.base_tension.copy()
 
     def state(s):
-        act.update_mixed(p, r, tension, s, solver.twists[0])
+        act.update_mixed(p, r, tension, s, solver.now.twists[0])
         solver._mobilisation[0] = s
         solver._update_forces()
         force = np.array(solver._residual())[: 6 * len(handle.nNodes)]
@@ -177,11 +177,11 @@ def test_going_back_to_a_snapshot():
 def test_a_snapshot_is_not_changed_by_what_follows():
     _keep, _, solver, _ = newton(paper(0.3), [1.0])
     before = solver.snapshot()
-    kept = [x.copy() for x in (before.coordinates, before.multipliers, before.twists[0], before.tensions[0])]
+    at = before.place
+    seen = (at.coordinates, at.multipliers, at.twists[0], before.tensions[0])
+    kept = [x.copy() for x in seen]
     solver.newton([np.array([2.0])])
-    for a, b in zip(
-        kept, (before.coordinates, before.multipliers, before.twists[0], before.tensions[0]), strict=True
-    ):
+    for a, b in zip(kept, seen, strict=True):
         assert np.array_equal(a, b)
 
 
