@@ -468,7 +468,7 @@ class _Loop:
     def look_for_places(self, alone: bool = False) -> None:
         """Try single bays and springs at one place, beside the best model and beside smaller ones, or alone."""
         s = self.state
-        bases = {frozenset(): s.base}
+        bases: dict[frozenset[str], Fit] = {frozenset(): s.base}
         if not alone and not self.is_noise(s.best):
             bases[frozenset(s.best.names)] = s.best
         for e in () if alone else s.best.effects:
