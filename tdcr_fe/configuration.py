@@ -128,7 +128,7 @@ class Configuration:
             self._coordinates[self._beam] = beams
         self._reduction.set_poses(rotations, parameters)
 
-    def move(self, step: Array, chains: Sequence[ElementChain], most: float) -> float:
+    def move(self, step: Array, chains: Sequence[ElementChain], most: float) -> tuple[float, float]:
         """Take a step, or the share of it in which no element turns by more than allowed.
 
         Parameters

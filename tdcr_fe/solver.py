@@ -187,6 +187,7 @@ class StrainSpaceSolver:
         self._presliding, self._damping = self.settings.presliding, 0.0
         self._factors: tuple[Array, Array] | None = None
         self._sign = 0
+        self._turn = 0.0
         #: Sign of the tangent where the robot is stable, as far as known.
         self.stable_sign = 0
         self._number_unknowns()
