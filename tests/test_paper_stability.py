@@ -157,3 +157,18 @@ def test_search_finds_none_where_there_is_none():
     assert search.critical is None
     assert search.smallest == pytest.approx(0.617, abs=2e-3)
     assert len(search.loads) == len(search.eigenvalues) == 5
+
+
+def test_a_helix_pulled_hard_is_turned_over_by_a_load_against_its_lean():
+    """The rod of the simulation, with friction: a static bifurcation at 30 N of tension, none at 20 N."""
+    robot = paper_case("fig5").robot
+    found = [
+        search_critical_load(
+            robot, Model(), [LoadStep("pull", {"t1": tension})], (0, -1, 0), (0.02, 0.04, 0.06, 0.08, 0.1)
+        )
+        for tension in (20.0, 30.0)
+    ]
+    assert found[0].how == "none"
+    assert found[1].how == "eigenvalue"
+    assert found[1].critical == pytest.approx(0.0847, rel=0.02)
+    assert found[1].nearest > 0.02

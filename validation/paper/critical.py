@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 from tdcr_fe.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.robot import Robot
 from tdcr_fe.simulate import Simulation
-from tdcr_fe.stability import stability
+from tdcr_fe.stability import Stability, stability
 from tdcr_fe.stepping import StepFailed
 
 Array = NDArray[np.float64]
+
+#: Places of the backbone that are farther apart along it than this share of the length may come near each other [1].
+APART = 0.18
 
 
 @dataclass(frozen=True)
@@ -29,10 +32,16 @@ class CriticalSearch:
         Sizes that were solved [N], the first one zero.
     eigenvalues : ndarray, shape (n,)
         Smallest eigenvalue at each, see `tdcr_fe.stability` [1].
+    divergences : ndarray, shape (n,)
+        Smallest real part of the eigenvalues of the tangent itself; with friction it is this that tells a bifurcation,
+        without friction it is the same [1].
     tips : ndarray, shape (n, 3)
         [m].
+    nearest : float
+        Least distance of two places of the backbone that are more than `APART` of the length apart along it [m];
+        contact of the robot with itself is not modelled.
     critical : float or None
-        Load at which the smallest eigenvalue becomes zero, or beyond which no equilibrium follows [N]; None where
+        Load at which the smallest real part becomes zero, or beyond which no equilibrium follows [N]; None where
         none was met.
     how : str
         "none", "eigenvalue", "snap" (the robot jumped) or "stop" (no equilibrium was found).
@@ -41,7 +50,9 @@ class CriticalSearch:
     direction: tuple[float, float, float]
     loads: Array
     eigenvalues: Array
+    divergences: Array
     tips: Array
+    nearest: float
     critical: float | None
     how: str
 
@@ -73,7 +84,8 @@ def search_critical_load(
     Parameters
     ----------
     robot, model
-        Description. Without friction the sign of the eigenvalue decides; with friction see `tdcr_fe.stability`.
+        Description. What decides is the sign of the smallest real part of the tangent's eigenvalues, see
+        `tdcr_fe.stability`.
     before
         Steps that come first (the tendons).
     direction
@@ -92,28 +104,28 @@ def search_critical_load(
             *(LoadStep(f"{f:.6g} N", loads={"tip": Load(length, _vector(f * unit))}) for f in values),
         ]
 
-    def follow(values: Sequence[float]) -> tuple[list[float], list[Array], str]:
+    def follow(values: Sequence[float]) -> tuple[list[Stability], list[Array], str]:
         targets = resolve(robot, steps(values))
         simulation = Simulation(robot, model, targets)
-        found: list[float] = []
-        tips: list[Array] = []
+        found: list[Stability] = []
+        shapes: list[Array] = []
         for number, target in enumerate(targets, start=1):
             try:
                 report = simulation.advance(target)
             except StepFailed:
-                return found, tips, "stop"
+                return found, shapes, "stop"
             if number < len(before):
                 continue
             if report["snapped"] and number > len(before):
-                return found, tips, "snap"
-            found.append(stability(simulation).smallest)
-            tips.append(simulation.solver.positions(0)[-1].copy())
-            if found[-1] <= 0.0:
-                return found, tips, "eigenvalue"
-        return found, tips, "none"
+                return found, shapes, "snap"
+            found.append(stability(simulation))
+            shapes.append(simulation.solver.positions(0).copy())
+            if found[-1].divergence <= 0.0:
+                return found, shapes, "eigenvalue"
+        return found, shapes, "none"
 
     values = [0.0, *loads]
-    found, tips, how = follow(values[1:] if before else values)
+    found, shapes, how = follow(values[1:] if before else values)
     solved = np.array(values[: len(found)])
     critical: float | None = None
     if how != "none":
@@ -128,7 +140,25 @@ def search_critical_load(
             else:
                 high = middle
         critical = 0.5 * (low + high)
-    return CriticalSearch(_vector(unit), solved, np.array(found), np.array(tips), critical, how)
+    return CriticalSearch(
+        _vector(unit),
+        solved,
+        np.array([x.smallest for x in found]),
+        np.array([x.divergence for x in found]),
+        np.array([p[-1] for p in shapes]),
+        min((_nearest(p, length) for p in shapes), default=float("nan")),
+        critical,
+        how,
+    )
+
+
+def _nearest(places: Array, length: float) -> float:
+    """Least distance between nodes that are far apart along the backbone [m]."""
+    step = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    s = np.concatenate(([0.0], np.cumsum(step)))
+    distance = np.linalg.norm(places[:, None] - places[None], axis=2)
+    far = np.abs(s[:, None] - s[None]) > APART * length
+    return float(distance[far].min())
 
 
 def _vector(v: Array) -> tuple[float, float, float]:

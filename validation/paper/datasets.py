@@ -63,8 +63,8 @@ class TableData:
 
 
 _TITLES = {
-    "table1": "Table 1, rows that agree with themselves",
-    "table1-angles": "Table 1, angles of every row",
+    "table1": "Table 1, consistent rows",
+    "table1-angles": "Table 1, every angle",
     "table2": "Table 2",
     "table3": "Table 3",
     "table4": "Table 4",
@@ -76,11 +76,12 @@ DATASETS = tuple(_TITLES)
 _NOTES = {
     "table1": "",
     "table1-angles": (
-        "The rows that agree with themselves, and of the others the angle: over all rows the angles rise more evenly "
+        "The consistent rows, and of the others the angle: over all rows the angles rise more evenly "
         "than the offsets."
     ),
     "table2": (
-        "There are no rows without load. The place of the concentrated load is not said (here: the end of the first "
+        "There are no rows without load; all are used, because what speaks against them is the robot of Table 1, which "
+        "need not be this one. The place of the concentrated load is not said (here: the end of the first "
         "segment), nor is its direction (here: in the plane of bending). The first segment gives its offset only. A "
         "load elsewhere than at the tip cannot be written into loading.csv."
     ),

@@ -221,9 +221,9 @@ def draw_missing(run: PaperRun) -> Figure:
                 known = {x[2]: x for x in looks}
                 color, mark, name = known.get(stage.name, looks[2])
                 values = np.rad2deg(stage.predicted[chosen])
-                (legend[name],) = axis.plot(rows, values, mark, color=color, mfc="none", ms=5)
+                (legend[name],) = axis.plot(rows, values, mark, color=color, mfc="none", ms=6.5)
             measured = np.rad2deg([data.readings[i].value for i in chosen])
-            (legend["measured"],) = axis.plot(rows, measured, "k*", ms=7)
+            (legend["measured"],) = axis.plot(rows, measured, "k*", ms=4.5)
             axis.set(title=study.table.title, xlabel="row", ylabel="chord angle at the tip [deg]")
             axis.set_xticks(sorted(set(rows)))
             axis.set_ylim(0.0, min(1.9 * measured.max(), axis.get_ylim()[1]))
@@ -233,7 +233,7 @@ def draw_missing(run: PaperRun) -> Figure:
             list(legend),
             loc="outside lower center",
             ncols=4,
-            title="grey: rows held out",
+            title="grey: rows held out; what lies beyond a frame is not drawn",
         )
     return figure
 

@@ -143,8 +143,8 @@ def first_stiffness(table: TableData) -> float | None:
     """Factor on the declared stiffness with which the loop begins; None where the declared one will do.
 
     Where the tensions ask for more than `STIFFNESS_FACTOR` times what is declared, the declared robot is bent several
-    times too far, some of them fold over, and no small change of any number tells what is missing. There one factor is fitted to the angles of the rows that are
-    not held out.
+    times too far, up to folding over, and no small change of any number tells what is missing. There one factor is
+    fitted to the angles of the rows that are not held out.
     """
     data = table.data
     asked = paper_table(table.number)["stiffness_from_tension_Nm2"].to_numpy()
@@ -245,10 +245,7 @@ def remarks(study: MissingStudy) -> list[str]:
         )
         for e in result.effects:
             if e.indistinguishable_from:
-                said.append(
-                    f"{e.name} cannot be told apart here from {', '.join(e.indistinguishable_from)}. To tell them "
-                    f"apart: {e.experiment}."
-                )
+                said.append(f"{e.name} cannot be told apart here from {', '.join(e.indistinguishable_from)}.")
     else:
         best = tried(study)[:3]
         said.append("Nothing is added: no effect on the list improves the fitted and the held-out rows both.")

@@ -16,6 +16,7 @@ from tdcr_fe.validation.measured import write_measured
 from tdcr_fe.validation.paper.cases import MODEL_NAMES, packaged_text
 from tdcr_fe.validation.paper.claims import case_table, orders, verdicts
 from tdcr_fe.validation.paper.comparison import Deviation, Reading
+from tdcr_fe.validation.paper.critical import CriticalSearch
 from tdcr_fe.validation.paper.figures import (
     draw_case,
     draw_dynamics,
@@ -66,8 +67,9 @@ def _deviation(d: Deviation) -> dict[str, Any]:
 def _reading(r: Reading) -> dict[str, Any]:
     scale, unit = (1e3, "mm") if r.quantity == "offset" else (180.0 / np.pi, "deg")
     gap = r.model - r.measured
-    # Of an angle: the arc that the end of a chord of the robot's length runs through.
-    share = 100.0 * abs(gap) / 0.25 if r.quantity == "offset" else 100.0 * abs(gap)
+    # Of an angle: the arc that the end of a chord as long as the robot up to there runs through.
+    reach = 0.125 if r.place == "end of segment 1" else 0.25
+    share = 100.0 * abs(gap) / 0.25 * (1.0 if r.quantity == "offset" else reach)
     return {
         "row": r.row,
         "loaded": r.loaded,
@@ -116,6 +118,23 @@ def _missing(m: MissingStudy) -> dict[str, Any]:
         "in_files": m.table.in_files,
         "simulations": None if found is None else found["simulations"],
         "wall_time_s": None if found is None else found["wall_time"],
+    }
+
+
+def _search(key: tuple[float, str, str], s: CriticalSearch) -> dict[str, Any]:
+    return {
+        "tension_N": key[0],
+        "direction": key[1],
+        "model": key[2],
+        "critical_N": s.critical,
+        "how": s.how,
+        "smallest_eigenvalue": s.smallest,
+        "smallest_real_part": float(np.min(s.divergences)),
+        "nearest_approach_mm": 1e3 * s.nearest,
+        "loads_N": s.loads,
+        "eigenvalues": s.eigenvalues,
+        "largest_rate_m_per_N": s.largest_rate[0],
+        "at_N": s.largest_rate[1],
     }
 
 
@@ -188,21 +207,8 @@ def to_json(run: PaperRun, wall_time: float) -> dict[str, Any]:
             }
             for number, study in run.tables.items()
         },
-        "critical_loads": [
-            {
-                "tension_N": k[0],
-                "direction": k[1],
-                "model": k[2],
-                "critical_N": s.critical,
-                "how": s.how,
-                "smallest_eigenvalue": s.smallest,
-                "loads_N": s.loads,
-                "eigenvalues": s.eigenvalues,
-                "largest_rate_m_per_N": s.largest_rate[0],
-                "at_N": s.largest_rate[1],
-            }
-            for k, s in run.searches.items()
-        ],
+        "critical_loads": [_search(k, s) for k, s in run.searches.items()],
+        "critical_loads_prototype": [_search(k, s) for k, s in run.prototype_searches.items()],
         "signs": [
             {
                 "step": s.label,
@@ -279,11 +285,24 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
+def _row_by_row(readings: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Offset and angle of one place and state beside each other."""
+    lines: dict[tuple[int, bool, str], dict[str, Any]] = {}
+    for r in readings:
+        line = lines.setdefault(
+            (r["row"], r["loaded"], r["place"]),
+            {k: r[k] for k in ("row", "loaded", "place", "consistent")} | {"offset": None, "angle": None},
+        )
+        line[r["quantity"]] = r
+    return [lines[k] for k in sorted(lines)]
+
+
 def _context(run: PaperRun, data: dict[str, Any]) -> dict[str, Any]:
     return {
         "data": data,
         "models": MODEL_NAMES,
         "typed": {int(k): typed_table(int(k)).to_dict("records") for k in data["tables"]},
+        "lines": {k: _row_by_row(t["readings"]["declared"]) for k, t in data["tables"].items()},
         "sign_steps": {s.label: s for s in sign_steps()},
         "paper": _PAPER,
         "mark": {

@@ -159,6 +159,7 @@ class PaperRun:
     simulation_rod: Deviation | None = None
     directions: pd.DataFrame | None = None
     searches: dict[tuple[float, str, str], CriticalSearch] = field(default_factory=dict)
+    prototype_searches: dict[tuple[float, str, str], CriticalSearch] = field(default_factory=dict)
     column: CriticalSearch | None = None
     thickness: list[Influence] = field(default_factory=list)
     friction: list[Influence] = field(default_factory=list)
@@ -207,7 +208,7 @@ def tasks(parts: Sequence[str] = PARTS) -> int:
     counts = {
         "figures": len(CASE_IDS) * len(MODELS),
         "tables": len(TABLES) + 1,
-        "critical loads": len(SEARCH_TENSIONS) + 2,
+        "critical loads": len(SEARCH_TENSIONS) + 3,
         "signs": 1,
         "stiffness": 1,
         "limitations": 5,
@@ -314,8 +315,9 @@ def _critical(run: PaperRun, tell: Progress) -> None:
                 robot, MODELS["discrete"], [LoadStep("pull", {name: tension})], direction, SEARCH_LOADS
             )
         tell(f"helical, {tension:g} N, without friction")
-    for text in ("+y", "-y"):
-        for tension in (1.2, 10.0):
+    across = [text for text in SEARCH_DIRECTIONS if text != "-z"]
+    for tension in SEARCH_TENSIONS:
+        for text in across:
             run.searches[tension, text, "per-hole"] = search_critical_load(
                 robot,
                 MODELS["per-hole"],
@@ -324,6 +326,19 @@ def _critical(run: PaperRun, tell: Progress) -> None:
                 SEARCH_LOADS,
             )
     tell("helical, with friction")
+    # The robot of the experiments at its own tensions, as declared and as stiff as Table 3 asks for.
+    stiff = run.tables[3].fits["stiffness"].robot if run.tables else fit_table(3).robot
+    for kind, own in (("as declared", prototype(3)), ("stiffness of Table 3", stiff)):
+        for tension in SEARCH_TENSIONS[1:]:
+            for text in across:
+                run.prototype_searches[tension, text, kind] = search_critical_load(
+                    own,
+                    MODELS["per-hole"],
+                    [LoadStep("pull", {own.tendon_names[0]: tension})],
+                    SEARCH_DIRECTIONS[text],
+                    SEARCH_LOADS,
+                )
+    tell("helical, the prototype")
     # The search must find a critical load where there is one: Euler's column, the tendon slack.
     run.column = search_critical_load(
         robot, MODELS["discrete"], [LoadStep("slack", {name: 0.0})], (0, 0, -1), (0.02, 0.04, 0.06, 0.08)
