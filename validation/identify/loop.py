@@ -51,6 +51,9 @@ HELD_OUT = 4.0
 #: The path of loading is resolved to this share of the noise of a position, but no more loosely than this.
 PATH_SHARE, LOOSEST = 0.3, 2e-4
 
+#: Readings more than fitted parameters, below which a fit with no steps kept aside explains nothing.
+FEW = 10
+
 #: Noise is no larger than this, in standard deviations of its sum of squares.
 SPREAD = 4.0
 
@@ -164,12 +167,12 @@ class _Loop:
     def doubt(self, fit: Fit) -> float:
         """What a difference of the criterion is measured by when models are told apart, at least one.
 
-        One where noise is left. Else the misfit per degree of freedom on all readings, times the number of steps over
+        The misfit per degree of freedom where noise is left. Else that on all readings, times the number of steps over
         which the residual stays alike: what is left is then the same error seen many times, and no witness for the
         model that happens to follow it.
         """
         if self.is_noise(fit):
-            return 1.0
+            return self.level(fit)
         misfit = (fit.cost + fit.held_cost) / max(1, self.count - len(fit.free))
         rho = float(np.clip(alike(self.problem.data, fit.residual), 0.0, 0.9))
         return max(1.0, misfit) * (1.0 + rho) / (1.0 - rho)
@@ -532,11 +535,15 @@ def _conclude(
     best, base = state.best, state.base
     loop = _Loop(problem, settings, state, lambda text, share: None)
     quiet = state.local is None and loop.is_noise(best)
+    # So few readings and none kept aside: whatever has as many parameters follows them.
+    untested = not np.any(held) and len(problem.values) - len(best.free) < FEW
     verdict: Verdict
-    if quiet:
-        verdict = "explained" if best.effects else "nothing missing"
-    else:
+    if not quiet:
         verdict = "partly explained" if best.effects else "unexplained"
+    elif not best.effects:
+        verdict = "nothing missing"
+    else:
+        verdict = "partly explained" if untested else "explained"
     tests = structure(data, best.residual, len(best.free))
     covariance = problem.covariance(best)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -544,6 +551,12 @@ def _conclude(
     effects = _added(problem, loop, state, deviation)
     moment, edges = missing_moment(problem, best)
     where, description = _remaining(problem, loop, state, quiet, tests, moment, edges)
+    if quiet and best.effects and untested:
+        where = "not known"
+        description = (
+            f"{len(problem.values)} readings, {len(best.free)} fitted numbers, too few steps to keep any aside: what "
+            "was added follows the readings down to their noise, but nothing tests it"
+        )
     held_ids = sorted({data.readings[i].step for i in np.flatnonzero(held)}, key=data.step_ids.index)
     return IdentificationResult(
         data=data,

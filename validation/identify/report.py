@@ -39,6 +39,8 @@ def headline(result: IdentificationResult) -> str:
         return "Nothing is missing: the declared model already explains the measurement down to its noise."
     if result.verdict == "explained":
         return f"Explained: what the declared model lacks is {names}."
+    if result.verdict == "partly explained" and result.remaining.where == "not known":
+        return f"Partly explained: {names} would explain the measurement, but it is too small to test that."
     if result.verdict == "partly explained":
         return (
             f"Partly explained: {names} removes part of the error, but something that is on no list remains."
