@@ -18,7 +18,7 @@ from tdcr_fe.validation.blind.benchmark import run_benchmark
 from tdcr_fe.validation.blind.experiment import draw_loading, draw_robot
 from tdcr_fe.validation.blind.maker import read
 from tdcr_fe.validation.blind.recipes import BY_DISPLACEMENT, ROBOTS
-from tdcr_fe.validation.blind.report import to_markdown, write_report
+from tdcr_fe.validation.blind.report import BEGIN, END, to_markdown, write_into_page, write_report
 from tdcr_fe.validation.blind.scoring import score, summarise
 from tdcr_fe.validation.effects import EFFECTS, Observation, Setup
 from tdcr_fe.validation.measured import read_measured
@@ -139,6 +139,15 @@ def test_a_turned_frame_and_markers_beside_the_backbone_are_read_as_declared():
     np.testing.assert_allclose(seen, (0.0, 2e-3, length, 0.0, 0.0), atol=1e-12)
 
 
+def test_a_divided_step_is_read_at_its_end():
+    robot = draw_robot("single", np.random.default_rng(0))
+    steps = tuple(LoadStep(tensions={robot.tendon_names[0]: t}) for t in (0.5, 0.7, 1.0))
+    setup = Setup(robot, Model(), steps, ends=((0, 1.0), (1, 0.5), (1, 1.0)))
+    result = SimpleNamespace(steps=[SimpleNamespace(displacements=(0.1 * k,)) for k in range(3)])
+    marks = [(k, "tendon_displacement", robot.tendon_names[0]) for k in range(2)]
+    assert read(result, setup, marks).tolist() == [0.0, 0.2]
+
+
 # ---------------------------------------------------------------------------------------------- marking
 
 
@@ -218,6 +227,17 @@ def test_summary_counts(made, tmp_path):
     assert "| one listed effect: right name | 1 of 2 (50 %) |" in text
     write_report([right, wrong], tmp_path)
     assert (tmp_path / "confusion.png").stat().st_size > 1000
+    assert (
+        "| precurvature | gravity, precurvature |" in text
+        or "| precurvature | precurvature, gravity |" in text
+    )
+    page = tmp_path / "page.md"
+    page.write_text(f"before {BEGIN} old {END} after")
+    write_into_page(text, page)
+    assert page.read_text() == f"before {BEGIN}\n\n{text}\n{END} after"
+    page.write_text("no marks")
+    with pytest.raises(ValueError, match="no <!--"):
+        write_into_page(text, page)
 
 
 def test_a_benchmark_goes_on_where_it_stopped(made, tmp_path):

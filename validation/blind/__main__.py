@@ -33,6 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--processes", type=int, default=1, help="sets worked on at a time (1)")
     parser.add_argument("--seed", type=int, default=0, help="of the plan (0)")
     parser.add_argument("--only", type=int, nargs="+", metavar="SET", help="seeds of the sets to do")
+    parser.add_argument("--page", metavar="FILE", help="page of the documentation that gets the tables")
     args = parser.parse_args(argv)
     if args.n < 1 or args.processes < 1 or args.seed < 0:
         parser.error("-n and --processes must be at least 1, --seed at least 0")
@@ -42,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     from tdcr_fe.validation.blind.benchmark import run_benchmark
     from tdcr_fe.validation.blind.recipes import plan
-    from tdcr_fe.validation.blind.report import write_report
+    from tdcr_fe.validation.blind.report import to_markdown, write_into_page, write_report
 
     recipes = [r for r in plan(args.n, args.seed) if args.only is None or r.seed in args.only]
     if not recipes:
@@ -58,7 +59,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         except KeyboardInterrupt:
             print("interrupted; start it again, and it goes on", file=sys.stderr)
             return 130
-    write_report(scores, args.o)
+    summary = write_report(scores, args.o)
+    if args.page:
+        write_into_page(to_markdown(summary, scores), args.page)
     print(f"{len(scores)} sets; tables in {os.path.join(args.o, 'benchmark.md')}")
     return 1 if any(s["outcome"] == "failed" for s in scores) else 0
 

@@ -12,6 +12,9 @@ import numpy as np
 
 from tdcr_fe.validation.blind.scoring import NOISE_FLOOR, Score, summarise
 
+#: Where a page of the documentation holds the tables.
+BEGIN, END = "<!-- tables of the benchmark: begin -->", "<!-- tables of the benchmark: end -->"
+
 
 def write_report(scores: Sequence[Score], out: str | os.PathLike[str]) -> dict[str, Any]:
     """Write ``benchmark.json``, ``benchmark.md`` and ``confusion.png``.
@@ -38,6 +41,30 @@ def write_report(scores: Sequence[Score], out: str | os.PathLike[str]) -> dict[s
     if good:
         _picture(good, out / "confusion.png")
     return summary
+
+
+def write_into_page(text: str, page: str | os.PathLike[str]) -> None:
+    """Put tables into a page of the documentation, between the marks `BEGIN` and `END`.
+
+    Parameters
+    ----------
+    text
+        Markdown.
+    page
+        File that holds both marks.
+
+    Raises
+    ------
+    ValueError
+        A mark is missing.
+    """
+    page = Path(page)
+    old = page.read_text(encoding="utf-8")
+    if BEGIN not in old or END not in old:
+        raise ValueError(f"{page}: no {BEGIN} ... {END} to put the tables in")
+    before, rest = old.split(BEGIN, 1)
+    after = rest.split(END, 1)[1]
+    page.write_text(f"{before}{BEGIN}\n\n{text}\n{END}{after}", encoding="utf-8")
 
 
 def _share(part: int, whole: int) -> str:
@@ -79,6 +106,11 @@ def to_markdown(summary: dict[str, Any], scores: Sequence[Score]) -> str:
         ("time of one set, median and largest", _seconds(summary["seconds"])),
     ]
     lines = ["| what | seen |", "| --- | --- |", *(f"| {a} | {b} |" for a, b in rows), ""]
+    lines += ["| hidden | named, how often |", "| --- | --- |"]
+    for hidden, told in sorted(summary["confusion"].items()):
+        named = ", ".join(f"{n} {k}" if k > 1 else n for n, k in sorted(told.items(), key=lambda x: -x[1]))
+        lines.append(f"| {hidden} | {named} |")
+    lines.append("")
     if summary.get("failed"):
         lines += [f"Sets that failed: {summary['failed']}.", ""]
     lines += [
