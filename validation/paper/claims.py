@@ -253,7 +253,8 @@ def _bifurcation(run: PaperRun) -> list[Verdict]:
     if critical:
         reason += (
             "Tension softens a robot with a helical tendon: pulled many times harder than in the simulation, it can be "
-            "turned over by a load against its lean. "
+            "turned over by a load against its lean (with friction the figure is that of holes which go on as they do; "
+            "holes that stick hold the robot somewhat longer). "
         )
     reason += (
         "A push along the robot has a threshold, near Euler's load, which the curved shape rounds off: the deflection "
@@ -354,8 +355,8 @@ def _signs(run: PaperRun) -> list[Verdict]:
             _word(len(solved), len(run.signs)),
             f"{len(solved)} of {len(run.signs)} load steps have a consistent combination ({len(unique)} "
             "exactly one); up to the "
-            f"first that has none the tips agree with this project's implicit law to {1e3 * gap:.1e} mm. None for: "
-            f"{', '.join(without) or '-'}.",
+            "first that has none the tips agree with this project's implicit law to "
+            f"{max(1e3 * gap, 1e-6):.0e} mm. None for: {', '.join(without) or '-'}.",
             "Where a tendon would lengthen if it is assumed to shorten, and shorten if it is assumed to "
             "lengthen, it does "
             "neither: it sticks, with a tension anywhere between the two Capstan bounds. A sign has no value "
