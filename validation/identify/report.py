@@ -43,9 +43,10 @@ def headline(result: IdentificationResult) -> str:
         return f"Partly explained: {names} would explain the measurement, but it is too small to test that."
     if result.verdict == "partly explained":
         return (
-            f"Partly explained: {names} removes part of the error, but something that is on no list remains."
+            f"Partly explained: {names} {'remove' if len(result.effects) > 1 else 'removes'} part of the error, but "
+            "something remains that no listed effect explains."
         )
-    return "Unexplained: the model lacks something that is on no list."
+    return "Unexplained: the model lacks something that no listed effect explains."
 
 
 def _size(misfit: Misfit) -> str:
@@ -90,13 +91,20 @@ def sentences(result: IdentificationResult) -> list[str]:
         )
     for e in result.effects:
         if e.indistinguishable_from:
-            others = ", ".join(n.replace("_", " ") for n in e.indistinguishable_from)
+            others = " or ".join(n.replace("_", " ") for n in e.indistinguishable_from)
             told.append(
-                f"These data cannot tell {e.name.replace('_', ' ')} from {others}: each explains them as well. "
-                f"To tell them apart: {e.experiment}."
+                f"These data cannot tell {e.name.replace('_', ' ')} from {others}, which would explain them about as "
+                "well. What to measure to tell them apart stands below."
             )
     if result.verdict in ("partly explained", "unexplained"):
-        told.append(f"What remains: {result.remaining.description}.")
+        # What is known of the place; the size of the moment and the tests stand below.
+        first = result.remaining.description.split("; ")[0]
+        plain = (
+            first
+            if first.startswith("not on the list") or not result.remaining.where.startswith("bay")
+            else ""
+        )
+        told.append(f"What remains: {plain or 'it is largest in ' + result.remaining.where}.")
     if result.data.left_out:
         told.append(f"{len(result.data.left_out)} bad rows were left out; they are named below.")
     if result.outliers:
