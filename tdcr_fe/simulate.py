@@ -173,6 +173,11 @@ def _warnings(number: int, report: Mapping[str, Any]) -> list[str]:
             f"step {number}: holes did not settle; their presliding distance was taken "
             f"{report['presliding_factor']:g} times as large in a substep"
         )
+    if report["path_error"] > 0.0:
+        found.append(
+            f"step {number}: the path through the holes' states is not resolved; dividing the step further still "
+            f"moved a node by {report['path_error']:.1e} of the length"
+        )
     return found
 
 

@@ -50,12 +50,12 @@ class SolverSettings:
     max_turn : float
         Largest change of an element's rotation in one iteration [rad].
     path_tolerance : float
-        With friction the answer depends on the path; substeps are halved until halving changes no node by
-        more than this share of the backbone's length [1].
+        With friction the answer depends on the path; a step is divided until doubling the number of substeps has
+        twice moved no node by more than this share of the backbone's length; about a third of it is left [1].
     min_substep : float
         Smallest substep tried, as a share of the load step [1].
     max_substep_turn : float
-        Where a section turns by more than this in a substep, the substep is checked against two halves: a
+        Where a section turns by more than this in a substep, the step is checked against its halves: a
         long step may land on an equilibrium that the robot does not reach from where it is [rad].
     presliding : float
         Distance that a tendon creeps through a hole from rest to full friction [m].
@@ -65,7 +65,7 @@ class SolverSettings:
     step_tolerance: float = 1e-10
     max_iterations: int = 20
     max_turn: float = 0.5
-    path_tolerance: float = 2e-5
+    path_tolerance: float = 1e-4
     min_substep: float = 1.0 / 256.0
     max_substep_turn: float = 0.7
     presliding: float = 1e-6

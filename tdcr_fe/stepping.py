@@ -63,6 +63,8 @@ class Waypoint:
 
 @dataclass
 class _Count:
+    """What it took to get somewhere; a list of waypoints where they are wanted."""
+
     record: list[Waypoint] | None = None
     iterations: int = 0
     substeps: int = 0
@@ -70,13 +72,31 @@ class _Count:
     residual: float = 0.0
     snapped: bool = False
     softened: float = 1.0
+    path_error: float = 0.0
+
+    def like(self) -> _Count:
+        """A count from nothing."""
+        return _Count(None if self.record is None else [])
+
+    def add(self, other: _Count) -> None:
+        """Take what another counted as gone."""
+        if self.record is not None and other.record is not None:
+            self.record.extend(other.record)
+        self.iterations += other.iterations
+        self.substeps += other.substeps
+        self.wasted += other.wasted
+        self.residual = other.residual
+        self.snapped = self.snapped or other.snapped
+        self.softened = max(self.softened, other.softened)
+        self.path_error = max(self.path_error, other.path_error)
 
 
 class LoadStepper:
     """Takes a solver through load steps.
 
     With friction the answer depends on the path, but only where a hole changes its state on the way. Where one
-    does, a substep is solved once as a whole and once in halves, and halved until both agree.
+    does, the step is divided in two, four, eight and so on, until doubling has changed nothing twice: once is no
+    proof, as a hole may turn round and back unseen.
 
     Parameters
     ----------
@@ -114,7 +134,9 @@ class LoadStepper:
         dict
             ``iterations`` of the accepted path, ``iterations_total`` with those of trials, ``substeps``,
             ``residual``, ``snapped`` (the robot jumped to another equilibrium on the way), ``presliding_factor``
-            (by how much the presliding distance had to be larger for the holes to settle, 1 as a rule).
+            (by how much the presliding distance had to be larger for the holes to settle, 1 as a rule),
+            ``path_error`` (largest change of a node at the last doubling over the length, where it stayed above the
+            tolerance, else 0).
 
         Raises
         ------
@@ -125,7 +147,7 @@ class LoadStepper:
             if guide is not None:
                 self._follow(apply, guide, count)
             elif substeps is None:
-                self._path(apply, 0.0, 1.0, None, count)
+                self._path(apply, count)
             else:
                 for k in range(substeps):
                     self._converge(apply, k / substeps, (k + 1) / substeps, count)
@@ -139,6 +161,7 @@ class LoadStepper:
             "residual": count.residual,
             "snapped": count.snapped,
             "presliding_factor": count.softened,
+            "path_error": count.path_error,
         }
 
     # ------------------------------------------------------------------
@@ -201,66 +224,40 @@ class LoadStepper:
                 self._accept(report, point.share, count)
             start = point.share
 
-    def _path(
-        self,
-        apply: Apply,
-        start: float,
-        end: float,
-        known: tuple[Snapshot, NewtonReport] | None,
-        count: _Count,
-    ) -> None:
-        """One substep, halved until it converges and until halving changes nothing."""
+    def _path(self, apply: Apply, count: _Count) -> None:
+        """A load step, divided until it converges and until dividing changes nothing."""
         solver = self.solver
         before = solver.snapshot()
-        span = end - start
-        middle = 0.5 * (start + end)
-        try:
-            if known is None:
-                report = self._solve(apply, end)
-            else:
-                after, report = known
-                solver.restore(after)
-                apply(end)
-                solver.refresh()
-        except NotConverged as cause:
-            count.wasted += cause.iterations
+        settings = solver.settings
+        now = count.like()
+        self._converge(apply, 0.0, 1.0, now)
+        matters = now.substeps > 1 or self._path_matters(before)
+        if not (matters or self._leaps(before)):
+            count.add(now)
+            return
+        agreed, pieces, error = 0, 1, 0.0
+        needed = 2 if matters else 1
+        while agreed < needed and pieces * settings.min_substep < 1.0:
+            pieces *= 2
+            reached, shape = solver.snapshot(), solver.positions().copy()
             solver.restore(before)
-            if span <= solver.settings.min_substep:
-                self._rescue(apply, start, end, cause, count)
-                return
-            self._path(apply, start, middle, None, count)
-            self._path(apply, middle, end, None, count)
-            return
-        if span <= solver.settings.min_substep or not (self._path_matters(before) or self._leaps(before)):
-            self._accept(report, end, count)
-            return
-        shape = solver.positions().copy()
-        solver.restore(before)
-        try:
-            first = self._solve(apply, middle)
-            half = solver.snapshot()
-            solver.commit()
-            committed = solver.snapshot()
-            second = self._solve(apply, end)
-        except NotConverged as cause:
-            count.wasted += cause.iterations + report.iterations
-            solver.restore(before)
-            self._path(apply, start, middle, None, count)
-            self._path(apply, middle, end, None, count)
-            return
-        error = float(np.max(np.abs(solver.positions() - shape)))
-        if error <= solver.settings.path_tolerance * solver.length:
-            if count.record is not None:
-                count.record.append(Waypoint(middle, committed))
-            count.iterations += first.iterations
-            count.substeps += 1
-            count.wasted += report.iterations
-            self._accept(second, end, count)
-            return
-        count.wasted += report.iterations + second.iterations
-        solver.restore(before)
-        self._path(apply, start, middle, (half, first), count)
-        self._path(apply, middle, end, None, count)
+            finer = count.like()
+            try:
+                for k in range(pieces):
+                    self._converge(apply, k / pieces, (k + 1) / pieces, finer)
+            except StepFailed:
+                # The coarser way is kept, and its doubt told.
+                solver.restore(reached)
+                apply(1.0)
+                count.wasted += finer.iterations + finer.wasted
+                error = max(error, 2.0 * settings.path_tolerance)
+                break
+            error = float(np.max(np.abs(solver.positions() - shape))) / solver.length
+            agreed = agreed + 1 if error <= settings.path_tolerance else 0
+            finer.wasted += now.iterations + now.wasted
+            now = finer
+        now.path_error = error if error > settings.path_tolerance else 0.0
+        count.add(now)
 
     def _rescue(self, apply: Apply, start: float, end: float, cause: NotConverged, count: _Count) -> None:
         """The smallest substep does not converge: let the robot snap through, then let its holes creep more."""

@@ -327,7 +327,7 @@ class ForwardModel:
         Of the solver.
     """
 
-    def __init__(self, processes: int = 1, path_tolerance: float = 2e-5) -> None:
+    def __init__(self, processes: int = 1, path_tolerance: float = 5e-5) -> None:
         self.processes = max(1, processes)
         self.path_tolerance = path_tolerance
         self.runs = 0

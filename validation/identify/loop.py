@@ -48,8 +48,8 @@ SAME = 6.0
 #: The sum of squares of the held-out readings must fall by this much, in units of the misfit that is left.
 HELD_OUT = 4.0
 
-#: The path of loading is resolved to this share of the noise of a position, but no more loosely than this.
-PATH_SHARE, LOOSEST = 0.3, 2e-4
+#: Tolerance of the path of loading, as a share of the noise of a position (a third of it is left), and its limit.
+PATH_SHARE, LOOSEST = 0.6, 3e-4
 
 #: Readings more than fitted parameters, below which a fit with no steps kept aside explains nothing.
 FEW = 10

@@ -44,7 +44,7 @@ class IdentifySettings:
     beam: int = 2
     max_effects: int = 4
     hold_out: float = 0.3
-    path_tolerance: float = 2e-5
+    path_tolerance: float = 5e-5
 
 
 @dataclass(frozen=True)

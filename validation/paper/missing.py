@@ -163,7 +163,7 @@ def first_stiffness(table: TableData) -> float | None:
         misfit,
         [np.log(start)],
         bounds=([np.log(start) - 2.5], [np.log(start) + 2.5]),
-        diff_step=1e-3,
+        diff_step=[1e-3],
         xtol=1e-4,
     )
     return float(np.exp(best.x[0]))
