@@ -101,6 +101,7 @@ class Simulation:
         for name, load in target.loads.items():
             goal_loads[self._key(name, load)] = np.array([*load.force, *load.moment])
         start_loads, start_time = self._applied, self._time
+        change = any(np.any(goal_loads[key] != start_loads[key]) for key in goal_loads)
         creep = self.handle.robot.backbone.creep_rate != 0.0
         # Where a tendon changes from tension to displacement or back, the ramp begins at what it has now.
         now = np.where(
@@ -120,7 +121,7 @@ class Simulation:
             if creep:
                 self.handle.set_compliance_factor(self.handle.robot.backbone.compliance_factor(moment))
             robot.inputs = now + share * (target.values - now)
-            return Applied([robot.inputs], largest, moment)
+            return Applied([robot.inputs], largest, moment, change)
 
         report = self.stepper.advance(apply, substeps, guide, record)
         self._applied, self._time = goal_loads, target.time

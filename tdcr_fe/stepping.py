@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,11 +25,14 @@ class Applied(NamedTuple):
         Size of the applied loads, for the scale of the residual [N].
     time : float
         Time that user functions see [s].
+    loads_change : bool
+        Whether the applied loads change in this load step.
     """
 
     inputs: list[Array]
     load_size: float
     time: float
+    loads_change: bool = False
 
 
 #: Takes the share of the load step in [0, 1], applies it to the scene, and says what acts then.
@@ -73,6 +76,7 @@ class _Count:
     snapped: bool = False
     softened: float = 1.0
     path_error: float = 0.0
+    slips: list[list[Array]] = field(default_factory=list)
 
     def like(self) -> _Count:
         """A count from nothing."""
@@ -168,6 +172,7 @@ class LoadStepper:
 
     def _solve(self, apply: Apply, share: float) -> NewtonReport:
         now = apply(share)
+        self._loads_change = now.loads_change
         return self.solver.newton(now.inputs, now.time, now.load_size)
 
     def _fail(self, start: float, end: float, cause: NotConverged) -> StepFailed:
@@ -187,6 +192,7 @@ class LoadStepper:
             self.solver.stable_sign = self.solver.tangent_sign
         if count.record is not None:
             count.record.append(Waypoint(share, self.solver.snapshot()))
+        count.slips.append([r.state.slip for r in self.solver.robots])
         count.iterations += report.iterations
         count.substeps += 1
         count.residual = report.residual
@@ -253,7 +259,7 @@ class LoadStepper:
                 error = max(error, 2.0 * settings.path_tolerance)
                 break
             error = float(np.max(np.abs(solver.positions() - shape))) / solver.length
-            agreed = agreed + 1 if error <= settings.path_tolerance else 0
+            agreed = agreed + 1 if error <= settings.path_tolerance and not self._turns_back(finer) else 0
             finer.wasted += now.iterations + now.wasted
             now = finer
         now.path_error = error if error > settings.path_tolerance else 0.0
@@ -293,12 +299,40 @@ class LoadStepper:
         return solver.tangent_sign * solver.stable_sign < 0
 
     def _path_matters(self, before: Snapshot) -> bool:
-        """Whether any hole under tension changed its state since ``before``."""
+        """Whether any hole under tension changed its state since ``before``.
+
+        A tendon that is pulled from slack, and slips towards the base at every hole, has no choice of path. Where loads
+        change, a hole may turn round and back.
+        """
         for robot, state, tension in zip(self.solver.robots, before.histories, before.tensions, strict=True):
             if not robot.law.has_friction:
                 continue
+            taut = (tension > 0.0)[:, None]
+            if self._loads_change and np.any(taut & robot.law.holding):
+                return True
             old, new = np.trunc(state.mobilisation), np.trunc(robot.field.mobilisation)
-            changed = (old != new) & robot.law.holding & (tension > 0.0)[:, None]
-            if np.any(changed):
+            pulled = (robot.base_tension > 0.0)[:, None] & (new < 1.0)
+            if np.any((old != new) & robot.law.holding & (taut | pulled)):
+                return True
+        return False
+
+    def _turns_back(self, count: _Count) -> bool:
+        """Whether any hole that slips may have turned round unseen within the last substep.
+
+        What it slipped in the last two substeps is taken as a parabola. Where that has come back by more than a
+        twentieth of the presliding distance at the end, the hole sticks by then or slips the other way, although on
+        the whole it went on.
+        """
+        if len(count.slips) < 3:
+            return False
+        back = 0.05 * self.solver.settings.presliding
+        for robot, *slips in zip(self.solver.robots, *count.slips[-3:], strict=True):
+            if not robot.law.has_friction:
+                continue
+            first, last = slips[1] - slips[0], slips[2] - slips[1]
+            rate, bend = 0.5 * (3.0 * last - first), last - first
+            slides = (np.abs(robot.state.mobilisation) >= 1.0) & (robot.base_tension > 0.0)[:, None]
+            comes_back = (last * rate < 0.0) & (rate**2 > 2.0 * back * np.abs(bend))
+            if np.any(slides & robot.law.holding & comes_back):
                 return True
         return False
