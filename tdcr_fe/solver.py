@@ -52,8 +52,10 @@ class SolverSettings:
     path_tolerance : float
         With friction the answer depends on the path; a step is divided until doubling the number of substeps has
         twice moved no node by more than this share of the backbone's length; about a third of it is left [1].
+    max_divisions : int
+        Into how many substeps a step is divided at most for the sake of its path; what is then not resolved is told.
     min_substep : float
-        Smallest substep tried, as a share of the load step [1].
+        Smallest substep tried where Newton does not converge, as a share of the load step [1].
     max_substep_turn : float
         Where a section turns by more than this in a substep, the step is checked against its halves: a
         long step may land on an equilibrium that the robot does not reach from where it is [rad].
@@ -66,6 +68,7 @@ class SolverSettings:
     max_iterations: int = 20
     max_turn: float = 0.5
     path_tolerance: float = 1e-4
+    max_divisions: int = 64
     min_substep: float = 1.0 / 256.0
     max_substep_turn: float = 0.7
     presliding: float = 1e-6

@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 #: Smallest share of a load step that is tried, alone and along a neighbour's path.
 SMALLEST, GUIDED = 1.0 / 256.0, 1.0 / 16.0
 
+#: Into how many substeps a load step is divided at most for the sake of its path.
+DIVISIONS = 16
+
 #: Runs kept in memory.
 CACHE = 400
 
@@ -100,7 +103,9 @@ def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
             setup.model,
             setup.steps,
             SolverSettings(
-                path_tolerance=path_tolerance, min_substep=SMALLEST if waypoints is None else GUIDED
+                path_tolerance=path_tolerance,
+                max_divisions=DIVISIONS,
+                min_substep=SMALLEST if waypoints is None else GUIDED,
             ),
             guide=waypoints,
             record=trajectory,
