@@ -197,9 +197,11 @@ class LoadStepper:
         count.substeps += 1
         count.residual = report.residual
 
-    def _converge(self, apply: Apply, start: float, end: float, count: _Count) -> None:
-        """One substep, halved only where it does not converge."""
-        before = self.solver.snapshot()
+    def _converge(
+        self, apply: Apply, start: float, end: float, count: _Count, before: Snapshot | None = None
+    ) -> None:
+        """One substep from the state ``before``, the present one, halved only where it does not converge."""
+        before = before or self.solver.snapshot()
         try:
             report = self._solve(apply, end)
         except NotConverged as cause:
@@ -236,7 +238,7 @@ class LoadStepper:
         before = solver.snapshot()
         settings = solver.settings
         now = count.like()
-        self._converge(apply, 0.0, 1.0, now)
+        self._converge(apply, 0.0, 1.0, now, before)
         matters = now.substeps > 1 or self._path_matters(before)
         if not (matters or self._leaps(before)):
             count.add(now)
