@@ -227,15 +227,13 @@ class TendonActuation:
         """Tensions where the mobilisations are unknowns of their own, shape (m, g)."""
         self.measure(positions, rotations, twists)
         self.base_tension = base_tension
-        self.field, self.by_mobilisation = self.law.field(
-            base_tension, self.shape.lengths, self.shape.angles, mobilisation
-        )
+        self.field = self.law.field(base_tension, self.shape.lengths, self.shape.angles, mobilisation)
         self._d_base = None
         return self.field
 
     def mobilisation_columns(self) -> Array:
         """Derivative of the force on the nodes by the holding mobilisations, shape (6 N, k)."""
-        d = -np.swapaxes(self.by_mobilisation, 1, 2) @ self.shape.d_lengths
+        d = -np.swapaxes(self.field.by_mobilisation, 1, 2) @ self.shape.d_lengths
         return self._spread(d[self.law.holding]).T
 
     def slip_change(self, nodes: Array, base_tension: Array | None) -> Array:
@@ -268,29 +266,22 @@ class TendonActuation:
         by_mobilisation : ndarray, shape (k, k)
         """
         f, s, law = self.field, self.shape, self.law
-        given = f.given_d_length[:, :, None] * s.d_lengths
-        stretched = f.given_d_tension[:, :, None]
-        if s.d_angles.shape[1] and law.elastic:
-            given = given + stretched * (f.d_angle @ s.d_angles)
-        drive = law.law.drive(law.shape[1])
         keep = law.holding
-        tendon = np.nonzero(keep)[0]
-        by_nodes = self._spread((drive @ given)[keep])
-        m = self.count
-        by_base = np.zeros((len(tendon), m))
-        if law.elastic:
-            change = (drive @ (stretched * f.d_base[:, :, None]))[:, :, 0][keep]
-            by_base = change[:, None] * (tendon[:, None] == np.arange(m))
-        block = np.zeros((len(tendon), len(tendon)))
+        tendon, group = np.nonzero(keep)
+        of_tendon = tendon[:, None] == np.arange(self.count)
+        given = f.given_d_length[:, :, None] * s.d_lengths
         if not law.elastic:
-            return by_nodes, by_base, block
-        own = drive @ (stretched * self.by_mobilisation)
-        start = 0
-        for i in range(m):
-            inside = np.flatnonzero(keep[i])
-            block[start : start + inside.size, start : start + inside.size] = own[i][np.ix_(inside, inside)]
-            start += inside.size
-        return by_nodes, by_base, block
+            by_nodes = self._spread((law.drive @ given)[keep])
+            return by_nodes, np.zeros(of_tendon.shape), np.zeros((len(tendon),) * 2)
+        stretched = law.drive * f.given_d_tension[:, None, :]
+        by_nodes = law.drive @ given + (stretched @ f.d_angle) @ s.d_angles
+        by_base = (stretched @ f.d_base[:, :, None])[keep]
+        by_mobilisation = (stretched @ f.by_mobilisation)[tendon[:, None], group[:, None], group]
+        return (
+            self._spread(by_nodes[keep]),
+            by_base * of_tendon,
+            by_mobilisation * (tendon[:, None] == tendon),
+        )
 
     def update_from_scene(self, t: float) -> TensionField:
         """Tensions in the configuration the scene is in now, tendons driven by displacement included."""
@@ -362,7 +353,7 @@ class TendonActuation:
     def base_slip_by_mobilisation(self) -> Array:
         """Derivative of the slip at the base plate by the holding mobilisations [m], shape (m, k)."""
         keep = self.law.holding
-        d = np.einsum("mn,mng->mg", self.field.given_d_tension, self.by_mobilisation)[keep]
+        d = np.einsum("mn,mng->mg", self.field.given_d_tension, self.field.by_mobilisation)[keep]
         return d * (np.nonzero(keep)[0] == np.arange(self.count)[:, None])
 
     def base_tension_columns(self) -> Array:

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.poses import (
     adjoint_inverse,
     coefficients,
-    cross,
     euler_parameters_of_rotation,
     exp_matrix,
     exp_se3,
@@ -28,7 +27,6 @@ from tdcr_fe.elements.poses import (
     log_se3,
     skew,
     twist_change,
-    twist_matrix,
 )
 
 Array = NDArray[np.float64]
@@ -39,6 +37,12 @@ BEAM_TO_SECTION = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 #: How much stiffer a rigid insert is than the backbone: axial and shear, torsion and bending. Stiff enough that
 #: the insert bends a hundred-thousandth as much, soft enough that round-off does not become force.
 INSERT_FACTORS = np.array([1e2, 1e2, 1e2, 1e5, 1e5, 1e5])
+
+#: ``w @ _PULL`` is, row by row, half of what the force of a wrench adds to a node's own 6 x 6 block as its frame turns.
+_PULL: Array = np.zeros((6, 6, 6))
+_PULL[:3, :3, 3:] = 0.5 * skew(np.eye(3))
+_PULL[:3, 3:, :3] = -0.5 * skew(np.eye(3))
+_PULL = _PULL.reshape(6, 36)
 
 
 @dataclass(frozen=True)
@@ -171,10 +175,12 @@ class NodeBlocks:
     ----------
     after, before : ndarray, shape (N-1, 6, 6)
         Of every node by the next one, of every next node by the one before.
-    force_by_turn, moment_by_shift : ndarray, shape (N, 3, 3)
+    itself : ndarray, shape (N, 6, 6)
         Of every node by itself.
     base : ndarray, shape (6, 6)
         Of the first node by itself.
+    room : ndarray, shape (N-1, 6, 6)
+        Not of the matrix: room for what comes to ``after``, its upper left quarters zero.
     """
 
     def __init__(self, k: Array) -> None:
@@ -183,9 +189,9 @@ class NodeBlocks:
         along = (6 * (down + right), down, right)
         self.after = as_strided(k[:, 6:], (count - 1, 6, 6), along)
         self.before = as_strided(k[6:], (count - 1, 6, 6), along)
-        self.force_by_turn = as_strided(k[:, 3:], (count, 3, 3), along)
-        self.moment_by_shift = as_strided(k[3:], (count, 3, 3), along)
+        self.itself = as_strided(k, (count, 6, 6), along)
         self.base = k[:6, :6]
+        self.room = np.zeros((count - 1, 6, 6))
 
 
 class ElementChain:
@@ -202,6 +208,15 @@ class ElementChain:
         self._coefficients = coefficients(twists[:, 3:])
         #: Pose of every node in the frame of the one before, shape (E, 4, 4).
         self.steps = exp_matrix(twists, self._coefficients)
+        self._turns = self.steps[:, :3, :3]
+        self._skewed: Array | None = None
+
+    @property
+    def _lever(self) -> Array:
+        """Cross product with the way from each node to the next, shape (E, 3, 3)."""
+        if self._skewed is None:
+            self._skewed = skew(self.steps[:, :3, 3])
+        return self._skewed
 
     def poses(self, position: Array, rotation: Array) -> tuple[Array, Array]:
         """Positions (N, 3) and rotations (N, 3, 3) of all nodes, from those of the base."""
@@ -225,20 +240,17 @@ class ElementChain:
         -------
         ndarray, shape (E, 6)
         """
-        before = increments[:-1]
-        # Ad(h^-1) of the first node's twist: its velocity at the second node, in the second node's frame.
-        at_second = before.reshape(-1, 2, 3).copy()
-        at_second[:, 0] = (twist_matrix(before) @ self.steps[:, :, 3:])[:, :3, 0]
-        moved = increments[1:] - (at_second @ self.steps[:, :3, :3]).reshape(-1, 6)
-        return twist_change(self.twists, moved, self._coefficients)
+        return twist_change(self.twists, increments[:-1], increments[1:], self._coefficients)
 
     @staticmethod
     def _beyond(wrenches: Array, positions: Array, rotations: Array) -> Array:
         """Sum of the wrenches on a node and all beyond it, in its own frame: (N, 2, 3) to (N, 2, 3)."""
+        lever = skew(positions)
         world = wrenches @ rotations.swapaxes(1, 2)
-        world[:, 1] += cross(positions, world[:, 0])
+        # Moments about the origin can be added, and come back to the nodes.
+        world[:, 1:] -= world[:, :1] @ lever
         beyond = world[::-1].cumsum(axis=0)[::-1]
-        beyond[:, 1] -= cross(positions, beyond[:, 0])
+        beyond[:, 1:] += beyond[:, :1] @ lever
         return np.asarray(beyond @ rotations)
 
     def add_unbalanced(self, k: NodeBlocks, wrenches: Array, positions: Array, rotations: Array) -> None:
@@ -257,20 +269,20 @@ class ElementChain:
         positions, rotations
             Of the nodes, shapes (N, 3) and (N, 3, 3).
         """
-        own = wrenches.reshape(-1, 2, 3)
-        beyond = skew(0.5 * self._beyond(own, positions, rotations))
-        # Half the coadjoint map: of the change of a twist to that of the wrench beyond it.
-        turned = np.zeros((len(own), 6, 6))
-        turned[:, :3, 3:] = turned[:, 3:, :3] = beyond[:, 0]
-        turned[:, 3:, 3:] = beyond[:, 1]
-        to_second = adjoint_inverse(self.steps[:, :3, :3], self.steps[:, :3, 3])
-        outer = to_second.swapaxes(1, 2) @ turned[1:]
+        half = skew(self._beyond(0.5 * wrenches.reshape(-1, 2, 3), positions, rotations))
+        # Half the coadjoint map, from the change of a twist to that of the wrench beyond it, is [[0, f], [f, m]]; here
+        # after the transposed map that takes twists of an element's first node to its second.
+        turned = self._turns[:, None] @ half[1:]
+        outer = k.room
+        outer[:, :3, 3:] = outer[:, 3:, :3] = turned[:, 0]
+        np.add(turned[:, 1], self._lever @ turned[:, 0], out=outer[:, 3:, 3:])
         k.after -= outer
         k.before -= outer.swapaxes(1, 2)
-        pull = skew(0.5 * own[:, 0])
-        k.force_by_turn += pull
-        k.moment_by_shift -= pull
-        k.base += turned[0]
+        k.itself += wrenches.reshape(-1, 6).dot(_PULL).reshape(-1, 6, 6)
+        force, moment = half[0]
+        k.base[:3, 3:] += force
+        k.base[3:, :3] += force
+        k.base[3:, 3:] += moment
 
     def carry(self, wrenches: Array, positions: Array, rotations: Array, now: ElementChain) -> Array:
         """Wrenches on the nodes that bend and stretch these elements as given ones do in a neighbouring configuration.
@@ -293,10 +305,10 @@ class ElementChain:
         own = wrenches.reshape(-1, 2, 3)
         felt = self._beyond(own, positions, rotations)[1:]
         carried = own.copy()
-        for sign, steps in ((1.0, now.steps), (-1.0, self.steps)):
-            borne = felt @ steps[:, :3, :3].swapaxes(1, 2)
-            borne[:, 1] += cross(steps[:, :3, 3], borne[:, 0])
-            carried[:-1] += sign * borne
+        for share, chain in ((felt, now), (-felt, self)):
+            borne = share @ chain._turns.swapaxes(1, 2)
+            borne[:, 1:] -= borne[:, :1] @ chain._lever
+            carried[:-1] += borne
         return carried.reshape(-1, 6)
 
 

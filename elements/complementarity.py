@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgesv
 
 Array = NDArray[np.float64]
 
@@ -38,18 +39,18 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
     Bard-type scheme for solving the complementarity problem, Opsearch 11 (1974) 123-130.
     """
     k = len(right)
-    side = np.where(start >= 1.0, 1, np.where(start <= -1.0, -1, 0))
+    side = np.trunc(np.minimum(np.maximum(start, -1.0), 1.0))
     scale = np.maximum(np.abs(np.diagonal(matrix)), 1e-300)
     best, patience = k + 1, 3
     s = start
     for _ in range(max_blocks + 10 * k):
         free = side == 0
-        s = side.astype(float)
-        if np.any(free):
-            rest = right - matrix[:, ~free] @ s[~free]
-            try:
-                s[free] = np.linalg.solve(matrix[np.ix_(free, free)], rest[free])
-            except np.linalg.LinAlgError:
+        s = side.copy()
+        inside = np.flatnonzero(free)
+        if inside.size:
+            rest = (right - matrix @ side)[inside]
+            _, _, s[inside], singular = dgesv(matrix[inside[:, None], inside], rest, overwrite_a=True)
+            if singular:
                 return np.clip(start, -1.0, 1.0), False
         w = (right - matrix @ s) / scale
         tolerance = 1e-11
@@ -66,5 +67,7 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
         else:
             broken = np.zeros(k, dtype=bool)
             broken[np.flatnonzero(up | down | back)[0]] = True
-        side = np.where(broken & up, 1, np.where(broken & down, -1, np.where(broken & back, 0, side)))
+        side[broken & back] = 0.0
+        side[broken & up] = 1.0
+        side[broken & down] = -1.0
     return np.clip(s, -1.0, 1.0), False

@@ -16,6 +16,7 @@ The derivation is in the documentation, page "Theory".
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.complementarity import solve_box
 
 Array = NDArray[np.float64]
+Slopes = Callable[[], tuple[Array, Array, Array]]
 
 
 class FrictionLaw(Protocol):
@@ -147,37 +149,115 @@ class FrictionState:
     mobilisation: Array
 
 
-class TensionField(NamedTuple):
-    """Tensions along all tendons with their derivatives.
+class TensionDerivatives(NamedTuple):
+    """Derivatives of the tensions along all tendons.
+
+    Attributes
+    ----------
+    by_length : ndarray, shape (m, n, n)
+        By the segments' lengths [N/m].
+    by_angle : ndarray, shape (m, n, n-1)
+        By the turning angles [N/rad].
+    by_base : ndarray, shape (m, n)
+        By the tension at the base [1].
+    by_mobilisation : ndarray, shape (m, n, g)
+        By the mobilisations, where these are kept [N].
+    """
+
+    by_length: Array
+    by_angle: Array
+    by_base: Array
+    by_mobilisation: Array
+
+
+class TensionField:
+    """Tensions along all tendons, and their derivatives, which are formed when first asked for.
 
     Attributes
     ----------
     tension : ndarray, shape (m, n)
         [N].
-    base_slip : ndarray, shape (m,)
-        Tendon pulled in at the base plate, ``u_0`` [m].
+    given : ndarray, shape (m, n)
+        What each segment has given up, ``L - l / (1 + T/EA)`` [m].
     slip, mobilisation : ndarray, shape (m, g)
         As they would be committed.
-    d_length : ndarray, shape (m, n, n)
-        Of the tensions with respect to the segments' lengths [N/m].
-    d_angle : ndarray, shape (m, n, n-1)
-        Of the tensions with respect to the turning angles [N/rad].
-    d_base : ndarray, shape (m, n)
-        Of the tensions with respect to the tension at the base [1].
     given_d_length, given_d_tension : ndarray, shape (m, n)
-        Of what each segment has given up, ``L - l / (1 + T/EA)``, with respect to its own length [1] and its own
-        tension [m/N].
+        Of what each segment has given up, with respect to its own length [1] and its own tension [m/N].
     """
 
-    tension: Array
-    base_slip: Array
-    slip: Array
-    mobilisation: Array
-    d_length: Array
-    d_angle: Array
-    d_base: Array
-    given_d_length: Array
-    given_d_tension: Array
+    __slots__ = (
+        "_derivatives",
+        "_derive",
+        "given",
+        "given_d_length",
+        "given_d_tension",
+        "mobilisation",
+        "slip",
+        "tension",
+    )
+
+    def __init__(
+        self,
+        tension: Array,
+        given: Array,
+        slip: Array,
+        mobilisation: Array,
+        given_d_length: Array,
+        given_d_tension: Array,
+        derive: Callable[[], TensionDerivatives],
+    ) -> None:
+        self.tension = tension
+        self.given = given
+        self.slip = slip
+        self.mobilisation = mobilisation
+        self.given_d_length = given_d_length
+        self.given_d_tension = given_d_tension
+        self._derive = derive
+        self._derivatives: TensionDerivatives | None = None
+
+    @property
+    def base_slip(self) -> Array:
+        """Tendon pulled in at the base plate, ``u_0`` [m], shape (m,)."""
+        return np.asarray(self.given.sum(axis=1))
+
+    @property
+    def derivatives(self) -> TensionDerivatives:
+        """Of the tensions."""
+        if self._derivatives is None:
+            self._derivatives = self._derive()
+        return self._derivatives
+
+    @property
+    def d_length(self) -> Array:
+        """Of the tensions with respect to the segments' lengths [N/m], shape (m, n, n)."""
+        return self.derivatives.by_length
+
+    @property
+    def d_angle(self) -> Array:
+        """Of the tensions with respect to the turning angles [N/rad], shape (m, n, n-1)."""
+        return self.derivatives.by_angle
+
+    @property
+    def d_base(self) -> Array:
+        """Of the tensions with respect to the tension at the base [1], shape (m, n)."""
+        return self.derivatives.by_base
+
+    @property
+    def by_mobilisation(self) -> Array:
+        """Of the tensions with respect to the mobilisations, where these are kept [N], shape (m, n, g)."""
+        return self.derivatives.by_mobilisation
+
+    def replace_derivatives(self, derivatives: TensionDerivatives) -> TensionField:
+        """The same tensions with other derivatives."""
+        return TensionField(
+            self.tension,
+            self.given,
+            self.slip,
+            self.mobilisation,
+            self.given_d_length,
+            self.given_d_tension,
+            lambda: derivatives,
+        )
 
 
 class TendonLaw:
@@ -203,9 +283,10 @@ class TendonLaw:
         self._mu = parameters.friction if law.active else zero
         self._adhesion = parameters.adhesion if law.active else zero
         self._has_adhesion = bool(np.any(self._adhesion > 0.0))
-        self._drive = law.drive(n)
+        #: From what the segments have given up to the slip behind each mobilisation, shape (g, n).
+        self.drive = law.drive(n)
         self._spread = law.spread(n)
-        self.groups = self._drive.shape[0]
+        self.groups = self.drive.shape[0]
         holds = (self._mu > 0.0) | (self._adhesion > 0.0)
         #: Which mobilisations hold anything back, shape (m, g).
         self.holding: NDArray[np.bool_] = (holds.astype(float) @ np.abs(self._spread)) > 0.0
@@ -229,7 +310,7 @@ class TendonLaw:
 
     def slips(self, given: Array) -> Array:
         """Slip behind each mobilisation from what the segments have given up [m], (m, n) to (m, g)."""
-        return given @ self._drive.T
+        return given @ self.drive.T
 
     def at_holes(self, mobilisation: Array) -> Array:
         """Mobilisation of every hole, (m, g) to (m, n-1)."""
@@ -241,9 +322,7 @@ class TendonLaw:
         """Mobilisation that the slip would lead to, not yet limited to [-1, 1], shape (m, g)."""
         return state.mobilisation + (slip - state.slip) / presliding
 
-    def field(
-        self, base_tension: Array, lengths: Array, angles: Array, mobilisation: Array
-    ) -> tuple[TensionField, Array]:
+    def field(self, base_tension: Array, lengths: Array, angles: Array, mobilisation: Array) -> TensionField:
         """Tensions for given mobilisations.
 
         Parameters
@@ -261,14 +340,19 @@ class TendonLaw:
         -------
         TensionField
             With the mobilisations held fixed.
-        by_mobilisation : ndarray, shape (m, n, g)
-            Derivative of the tensions by the mobilisations [N].
         """
-        tension, d_s, d_theta, chain = self._pass_on(base_tension, angles, self.at_holes(mobilisation))
-        beyond = chain[:, :, 1:]
-        by_mobilisation = beyond * d_s[:, None, :]
-        if not self._each_hole:
-            by_mobilisation = by_mobilisation @ self._spread
+        tension, slopes = self._pass_on(base_tension, angles, self.at_holes(mobilisation))
+
+        def derive() -> TensionDerivatives:
+            chain, by_share, by_angle = slopes()
+            beyond = chain[:, :, 1:]
+            by_mobilisation = beyond * by_share[:, None, :]
+            if not self._each_hole:
+                by_mobilisation = by_mobilisation @ self._spread
+            return TensionDerivatives(
+                self._rigid, beyond * by_angle[:, None, :], chain[:, :, 0], by_mobilisation
+            )
+
         if self.elastic:
             c = self.parameters.compliance[:, None]
             stretch = 1.0 / (1.0 + c * tension)
@@ -277,18 +361,7 @@ class TendonLaw:
         else:
             given = self.parameters.lengths - lengths
             d_length, d_tension = self._negative, self._nothing
-        field = TensionField(
-            tension,
-            given.sum(axis=1),
-            self.slips(given),
-            mobilisation,
-            self._rigid,
-            beyond * d_theta[:, None, :],
-            chain[:, :, 0],
-            d_length,
-            d_tension,
-        )
-        return field, by_mobilisation
+        return TensionField(tension, given, self.slips(given), mobilisation, d_length, d_tension, derive)
 
     def evaluate(
         self,
@@ -317,10 +390,11 @@ class TendonLaw:
         delta = self.presliding if presliding is None else presliding
         mobilisation = state.mobilisation
         for _ in range(20):
-            field, by_mobilisation = self.field(base_tension, lengths, angles, mobilisation)
+            field = self.field(base_tension, lengths, angles, mobilisation)
+            by_mobilisation = field.by_mobilisation
             # What the slips lack, and how they change with the mobilisations: own = 1 - ds(slip)/ds.
             trial = self.follow(field.slip, state, delta)
-            drive = self._drive / delta
+            drive = self.drive / delta
             own = np.eye(self.groups) - (drive * field.given_d_tension[:, None, :]) @ by_mobilisation
             if np.max(np.abs(np.clip(trial, -1.0, 1.0) - mobilisation), initial=0.0) <= 1e-10:
                 break
@@ -339,14 +413,17 @@ class TendonLaw:
         right = np.concatenate((drive * field.given_d_length[:, None, :], by_angle, by_base), axis=2)
         ds = by_mobilisation @ np.linalg.solve(own, right)
         n = self.shape[1]
-        return field._replace(
-            d_length=ds[:, :, :n],
-            d_angle=field.d_angle + ds[:, :, n : 2 * n - 1],
-            d_base=field.d_base + ds[:, :, -1],
+        return field.replace_derivatives(
+            TensionDerivatives(
+                ds[:, :, :n],
+                field.d_angle + ds[:, :, n : 2 * n - 1],
+                field.d_base + ds[:, :, -1],
+                by_mobilisation,
+            )
         )
 
-    def _pass_on(self, base_tension: Array, angles: Array, s: Array) -> tuple[Array, Array, Array, Array]:
-        """Tensions, their direct derivatives with respect to ``s`` and angle, and the chain ``dT_k / dT_j``."""
+    def _pass_on(self, base_tension: Array, angles: Array, s: Array) -> tuple[Array, Slopes]:
+        """Tensions, and what gives the chain ``dT_k / dT_j``, and ``dT_k+1`` by ``s_k`` and by the angle there."""
         mu = self._mu
         m, n = self.shape
         turned = -mu * angles
@@ -356,10 +433,14 @@ class TendonLaw:
             ratio[:, 0] = 1.0
             np.exp(exponent.cumsum(axis=1), out=ratio[:, 1:])
             tension = base_tension[:, None] * ratio
-            chain = ratio[:, :, None] / ratio[:, None, :]
-            chain *= self._lower
-            after = tension[:, 1:]
-            return tension, turned * after, -mu * s * after, chain
+
+            def slopes() -> tuple[Array, Array, Array]:
+                chain = ratio[:, :, None] / ratio[:, None, :]
+                chain *= self._lower
+                after = tension[:, 1:]
+                return chain, turned * after, -mu * s * after
+
+            return tension, slopes
         a = self._adhesion
         tension = np.empty((m, n))
         slope = np.empty((m, n - 1))
@@ -384,7 +465,7 @@ class TendonLaw:
         for k in range(1, n):
             chain[:, k, :k] = slope[:, k - 1, None] * chain[:, k - 1, :k]
             chain[:, k, k] = 1.0
-        return tension, d_s, d_theta, chain
+        return tension, lambda: (chain, d_s, d_theta)
 
     def commit(self, field: TensionField) -> FrictionState:
         """History after a converged (sub)step."""

@@ -29,7 +29,7 @@ _ONES3, _ONES4 = np.ones(3), np.ones(4)
 
 def skew(v: Array) -> Array:
     """Matrix of the cross product with ``v``: (..., 3) to (..., 3, 3)."""
-    return (v @ _SKEW).reshape(*v.shape, 3)
+    return v.reshape(-1, 3).dot(_SKEW).reshape(*v.shape, 3)
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -60,7 +60,7 @@ for _i, _j in ((1, 2), (1, 3), (2, 3)):
     for _index in ((_i - 1, _j - 1), (_j - 1, _i - 1)):
         _entry = 1 + 3 * _index[0] + _index[1]
         _SHEPPERD[_entry, _i, _j] = _SHEPPERD[_entry, _j, _i] = 1.0
-_SHEPPERD = _SHEPPERD.reshape(10, 16)
+_SHEPPERD_CONSTANT, _SHEPPERD_LINEAR = _SHEPPERD.reshape(10, 16)[0], _SHEPPERD.reshape(10, 16)[1:]
 
 
 def euler_parameters_of_rotation(r: Array) -> Array:
@@ -69,7 +69,7 @@ def euler_parameters_of_rotation(r: Array) -> Array:
     S. W. Shepperd, Quaternion from rotation matrix, J. Guidance and Control 1 (1978) 223-224.
     """
     flat = r.reshape(-1, 9)
-    products = (flat @ _SHEPPERD[1:] + _SHEPPERD[0]).reshape(-1, 4, 4)
+    products = (flat @ _SHEPPERD_LINEAR + _SHEPPERD_CONSTANT).reshape(-1, 4, 4)
     pivot = products[:, (0, 1, 2, 3), (0, 1, 2, 3)].argmax(axis=1)
     e = products[np.arange(len(flat)), pivot]
     e = e / np.sqrt(np.einsum("ni,ni->n", e, e))[:, None]
@@ -79,12 +79,15 @@ def euler_parameters_of_rotation(r: Array) -> Array:
 def euler_parameters_near(r: Array, near: Array) -> Array:
     """Euler parameters of rotation matrices (n, 3, 3), of both signs those nearer to given ones (n, 4)."""
     # The symmetric matrix 4 e e^T takes any vector that is not across e to a multiple of e, with the nearer sign.
-    e = ((r.reshape(-1, 9) @ _SHEPPERD[1:] + _SHEPPERD[0]).reshape(-1, 4, 4) @ near[:, :, None])[..., 0]
-    size = np.sqrt((e * e) @ _ONES4)
+    products = r.reshape(-1, 9).dot(_SHEPPERD_LINEAR)
+    products += _SHEPPERD_CONSTANT
+    e = (products.reshape(-1, 4, 4) @ near[:, :, None])[..., 0]
+    size = np.sqrt((e * e).dot(_ONES4))
     if size.min() < 0.1:
         e = euler_parameters_of_rotation(r)
         return e * np.where((e * near) @ _ONES4 < 0.0, -1.0, 1.0)[:, None]
-    return np.asarray(e / size[:, None])
+    e /= size[:, None]
+    return np.asarray(e)
 
 
 #: ``e @ _RATE`` is the matrix of `euler_rate_matrix`, row by row.
@@ -99,28 +102,29 @@ _RATE = _RATE.reshape(4, 12)
 
 def euler_rate_matrix(e: Array) -> Array:
     """``H`` with ``de/dt = H w`` for a local angular velocity ``w``: (..., 4) to (..., 4, 3)."""
-    return (e @ _RATE).reshape(*e.shape, 3)
+    return e.reshape(-1, 4).dot(_RATE).reshape(*e.shape, 3)
 
 
 #: Terms of the Taylor series in the squared angle, enough for 16 digits below 0.5.
 _TERMS = 9
-_POWERS = np.arange(_TERMS)
+_POWERS = np.arange(float(_TERMS))
 
 
 def _series() -> Array:
-    """Taylor coefficients, by power of the squared angle, of the five functions of `coefficients`."""
-    table = np.zeros((_TERMS, 5))
+    """Taylor coefficients, by power of the squared angle, of the six functions of `coefficients`."""
+    table = np.zeros((_TERMS, 6))
     for k in range(_TERMS):
         table[k, :3] = [(-1.0) ** k / factorial(2 * k + j) for j in (1, 2, 3)]
+    table[0, 3] = 0.5
     # Even powers of ad beyond the fourth fall back on the second and fourth: ad^6 = -2 a^2 ad^4 - a^4 ad^2, so
     # ad^2k = (-1)^k ((k - 2) a^(2k-2) ad^2 + (k - 1) a^(2k-4) ad^4).
     even = bernoulli(2 * _TERMS + 4)[2::2]
     for k in range(1, _TERMS + 2):
         share = (-1.0) ** k * even[k - 1] / factorial(2 * k)
         if k <= _TERMS:
-            table[k - 1, 3] = share * (k - 2)
+            table[k - 1, 4] = share * (k - 2)
         if k >= 2:
-            table[k - 2, 4] = share * (k - 1)
+            table[k - 2, 5] = share * (k - 1)
     return table
 
 
@@ -128,15 +132,15 @@ _SERIES = _series()
 
 
 def coefficients(w: Array) -> Array:
-    """What exponential and inverse tangent need of rotation vectors (..., 3), by their angle ``a``: (..., 5).
+    """What exponential and inverse tangent need of rotation vectors (..., 3), by their angle ``a``: (..., 6).
 
     ``sin a / a``, ``(1 - cos a) / a^2``, ``(a - sin a) / a^3`` for the exponential; for the inverse of its tangent,
-    ``1 + ad / 2 + c ad^2 + d ad^4``, the factors ``c`` and ``d``.
+    ``1 + ad / 2 + c ad^2 + d ad^4``, the factors ``1 / 2``, ``c`` and ``d``.
     """
-    angle2 = (w * w) @ _ONES3
+    angle2 = (w * w).dot(_ONES3)
     if angle2.size == 0 or angle2.max() < 0.5:
         # Digits are lost to cancellation near zero in the closed form; the series has none to lose.
-        return np.asarray(angle2[..., None] ** _POWERS @ _SERIES)
+        return np.asarray((angle2[..., None] ** _POWERS).dot(_SERIES))
     small = angle2 < 0.5
     series = np.where(small, angle2, 0.0)[..., None] ** _POWERS @ _SERIES
     a = np.sqrt(np.where(small, 1.0, angle2))
@@ -145,6 +149,7 @@ def coefficients(w: Array) -> Array:
         sine / a,
         versed / a**2,
         (a - sine) / a**3,
+        np.full_like(a, 0.5),
         2.0 / a**2 - (a + 3.0 * sine) / (4.0 * a * versed),
         1.0 / a**4 - (a + sine) / (4.0 * a**3 * versed),
     )
@@ -161,14 +166,19 @@ _EYE4 = np.eye(4)
 
 def twist_matrix(xi: Array) -> Array:
     """4 x 4 matrices of twists: (..., 6) to (..., 4, 4)."""
-    return (xi @ _HAT).reshape(*xi.shape[:-1], 4, 4)
+    return xi.reshape(-1, 6).dot(_HAT).reshape(*xi.shape[:-1], 4, 4)
 
 
 def exp_matrix(xi: Array, c: Array) -> Array:
     """Exponential of twists (..., 6) as 4 x 4 matrices, with the `coefficients` of their rotations."""
     x = twist_matrix(xi)
-    x2 = x @ x
-    return _EYE4 + x + c[..., 1, None, None] * x2 + c[..., 2, None, None] * (x2 @ x)
+    powers = np.empty((*xi.shape[:-1], 2, 4, 4))
+    square, cube = powers[..., 0, :, :], powers[..., 1, :, :]
+    np.matmul(x, x, out=square)
+    np.matmul(square, x, out=cube)
+    x += (c[..., None, 1:3] @ powers.reshape(*xi.shape[:-1], 2, 16)).reshape(x.shape)
+    x += _EYE4
+    return x
 
 
 def exp_se3(xi: Array) -> tuple[Array, Array]:
@@ -215,7 +225,7 @@ _AD = _AD.reshape(6, 36)
 
 def adjoint_map(xi: Array) -> Array:
     """``ad`` of twists, with ``ad(x) y`` the Lie bracket: (..., 6) to (..., 6, 6)."""
-    return (xi @ _AD).reshape(*xi.shape, 6)
+    return xi.reshape(-1, 6).dot(_AD).reshape(*xi.shape, 6)
 
 
 def inverse_tangent_se3(xi: Array) -> Array:
@@ -223,14 +233,30 @@ def inverse_tangent_se3(xi: Array) -> Array:
     c = coefficients(xi[..., 3:])
     ad = adjoint_map(xi)
     a2 = ad @ ad
-    return _EYE6 + 0.5 * ad + c[..., 3, None, None] * a2 + c[..., 4, None, None] * (a2 @ a2)
+    return _EYE6 + 0.5 * ad + c[..., 4, None, None] * a2 + c[..., 5, None, None] * (a2 @ a2)
 
 
-def twist_change(xi: Array, moved: Array, c: Array) -> Array:
-    """`inverse_tangent_se3` of ``xi`` times ``moved`` without forming the matrix, with its `coefficients`: (..., 6)."""
+def twist_change(xi: Array, before: Array, after: Array, c: Array) -> Array:
+    """Linearised change of the twist from one frame to another, as both move: (..., 6).
+
+    With ``T`` as in `inverse_tangent_se3` it is ``T(xi) after - T(-xi) before``, as ``T(xi) Ad(exp(-xi)) = T(-xi)``;
+    powers of ``ad`` act on sum and difference of both, and no matrix but ``ad`` is formed.
+
+    Parameters
+    ----------
+    xi
+        Relative twist, shape (..., 6).
+    before, after
+        Body-frame increments of the first frame and of the second, shape (..., 6).
+    c
+        `coefficients` of its rotation.
+    """
     ad = adjoint_map(xi)
-    x = moved[..., None]
-    y1 = ad @ x
-    y2 = ad @ y1
-    y4 = ad @ (ad @ y2)
-    return (x + 0.5 * y1 + c[..., 3, None, None] * y2 + c[..., 4, None, None] * y4)[..., 0]
+    apart = after - before
+    terms = np.empty((*xi.shape, 3))
+    first, second, fourth = terms[..., :1], terms[..., 1:2], terms[..., 2:]
+    np.matmul(ad, (after + before)[..., None], out=first)
+    np.matmul(ad, ad @ apart[..., None], out=second)
+    np.matmul(ad, ad @ second, out=fourth)
+    apart += (terms @ c[..., 3:, None])[..., 0]
+    return apart

@@ -172,11 +172,11 @@ class CableGeometry:
         positions, rotations
             Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
         """
-        frames = rotations[self.nodes]
+        frames = rotations.take(self.nodes, axis=0)
         holes = (frames @ self.offsets[..., None])[..., 0]
-        holes += positions[self.nodes]
+        holes += positions.take(self.nodes, axis=0)
         d = holes[:, 1:] - holes[:, :-1]
-        lengths = np.sqrt((d * d) @ _ONES)
+        lengths = np.sqrt((d * d).dot(_ONES))
         if self._padded:
             inverse = self._exists / (lengths + (1.0 - self._exists))
             lengths *= self._exists
@@ -186,7 +186,7 @@ class CableGeometry:
 
         # Half the chord between unit vectors is the sine of half the angle: exact down to the smallest turn.
         bend = e[:, 1:] - e[:, :-1]
-        chord = (bend * bend) @ _ONES
+        chord = (bend * bend).dot(_ONES)
         if self._padded:
             chord *= self._turns
         angles = 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chord), 1.0))
@@ -221,5 +221,5 @@ class CableGeometry:
         if self._entry is not None:
             forces = forces[self._entry]
         maps = (self._lever @ frames.swapaxes(-1, -2)).reshape(-1, 6, 3)
-        self._derivatives.reshape(-1)[self._target] = (maps[self._hole] @ forces).ravel()
+        self._derivatives.reshape(-1)[self._target] = (maps.take(self._hole, axis=0) @ forces).ravel()
         return self._d_lengths, self._d_angles

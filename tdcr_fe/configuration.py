@@ -33,12 +33,15 @@ class Place:
         By robot, of the elements, shape (E, 6).
     roots : list of (ndarray, ndarray)
         By robot, position and rotation of the base node.
+    parameters : ndarray, shape (N, 4)
+        Euler parameters of the beam nodes of all robots.
     """
 
     coordinates: Array
     multipliers: Array
     twists: list[Array]
     roots: list[Pose]
+    parameters: Array
 
 
 class Configuration:
@@ -80,6 +83,7 @@ class Configuration:
     ) -> None:
         self.mbs = mbs
         self._reduction = reduction
+        self._clamped = frozenset(clamped)
         ends = np.cumsum([len(r.nodes) for r in robots])
         self.slices = [slice(int(e) - len(r.nodes), int(e)) for e, r in zip(ends, robots, strict=True)]
         data = mbs.systemData
@@ -155,6 +159,8 @@ class Configuration:
         share = min(1.0, most / turn) if turn > 0.0 else 1.0
         for i, (change, own) in enumerate(zip(changes, self.slices, strict=True)):
             self.twists[i] = self.twists[i] + share * change
+            if i in self._clamped:
+                continue
             first = share * nodes[own.start]
             if max(map(abs, first.tolist())) > 1e-15:
                 p, r = self.roots[i]
@@ -191,7 +197,13 @@ class Configuration:
 
     def place(self) -> Place:
         """Where the scene is now, to go back to."""
-        return Place(self._coordinates.copy(), self.multipliers.copy(), list(self.twists), list(self.roots))
+        return Place(
+            self._coordinates.copy(),
+            self.multipliers.copy(),
+            list(self.twists),
+            list(self.roots),
+            self._parameters,
+        )
 
     def fits(self, place: Place) -> bool:
         """Whether a configuration is one of a scene like this, with the same mesh."""
@@ -209,7 +221,5 @@ class Configuration:
 
     def turn_since(self, place: Place) -> float:
         """Largest rotation of any beam node since a configuration [rad]."""
-        now, then = self._beams(self._coordinates), self._beams(place.coordinates)
-        reference = self._reference[:, 3:]
-        cosine = np.abs(((now[:, 3:] + reference) * (then[:, 3:] + reference)) @ _ONES4).min()
+        cosine = np.abs((self._parameters * place.parameters) @ _ONES4).min()
         return 2.0 * acos(min(float(cosine), 1.0))

@@ -91,7 +91,7 @@ class BodyFrameReduction:
 
     def residual(self, r: Array) -> Array:
         """Wrenches ``[f, m]`` of the nodes in their own frames, then the rest, shape (count,)."""
-        at_nodes = (r[self.beam][:, None, :] @ self._maps).reshape(-1)
+        at_nodes = (r.take(self.beam)[:, None, :] @ self._maps).reshape(-1)
         return np.concatenate((at_nodes, r[self.other])) if self.other.size else at_nodes
 
     def node_rows(self, j: Array, node: int, multipliers: Index) -> Array:
@@ -115,15 +115,15 @@ class BodyFrameReduction:
             if outside.any():
                 self._widen(self._outside[outside != 0.0])
         maps = self._maps
-        turned = np.swapaxes(maps, 1, 2)
         k = self._matrix
         k.fill(0.0)
-        blocks = turned[self._a] @ flat[self._from] @ maps[self._b]
+        left, right = maps.take(self._a, axis=0).swapaxes(1, 2), maps.take(self._b, axis=0)
+        blocks = left @ flat.take(self._from) @ right
         k.reshape(-1)[self._to] = blocks.ravel()
         rest = len(self.other)
         if rest:
             n, six = self.nodes, 6 * self.nodes
-            k[:six, six:] = (turned @ flat[self._right].reshape(n, 7, rest)).reshape(six, rest)
+            k[:six, six:] = (maps.swapaxes(1, 2) @ flat[self._right].reshape(n, 7, rest)).reshape(six, rest)
             below = flat[self._below].reshape(rest, n, 7).transpose(1, 0, 2) @ maps
             k[six:, :six] = below.transpose(1, 0, 2).reshape(rest, six)
             k[six:, six:] = flat[self._corner]

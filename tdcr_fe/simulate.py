@@ -101,15 +101,14 @@ class Simulation:
         for name, load in target.loads.items():
             goal_loads[self._key(name, load)] = np.array([*load.force, *load.moment])
         start_loads, start_time = self._applied, self._time
-        change = any(np.any(goal_loads[key] != start_loads[key]) for key in goal_loads)
+        change = any((goal_loads[key] != start_loads[key]).any() for key in goal_loads)
         creep = self.handle.robot.backbone.creep_rate != 0.0
         # Where a tendon changes from tension to displacement or back, the ramp begins at what it has now.
-        now = np.where(
-            target.by_displacement == robot.by_displacement,
-            robot.input_values(),
-            np.where(target.by_displacement, self.displacement, robot.base_tension),
-        )
-        robot.by_displacement = target.by_displacement.copy()
+        now, changed = robot.input_values(), target.by_displacement != robot.by_displacement
+        if changed.any():
+            here = np.where(target.by_displacement, self.displacement, robot.base_tension)
+            now = np.where(changed, here, now)
+            robot.by_displacement = target.by_displacement.copy()
 
         def apply(share: float) -> Applied:
             largest = 0.0

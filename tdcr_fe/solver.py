@@ -200,13 +200,11 @@ class StrainSpaceSolver:
     def _number_unknowns(self) -> None:
         """Sort Exudyn's unknowns: beam nodes, their norm constraints (which drop out), everything else."""
         data, kernel = self.mbs.systemData, self._kernel
-        n1, na = kernel.GetODE1size(), kernel.GetAEsize()
-        if n1:
+        if kernel.GetODE1size():
             raise ValueError(
                 "the scene has first-order (ODE1) states, which the quasi-static solver does not solve; "
                 "use mbs.SolveDynamic, or leave these items out"
             )
-        self._na = na
         for robot in self.robots:
             robot.forget_coordinates()
         norms = [i for robot in self.robots for node in robot.nodes for i in data.GetNodeLTGAE(node)]
@@ -361,13 +359,13 @@ class StrainSpaceSolver:
         """Exudyn's Jacobian in the same terms, with what the tendons add."""
         kernel, mbs = self._kernel, self.mbs
         kernel.ComputeJacobianODE2RHS(mbs, computeLoadsJacobian=int(self._loads_jacobian))
-        if self._na:
+        if len(self._reduction.other_multipliers) or len(self._reactions) < len(self._clamps):
             kernel.ComputeJacobianAE(mbs)
         j = kernel.GetSystemJacobian()
         extra = self.hooks.user_jacobian(t)
         if extra is not None:
             j[: extra.shape[0], : extra.shape[1]] += extra
-        if not self._reactions:
+        if len(self._reactions) < len(self._clamps):
             for number, joint in self._clamps.items():
                 by_joint = self._reduction.node_rows(j, self.now.slices[number].start, joint)
                 self._reactions[number] = np.asarray(np.linalg.inv(by_joint), dtype=float)
@@ -405,6 +403,8 @@ class StrainSpaceSolver:
             at += driven[i].size
             hole += held[i]
         self._mixed = hole > self._linear
+        #: Whether any tendon is driven by displacement.
+        self.any_driven = any(d.size for d in driven)
         self._unknowns = hole
 
     def _factorise(self, t: float, r: Array) -> None:
@@ -458,9 +458,9 @@ class StrainSpaceSolver:
             return 0
         if self._sign == 0:
             lu, pivots = self._factors
-            swaps = np.count_nonzero(pivots != np.arange(len(pivots)))
-            negative = np.count_nonzero(np.diagonal(lu) < 0.0)
-            self._sign = 1 if (swaps + negative) % 2 == 0 else -1
+            # Rows that changed places, and negative pivots; both at once change nothing.
+            turned = np.count_nonzero((pivots != np.arange(len(pivots))) ^ (lu.diagonal() < 0.0))
+            self._sign = 1 if turned % 2 == 0 else -1
         return self._sign
 
     def _solve_linear(self, right: Array) -> Array:
@@ -544,7 +544,7 @@ class StrainSpaceSolver:
 
     def _with_holes(self, alone: Array, missing: Array, before: Array) -> Array:
         """The step where the holes are solved too; ``alone`` is the step with all mobilisations kept."""
-        columns = np.zeros((len(alone), len(before)))
+        columns = np.zeros((len(alone), len(before)), order="F")
         rows = np.zeros((len(before), len(alone)))
         own = np.zeros((len(before), len(before)))
         for part in self._parts:
@@ -553,16 +553,16 @@ class StrainSpaceSolver:
             robot = part.robot
             here = slice(part.holes.start - self._linear, part.holes.stop - self._linear)
             columns[part.nodes, here] = robot.mobilisation_columns()
-            by_base = robot.base_slip_by_mobilisation()[part.driven]
-            by_base[self._slack[part.index]] = 0.0
-            columns[part.tensions, here] = by_base
-            by_nodes, by_tension, block = robot.slip_rows()
+            by_nodes, by_tension, own[here, here] = robot.slip_rows()
             rows[here, part.nodes] = by_nodes
-            rows[here, part.tensions] = by_tension[:, part.driven]
-            own[here, here] = block
+            if part.driven.size:
+                by_base = robot.base_slip_by_mobilisation()[part.driven]
+                by_base[self._slack[part.index]] = 0.0
+                columns[part.tensions, here] = by_base
+                rows[here, part.tensions] = by_tension[:, part.driven]
         for base in self._bases:
             columns[base] = 0.0
-        by_hole = self._solve_linear(-columns)
+        by_hole = -self._solve_linear(columns)
         matrix = self._presliding * np.eye(len(before)) - rows @ by_hole - own
         new, _ = solve_box(matrix, missing + matrix @ before, before)
         return np.concatenate((alone + by_hole @ (new - before), new - before))
@@ -584,9 +584,11 @@ class StrainSpaceSolver:
     def _measure(self, r: Array) -> float:
         """Largest unbalanced force or moment over its scale."""
         size = np.abs(r * self._weights)
-        worst = float(size[: self._forces].max()) / self._force_scale()
-        if size.size > self._forces:
-            worst = max(worst, float(size[self._forces :].max()))
+        if size.size == self._forces:
+            worst = float(size.max()) / self._force_scale()
+        else:
+            forces, gaps = size[: self._forces], size[self._forces :]
+            worst = max(float(forces.max()) / self._force_scale(), float(gaps.max()))
         for part in self._parts:
             if part.driven.size:
                 gap = (part.robot.field.base_slip - self._goal[part.index])[part.driven]
@@ -704,8 +706,8 @@ class StrainSpaceSolver:
 
     def _step_size(self, step: Array) -> float:
         """Largest displacement over the backbone's length, or rotation, of any node in a step [1]."""
-        nodes = np.abs(step[: 6 * self._reduction.nodes].reshape(-1, 6))
-        return max(float(np.max(nodes[:, :3])) / self._scale_length, float(np.max(nodes[:, 3:])))
+        largest = np.abs(step[: 6 * self._reduction.nodes].reshape(-1, 6)).max(axis=0).tolist()
+        return max(max(largest[:3]) / self._scale_length, *largest[3:])
 
     def _advance(self, step: Array, chains: Sequence[ElementChain]) -> None:
         """Move all unknowns by a Newton step, no element turning more than allowed.

@@ -187,7 +187,7 @@ class LoadStepper:
 
     def _accept(self, report: NewtonReport, share: float, count: _Count) -> None:
         self.solver.commit()
-        if report.iterations and not any(np.any(r.by_displacement) for r in self.solver.robots):
+        if report.iterations and not self.solver.any_driven:
             # With driven tendons the sign also changes where one falls slack, and says nothing.
             self.solver.stable_sign = self.solver.tangent_sign
         if count.record is not None:
@@ -312,6 +312,8 @@ class LoadStepper:
             taut = (tension > 0.0)[:, None]
             if self._loads_change and np.any(taut & robot.law.holding):
                 return True
+            if robot.field.mobilisation is state.mobilisation:
+                continue
             old, new = np.trunc(state.mobilisation), np.trunc(robot.field.mobilisation)
             pulled = (robot.base_tension > 0.0)[:, None] & (new < 1.0)
             if np.any((old != new) & robot.law.holding & (taut | pulled)):
