@@ -160,12 +160,12 @@ class Deviation:
     count : int
         Readings.
     rms_offset, max_offset : float
-        [m].
+        [m]; nan where there are none.
     rms_angle, max_angle : float
-        [rad].
+        [rad]; nan where there are none.
     mean_percent : float
-        Mean absolute deviation of the offsets, or of the chord's end where only the angle is given (angle times
-        length), in per cent of the length.
+        Mean absolute deviation of the offsets in per cent of the length; what stands for them where there are none is
+        up to who made it.
     """
 
     count: int
@@ -176,10 +176,35 @@ class Deviation:
     mean_percent: float
 
 
+def summarise(offsets: Array, angles: Array, shares: Array) -> Deviation:
+    """Summarise deviations.
+
+    Parameters
+    ----------
+    offsets, angles
+        Absolute deviations [m] and [rad]; any may be empty.
+    shares
+        Those whose mean is told, as shares of the length [1].
+    """
+    nan = float("nan")
+
+    def rms(x: Array) -> float:
+        return float(np.sqrt(np.mean(x**2))) if x.size else nan
+
+    return Deviation(
+        offsets.size + angles.size,
+        rms(offsets),
+        float(offsets.max()) if offsets.size else nan,
+        rms(angles),
+        float(angles.max()) if angles.size else nan,
+        float(100.0 * shares.mean()) if shares.size else nan,
+    )
+
+
 def deviation(
     readings: Sequence[Reading], length: float, where: Callable[[Reading], bool] | None = None
 ) -> Deviation:
-    """Summarise readings.
+    """Summarise readings; where only angles are given, the mean is of the chord's end (angle times length).
 
     Parameters
     ----------
@@ -193,20 +218,7 @@ def deviation(
     used = [r for r in readings if (where is None or where(r)) and np.isfinite(r.model)]
     offsets = np.array([abs(r.model - r.measured) for r in used if r.quantity == "offset"])
     angles = np.array([abs(r.model - r.measured) for r in used if r.quantity == "angle"])
-    lengths = offsets if offsets.size else angles * length
-    nan = float("nan")
-
-    def rms(x: Array) -> float:
-        return float(np.sqrt(np.mean(x**2))) if x.size else nan
-
-    return Deviation(
-        len(used),
-        rms(offsets),
-        float(offsets.max()) if offsets.size else nan,
-        rms(angles),
-        float(angles.max()) if angles.size else nan,
-        float(100.0 * lengths.mean() / length) if lengths.size else nan,
-    )
+    return summarise(offsets, angles, offsets / length if offsets.size else angles)
 
 
 @dataclass(frozen=True)

@@ -17,34 +17,11 @@ from tdcr_fe.validation.identify.holdout import choose_held_out
 from tdcr_fe.validation.identify.loop import NotSolved
 from tdcr_fe.validation.identify.outcome import IdentificationResult, IdentifySettings
 from tdcr_fe.validation.measured import MeasuredData, Reading
+from tdcr_fe.validation.paper.comparison import Deviation, summarise
 from tdcr_fe.validation.paper.datasets import TableData, table_dataset
 from tdcr_fe.validation.paper.tables import STIFFNESS_FACTOR, paper_table
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Gap:
-    """How far a model is from some readings.
-
-    Attributes
-    ----------
-    count : int
-        Readings.
-    rms_offset, max_offset : float
-        [m]; nan where there are none.
-    rms_angle, max_angle : float
-        [rad]; nan where there are none.
-    mean_percent : float
-        Mean absolute deviation of the offsets in per cent of the length.
-    """
-
-    count: int
-    rms_offset: float
-    max_offset: float
-    rms_angle: float
-    max_angle: float
-    mean_percent: float
 
 
 @dataclass(frozen=True)
@@ -57,14 +34,14 @@ class Stage:
         "as declared", "one stiffness", or the effects that were added.
     predicted : ndarray, shape (n,)
         Of every reading, in its unit.
-    fitted, held_out : Gap
+    fitted, held_out : Deviation
         What it leaves on the rows that were fitted and on those held out.
     """
 
     name: str
     predicted: Array
-    fitted: Gap
-    held_out: Gap
+    fitted: Deviation
+    held_out: Deviation
 
 
 @dataclass(frozen=True)
@@ -113,24 +90,12 @@ def predicted(readings: Sequence[Reading], data: MeasuredData, robot: Robot) -> 
     return np.array([value(r) for r in readings])
 
 
-def gap(data: MeasuredData, residual: Array, which: NDArray[np.bool_]) -> Gap:
+def left_over(data: MeasuredData, residual: Array, which: NDArray[np.bool_]) -> Deviation:
     """Summarise residuals of some readings."""
     used = which & np.isfinite(residual)
     angle = np.array([r.unit == "rad" for r in data.readings])
     offsets, angles = np.abs(residual[used & ~angle]), np.abs(residual[used & angle])
-    nan = float("nan")
-
-    def rms(x: Array) -> float:
-        return float(np.sqrt(np.mean(x**2))) if x.size else nan
-
-    return Gap(
-        int(np.count_nonzero(used)),
-        rms(offsets),
-        float(offsets.max()) if offsets.size else nan,
-        rms(angles),
-        float(angles.max()) if angles.size else nan,
-        float(100.0 * offsets.mean() / data.robot.backbone.length) if offsets.size else nan,
-    )
+    return summarise(offsets, angles, offsets / data.robot.backbone.length)
 
 
 def scaled(robot: Robot, factor: float) -> Robot:
@@ -185,7 +150,9 @@ def study_missing(name: str) -> MissingStudy:
     measured = np.array([r.value for r in data.readings])
 
     def stage(text: str, residual: Array) -> Stage:
-        return Stage(text, measured - residual, gap(data, residual, ~held), gap(data, residual, held))
+        return Stage(
+            text, measured - residual, left_over(data, residual, ~held), left_over(data, residual, held)
+        )
 
     stages = [stage("as declared", measured - predicted(data.readings, data, data.robot))]
     factor = first_stiffness(table)

@@ -26,7 +26,7 @@ from tdcr_fe.validation.paper.figures import (
     svg,
 )
 from tdcr_fe.validation.paper.limitations import Influence
-from tdcr_fe.validation.paper.missing import Gap, MissingStudy, remarks, tried
+from tdcr_fe.validation.paper.missing import MissingStudy, remarks, tried
 from tdcr_fe.validation.paper.run import PaperRun, euler_load, sign_steps
 from tdcr_fe.validation.paper.tables import table_remarks, table_title, typed_table
 
@@ -84,17 +84,6 @@ def _reading(r: Reading) -> dict[str, Any]:
     }
 
 
-def _gap(g: Gap) -> dict[str, Any]:
-    return {
-        "readings": g.count,
-        "rms_offset_mm": 1e3 * g.rms_offset,
-        "max_offset_mm": 1e3 * g.max_offset,
-        "rms_angle_deg": np.rad2deg(g.rms_angle),
-        "max_angle_deg": np.rad2deg(g.max_angle),
-        "mean_percent": g.mean_percent,
-    }
-
-
 def _missing(m: MissingStudy) -> dict[str, Any]:
     found = None if m.result is None else m.result.to_json()
     return {
@@ -106,7 +95,8 @@ def _missing(m: MissingStudy) -> dict[str, Any]:
         "stiffness_factor": m.stiffness_factor,
         "max_effects": m.max_effects,
         "stages": [
-            {"model": s.name, "fitted": _gap(s.fitted), "held_out": _gap(s.held_out)} for s in m.stages
+            {"model": s.name, "fitted": _deviation(s.fitted), "held_out": _deviation(s.held_out)}
+            for s in m.stages
         ],
         "verdict": "not solved" if found is None else found["verdict"],
         "effects": [] if found is None else found["effects"],
