@@ -12,6 +12,7 @@ import pytest
 
 from tdcr_fe.cli import main
 from tdcr_fe.loading import resolve
+from tdcr_fe.output import plain
 from tdcr_fe.validation.crosscheck import campaign, cases, compare, report, studies
 from tdcr_fe.validation.crosscheck.third import integrate_again
 from tdcr_fe.validation.reference import solve_reference
@@ -70,7 +71,7 @@ def test_finite_elements_agree_with_the_reference(name):
     assert record["tension_percent"] < 0.1
     assert record["holes_differing_off_the_verge"] == 0
     assert max(record["bounds"].values()) < 1e-8
-    json.dumps(campaign.plain(record), allow_nan=False)
+    json.dumps(plain(record), allow_nan=False)
 
 
 def test_a_moved_tip_and_a_wrong_state_are_noticed(monkeypatch):
@@ -180,7 +181,7 @@ def test_an_error_fails_its_case_and_nothing_else():
     broken = replace(few()[0], robot=None)
     record = campaign.solve(broken)
     assert "AttributeError" in record["error"]
-    good = campaign.plain(compare.compare(few()[0])) | {"error": ""}
+    good = plain(compare.compare(few()[0])) | {"error": ""}
     outcome = report.judge([record, good], [], full=False, wall_time=1.0, processes=1, recalled=0)
     assert not outcome["passed"]
     assert outcome["counts"]["failing"] == 1

@@ -10,14 +10,11 @@ import signal
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-import tdcr_fe
+from tdcr_fe import output
 from tdcr_fe.validation.crosscheck.cases import Case
 from tdcr_fe.validation.crosscheck.studies import Study
 
@@ -28,20 +25,13 @@ Task = Case | Study
 @cache
 def versions() -> dict[str, str]:
     """What the outcome depends on besides the case: packages, and a digest of this package's own source."""
-    found = {"tdcr-fe": tdcr_fe.__version__}
-    for name in ("exudyn", "numpy", "scipy"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "unknown"
     digest = hashlib.sha256()
     for package in ("", ".elements", ".validation.reference", ".validation.crosscheck"):
         source = (item for item in files(f"tdcr_fe{package}").iterdir() if item.name.endswith(".py"))
         for item in sorted(source, key=lambda item: item.name):
             if item.name.removesuffix(".py") not in _NO_NUMBERS:
                 digest.update(item.read_bytes())
-    found["source"] = digest.hexdigest()[:16]
-    return found
+    return {**output.versions(), "source": digest.hexdigest()[:16]}
 
 
 #: Modules whose change does not change a number.
@@ -72,19 +62,6 @@ def _start_worker() -> None:
     import exudyn
 
     exudyn.config.printToConsole = False
-
-
-def plain(value: Any) -> Any:
-    """The value with what JSON does not know (NaN, numpy's numbers) replaced."""
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
 
 
 def write_whole(path: Path, text: str) -> None:
@@ -152,7 +129,7 @@ def run(
             progress(known, True)
     if left:
         for task, record in _solve_all(left, processes):
-            record = plain(record)
+            record = output.plain(record)
             text = json.dumps(
                 {"digest": digest_of(task), "versions": versions(), "record": record}, allow_nan=False
             )

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from tdcr_fe.output import plain
 from tdcr_fe.validation.crosscheck import campaign
 from tdcr_fe.validation.crosscheck.cases import (
     LEAST_ORDER,
@@ -230,7 +231,7 @@ def to_json(outcome: Record) -> Record:
         steps = [{k: v for k, v in s.items() if k not in _PICTURES_ONLY} for s in case["steps"]]
         return {**case, "steps": steps}
 
-    result: Record = campaign.plain({**outcome, "cases": [slim(c) for c in outcome["cases"]]})
+    result: Record = plain({**outcome, "cases": [slim(c) for c in outcome["cases"]]})
     return result
 
 

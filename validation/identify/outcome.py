@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -10,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.output import plain, versions
 from tdcr_fe.validation.measured import MeasuredData
 
 Array = NDArray[np.float64]
@@ -307,24 +307,5 @@ class IdentificationResult:
             "input": dict(self.data.digests or {}),
             "versions": versions(),
         }
-        clean: dict[str, Any] = _finite(document)
+        clean: dict[str, Any] = plain(document)
         return clean
-
-
-def versions() -> dict[str, str]:
-    """Of everything that computes."""
-    from importlib.metadata import version
-
-    return {n: version(n) for n in ("tdcr-fe", "exudyn", "numpy", "scipy")}
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

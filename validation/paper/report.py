@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import platform
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import jinja2
 import numpy as np
 
-from tdcr_fe import __version__
+from tdcr_fe.output import plain, versions, write_json
 from tdcr_fe.validation.measured import write_measured
 from tdcr_fe.validation.paper.cases import MODEL_NAMES, packaged_text
 from tdcr_fe.validation.paper.claims import case_table, orders, verdicts
@@ -34,23 +31,6 @@ _PAPER = (
     "Wang, Du, Mao: Cosserat Rod-Based Tendon Friction Modeling, Simulation, and Experiments for Tendon-Driven "
     "Continuum Robots, Micromachines 2025, 16(3), 346"
 )
-
-
-def plain(value: Any) -> Any:
-    """The same in what JSON knows; what is not finite becomes null."""
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, (np.bool_, bool)):
-        return bool(value)
-    if isinstance(value, np.integer):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    return value
 
 
 def _deviation(d: Deviation) -> dict[str, Any]:
@@ -141,11 +121,7 @@ def to_json(run: PaperRun, wall_time: float) -> dict[str, Any]:
     """Everything that was found, without the shapes."""
     out: dict[str, Any] = {
         "paper": _PAPER,
-        "versions": {
-            "tdcr-fe": __version__,
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("exudyn", "numpy", "scipy")},
-        },
+        "versions": versions(),
         "wall_time_s": wall_time,
         "seconds": run.seconds,
         "verdicts": [v.__dict__ for v in verdicts(run)],
@@ -339,9 +315,7 @@ def write_report(run: PaperRun, out: Path, wall_time: float) -> list[Path]:
     """
     data = to_json(run, wall_time)
     page, numbers = out / "report.html", out / "report.json"
-    numbers.write_text(
-        json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
-    )
+    write_json(data, numbers)
     page.write_text(html(run, data), encoding="utf-8")
     return [page, numbers]
 
