@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import exudyn as exu
@@ -46,6 +46,15 @@ def influence(name: str, base: StepResult, changed: StepResult, length: float) -
     return Influence(name, shift, 100.0 * shift / length, changed.bending_angle - base.bending_angle)
 
 
+def _variants(robot: Robot, steps: Sequence[LoadStep], changed: Mapping[str, Robot]) -> list[Influence]:
+    """Robots, by what was changed, against the case as it is."""
+    base = simulate(robot, Model(), steps).steps[-1]
+    return [
+        influence(name, base, simulate(other, Model(), steps).steps[-1], robot.backbone.length)
+        for name, other in changed.items()
+    ]
+
+
 def disk_thickness(robot: Robot, steps: Sequence[LoadStep], thicknesses: Sequence[float]) -> list[Influence]:
     """Disks that make their own length of backbone rigid.
 
@@ -56,12 +65,9 @@ def disk_thickness(robot: Robot, steps: Sequence[LoadStep], thicknesses: Sequenc
     thicknesses
         Of each disk [m].
     """
-    base = simulate(robot, Model(), steps).steps[-1]
-    found = []
-    for t in thicknesses:
-        result = simulate(robot.with_disks(thickness=t), Model(), steps)
-        found.append(influence(f"disks {1e3 * t:g} mm thick", base, result.steps[-1], robot.backbone.length))
-    return found
+    return _variants(
+        robot, steps, {f"disks {1e3 * t:g} mm thick": robot.with_disks(thickness=t) for t in thicknesses}
+    )
 
 
 def adhesion(robot: Robot, steps: Sequence[LoadStep], drops: Sequence[float]) -> list[Influence]:
@@ -74,13 +80,11 @@ def adhesion(robot: Robot, steps: Sequence[LoadStep], drops: Sequence[float]) ->
     drops
         At each hole [N].
     """
-    base = simulate(robot, Model(), steps).steps[-1]
-    found = []
-    for a in drops:
-        result = simulate(robot.with_tendons(adhesion=a), Model(), steps)
-        name = f"{1e3 * a:g} mN of adhesion at every hole"
-        found.append(influence(name, base, result.steps[-1], robot.backbone.length))
-    return found
+    return _variants(
+        robot,
+        steps,
+        {f"{1e3 * a:g} mN of adhesion at every hole": robot.with_tendons(adhesion=a) for a in drops},
+    )
 
 
 @dataclass(frozen=True)
