@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from tdcr_fe import __version__
-from tdcr_fe.status import INTERRUPTED, NOT_CONVERGED, SOLVED, WRONG_INPUT, complain
+from tdcr_fe.status import FAILURE, INTERRUPTED, SUCCESS, WRONG_INPUT, complain
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     except BrokenPipeError:  # whoever read our output has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return SOLVED
+        return SUCCESS
     except OSError as error:  # a disk that is full, a directory that is read-only
         complain(f"cannot go on: {error}")
         return WRONG_INPUT
@@ -210,7 +210,7 @@ def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) ->
     for warning in result.warnings:
         complain(f"warning: {warning}")
     if result.converged:
-        return SOLVED
+        return SUCCESS
     return _tell_failure(result, scenario, out)
 
 
@@ -227,7 +227,7 @@ def _tell_failure(result: SequenceResult, scenario: Scenario, out: Path) -> int:
     complain(f"{what}; {_count(solved, 'step')} solved before it {'is' if solved == 1 else 'are'} in {out}")
     if result.message and not interrupted:
         complain(result.message)
-    return INTERRUPTED if interrupted else NOT_CONVERGED
+    return INTERRUPTED if interrupted else FAILURE
 
 
 def _solve(scenario: Scenario, quiet: bool) -> SequenceResult:

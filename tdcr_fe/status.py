@@ -1,12 +1,29 @@
-"""Exit statuses of the commands, and how they speak on stderr."""
+"""What all commands share: exit statuses, how they read a number, and how they speak on stderr."""
 
 from __future__ import annotations
 
+import argparse
 import sys
 
-SOLVED, NOT_CONVERGED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+SUCCESS, FAILURE, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
 def complain(text: str) -> None:
     """Print one line on stderr, with the program's name."""
     print(f"tdcr-fe: {text}", file=sys.stderr)
+
+
+def at_least_one(text: str) -> int:
+    """A whole number from 1, as `argparse` wants it.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+    """
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}; must be a whole number, at least 1")
+    return number

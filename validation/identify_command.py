@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from tdcr_fe.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain
+
 
 def add_identify_parser(commands: Any) -> None:
     """Add ``tdcr-fe identify``."""
@@ -29,7 +31,7 @@ def add_identify_parser(commands: Any) -> None:
     parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
     parser.add_argument(
         "--processes",
-        type=_positive,
+        type=at_least_one,
         default=min(2, os.cpu_count() or 1),
         help="worker processes [%(default)s]",
     )
@@ -41,19 +43,11 @@ def add_identify_parser(commands: Any) -> None:
     parser.set_defaults(handler=run)
 
 
-def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("must be 1 or more")
-    return value
-
-
 def run(args: argparse.Namespace) -> int:
     """Close the loop on a folder."""
     from tqdm import tqdm
 
     from tdcr_fe.output import check_place
-    from tdcr_fe.status import INTERRUPTED, NOT_CONVERGED, SOLVED, complain
     from tdcr_fe.validation.identify.loop import NotSolved, identify
     from tdcr_fe.validation.identify.outcome import IdentifySettings
     from tdcr_fe.validation.identify.report import summary, write_report
@@ -75,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
             result = identify(data, IdentifySettings(processes=args.processes), progress)
         except NotSolved as error:
             complain(str(error))
-            return NOT_CONVERGED
+            return FAILURE
     out.mkdir(parents=True, exist_ok=True)
     _write(out / "result.json", json.dumps(result.to_json(), indent=2) + "\n")
     write_report(result, out / "report.html")
@@ -85,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     if result.interrupted:
         complain("interrupted; what was found until then is written")
         return INTERRUPTED
-    return SOLVED
+    return SUCCESS
 
 
 def _write(path: Path, text: str) -> None:

@@ -8,6 +8,8 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
+from tdcr_fe.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the benchmark.
@@ -26,17 +28,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         prog="python -m tdcr_fe.validation.blind",
         description="Blind data made by the reference, given to the closed loop, and marked.",
     )
-    parser.add_argument("-n", type=int, default=60, metavar="COUNT", help="number of sets (60)")
+    parser.add_argument("-n", type=at_least_one, default=60, metavar="COUNT", help="number of sets (60)")
     parser.add_argument(
         "-o", required=True, metavar="OUT", help="folder; what is in it already is not done again"
     )
-    parser.add_argument("--processes", type=int, default=1, help="sets worked on at a time (1)")
+    parser.add_argument("--processes", type=at_least_one, default=1, help="sets worked on at a time (1)")
     parser.add_argument("--seed", type=int, default=0, help="of the plan (0)")
     parser.add_argument("--only", type=int, nargs="+", metavar="SET", help="seeds of the sets to do")
     parser.add_argument("--page", metavar="FILE", help="page of the documentation that gets the tables")
     args = parser.parse_args(argv)
-    if args.n < 1 or args.processes < 1 or args.seed < 0:
-        parser.error("-n and --processes must be at least 1, --seed at least 0")
+    if args.seed < 0:
+        parser.error("--seed must be at least 0")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
     from tqdm import tqdm
@@ -58,12 +60,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             scores = run_benchmark(recipes, args.o, args.processes, told)
         except KeyboardInterrupt:
             print("interrupted; start it again, and it goes on", file=sys.stderr)
-            return 130
+            return INTERRUPTED
     summary = write_report(scores, args.o)
     if args.page:
         write_into_page(to_markdown(summary, scores), args.page)
     print(f"{len(scores)} sets; tables in {os.path.join(args.o, 'benchmark.md')}")
-    return 1 if any(s["outcome"] == "failed" for s in scores) else 0
+    return FAILURE if any(s["outcome"] == "failed" for s in scores) else SUCCESS
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import Any
 
-PASSED, FAILED, INTERRUPTED = 0, 1, 130
+from tdcr_fe.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain
 
 
 def add_validate_parser(commands: Any) -> None:
@@ -21,19 +21,11 @@ def add_validate_parser(commands: Any) -> None:
     )
     parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for the report")
     parser.add_argument("--full", action="store_true", help="every case; without it a quick set")
-    parser.add_argument("--processes", type=_count, metavar="N", help="processes to use [number of cores]")
+    parser.add_argument(
+        "--processes", type=at_least_one, metavar="N", help="processes to use [number of cores]"
+    )
     parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
     parser.set_defaults(handler=validate)
-
-
-def _count(text: str) -> int:
-    try:
-        number = int(text)
-    except ValueError:
-        number = 0
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}; must be a whole number, at least 1")
-    return number
 
 
 def validate(args: argparse.Namespace) -> int:
@@ -74,10 +66,7 @@ def validate(args: argparse.Namespace) -> int:
             disputes = report.disputes([records[case.id] for case in cases])
             records |= campaign.run(disputes, folder, processes, progress)
     except KeyboardInterrupt:
-        print(
-            f"tdcr-fe: interrupted; what was finished is in {folder}, the same command goes on from there",
-            file=sys.stderr,
-        )
+        complain(f"interrupted; what was finished is in {folder}, the same command goes on from there")
         return INTERRUPTED
     outcome = report.judge(
         [records[case.id] for case in cases],
@@ -92,5 +81,5 @@ def validate(args: argparse.Namespace) -> int:
         print("\n".join(report.headline(outcome)))
         print(f"Written to {out}: report.html, report.json")
     for failure in outcome["failures"]:
-        print(f"tdcr-fe: {failure}", file=sys.stderr)
-    return PASSED if outcome["passed"] else FAILED
+        complain(failure)
+    return SUCCESS if outcome["passed"] else FAILURE

@@ -6,6 +6,8 @@ import argparse
 import sys
 from typing import Any
 
+from tdcr_fe.status import SUCCESS
+
 
 def add_paper_parser(commands: Any) -> None:
     """Add ``tdcr-fe paper``."""
@@ -62,4 +64,4 @@ def paper(args: argparse.Namespace) -> int:
         for v in found:
             print(f"{v.verdict.ljust(width)}  {v.claim}")
         print(f"\n{seconds:.0f} s. Written to {out}: {', '.join(p.name for p in written)}, cases/, datasets/")
-    return 0
+    return SUCCESS
