@@ -89,6 +89,25 @@ class BackboneMesh:
         return k
 
 
+def add_residual_flexibility(stiffness: Array, lengths: Array, share: float = 1.0) -> None:
+    """Give the shear of every element the residual flexibility of bending, ``h^2 / (12 EI)``.
+
+    A constant strain cannot follow a moment that changes with the shear force; this makes up for it (R. H. MacNeal, A
+    simple quadrilateral shell element, Computers & Structures 8 (1978) 175-183; documentation, page "Theory").
+
+    Parameters
+    ----------
+    stiffness
+        As in `BackboneMesh`, shape (E, 6); the shear is changed in place.
+    lengths
+        Of the elements [m], shape (E,).
+    share
+        Of that flexibility [1].
+    """
+    residual = lengths[:, None] ** 2 / (12.0 * stiffness[:, 5:3:-1])
+    stiffness[:, 1:3] = 1.0 / (1.0 / stiffness[:, 1:3] + share * residual)
+
+
 def subdivide(
     length: float,
     disks: Sequence[float],

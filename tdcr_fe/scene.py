@@ -17,6 +17,7 @@ from tdcr_fe.elements.backbone import (
     INSERT_FACTORS,
     BackboneMesh,
     add_backbone,
+    add_residual_flexibility,
     reference_poses,
     subdivide,
 )
@@ -294,10 +295,9 @@ class TDCR:
             return
         self._compliance = factor
         softer = self.mesh.stiffness.copy()
+        # What the shear holds of the bending grows along.
+        add_residual_flexibility(softer, self.mesh.lengths, factor - 1.0)
         softer[:, 3:] /= factor
-        # The residual flexibility of bending, which the shear holds, grows along.
-        residual = self.mesh.lengths[:, None] ** 2 / (12.0 * self.mesh.stiffness[:, 5:3:-1])
-        softer[:, 1:3] = 1.0 / (1.0 / self.mesh.stiffness[:, 1:3] + (factor - 1.0) * residual)
         for beam, stiffness, rigid in zip(self.oBeams, softer, self.rigid, strict=True):
             if not rigid:
                 section = self.mbs.GetObjectParameter(beam, "sectionData")
@@ -407,10 +407,7 @@ def build_mesh(
         (b.EA * one, b.GA * one, b.GA * one, b.GJ * torsion, b.EI * bending, b.EI * bending), axis=1
     )
     stiffness[rigid] *= INSERT_FACTORS
-    # Residual bending flexibility (MacNeal 1978): a constant strain cannot follow a moment that changes with the shear
-    # force; h^2 / (12 EI) of shear flexibility makes up for it.
-    size = np.diff(arc)[:, None]
-    stiffness[:, 1:3] = 1.0 / (1.0 / stiffness[:, 1:3] + size**2 / (12.0 * stiffness[:, 5:3:-1]))
+    add_residual_flexibility(stiffness, np.diff(arc))
     second_moment = np.pi * b.radius**4 / 4.0
     rotary = b.density * second_moment * np.array([2.0, 1.0, 1.0])
     precurvature = BEAM_TO_SECTION.T @ np.array([*b.precurvature, 0.0])
