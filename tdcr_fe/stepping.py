@@ -139,8 +139,8 @@ class LoadStepper:
             ``iterations`` of the accepted path, ``iterations_total`` with those of trials, ``substeps``,
             ``residual``, ``snapped`` (the robot jumped to another equilibrium on the way), ``presliding_factor``
             (by how much the presliding distance had to be larger for the holes to settle, 1 as a rule),
-            ``path_error`` (largest change of a node at the last doubling over the length, where it stayed above the
-            tolerance, else 0).
+            ``path_error`` (largest change of a node at the last doubling over the length, where doubling has not yet
+            changed nothing often enough, or a hole may still turn round unseen; else 0).
 
         Raises
         ------
@@ -264,7 +264,7 @@ class LoadStepper:
             agreed = agreed + 1 if error <= settings.path_tolerance and not self._turns_back(finer) else 0
             finer.wasted += now.iterations + now.wasted
             now = finer
-        now.path_error = error if error > settings.path_tolerance else 0.0
+        now.path_error = 0.0 if agreed >= needed else error
         count.add(now)
 
     def _rescue(self, apply: Apply, start: float, end: float, cause: NotConverged, count: _Count) -> None:

@@ -165,3 +165,14 @@ def test_both_ways_of_driving_mixed_and_switched():
 def test_a_wrong_step_is_named(step, words):
     with pytest.raises(ValueError, match=words):
         simulate(paper(), Model(), [step])
+
+
+@pytest.mark.parametrize("case", ["one doubling", "holes that turn back"])
+def test_a_path_that_is_not_settled_is_told(case, monkeypatch):
+    """Half of the pull let go: four substeps settle it, two are no proof; holes that may turn back are none either."""
+    if case == "holes that turn back":
+        monkeypatch.setattr("tdcr_fe.stepping.LoadStepper._turns_back", lambda self, count: True)
+    most = 2 if case == "one doubling" else 8
+    settled = solve(paper(0.3), pull(1.0, 0.5), settings=SolverSettings(max_divisions=most))
+    assert settled.steps[-1].details["path_error"] > 0.0
+    assert ["not resolved" in w for w in settled.warnings] == [True]
