@@ -121,6 +121,8 @@ class TendonActuation:
         self.inputs: Inputs = np.zeros(m)
         self.state: FrictionState = law.initial_state()
         self.base_tension = np.zeros(m)
+        #: Displacement imposed where last solved [m], nan of tendons driven by tension, shape (m,).
+        self.imposed: Array = np.full(m, np.nan)
         self.presliding: float | None = None
         self._columns = (6 * hole_nodes[:, None] + np.arange(6)).ravel()
         self._all_nodes = hole_nodes.size == mesh.arc_lengths.size
@@ -175,6 +177,16 @@ class TendonActuation:
     def input_values(self, t: float = 0.0) -> Array:
         """Tensions [N] and displacements [m] at the base, at time t."""
         return np.asarray(self.inputs(t) if callable(self.inputs) else self.inputs, dtype=float)
+
+    @property
+    def displacements(self) -> Array:
+        """What is pulled in at the base since the unloaded, just taut state [m], shape (m,).
+
+        Of a tendon driven by displacement what was imposed: where it is slack, its shape would take up less.
+        """
+        if not hasattr(self, "field"):
+            return np.zeros(self.count)
+        return np.where(np.isnan(self.imposed), self.field.base_slip, self.imposed)
 
     # ------------------------------------------------------------------ forces and tangent
 
@@ -288,6 +300,7 @@ class TendonActuation:
         positions, rotations, self._parameters = self.scene_poses()
         values = self.input_values(t)
         driven = self.by_displacement
+        self.impose(values)
         if not np.any(driven):
             return self.update(positions, rotations, values)
         self.measure(positions, rotations)
@@ -449,6 +462,10 @@ class TendonActuation:
 
     # ------------------------------------------------------------------ history
 
+    def impose(self, inputs: Array) -> None:
+        """Take down what drives the tendons by displacement in the state that is being solved, shape (m,)."""
+        self.imposed = np.where(self.by_displacement, inputs, np.nan)
+
     def commit(self) -> None:
         """Take the present holes' states as history."""
         self.state = self.law.commit(self.field)
@@ -457,6 +474,7 @@ class TendonActuation:
         """Forget all history, as for a robot that was never loaded."""
         self.state = self.law.initial_state()
         self.base_tension = np.zeros(self.count)
+        self.imposed = np.full(self.count, np.nan)
 
 
 def _with_compliance(law: TendonLaw, compliance: float) -> Any:

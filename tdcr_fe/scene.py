@@ -351,12 +351,10 @@ class TDCR:
     def displacements(self) -> dict[str, float]:
         """By tendon, what is pulled in at the base since the unloaded, just taut state [m].
 
-        Of a slack tendon driven by displacement what was imposed, not what its shape would take up.
+        Of a tendon driven by displacement what was imposed, whether it is taut or slack.
         """
-        taken = self._field().base_slip
-        imposed = np.where(self.actuation.by_displacement, self.actuation.input_values(), taken)
-        slack = self.actuation.by_displacement & (self.actuation.base_tension <= 0.0)
-        return dict(zip(self.robot.tendon_names, np.where(slack, imposed, taken).tolist(), strict=True))
+        self._field()
+        return dict(zip(self.robot.tendon_names, self.actuation.displacements.tolist(), strict=True))
 
     def hole_states(self) -> dict[str, tuple[str, ...]]:
         """By tendon, state of the hole at the distal end of every segment: stick, pull, release, anchor."""

@@ -129,9 +129,7 @@ class Simulation:
     @property
     def displacement(self) -> Array:
         """Tendons pulled in at the base [m], shape (n_tendons,)."""
-        if not hasattr(self.handle.actuation, "field"):
-            return np.zeros(self.handle.actuation.count)
-        return self.handle.actuation.field.base_slip
+        return self.handle.actuation.displacements
 
     def result(self, number: int, label: str, report: Mapping[str, Any]) -> StepResult:
         """The present state as a result."""
@@ -148,12 +146,7 @@ class Simulation:
             positions=solver.positions(0).copy(),
             rotations=solver.rotations(0) @ BEAM_TO_SECTION.T,
             base_tensions=handle.actuation.base_tension.copy(),
-            # A slack tendon has let go: what is pulled in is what was imposed, not what the shape would take up.
-            displacements=np.where(
-                handle.actuation.by_displacement,
-                handle.actuation.input_values(),
-                handle.actuation.field.base_slip,
-            ),
+            displacements=self.displacement,
             tensions=tuple(tensions[n] for n in handle.robot.tendon_names),
             hole_states=tuple(states[n] for n in handle.robot.tendon_names),
             residual=report["residual"],

@@ -91,6 +91,7 @@ class Snapshot:
     tensions: list[Array]
     histories: list[FrictionState]
     mobilisations: list[Array]
+    imposed: list[Array]
 
 
 @dataclass(frozen=True)
@@ -185,6 +186,7 @@ class StrainSpaceSolver:
             data.SetAECoordinates(multipliers)
         self._tension = [r.base_tension.copy() for r in self.robots]
         self._mobilisation = [r.state.mobilisation.copy() for r in self.robots]
+        self._goal: list[Array] = [r.imposed for r in self.robots]
         self._start: list[Array] | None = None
         self._iteration = 0
         self._presliding, self._damping = self.settings.presliding, 0.0
@@ -268,14 +270,17 @@ class StrainSpaceSolver:
             [r.base_tension.copy() for r in self.robots],
             [r.state for r in self.robots],
             [x.copy() for x in self._mobilisation],
+            [r.imposed for r in self.robots],
         )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a state."""
         self.now.go(snapshot.place)
         self._current = False
-        for robot, tension, state in zip(self.robots, snapshot.tensions, snapshot.histories, strict=True):
-            robot.base_tension, robot.state = tension.copy(), state
+        for robot, tension, state, imposed in zip(
+            self.robots, snapshot.tensions, snapshot.histories, snapshot.imposed, strict=True
+        ):
+            robot.base_tension, robot.state, robot.imposed = tension.copy(), state, imposed
         self._tension = [x.copy() for x in snapshot.tensions]
         self._mobilisation = [x.copy() for x in snapshot.mobilisations]
 
@@ -327,12 +332,16 @@ class StrainSpaceSolver:
         self._raw = self._kernel.GetSystemResidual()
         return self._reduction.residual(self._raw)
 
-    def _hold(self, r: Array) -> None:
-        """Take what acts on clamped bases out of a residual: their joints bear it, whatever it is."""
+    def _unbalanced(self, t: float) -> Array:
+        """What is not in equilibrium at the present unknowns."""
+        self._update_forces(t)
+        r = self._residual()
+        # What acts on clamped bases their joints bear, whatever it is.
         self._on_bases = []
         for base in self._bases:
             self._on_bases.append(r[base].copy())
             r[base] = 0.0
+        return r
 
     def _clamps_hold(self) -> bool:
         """Whether the joints of clamped bases are closed where the bases are kept."""
@@ -648,14 +657,11 @@ class StrainSpaceSolver:
         again = self._settled = False
         for iteration in range(limit + 1):
             self._iteration = iteration
-            self._update_forces(t)
-            r = self._residual()
+            r = self._unbalanced(t)
             if iteration == 0 and not self._clamps_hold():
                 self._release()
                 self._number_parts()
-                self._update_forces(t)
-                r = self._residual()
-            self._hold(r)
+                r = self._unbalanced(t)
             size = self._measure(r)
             history.append(size)
             if not np.isfinite(size):
@@ -682,10 +688,7 @@ class StrainSpaceSolver:
             self._advance(step, self._then if again else self.now.chains)
             if still:
                 # Nothing moves any more: what is left of the residual is round-off of very stiff parts.
-                self._update_forces(t)
-                r = self._residual()
-                self._hold(r)
-                size = self._measure(r)
+                size = self._measure(self._unbalanced(t))
                 if self._hole_error() <= 1e-4:
                     self._react(t)
                     return NewtonReport(iteration + 1, size, (*history, size))
@@ -735,5 +738,6 @@ class StrainSpaceSolver:
 
     def commit(self) -> None:
         """Take the present holes' states as history."""
-        for robot in self.robots:
+        for robot, goal in zip(self.robots, self._goal, strict=True):
             robot.commit()
+            robot.impose(goal)

@@ -64,8 +64,7 @@ def SolveTDCR(
             continue
         values = robot.input_values()
         # What it has now, whichever solver brought it here.
-        slip = robot.field.base_slip if hasattr(robot, "field") else np.zeros(robot.count)
-        starts.append(np.where(robot.by_displacement, slip, robot.base_tension))
+        starts.append(np.where(robot.by_displacement, robot.displacements, robot.base_tension))
         goals.append(values)
     user_step = _function(mbs.GetPreStepUserFunction())
 

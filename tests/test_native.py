@@ -87,6 +87,8 @@ def test_static_solver_drives_elastic_tendons_by_displacement():
     assert distance(handle.tip_position, step.tip) < 5e-4
     assert handle.tensions()["t1"] == pytest.approx(step.tensions[0], abs=1e-3)
     assert np.all(handle.tensions()["t2"] == 0.0)
+    # Of slack tendons too, what the inputs were at the end.
+    assert list(handle.displacements().values()) == pytest.approx([3e-3, -6e-3, -6e-3], abs=1e-12)
 
 
 def test_static_solver_with_two_robots_and_a_hook_of_the_user():
