@@ -303,33 +303,6 @@ class ElementChain:
         k.base[3:, :3] += force
         k.base[3:, 3:] += moment
 
-    def carry(self, wrenches: Array, positions: Array, rotations: Array, now: ElementChain) -> Array:
-        """Wrenches on the nodes that bend and stretch these elements as given ones do in a neighbouring configuration.
-
-        What an element feels is the sum of all wrenches beyond it. It stays the same in the frame of the element's
-        second node; how much of it the first node bears depends on the pose between both.
-
-        Parameters
-        ----------
-        wrenches
-            ``[f, m]`` on the nodes in their own frames, in the neighbouring configuration, shape (N, 6).
-        positions, rotations, now
-            Of that configuration, shapes (N, 3) and (N, 3, 3).
-
-        Returns
-        -------
-        ndarray, shape (N, 6)
-            In the frames of these elements' nodes.
-        """
-        own = wrenches.reshape(-1, 2, 3)
-        felt = self._beyond(own, positions, rotations)[1:]
-        carried = own.copy()
-        for share, chain in ((felt, now), (-felt, self)):
-            borne = share @ chain._turns.swapaxes(1, 2)
-            borne[:, 1:] -= borne[:, :1] @ chain._lever
-            carried[:-1] += borne
-        return carried.reshape(-1, 6)
-
 
 def relative_twists(positions: Array, rotations: Array) -> Array:
     """Relative twist of every element from the poses of its nodes, shape (N-1, 6)."""

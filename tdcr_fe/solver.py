@@ -30,7 +30,7 @@ _NONE = np.zeros(0, dtype=bool)
 _EYE6 = np.eye(6)
 
 #: A step with the tangent of the iteration before leaves about this times the residual, per turn of the elements that
-#: the tangent has seen since [1/rad]; 0.4 to 5 in 200 steps of all routings.
+#: the tangent has seen since [1/rad]; a prediction that met the tolerance in all of 216 steps of three routings.
 _SPOILT = 3.0
 
 
@@ -517,17 +517,9 @@ class StrainSpaceSolver:
         return right
 
     def _repeated_step(self, r: Array) -> Array:
-        """A step with the tangent of the iteration before, taken in strains: turned frames do not spoil it there."""
-        right = self._right_side(r)
-        nodes = right[: 6 * self._reduction.nodes].reshape(-1, 6)
-        for part, then, now, pose in zip(
-            self.now.slices, self._then, self.now.chains, self.now.poses, strict=True
-        ):
-            nodes[part] = then.carry(nodes[part], *pose, now)
-        for base in self._bases:
-            right[base] = 0.0
+        """A step with the tangent of the iteration before, in the frames it was made in; the holes keep their states."""
         step = np.zeros(self._unknowns)
-        step[: self._linear] = self._solve_linear(right)
+        step[: self._linear] = self._solve_linear(self._right_side(r))
         return step
 
     def _slip_missing(self, step: Array) -> tuple[Array, Array]:
