@@ -64,7 +64,7 @@ def exudyn_iteration(simulation: Simulation, count: int = 200) -> float:
     return least_time(residual, count) + least_time(jacobian, count)
 
 
-def load_steps(disks: int, repeats: int = 40) -> tuple[Array, Array, float]:
+def load_steps(disks: int, repeats: int = 100) -> tuple[Array, Array, float]:
     """Load steps of 0.5 N up to 2.5 N with friction.
 
     Returns
@@ -85,7 +85,7 @@ def load_steps(disks: int, repeats: int = 40) -> tuple[Array, Array, float]:
             iterations[i] = simulation.advance(target)["iterations_total"]
             times[i] = min(times[i], time.perf_counter() - begun)
         # In between, so that the machine's moods meet both alike.
-        unit = min(unit, exudyn_iteration(simulation, 25))
+        unit = min(unit, exudyn_iteration(simulation, 5))
     return times, iterations, unit
 
 
@@ -126,7 +126,7 @@ def main() -> None:
     )
     print("| --- | --- | --- | --- | --- | --- |")
     for n in disks:
-        times, iterations, unit = load_steps(n, 40 if n < 30 else 15)
+        times, iterations, unit = load_steps(n, 100 if n < 30 else 15)
         step, count = float(np.median(times)), float(np.median(iterations))
         print(
             f"| {n} | {1e3 * step:.2f} | {count:.0f} | {1e3 * unit:.3f} | {step / count / unit:.2f} "

@@ -517,7 +517,7 @@ class StrainSpaceSolver:
         return right
 
     def _repeated_step(self, r: Array) -> Array:
-        """A step with the tangent of the iteration before, in the frames it was made in; the holes keep their states."""
+        """A step with the tangent of the iteration before, in the frames of that; the holes keep their states."""
         step = np.zeros(self._unknowns)
         step[: self._linear] = self._solve_linear(self._right_side(r))
         return step
