@@ -25,6 +25,7 @@ from tdcr_fe.elements.poses import (
     exp_se3,
     inverse_tangent_se3,
     log_se3,
+    pose_matrix,
     skew,
     twist_change,
 )
@@ -43,6 +44,8 @@ _PULL: Array = np.zeros((6, 6, 6))
 _PULL[:3, :3, 3:] = 0.5 * skew(np.eye(3))
 _PULL[:3, 3:, :3] = -0.5 * skew(np.eye(3))
 _PULL = _PULL.reshape(6, 36)
+#: ``v @ _HALF_SKEW`` is, row by row, half the matrix of the cross product with ``v``.
+_HALF_SKEW = 0.5 * skew(np.eye(3)).reshape(3, 9)
 
 
 @dataclass(frozen=True)
@@ -179,7 +182,7 @@ def reference_poses(mesh: BackboneMesh, position: Array, rotation: Array) -> tup
     positions : ndarray, shape (N, 3)
     rotations : ndarray, shape (N, 3, 3)
     """
-    return ElementChain(mesh.reference_twists).poses(position, rotation)
+    return ElementChain(mesh.reference_twists).poses(pose_matrix(position, rotation))
 
 
 class NodeBlocks:
@@ -198,8 +201,8 @@ class NodeBlocks:
         Of every node by itself.
     base : ndarray, shape (6, 6)
         Of the first node by itself.
-    room : ndarray, shape (N-1, 6, 6)
-        Not of the matrix: room for what comes to ``after``, its upper left quarters zero.
+    room : ndarray, shape (N, 6, 6)
+        Not of the matrix: room for what comes to ``base`` and ``after``, its upper left quarters zero.
     """
 
     def __init__(self, k: Array) -> None:
@@ -210,7 +213,7 @@ class NodeBlocks:
         self.before = as_strided(k[6:], (count - 1, 6, 6), along)
         self.itself = as_strided(k, (count, 6, 6), along)
         self.base = k[:6, :6]
-        self.room = np.zeros((count - 1, 6, 6))
+        self.room = np.zeros((count, 6, 6))
 
 
 class ElementChain:
@@ -237,11 +240,10 @@ class ElementChain:
             self._skewed = skew(self.steps[:, :3, 3])
         return self._skewed
 
-    def poses(self, position: Array, rotation: Array) -> tuple[Array, Array]:
-        """Positions (N, 3) and rotations (N, 3, 3) of all nodes, from those of the base."""
+    def poses(self, base: Array) -> tuple[Array, Array]:
+        """Positions (N, 3) and rotations (N, 3, 3) of all nodes, from the pose of the base (4, 4)."""
         poses = np.empty((len(self.steps) + 1, 4, 4))
-        first = poses[0]
-        first[:3, :3], first[:3, 3], first[3] = rotation, position, (0.0, 0.0, 0.0, 1.0)
+        poses[0] = base
         each = list(poses)
         for before, step, after in zip(each, self.steps, each[1:], strict=False):
             before.dot(step, after)
@@ -288,20 +290,20 @@ class ElementChain:
         positions, rotations
             Of the nodes, shapes (N, 3) and (N, 3, 3).
         """
-        half = skew(self._beyond(0.5 * wrenches.reshape(-1, 2, 3), positions, rotations))
+        beyond = self._beyond(wrenches.reshape(-1, 2, 3), positions, rotations)
+        half = beyond.reshape(-1, 3).dot(_HALF_SKEW).reshape(-1, 2, 3, 3)
         # Half the coadjoint map, from the change of a twist to that of the wrench beyond it, is [[0, f], [f, m]]; here
         # after the transposed map that takes twists of an element's first node to its second.
-        turned = self._turns[:, None] @ half[1:]
-        outer = k.room
-        outer[:, :3, 3:] = outer[:, 3:, :3] = turned[:, 0]
-        np.add(turned[:, 1], self._lever @ turned[:, 0], out=outer[:, 3:, 3:])
+        half[1:] = self._turns[:, None] @ half[1:]
+        turned = k.room
+        turned[:, :3, 3:] = turned[:, 3:, :3] = half[:, 0]
+        turned[:, 3:, 3:] = half[:, 1]
+        outer = turned[1:]
+        outer[:, 3:, 3:] += self._lever @ half[1:, 0]
         k.after -= outer
         k.before -= outer.swapaxes(1, 2)
         k.itself += wrenches.reshape(-1, 6).dot(_PULL).reshape(-1, 6, 6)
-        force, moment = half[0]
-        k.base[:3, 3:] += force
-        k.base[3:, :3] += force
-        k.base[3:, 3:] += moment
+        k.base += turned[0]
 
 
 def relative_twists(positions: Array, rotations: Array) -> Array:

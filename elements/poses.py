@@ -181,6 +181,13 @@ def exp_matrix(xi: Array, c: Array) -> Array:
     return x
 
 
+def pose_matrix(position: Array, rotation: Array) -> Array:
+    """Pose as a 4 x 4 matrix, from a position (3,) and a rotation (3, 3)."""
+    h = np.eye(4)
+    h[:3, :3], h[:3, 3] = rotation, position
+    return h
+
+
 def exp_se3(xi: Array) -> tuple[Array, Array]:
     """Exponential of twists: (..., 6) to rotations (..., 3, 3) and translations (..., 3)."""
     h = exp_matrix(xi, coefficients(xi[..., 3:]))

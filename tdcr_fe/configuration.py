@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.backbone import ElementChain, relative_twists
-from tdcr_fe.elements.poses import euler_parameters_near, exp_se3
+from tdcr_fe.elements.poses import coefficients, euler_parameters_near, exp_matrix, pose_matrix
 from tdcr_fe.reduction import BodyFrameReduction
 
 Array = NDArray[np.float64]
-Pose = tuple[Array, Array]
 
 _ONES4 = np.ones(4)
 
@@ -31,8 +30,8 @@ class Place:
         Of the whole scene, as in Exudyn.
     twists : list of ndarray
         By robot, of the elements, shape (E, 6).
-    roots : list of (ndarray, ndarray)
-        By robot, position and rotation of the base node.
+    roots : list of ndarray
+        By robot, pose of the base node, shape (4, 4).
     parameters : ndarray, shape (N, 4)
         Euler parameters of the beam nodes of all robots.
     """
@@ -40,7 +39,7 @@ class Place:
     coordinates: Array
     multipliers: Array
     twists: list[Array]
-    roots: list[Pose]
+    roots: list[Array]
     parameters: Array
 
 
@@ -101,12 +100,14 @@ class Configuration:
         self._multipliers_written = True
         self._parameters: Array = self._beams(self._coordinates)[:, 3:] + self._reference[:, 3:]
         self.twists: list[Array] = []
-        self.roots: list[Pose] = []
+        self.roots: list[Array] = []
         for i, robot in enumerate(robots):
             p, r, _ = robot.scene_poses()
             self.twists.append(relative_twists(p, r))
             clamp = robot.clamp if i in clamped else None
-            self.roots.append((p[0], r[0]) if clamp is None else (clamp.position, clamp.rotation))
+            self.roots.append(
+                pose_matrix(p[0], r[0]) if clamp is None else pose_matrix(clamp.position, clamp.rotation)
+            )
         self.rebuild()
 
     def _beams(self, coordinates: Array) -> Array:
@@ -116,7 +117,7 @@ class Configuration:
     def rebuild(self) -> None:
         """Poses of all beam nodes from base and twists, and their coordinates in Exudyn."""
         self.chains = [ElementChain(twists) for twists in self.twists]
-        self.poses = [chain.poses(*root) for root, chain in zip(self.roots, self.chains, strict=True)]
+        self.poses = [chain.poses(root) for root, chain in zip(self.roots, self.chains, strict=True)]
         if len(self.poses) == 1:
             positions, rotations = self.poses[0]
         else:
@@ -163,9 +164,7 @@ class Configuration:
                 continue
             first = share * nodes[own.start]
             if max(map(abs, first.tolist())) > 1e-15:
-                p, r = self.roots[i]
-                dr, dp = exp_se3(first)
-                self.roots[i] = (p + r @ dp, r @ dr)
+                self.roots[i] = self.roots[i] @ exp_matrix(first, coefficients(first[3:]))
         if reduction.count > six:
             rest = share * step[six : reduction.count]
             n2 = len(reduction.other_coordinates)

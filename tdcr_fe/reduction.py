@@ -111,7 +111,7 @@ class BodyFrameReduction:
         """
         flat = j.reshape(-1)
         if check:
-            outside = flat[self._outside]
+            outside = flat.take(self._outside)
             if outside.any():
                 self._widen(self._outside[outside != 0.0])
         maps = self._maps

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 import exudyn as exu
@@ -234,6 +235,7 @@ class StrainSpaceSolver:
         )
         #: By clamped robot, from the wrench on its base to the joint's multipliers that cause it, shape (6, 6).
         self._reactions: dict[int, Array] = {}
+        self._contact, self._checked = self.mbs.NumberOfGeneralContacts() > 0, False
         # Forces fixed in the world have no derivative at a node; all other loads may have one.
         self._loads_jacobian = any(_turns(self.mbs.GetLoad(i)) for i in range(data.NumberOfLoads()))
 
@@ -378,7 +380,10 @@ class StrainSpaceSolver:
             for number, joint in self._clamps.items():
                 by_joint = self._reduction.node_rows(j, self.now.slices[number].start, joint)
                 self._reactions[number] = np.asarray(np.linalg.inv(by_joint), dtype=float)
-        k = self._reduction.jacobian(j, check=self._iteration == 0)
+        # Contact, and what the user adds, may couple nodes at any time; all else does from the beginning.
+        changing = self._contact or extra is not None
+        k = self._reduction.jacobian(j, check=self._iteration == 0 and (changing or not self._checked))
+        self._checked = True
         for robot, part in zip(self.robots, self.now.slices, strict=True):
             i = slice(6 * part.start, 6 * part.stop)
             if robot.count or robot.section is not None:
@@ -455,7 +460,7 @@ class StrainSpaceSolver:
             rows.fill(0.0)
             rows[:, base] = _EYE6
         lu, pivots, info = dgetrf(k.T, overwrite_a=True)
-        if info != 0 or not np.isfinite(lu[-1, -1]):
+        if info != 0 or not isfinite(lu[-1, -1]):
             raise np.linalg.LinAlgError
         self._factors, self._sign = (lu, pivots), 0
         self._then = self.now.chains
@@ -535,7 +540,10 @@ class StrainSpaceSolver:
                 base[part.driven] = step[part.tensions]
             keep, state, s = robot.law.holding, robot.state, self._mobilisation[part.index]
             slip = robot.field.slip + robot.slip_change(step[part.nodes], base)
-            missing.append((slip - state.slip - self._presliding * (s - state.mobilisation))[keep])
+            ahead = slip - state.slip
+            if s is not state.mobilisation:
+                ahead -= self._presliding * (s - state.mobilisation)
+            missing.append(ahead[keep])
             before.append(s[keep])
         return (
             (missing[0], before[0])
@@ -656,7 +664,7 @@ class StrainSpaceSolver:
                 r = self._unbalanced(t)
             size = self._measure(r)
             history.append(size)
-            if not np.isfinite(size):
+            if not isfinite(size):
                 raise NotConverged("the residual is not a number", size, iteration)
             if size <= s.tolerance and self._hole_error() <= 1e-4:
                 self._react(t)

@@ -309,11 +309,11 @@ class LoadStepper:
         for robot, state, tension in zip(self.solver.robots, before.histories, before.tensions, strict=True):
             if not robot.law.has_friction:
                 continue
+            if not self._loads_change and robot.field.mobilisation is state.mobilisation:
+                continue
             taut = (tension > 0.0)[:, None]
             if self._loads_change and np.any(taut & robot.law.holding):
                 return True
-            if robot.field.mobilisation is state.mobilisation:
-                continue
             old, new = np.trunc(state.mobilisation), np.trunc(robot.field.mobilisation)
             pulled = (robot.base_tension > 0.0)[:, None] & (new < 1.0)
             if np.any((old != new) & robot.law.holding & (taut | pulled)):
