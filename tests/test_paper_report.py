@@ -153,6 +153,25 @@ def test_report_is_one_page_and_json_without_nan(figures, tmp_path):
     assert written[0].name == "paper.md" and (tmp_path / "docs" / "pictures" / "paper_fig3.svg").exists()
 
 
+def test_what_was_finished_is_kept_where_the_user_interrupts(tmp_path, monkeypatch, capsys):
+    def stopped(run, tell):
+        run.thickness.append(None)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tdcr_fe.validation.paper.run._limitations", stopped)
+    monkeypatch.setattr("tdcr_fe.validation.paper.run.PARTS", ("signs", "limitations", "effects"))
+    docs = tmp_path / "docs"
+    assert main(["paper", "-o", str(tmp_path), "--docs", str(docs)]) == 130
+    assert "interrupted in 'limitations'" in capsys.readouterr().err
+    data = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert data["interrupted"] == "limitations" and len(data["signs"]) == 7 and not data["missing"]
+    assert "Interrupted in" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert not docs.exists()
+    monkeypatch.setattr("tdcr_fe.validation.paper.run.PARTS", ("limitations", "signs"))
+    assert main(["paper", "-o", str(tmp_path / "nothing")]) == 130
+    assert not (tmp_path / "nothing" / "report.json").exists()
+
+
 @pytest.mark.slow
 def test_the_whole_command(tmp_path, capsys):
     assert main(["paper", "-o", str(tmp_path / "out"), "--no-effects"]) == 0

@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import Any
 
-from tdcr_fe.status import SUCCESS
+from tdcr_fe.status import INTERRUPTED, SUCCESS, complain
 
 
 def add_paper_parser(commands: Any) -> None:
@@ -17,6 +17,8 @@ def add_paper_parser(commands: Any) -> None:
         description="Solve every figure and table of the paper, put its claims to the test, and write one page "
         "(report.html), the numbers (report.json), the cases as input for 'tdcr-fe run' (cases/) and the tables as "
         "input for 'tdcr-fe identify' (datasets/).",
+        epilog="Exit status: 0 done, whatever the verdicts; 2 the input is wrong; 130 interrupted, the report has what "
+        "was finished.",
     )
     parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for the report")
     parser.add_argument("--no-effects", action="store_true", help="leave out the closed loop on the tables")
@@ -56,7 +58,7 @@ def paper(args: argparse.Namespace) -> int:
     written = write_report(run, out, seconds)
     write_cases(out / "cases")
     write_datasets(run, out / "datasets")
-    if args.docs:
+    if args.docs and not run.interrupted:
         write_docs(run, Path(args.docs), seconds)
     if not args.quiet:
         found = verdicts(run)
@@ -64,4 +66,8 @@ def paper(args: argparse.Namespace) -> int:
         for v in found:
             print(f"{v.verdict.ljust(width)}  {v.claim}")
         print(f"\n{seconds:.0f} s. Written to {out}: {', '.join(p.name for p in written)}, cases/, datasets/")
+    if run.interrupted:
+        unwritten = "; the documentation is left as it is" if args.docs else ""
+        complain(f"interrupted in {run.interrupted!r}; the report has what was finished before{unwritten}")
+        return INTERRUPTED
     return SUCCESS

@@ -124,6 +124,7 @@ def to_json(run: PaperRun, wall_time: float) -> dict[str, Any]:
         "versions": versions(),
         "wall_time_s": wall_time,
         "seconds": run.seconds,
+        "interrupted": run.interrupted,
         "verdicts": [v.__dict__ for v in verdicts(run)],
         "figures": {
             name: {

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 import pandas as pd
@@ -151,7 +152,10 @@ class StiffnessStudy:
 
 @dataclass
 class PaperRun:
-    """All results; `tdcr_fe.validation.paper.claims.verdicts` judges them."""
+    """All results; `tdcr_fe.validation.paper.claims.verdicts` judges them.
+
+    ``interrupted`` names the part in which the user stopped the run; it is empty where everything was done.
+    """
 
     cases: dict[str, CaseStudy] = field(default_factory=dict)
     tables: dict[int, TableStudy] = field(default_factory=dict)
@@ -169,6 +173,7 @@ class PaperRun:
     stiffness: StiffnessStudy | None = None
     missing: dict[str, MissingStudy] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
+    interrupted: str = ""
 
 
 #: Rooms of the run, in order: name and share of the time, for the progress bar.
@@ -184,6 +189,17 @@ def run_paper(parts: Sequence[str] = PARTS, progress: Progress | None = None) ->
         Some of `PARTS`; "effects" runs the closed loop of `tdcr_fe.validation.identify` on every table.
     progress
         Called with what was finished.
+
+    Returns
+    -------
+    PaperRun
+        Where the user interrupts, with the parts that were finished, and with the tables that the closed loop has
+        been through.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Interrupted before anything was finished.
     """
     run = PaperRun()
     tell = progress or (lambda text: None)
@@ -198,7 +214,16 @@ def run_paper(parts: Sequence[str] = PARTS, progress: Progress | None = None) ->
     }
     for name in parts:
         begun = time.perf_counter()
-        rooms[name](run, tell)
+        before = replace(run, **{f.name: copy.copy(getattr(run, f.name)) for f in fields(run)})
+        try:
+            rooms[name](run, tell)
+        except KeyboardInterrupt:
+            if name != "effects":
+                run = before
+            if not run.seconds and not run.missing:
+                raise
+            run.interrupted = name
+            break
         run.seconds[name] = time.perf_counter() - begun
     return run
 
@@ -467,5 +492,8 @@ def _limitations(run: PaperRun, tell: Progress) -> None:
 
 def _effects(run: PaperRun, tell: Progress) -> None:
     for name in DATASETS:
-        run.missing[name] = study_missing(name)
+        study = study_missing(name)
+        if study.result is not None and study.result.interrupted:
+            raise KeyboardInterrupt
+        run.missing[name] = study
         tell(f"what is missing, {name}")
