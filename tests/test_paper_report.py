@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -165,7 +166,9 @@ def test_what_was_finished_is_kept_where_the_user_interrupts(tmp_path, monkeypat
     assert "interrupted in 'limitations'" in capsys.readouterr().err
     data = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert data["interrupted"] == "limitations" and len(data["signs"]) == 7 and not data["missing"]
-    assert "Interrupted in" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Interrupted in" in page
+    assert set(re.findall(r'href="#(\w+)"', page)) == set(re.findall(r' id="(\w+)"', page)) == {"signs"}
     assert not docs.exists()
     monkeypatch.setattr("tdcr_fe.validation.paper.run.PARTS", ("limitations", "signs"))
     assert main(["paper", "-o", str(tmp_path / "nothing")]) == 130

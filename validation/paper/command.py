@@ -55,9 +55,10 @@ def paper(args: argparse.Namespace) -> int:
 
         run = run_paper(parts, progress)
     seconds = time.perf_counter() - begun
-    written = write_report(run, out, seconds)
+    written = [p.name for p in write_report(run, out, seconds)] + ["cases/"]
     write_cases(out / "cases")
-    write_datasets(run, out / "datasets")
+    if write_datasets(run, out / "datasets"):
+        written.append("datasets/")
     if args.docs and not run.interrupted:
         write_docs(run, Path(args.docs), seconds)
     if not args.quiet:
@@ -65,7 +66,7 @@ def paper(args: argparse.Namespace) -> int:
         width = max(len(v.verdict) for v in found)
         for v in found:
             print(f"{v.verdict.ljust(width)}  {v.claim}")
-        print(f"\n{seconds:.0f} s. Written to {out}: {', '.join(p.name for p in written)}, cases/, datasets/")
+        print(f"\n{seconds:.0f} s. Written to {out}: {', '.join(written)}")
     if run.interrupted:
         unwritten = "; the documentation is left as it is" if args.docs else ""
         complain(f"interrupted in {run.interrupted!r}; the report has what was finished before{unwritten}")
