@@ -17,6 +17,7 @@ The derivation is in the documentation, page "Theory".
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -249,15 +250,9 @@ class TensionField:
 
     def replace_derivatives(self, derivatives: TensionDerivatives) -> TensionField:
         """The same tensions with other derivatives."""
-        return TensionField(
-            self.tension,
-            self.given,
-            self.slip,
-            self.mobilisation,
-            self.given_d_length,
-            self.given_d_tension,
-            lambda: derivatives,
-        )
+        other = copy(self)
+        other._derivatives = derivatives
+        return other
 
 
 class TendonLaw:
