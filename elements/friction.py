@@ -17,8 +17,7 @@ The derivation is in the documentation, page "Theory".
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -155,22 +154,23 @@ class TensionDerivatives(NamedTuple):
 
     Attributes
     ----------
-    by_length : ndarray, shape (m, n, n)
+    d_length : ndarray, shape (m, n, n)
         By the segments' lengths [N/m].
-    by_angle : ndarray, shape (m, n, n-1)
+    d_angle : ndarray, shape (m, n, n-1)
         By the turning angles [N/rad].
-    by_base : ndarray, shape (m, n)
+    d_base : ndarray, shape (m, n)
         By the tension at the base [1].
     by_mobilisation : ndarray, shape (m, n, g)
         By the mobilisations, where these are kept [N].
     """
 
-    by_length: Array
-    by_angle: Array
-    by_base: Array
+    d_length: Array
+    d_angle: Array
+    d_base: Array
     by_mobilisation: Array
 
 
+@dataclass(slots=True, eq=False)
 class TensionField:
     """Tensions along all tendons, and their derivatives, which are formed when first asked for.
 
@@ -184,37 +184,18 @@ class TensionField:
         As they would be committed.
     given_d_length, given_d_tension : ndarray, shape (m, n)
         Of what each segment has given up, with respect to its own length [1] and its own tension [m/N].
+    derive : callable
+        Gives `derivatives`.
     """
 
-    __slots__ = (
-        "_derivatives",
-        "_derive",
-        "given",
-        "given_d_length",
-        "given_d_tension",
-        "mobilisation",
-        "slip",
-        "tension",
-    )
-
-    def __init__(
-        self,
-        tension: Array,
-        given: Array,
-        slip: Array,
-        mobilisation: Array,
-        given_d_length: Array,
-        given_d_tension: Array,
-        derive: Callable[[], TensionDerivatives],
-    ) -> None:
-        self.tension = tension
-        self.given = given
-        self.slip = slip
-        self.mobilisation = mobilisation
-        self.given_d_length = given_d_length
-        self.given_d_tension = given_d_tension
-        self._derive = derive
-        self._derivatives: TensionDerivatives | None = None
+    tension: Array
+    given: Array
+    slip: Array
+    mobilisation: Array
+    given_d_length: Array
+    given_d_tension: Array
+    derive: Callable[[], TensionDerivatives]
+    _derivatives: TensionDerivatives | None = field(default=None, init=False)
 
     @property
     def base_slip(self) -> Array:
@@ -225,34 +206,28 @@ class TensionField:
     def derivatives(self) -> TensionDerivatives:
         """Of the tensions."""
         if self._derivatives is None:
-            self._derivatives = self._derive()
+            self._derivatives = self.derive()
         return self._derivatives
 
     @property
     def d_length(self) -> Array:
         """Of the tensions with respect to the segments' lengths [N/m], shape (m, n, n)."""
-        return self.derivatives.by_length
+        return self.derivatives.d_length
 
     @property
     def d_angle(self) -> Array:
         """Of the tensions with respect to the turning angles [N/rad], shape (m, n, n-1)."""
-        return self.derivatives.by_angle
+        return self.derivatives.d_angle
 
     @property
     def d_base(self) -> Array:
         """Of the tensions with respect to the tension at the base [1], shape (m, n)."""
-        return self.derivatives.by_base
+        return self.derivatives.d_base
 
     @property
     def by_mobilisation(self) -> Array:
         """Of the tensions with respect to the mobilisations, where these are kept [N], shape (m, n, g)."""
         return self.derivatives.by_mobilisation
-
-    def replace_derivatives(self, derivatives: TensionDerivatives) -> TensionField:
-        """The same tensions with other derivatives."""
-        other = copy(self)
-        other._derivatives = derivatives
-        return other
 
 
 class TendonLaw:
@@ -408,14 +383,13 @@ class TendonLaw:
         right = np.concatenate((drive * field.given_d_length[:, None, :], by_angle, by_base), axis=2)
         ds = by_mobilisation @ np.linalg.solve(own, right)
         n = self.shape[1]
-        return field.replace_derivatives(
-            TensionDerivatives(
-                ds[:, :, :n],
-                field.d_angle + ds[:, :, n : 2 * n - 1],
-                field.d_base + ds[:, :, -1],
-                by_mobilisation,
-            )
+        derivatives = TensionDerivatives(
+            ds[:, :, :n],
+            field.d_angle + ds[:, :, n : 2 * n - 1],
+            field.d_base + ds[:, :, -1],
+            by_mobilisation,
         )
+        return replace(field, derive=lambda: derivatives)
 
     def _pass_on(self, base_tension: Array, angles: Array, s: Array) -> tuple[Array, Slopes]:
         """Tensions, and what gives the chain ``dT_k / dT_j``, and ``dT_k+1`` by ``s_k`` and by the angle there."""

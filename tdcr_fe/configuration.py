@@ -32,15 +32,12 @@ class Place:
         By robot, of the elements, shape (E, 6).
     roots : list of ndarray
         By robot, pose of the base node, shape (4, 4).
-    parameters : ndarray, shape (N, 4)
-        Euler parameters of the beam nodes of all robots.
     """
 
     coordinates: Array
     multipliers: Array
     twists: list[Array]
     roots: list[Array]
-    parameters: Array
 
 
 class Configuration:
@@ -105,9 +102,8 @@ class Configuration:
             p, r, _ = robot.scene_poses()
             self.twists.append(relative_twists(p, r))
             clamp = robot.clamp if i in clamped else None
-            self.roots.append(
-                pose_matrix(p[0], r[0]) if clamp is None else pose_matrix(clamp.position, clamp.rotation)
-            )
+            base = (p[0], r[0]) if clamp is None else (clamp.position, clamp.rotation)
+            self.roots.append(pose_matrix(*base))
         self.rebuild()
 
     def _beams(self, coordinates: Array) -> Array:
@@ -196,13 +192,7 @@ class Configuration:
 
     def place(self) -> Place:
         """Where the scene is now, to go back to."""
-        return Place(
-            self._coordinates.copy(),
-            self.multipliers.copy(),
-            list(self.twists),
-            list(self.roots),
-            self._parameters,
-        )
+        return Place(self._coordinates.copy(), self.multipliers.copy(), list(self.twists), list(self.roots))
 
     def fits(self, place: Place) -> bool:
         """Whether a configuration is one of a scene like this, with the same mesh."""
@@ -220,5 +210,6 @@ class Configuration:
 
     def turn_since(self, place: Place) -> float:
         """Largest rotation of any beam node since a configuration [rad]."""
-        cosine = np.abs((self._parameters * place.parameters) @ _ONES4).min()
+        then = self._beams(place.coordinates)[:, 3:] + self._reference[:, 3:]
+        cosine = np.abs((self._parameters * then) @ _ONES4).min()
         return 2.0 * acos(min(float(cosine), 1.0))
