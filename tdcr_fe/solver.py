@@ -370,19 +370,20 @@ class StrainSpaceSolver:
         """Exudyn's Jacobian in the same terms, with what the tendons add."""
         kernel, mbs = self._kernel, self.mbs
         kernel.ComputeJacobianODE2RHS(mbs, computeLoadsJacobian=int(self._loads_jacobian))
-        if len(self._reduction.other_multipliers) or len(self._reactions) < len(self._clamps):
+        unknown = len(self._reactions) < len(self._clamps)
+        if len(self._reduction.other_multipliers) or unknown:
             kernel.ComputeJacobianAE(mbs)
         j = kernel.GetSystemJacobian()
         extra = self.hooks.user_jacobian(t)
         if extra is not None:
             j[: extra.shape[0], : extra.shape[1]] += extra
-        if len(self._reactions) < len(self._clamps):
+        if unknown:
             for number, joint in self._clamps.items():
                 by_joint = self._reduction.node_rows(j, self.now.slices[number].start, joint)
                 self._reactions[number] = np.asarray(np.linalg.inv(by_joint), dtype=float)
         # Contact, and what the user adds, may couple nodes at any time; all else does from the beginning.
         changing = self._contact or extra is not None
-        k = self._reduction.jacobian(j, check=self._iteration == 0 and (changing or not self._checked))
+        k = self._reduction.jacobian(j, check=not self._checked or (changing and self._iteration == 0))
         self._checked = True
         for robot, part in zip(self.robots, self.now.slices, strict=True):
             i = slice(6 * part.start, 6 * part.stop)
@@ -540,10 +541,7 @@ class StrainSpaceSolver:
                 base[part.driven] = step[part.tensions]
             keep, state, s = robot.law.holding, robot.state, self._mobilisation[part.index]
             slip = robot.field.slip + robot.slip_change(step[part.nodes], base)
-            ahead = slip - state.slip
-            if s is not state.mobilisation:
-                ahead -= self._presliding * (s - state.mobilisation)
-            missing.append(ahead[keep])
+            missing.append((slip - state.slip - self._presliding * (s - state.mobilisation))[keep])
             before.append(s[keep])
         return (
             (missing[0], before[0])

@@ -310,6 +310,7 @@ class LoadStepper:
             if not robot.law.has_friction:
                 continue
             if not self._loads_change and robot.field.mobilisation is state.mobilisation:
+                # No hole has moved at all, as is the rule while loading.
                 continue
             taut = (tension > 0.0)[:, None]
             if self._loads_change and np.any(taut & robot.law.holding):
