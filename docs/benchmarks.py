@@ -16,11 +16,11 @@ import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.loading import LoadStep, Model, resolve
-from tdcr_fe.robot import Backbone, Disks, Robot, Tendon
-from tdcr_fe.routing import ParallelRouting
-from tdcr_fe.simulate import Simulation, simulate
-from tdcr_fe.solver import StrainSpaceSolver
+from tdcr_fe.model.loading import LoadStep, Model, resolve
+from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.solve.simulate import Simulation, simulate
+from tdcr_fe.solve.solver import StrainSpaceSolver
 from tdcr_fe.validation.reference import solve_reference
 
 Array = NDArray[np.float64]

@@ -1,7 +1,6 @@
 """How the documentation is built: ``sphinx-build -W docs out/docs``."""
 
 import re
-from importlib.metadata import version as installed
 from itertools import takewhile
 
 from docutils import nodes
@@ -9,10 +8,12 @@ from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
+from tdcr_fe import __version__
+
 project = "tdcr-fe"
 author = "the maintainers of tdcr-fe"
 copyright = "2026, " + author
-release = version = installed("tdcr-fe")
+release = version = __version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
 exclude_patterns = ["_build", "_generated"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.loading import LoadStep, Model, resolve
-from tdcr_fe.results import SequenceResult, StepResult
-from tdcr_fe.robot import Backbone, Disks, Robot, Tendon
-from tdcr_fe.routing import ParallelRouting
+from tdcr_fe.model.loading import LoadStep, Model, resolve
+from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.routing import ParallelRouting
 
 
 def paper_robot(tendons: int = 1) -> Robot:

@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import logm
 
-from tdcr_fe.loading import Load, LoadStep
-from tdcr_fe.results import SequenceResult, StepResult
-from tdcr_fe.robot import Robot
+from tdcr_fe.model.loading import Load, LoadStep
+from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.robot import Robot
 
 
 def elastic_energy(robot: Robot, step: StepResult) -> float:

@@ -7,12 +7,12 @@ from typing import Any
 import exudyn as exu
 import numpy as np
 
-from tdcr_fe.loading import LoadStep, Model
-from tdcr_fe.results import SequenceResult
-from tdcr_fe.robot import Backbone, Disks, Robot, Tendon
-from tdcr_fe.routing import ParallelRouting
-from tdcr_fe.scene import TDCR, CreateTDCR
-from tdcr_fe.simulate import simulate
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.scene.builder import TDCR, CreateTDCR
+from tdcr_fe.solve.simulate import simulate
 
 LENGTH = 0.25
 BACKBONE = Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0)

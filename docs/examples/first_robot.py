@@ -4,11 +4,11 @@ import sys
 from math import degrees
 from pathlib import Path
 
-from tdcr_fe.loading import LoadStep, Model
-from tdcr_fe.results import SequenceResult
-from tdcr_fe.robot import Backbone, Disks, Robot, Tendon
-from tdcr_fe.routing import ParallelRouting
-from tdcr_fe.simulate import simulate
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.solve.simulate import simulate
 
 robot = Robot(
     name="single-segment",
@@ -30,7 +30,7 @@ def draw(result: SequenceResult, folder: Path) -> None:
     from matplotlib.figure import Figure
     from PIL import Image
 
-    from tdcr_fe import plots
+    from tdcr_fe.report import plots
 
     for name in ("shapes", "tensions", "hysteresis"):
         figure: Figure | None = getattr(plots, name)(result)

@@ -10,10 +10,10 @@ import exudyn as exu
 import numpy as np
 
 import tdcr_fe.scene
-import tdcr_fe.statics  # noqa: F401  (mbs.SolveTDCR)
-from tdcr_fe.loading import Model
-from tdcr_fe.robot import Backbone, Disks, Robot, Tendon
-from tdcr_fe.routing import ParallelRouting
+import tdcr_fe.solve.statics  # noqa: F401  (mbs.SolveTDCR)
+from tdcr_fe.model.loading import Model
+from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.routing import ParallelRouting
 
 SC = exu.SystemContainer()
 mbs = SC.AddSystem()

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from tdcr_fe.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one
+from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -99,8 +99,8 @@ def _made(recipe: Recipe, out: Path) -> Answer:
 
 
 def _identified(answer: Answer, out: Path) -> Score:
-    from tdcr_fe.validation.identify import identify
-    from tdcr_fe.validation.measured import read_measured
+    from tdcr_fe.identify import identify
+    from tdcr_fe.io.measured import read_measured
 
     data = read_measured(out / "sets" / str(answer.recipe.seed), strict=True)
     return score(answer, identify(data))

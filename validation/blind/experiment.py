@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tdcr_fe.loading import Load, LoadStep
-from tdcr_fe.robot import Backbone, Disks, Robot, Tendon
-from tdcr_fe.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting, Routing
+from tdcr_fe.model.loading import Load, LoadStep
+from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting, Routing
 from tdcr_fe.validation.blind.recipes import Drive
 
 #: By how much tendons that are not pulled are let out, beyond what the bending asks for [m].

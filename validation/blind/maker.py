@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.loading import Model
-from tdcr_fe.results import SequenceResult
-from tdcr_fe.robot import Robot, StiffnessPatch
+from tdcr_fe.effects import Setup, effect, with_effects
+from tdcr_fe.io.measured import MeasuredData, Reading, write_measured
+from tdcr_fe.model.loading import Model
+from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.model.robot import Robot, StiffnessPatch
 from tdcr_fe.validation.blind.experiment import draw_loading, draw_robot, largest_commands
 from tdcr_fe.validation.blind.recipes import OFF_LIST, Recipe
-from tdcr_fe.validation.effects import Setup, effect, with_effects
-from tdcr_fe.validation.measured import MeasuredData, Reading, write_measured
 from tdcr_fe.validation.reference import Extras, HoleFriction, ReferenceSettings, Spring, solve_reference
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from tdcr_fe.validation.effects import EFFECTS
+from tdcr_fe.effects import EFFECTS
 
 Drive = Literal["tension", "displacement"]
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from tdcr_fe.identify import IdentificationResult
 from tdcr_fe.validation.blind.maker import Answer
 from tdcr_fe.validation.blind.recipes import OFF_LIST
-from tdcr_fe.validation.identify import IdentificationResult
 
 Score = dict[str, Any]
 

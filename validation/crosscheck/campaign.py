@@ -14,7 +14,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from tdcr_fe import output
+from tdcr_fe.io import tables as output
 from tdcr_fe.validation.crosscheck.cases import Case
 from tdcr_fe.validation.crosscheck.studies import Study
 
@@ -26,8 +26,16 @@ Task = Case | Study
 def versions() -> dict[str, str]:
     """What the outcome depends on besides the case: packages, and a digest of this package's own source."""
     digest = hashlib.sha256()
-    for package in ("", ".elements", ".validation.reference", ".validation.crosscheck"):
-        source = (item for item in files(f"tdcr_fe{package}").iterdir() if item.name.endswith(".py"))
+    for package in (
+        "elements",
+        "model",
+        "scene",
+        "solve",
+        "effects",
+        "validation.reference",
+        "validation.crosscheck",
+    ):
+        source = (item for item in files(f"tdcr_fe.{package}").iterdir() if item.name.endswith(".py"))
         for item in sorted(source, key=lambda item: item.name):
             if item.name.removesuffix(".py") not in _NO_NUMBERS:
                 digest.update(item.read_bytes())
@@ -35,7 +43,7 @@ def versions() -> dict[str, str]:
 
 
 #: Modules whose change does not change a number.
-_NO_NUMBERS = ("cli", "plots", "output", "files", "campaign", "command", "figures", "report", "__main__")
+_NO_NUMBERS = ("campaign", "figures", "report")
 
 
 def digest_of(task: Task) -> str:

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from tdcr_fe.loading import Load, LoadStep, Model
-from tdcr_fe.robot import Backbone, Disks, Robot, StiffnessPatch, Superelastic, Tendon
-from tdcr_fe.routing import ConvergingRouting, HelicalRouting, ParallelRouting
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Backbone, Disks, Robot, StiffnessPatch, Superelastic, Tendon
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
 
 #: Length of the backbone [m].
 LENGTH = 0.25

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.results import SequenceResult, StepResult
-from tdcr_fe.robot import Robot
-from tdcr_fe.simulate import SolverSettings, Trajectory, simulate
+from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.solve.simulate import SolverSettings, Trajectory, simulate
 from tdcr_fe.validation.crosscheck.cases import PRESLIDING, Case
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tdcr_fe.output import plain
+from tdcr_fe.io.tables import plain
 from tdcr_fe.validation.crosscheck import campaign
 from tdcr_fe.validation.crosscheck.cases import (
     LEAST_ORDER,
@@ -324,7 +324,7 @@ def to_html(outcome: Record) -> str:
     """The report as one file that needs nothing else."""
     import jinja2
 
-    text = files("tdcr_fe.validation").joinpath("templates/validate.html.j2").read_text(encoding="utf-8")
+    text = files("tdcr_fe.validation.crosscheck").joinpath("report.html.j2").read_text(encoding="utf-8")
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters["short"] = _short
     environment.filters["ms"] = lambda seconds: f"{1e3 * seconds:.0f}"

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from tdcr_fe.loading import Load, LoadStep, Model, resolve
-from tdcr_fe.results import SequenceResult, StepResult
-from tdcr_fe.robot import Backbone, Disks, Robot, Tendon
-from tdcr_fe.routing import ConvergingRouting, HelicalRouting, ParallelRouting
-from tdcr_fe.simulate import SolverSettings, simulate
+from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
+from tdcr_fe.solve.simulate import SolverSettings, simulate
 from tdcr_fe.validation.crosscheck.cases import (
     BACKBONE,
     ELEMENTS_PER_BAY,

@@ -18,9 +18,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.loading import Load, Model
-from tdcr_fe.results import StepResult
-from tdcr_fe.robot import Robot, Superelastic, Tendon
+from tdcr_fe.model.loading import Load, Model
+from tdcr_fe.model.results import StepResult
+from tdcr_fe.model.robot import Robot, Superelastic, Tendon
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tdcr_fe.results import StepResult
+from tdcr_fe.model.results import StepResult
 from tdcr_fe.validation.paper.run import SEARCH_TENSIONS, CaseStudy, PaperRun, TableStudy, euler_load
 
 #: Differences of the tip's displacement below this are no order of models: the mesh's error [m].

@@ -10,10 +10,10 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from tdcr_fe.loading import Load, LoadStep, Model
-from tdcr_fe.results import StepResult
-from tdcr_fe.robot import Robot
-from tdcr_fe.simulate import simulate
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.results import StepResult
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.paper.cases import prototype
 from tdcr_fe.validation.paper.tables import paper_table
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.loading import Load, LoadStep, Model, resolve
-from tdcr_fe.robot import Robot
-from tdcr_fe.simulate import Simulation
-from tdcr_fe.stability import Stability, stability
-from tdcr_fe.stepping import StepFailed
+from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.solve.simulate import Simulation
+from tdcr_fe.solve.stability import Stability, stability
+from tdcr_fe.solve.stepping import StepFailed
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class CriticalSearch:
     loads : ndarray, shape (n,)
         Sizes that were solved [N], the first one zero.
     eigenvalues : ndarray, shape (n,)
-        Smallest eigenvalue at each, see `tdcr_fe.stability` [1].
+        Smallest eigenvalue at each, see `tdcr_fe.solve.stability` [1].
     divergences : ndarray, shape (n,)
         Smallest real part of the eigenvalues of the tangent itself; with friction it is this that tells a bifurcation,
         without friction it is the same [1].
@@ -85,7 +85,7 @@ def search_critical_load(
     ----------
     robot, model
         Description. What decides is the sign of the smallest real part of the tangent's eigenvalues, see
-        `tdcr_fe.stability`.
+        `tdcr_fe.solve.stability`.
     before
         Steps that come first (the tendons).
     direction

@@ -1,4 +1,4 @@
-"""The paper's tables as measured data for the closed loop of `tdcr_fe.validation.identify`.
+"""The paper's tables as measured data for the closed loop of `tdcr_fe.identify`.
 
 Only readings that some robot can have are in a data set: a pair of offset and angle that contradict each other is left
 out, and so is a row with load whose load acts like a fraction of itself. What is left out is named, with its reason.
@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.loading import Load, LoadStep, Model
-from tdcr_fe.robot import Robot
-from tdcr_fe.validation.measured import MeasuredData, Reading
+from tdcr_fe.io.measured import MeasuredData, Reading
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.paper.cases import prototype
 from tdcr_fe.validation.paper.comparison import row_steps
 from tdcr_fe.validation.paper.tables import STATED_ERROR, paper_table
@@ -41,7 +41,7 @@ class TableData:
     note : str
         What was assumed, or what the format of the files cannot hold.
     in_files : bool
-        Whether `tdcr_fe.validation.measured.write_measured` can write it.
+        Whether `tdcr_fe.io.measured.write_measured` can write it.
     """
 
     id: str

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tdcr_fe.results import StepResult
+from tdcr_fe.model.results import StepResult
 from tdcr_fe.validation.paper.cases import MODEL_NAMES
 from tdcr_fe.validation.paper.claims import deformation
 from tdcr_fe.validation.paper.run import CaseStudy, PaperRun, TableStudy

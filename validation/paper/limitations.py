@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.friction import TendonLaw
-from tdcr_fe.loading import LoadStep, Model, resolve
-from tdcr_fe.results import StepResult
-from tdcr_fe.robot import Robot
-from tdcr_fe.scene import CreateTDCR
-from tdcr_fe.simulate import Simulation, simulate
+from tdcr_fe.model.loading import LoadStep, Model, resolve
+from tdcr_fe.model.results import StepResult
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.scene.builder import CreateTDCR
+from tdcr_fe.solve.simulate import Simulation, simulate
 
 Array = NDArray[np.float64]
 

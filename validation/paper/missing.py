@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from tdcr_fe.results import StepResult
-from tdcr_fe.robot import Robot
-from tdcr_fe.simulate import simulate
-from tdcr_fe.validation.identify import identify
-from tdcr_fe.validation.identify.holdout import choose_held_out
-from tdcr_fe.validation.identify.loop import NotSolved
-from tdcr_fe.validation.identify.outcome import IdentificationResult, IdentifySettings
-from tdcr_fe.validation.measured import MeasuredData, Reading
+from tdcr_fe.identify import identify
+from tdcr_fe.identify.holdout import choose_held_out
+from tdcr_fe.identify.loop import NotSolved
+from tdcr_fe.identify.outcome import IdentificationResult, IdentifySettings
+from tdcr_fe.io.measured import MeasuredData, Reading
+from tdcr_fe.model.results import StepResult
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.paper.comparison import Deviation, summarise
 from tdcr_fe.validation.paper.datasets import TableData, table_dataset
 from tdcr_fe.validation.paper.tables import STIFFNESS_FACTOR, paper_table

@@ -8,8 +8,8 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from tdcr_fe.output import plain, versions, write_json
-from tdcr_fe.validation.measured import write_measured
+from tdcr_fe.io.measured import write_measured
+from tdcr_fe.io.tables import plain, versions, write_json
 from tdcr_fe.validation.paper.cases import MODEL_NAMES, packaged_text
 from tdcr_fe.validation.paper.claims import case_table, orders, verdicts
 from tdcr_fe.validation.paper.comparison import Deviation, Reading

@@ -11,13 +11,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from tdcr_fe.loading import Load, LoadStep, Model, resolve
-from tdcr_fe.results import StepResult
-from tdcr_fe.robot import Robot, Tendon
-from tdcr_fe.routing import ParallelRouting
-from tdcr_fe.simulate import Simulation, simulate
-from tdcr_fe.stability import Stability, stability
-from tdcr_fe.stepping import StepFailed
+from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.model.results import StepResult
+from tdcr_fe.model.robot import Robot, Tendon
+from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.solve.simulate import Simulation, simulate
+from tdcr_fe.solve.stability import Stability, stability
+from tdcr_fe.solve.stepping import StepFailed
 from tdcr_fe.validation.paper.cases import CASE_IDS, MODELS, PaperCase, paper_case, prototype
 from tdcr_fe.validation.paper.comparison import (
     Deviation,
@@ -186,7 +186,7 @@ def run_paper(parts: Sequence[str] = PARTS, progress: Progress | None = None) ->
     Parameters
     ----------
     parts
-        Some of `PARTS`; "effects" runs the closed loop of `tdcr_fe.validation.identify` on every table.
+        Some of `PARTS`; "effects" runs the closed loop of `tdcr_fe.identify` on every table.
     progress
         Called with what was finished.
 

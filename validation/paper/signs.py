@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.friction import FrictionState, TendonLaw
-from tdcr_fe.loading import Actuation, LoadStep, Model, resolve
-from tdcr_fe.robot import Robot
-from tdcr_fe.simulate import Simulation, SolverSettings
+from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.solve.simulate import Simulation, SolverSettings
 
 Array = NDArray[np.float64]
 Signs = tuple[int, ...]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tdcr_fe.robot import Robot
+from tdcr_fe.model.robot import Robot
 
 Array = NDArray[np.float64]
 

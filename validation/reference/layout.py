@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.robot import ARC_TOLERANCE, Robot
+from tdcr_fe.model.robot import ARC_TOLERANCE, Robot
 from tdcr_fe.validation.reference.section import Section
 
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
-from tdcr_fe.robot import Robot
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.reference.lie import ad, hat, wrench_matrix
 from tdcr_fe.validation.reference.section import Section, TendonCourse, coupled_strain
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.robot import Backbone, Superelastic
+from tdcr_fe.model.robot import Backbone, Superelastic
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

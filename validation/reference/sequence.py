@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.loading import Actuation, Load, LoadStep, Model, resolve
-from tdcr_fe.results import SequenceResult, StepResult
-from tdcr_fe.robot import Robot
+from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, resolve
+from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.reference.extras import Extras
 from tdcr_fe.validation.reference.rod import Rod
 from tdcr_fe.validation.reference.settings import ReferenceSettings

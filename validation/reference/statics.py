@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.loading import Load, Model
-from tdcr_fe.robot import Robot
+from tdcr_fe.model.loading import Load, Model
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.reference.complementarity import natural_residual, solve_box
 from tdcr_fe.validation.reference.extras import Extras
 from tdcr_fe.validation.reference.layout import Layout, lay_out

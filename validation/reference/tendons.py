@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.loading import Model
-from tdcr_fe.robot import Robot, Tendon
+from tdcr_fe.model.loading import Model
+from tdcr_fe.model.robot import Robot, Tendon
 from tdcr_fe.validation.reference.extras import HoleFriction
 from tdcr_fe.validation.reference.layout import Layout
 from tdcr_fe.validation.reference.lie import hat

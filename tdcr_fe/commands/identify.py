@@ -1,0 +1,86 @@
+"""The command ``tdcr-fe identify``: reads a folder, closes the loop, writes ``result.json`` and ``report.html``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain
+
+
+def add_identify_parser(commands: Any) -> None:
+    """Add ``tdcr-fe identify``."""
+    parser = commands.add_parser(
+        "identify",
+        help="trace the residual of measured data to what the model lacks",
+        description="Find the residual of a declared robot against measured data, trace it to effects that the "
+        "model lacks, add them, and report the error before and after.",
+        epilog="Exit status: 0 done, whatever the verdict; 1 the declared model did not converge; "
+        "2 the input is wrong; 130 interrupted, what was found is written.",
+    )
+    parser.add_argument(
+        "folder", help="holds robot.toml, loading.csv, observations.csv and perhaps model.toml"
+    )
+    parser.add_argument(
+        "-o", "--out", metavar="OUT", required=True, help="directory for result.json and report.html"
+    )
+    parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
+    parser.add_argument(
+        "--processes",
+        type=at_least_one,
+        default=min(2, os.cpu_count() or 1),
+        help="worker processes [%(default)s]",
+    )
+    parser.add_argument(
+        "--strict",
+        action="store_true",
+        help="refuse bad rows (exit status 2) instead of leaving them out by name",
+    )
+    parser.set_defaults(handler=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Close the loop on a folder."""
+    from tqdm import tqdm
+
+    from tdcr_fe.identify.loop import NotSolved, identify
+    from tdcr_fe.identify.outcome import IdentifySettings
+    from tdcr_fe.identify.report import summary, write_report
+    from tdcr_fe.io.measured import read_measured
+    from tdcr_fe.io.tables import check_place
+
+    data = read_measured(args.folder, strict=args.strict)
+    out = check_place(args.out)
+    for row in data.left_out:
+        complain(f"left out: {row}")
+    with tqdm(total=100, leave=False, file=sys.stderr, disable=True if args.quiet else None,
+              bar_format="{l_bar}{bar}| {elapsed} {postfix}") as bar:  # fmt: skip
+
+        def progress(text: str, share: float) -> None:
+            bar.set_postfix_str(text, refresh=False)
+            bar.update(max(0, int(100 * share) - bar.n))
+            bar.refresh()
+
+        try:
+            result = identify(data, IdentifySettings(processes=args.processes), progress)
+        except NotSolved as error:
+            complain(str(error))
+            return FAILURE
+    out.mkdir(parents=True, exist_ok=True)
+    _write(out / "result.json", json.dumps(result.to_json(), indent=2) + "\n")
+    write_report(result, out / "report.html")
+    if not args.quiet:
+        print(summary(result))
+        print(f"\nWritten to {out}: result.json, report.html")
+    if result.interrupted:
+        complain("interrupted; what was found until then is written")
+        return INTERRUPTED
+    return SUCCESS
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")

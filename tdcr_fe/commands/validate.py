@@ -1,0 +1,85 @@
+"""The command ``tdcr-fe validate``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Any
+
+from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain
+
+
+def add_validate_parser(commands: Any) -> None:
+    """Add ``tdcr-fe validate``."""
+    parser = commands.add_parser(
+        "validate",
+        help="finite elements against the independent shooting reference; write the report",
+        description="Solve the same cases with finite elements and with the independent Cosserat shooting "
+        "reference, and write OUT/report.html and OUT/report.json. What is finished is kept in OUT/cases, so a "
+        "run that was interrupted goes on where it stopped.",
+        epilog="Exit status: 0 all hold, 1 a case or a requirement fails, 2 the input is wrong, 130 interrupted.",
+    )
+    parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for the report")
+    parser.add_argument("--full", action="store_true", help="every case; without it a quick set")
+    parser.add_argument(
+        "--processes", type=at_least_one, metavar="N", help="processes to use [number of cores]"
+    )
+    parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
+    parser.set_defaults(handler=validate)
+
+
+def validate(args: argparse.Namespace) -> int:
+    """Solve the cases, write the report, tell what holds."""
+    from tdcr_fe.io.tables import check_place
+
+    out = check_place(args.out)
+
+    import os
+    import time
+
+    from tqdm import tqdm
+
+    from tdcr_fe.validation.crosscheck import campaign, report
+    from tdcr_fe.validation.crosscheck.cases import all_cases
+    from tdcr_fe.validation.crosscheck.studies import all_studies
+
+    begun = time.perf_counter()
+    cases = [case for case in all_cases() if args.full or case.quick]
+    studies = [study for study in all_studies() if args.full or study.quick]
+    processes = args.processes or os.cpu_count() or 1
+    folder = out / "cases"
+    recalled = 0
+    try:
+        with tqdm(
+            total=len(cases) + len(studies) + report.DISPUTES,
+            unit="case",
+            file=sys.stderr,
+            disable=True if args.quiet else None,
+        ) as bar:
+
+            def progress(record: dict[str, Any], known: bool) -> None:
+                nonlocal recalled
+                recalled += known
+                bar.update(1)
+
+            records = campaign.run([*studies, *cases], folder, processes, progress)
+            disputes = report.disputes([records[case.id] for case in cases])
+            records |= campaign.run(disputes, folder, processes, progress)
+    except KeyboardInterrupt:
+        complain(f"interrupted; what was finished is in {folder}, the same command goes on from there")
+        return INTERRUPTED
+    outcome = report.judge(
+        [records[case.id] for case in cases],
+        [records[study.id] for study in [*studies, *disputes]],
+        full=args.full,
+        wall_time=time.perf_counter() - begun,
+        processes=processes,
+        recalled=recalled,
+    )
+    report.write(outcome, out)
+    if not args.quiet:
+        print("\n".join(report.headline(outcome)))
+        print(f"Written to {out}: report.html, report.json")
+    for failure in outcome["failures"]:
+        complain(failure)
+    return SUCCESS if outcome["passed"] else FAILURE

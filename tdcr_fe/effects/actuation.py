@@ -1,0 +1,261 @@
+"""Effects between the command and the base plate: gain, backlash, friction of the actuation; with their own history."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tdcr_fe.effects.base import Effect, Parameter, Reach, Setup, Values
+from tdcr_fe.model.loading import Load, LoadStep, resolve
+
+
+@dataclass(frozen=True)
+class Play:
+    """Arrived value ``a`` that stays between two growing bounds of the command and changes only where it meets one.
+
+    Attributes
+    ----------
+    low, high : callable
+        Bounds, from the command.
+    pushes, pulls : callable
+        Inverses: the command at which a growing one pushes ``a`` up by the lower bound, and at which a falling one
+        pulls it down by the upper.
+    """
+
+    low: Callable[[float], float]
+    high: Callable[[float], float]
+    pushes: Callable[[float], float]
+    pulls: Callable[[float], float]
+
+    def arrive(self, before: float, command: float) -> float:
+        """What arrives at a command [N or m]."""
+        return min(max(before, self.low(command)), self.high(command))
+
+    def kink(self, before: float, start: float, end: float) -> float | None:
+        """Share of a ramp of the command at which what arrives begins to move; None where at once or never."""
+        if start == end:
+            return None
+        share = ((self.pushes if end > start else self.pulls)(before) - start) / (end - start)
+        return share if 1e-9 < share < 1.0 - 1e-9 else None
+
+
+def tension_play(dead_band: float, efficiency: float) -> Play:
+    """Friction before the base: from ``(T - dead_band) efficiency`` to ``T / efficiency + dead_band``, at least 0."""
+    return Play(
+        lambda t: max((t - dead_band) * efficiency, 0.0),
+        lambda t: max(t / efficiency + dead_band, 0.0),
+        lambda a: a / efficiency + dead_band,
+        lambda a: (a - dead_band) * efficiency,
+    )
+
+
+def displacement_play(backlash: float, first: float) -> Play:
+    """Lost motion [m]: at the start, whichever way the ``first`` travel beyond it goes, and at every reversal."""
+    low, high = (-backlash, 0.0) if first > 0.0 else (0.0, backlash)
+    return Play(lambda d: d + low, lambda d: d + high, lambda a: a - low, lambda a: a - high)
+
+
+def tension_that_arrives(commands: Iterable[float], dead_band: float, efficiency: float) -> list[float]:
+    """Tensions at the base plate [N] for commands from the unloaded state on; see `tension_play`."""
+    play, arrived, result = tension_play(dead_band, efficiency), 0.0, []
+    for t in commands:
+        arrived = play.arrive(arrived, t)
+        result.append(arrived)
+    return result
+
+
+def first_travel(commands: Iterable[float], backlash: float) -> float:
+    """The first command beyond the lost motion [m], zero where none is."""
+    return next((d for d in commands if abs(d) > backlash), 0.0)
+
+
+def displacement_that_arrives(commands: Iterable[float], backlash: float) -> list[float]:
+    """Displacements at the base plate [m] for commands from the unloaded state on; see `displacement_play`."""
+    commands = list(commands)
+    play, arrived, result = displacement_play(backlash, first_travel(commands, backlash)), 0.0, []
+    moving = False
+    for d in commands:
+        moving = moving or abs(d) > backlash
+        arrived = play.arrive(arrived, d) if moving else 0.0
+        result.append(arrived)
+    return result
+
+
+def loads_between(old: Mapping[str, Load], new: Mapping[str, Load], share: float) -> dict[str, Load]:
+    """Loads on the way from one step to the next."""
+    result = {}
+    for name, load in new.items():
+        start = old.get(name)
+        if start is None or (start.at, start.frame) != (load.at, load.frame):
+            start = replace(load, force=(0.0, 0.0, 0.0), moment=(0.0, 0.0, 0.0))
+        f = (1.0 - share) * np.array(start.force) + share * np.array(load.force)
+        m = (1.0 - share) * np.array(start.moment) + share * np.array(load.moment)
+        result[name] = replace(
+            load,
+            force=(float(f[0]), float(f[1]), float(f[2])),
+            moment=(float(m[0]), float(m[1]), float(m[2])),
+        )
+    return result
+
+
+def pass_through(
+    setup: Setup,
+    tension: Play | None = None,
+    displacement: Callable[[list[float]], Play] | None = None,
+    slack: float = 0.0,
+) -> Setup:
+    """Replace the commands of every tendon by what arrives behind a play.
+
+    Where several inputs change in one step, what arrives of one may begin to move on the way; the step is divided
+    there, because the order in which tendons move matters to friction.
+
+    Parameters
+    ----------
+    setup
+        With the commands.
+    tension
+        Play of tendons driven by tension; None leaves them alone.
+    displacement
+        From the commands of a tendon [m] to its play; None leaves them alone.
+    slack
+        Travel before which a tendon driven by displacement does not move at all [m].
+    """
+    actions = resolve(setup.robot, setup.steps)
+    names = setup.robot.tendon_names
+    count = len(names)
+    plays: list[Play | None] = []
+    for i in range(count):
+        travel = [float(a.values[i]) for a in actions if a.by_displacement[i]]
+        plays.append(displacement(travel) if displacement is not None and travel else None)
+    command, arrived, moving = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
+    loads: Mapping[str, Load] = {}
+    time = 0.0
+    steps: list[LoadStep] = []
+    ends: list[tuple[int, float]] = []
+    begun: dict[int, float] = {}
+    for step, action, (commanded, done) in zip(setup.steps, actions, setup.step_ends, strict=True):
+        goal, before = action.values, begun.get(commanded, 0.0)
+        play = [plays[i] if action.by_displacement[i] else tension for i in range(count)]
+        changed = int(np.count_nonzero(goal != command)) + any(
+            x != loads.get(n) for n, x in action.loads.items()
+        )
+        shares = {1.0}
+        if changed > 1:
+            kinks = [
+                None if p is None else p.kink(arrived[i], command[i], goal[i]) for i, p in enumerate(play)
+            ]
+            shares |= {k for k in kinks if k is not None}
+        for share in sorted(shares):
+            there = command + share * (goal - command)
+            moving |= ~action.by_displacement | (np.abs(there) > slack)
+            for i, p in enumerate(play):
+                if p is None:
+                    arrived[i] = there[i]
+                elif moving[i]:
+                    arrived[i] = p.arrive(float(arrived[i]), float(there[i]))
+            whole = share == 1.0
+            steps.append(
+                replace(
+                    step,
+                    tensions={n: float(arrived[names.index(n)]) for n in step.tensions},
+                    displacements={n: float(arrived[names.index(n)]) for n in step.displacements},
+                    loads=step.loads if whole else loads_between(loads, step.loads, share),
+                    time=step.time if whole or step.time is None else time + share * (step.time - time),
+                )
+            )
+            ends.append((commanded, float(before + share * (done - before))))
+        begun[commanded] = done
+        command, loads = goal.copy(), action.loads
+        time = step.time if step.time is not None else time
+    divided = setup.ends is not None or len(steps) > len(setup.steps)
+    return replace(setup, steps=tuple(steps), ends=tuple(ends) if divided else None)
+
+
+class ActuatorGain(Effect):
+    """Commanded displacement or tension off by a factor."""
+
+    name = "actuator_gain"
+    sentence = "What is commanded and what is done differ by a factor: radius of a spool, scale of a load cell, a gear."
+    experiment = "measure tension or travel at the base plate itself"
+    parameters = (Parameter("gain", "1", 0.05, 20.0, 1.0, 0.03, "what is done over what is commanded"),)
+
+    def apply(self, setup: Setup, values: Values) -> Setup:
+        """See `Effect.apply`."""
+        gain = values["gain"]
+        steps = tuple(
+            replace(
+                s,
+                tensions={n: gain * t for n, t in s.tensions.items()},
+                displacements={n: gain * d for n, d in s.displacements.items()},
+            )
+            for s in setup.steps
+        )
+        return replace(setup, steps=steps)
+
+
+class ActuatorBacklash(Effect):
+    """Displacement lost before the tendon follows."""
+
+    name = "actuator_backlash"
+    sentence = "Gears, couplings and slack tendons lose some travel at the start and at every reversal."
+    experiment = "command small cycles about one place and measure travel at the base plate"
+    parameters = (Parameter("backlash", "m", 0.0, 0.05, 0.0, 1e-4, "travel that is lost"),)
+
+    def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:
+        """A twentieth and a fifth of the largest displacement; nothing on data driven by tension."""
+        if not any(s.displacements for s in setup.steps):
+            return []
+        return [[{"backlash": share * reach.displacement}] for share in (0.05, 0.2)]
+
+    def bounds(self, setup: Setup) -> dict[str, tuple[float, float]]:
+        """Up to the largest displacement."""
+        largest = max((abs(d) for s in setup.steps for d in s.displacements.values()), default=0.0)
+        return {"backlash": (0.0, max(largest, 1e-6))}
+
+    def apply(self, setup: Setup, values: Values) -> Setup:
+        """See `Effect.apply`."""
+        backlash = values["backlash"]
+        if backlash == 0.0:
+            return setup
+        return pass_through(
+            setup,
+            displacement=lambda commands: displacement_play(backlash, first_travel(commands, backlash)),
+            slack=backlash,
+        )
+
+
+class ActuatorLoss(Effect):
+    """Friction before the base plate."""
+
+    name = "actuator_loss"
+    sentence = "Pulleys, sheaths and motor friction take part of the tension before the base plate, against the motion."
+    experiment = "measure the tension at the base plate while pulling and while letting out"
+    parameters = (
+        Parameter("dead_band", "N", 0.0, 20.0, 0.0, 0.02, "tension lost whatever the tension is"),
+        Parameter("efficiency", "1", 0.3, 1.0, 1.0, 0.02, "share that arrives of the rest"),
+    )
+
+    def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:
+        """Dead bands of a fiftieth and a tenth of the largest tension; nothing on data driven by displacement."""
+        if not any(s.tensions for s in setup.steps):
+            return []
+        return [
+            [
+                {"dead_band": share * reach.tension, "efficiency": 1.0},
+                {"dead_band": 0.0, "efficiency": 1.0 - share},
+            ]
+            for share in (0.02, 0.1)
+        ]
+
+    def bounds(self, setup: Setup) -> dict[str, tuple[float, float]]:
+        """A dead band up to the largest tension."""
+        largest = max((t for s in setup.steps for t in s.tensions.values()), default=0.0)
+        return {"dead_band": (0.0, max(largest, 1e-6)), "efficiency": (0.3, 1.0)}
+
+    def apply(self, setup: Setup, values: Values) -> Setup:
+        """See `Effect.apply`."""
+        if values["dead_band"] == 0.0 and values["efficiency"] == 1.0:
+            return setup
+        return pass_through(setup, tension_play(values["dead_band"], values["efficiency"]))

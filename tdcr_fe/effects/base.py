@@ -1,0 +1,189 @@
+"""What an effect is: the contract that every candidate keeps, and what it acts on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.robot import Robot
+
+Array = NDArray[np.float64]
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Observation:
+    """How what the robot does becomes what is measured: ``measured = Exp(rotation) (p + R offset)``.
+
+    Attributes
+    ----------
+    rotation : (float, float, float)
+        Rotation vector of the measuring frame against the base [rad]. Directions, and so angles from the
+        z axis, are turned as well.
+    offset : (float, float)
+        Markers off the backbone, along x and y of their sections [m].
+    """
+
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offset: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Everything that an effect can act on: a robot, its model, what is done to it, and how it is measured.
+
+    Attributes
+    ----------
+    robot : Robot
+    model : Model
+    steps : tuple of LoadStep
+        The commanded loading sequence, turned by effects into the one that arrives.
+    observation : Observation
+    ends : tuple of (int, float) or None
+        Where effects divide a load step, because what arrives has a kink on the way: for every one of ``steps``, the
+        commanded step that it belongs to and the share of it that is done at its end. None: they are the same.
+    """
+
+    robot: Robot
+    model: Model
+    steps: tuple[LoadStep, ...] = ()
+    observation: Observation = field(default_factory=Observation)
+    ends: tuple[tuple[int, float], ...] | None = None
+
+    @property
+    def step_ends(self) -> tuple[tuple[int, float], ...]:
+        """For every step, the commanded step it belongs to and the share that is done at its end."""
+        return self.ends if self.ends is not None else tuple((k, 1.0) for k in range(len(self.steps)))
+
+    def with_robot(self, **changes: object) -> Setup:
+        """A copy with fields of the robot replaced."""
+        return replace(self, robot=replace(self.robot, **changes))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    Attributes
+    ----------
+    name, unit : str
+    lower, upper : float
+        Bounds.
+    absent : float
+        Where the effect is absent; an effect may take it from the declared robot instead.
+    scale : float
+        A change that one would notice: the natural size of a step of this number.
+    meaning : str
+    inverse : bool
+        Fitted through its inverse, because it is absent at infinity.
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    absent: float
+    scale: float
+    meaning: str
+    inverse: bool = False
+
+    def coordinate(self, value: float) -> float:
+        """The number that is fitted."""
+        return (0.0 if math.isinf(value) else 1.0 / value) if self.inverse else value
+
+    def value(self, coordinate: float) -> float:
+        """The parameter from the number that is fitted."""
+        if self.inverse:
+            return math.inf if coordinate <= 0.0 else 1.0 / coordinate
+        return coordinate
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far the data go; tells an effect which sizes of its parameters can matter.
+
+    Attributes
+    ----------
+    tension : float
+        Largest tension commanded or needed [N].
+    displacement : float
+        Largest displacement commanded [m].
+    curvature : float
+        Largest curvature that the declared model reaches [1/m].
+    duration : float
+        Time of the last step [s].
+    """
+
+    tension: float = 1.0
+    displacement: float = 1e-3
+    curvature: float = 1.0
+    duration: float = 0.0
+
+
+class Effect:
+    """A candidate that a model may lack. Adding one takes a class and an entry of `tdcr_fe.effects.EFFECTS`.
+
+    Attributes
+    ----------
+    name : str
+        As in `formats`.
+    sentence : str
+        What it is, and where it comes from in a real robot.
+    experiment : str
+        What to measure so that it shows apart from its mimics.
+    parameters : tuple of Parameter
+    shapes : tuple of str
+        Parameters that mean nothing while the effect is absent; `starts` gives alternatives for them.
+    """
+
+    name: str = ""
+    sentence: str = ""
+    experiment: str = ""
+    parameters: tuple[Parameter, ...] = ()
+    shapes: tuple[str, ...] = ()
+
+    def absent(self, setup: Setup) -> dict[str, float]:
+        """Values at which it changes nothing in ``setup``."""
+        return {p.name: p.absent for p in self.parameters}
+
+    def bounds(self, setup: Setup) -> dict[str, tuple[float, float]]:
+        """Bounds of every parameter for this robot."""
+        return {p.name: (p.lower, p.upper) for p in self.parameters}
+
+    def apply(self, setup: Setup, values: Values) -> Setup:
+        """The setup with the effect; all parameters are given."""
+        raise NotImplementedError
+
+    def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:
+        """Points from which its signature is taken, none too strong.
+
+        Returns
+        -------
+        list of list of dict
+            Alternatives; each is a set of changes against the absent values, one a direction.
+        """
+        absent = self.absent(setup)
+        return [[{**absent, p.name: absent[p.name] + p.scale} for p in self.parameters]]
+
+    def check(self, values: Values) -> None:
+        """Refuse unknown, missing and impossible values.
+
+        Raises
+        ------
+        ValueError
+        """
+        known = {p.name: p for p in self.parameters}
+        unknown = sorted(set(values) - set(known))
+        if unknown:
+            raise ValueError(f"effect {self.name}: no parameter {unknown[0]!r}; it has {', '.join(known)}")
+        for name, value in values.items():
+            p = known[name]
+            if math.isnan(value) or not p.lower <= value <= p.upper:
+                raise ValueError(
+                    f"effect {self.name}: {name} = {value:g}; must be from {p.lower:g} to {p.upper:g} {p.unit}"
+                )

@@ -1,0 +1,397 @@
+"""The forward model: from a setup to what would be read, many setups at a time, on several processes."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tdcr_fe.effects import Setup
+from tdcr_fe.effects.actuation import loads_between
+from tdcr_fe.io.measured import Reading
+from tdcr_fe.model.interpolation import interpolate_positions
+from tdcr_fe.model.loading import Actuation, LoadStep, resolve
+
+Array = NDArray[np.float64]
+
+#: Smallest share of a load step that is tried, alone and along a neighbour's path.
+SMALLEST, GUIDED = 1.0 / 256.0, 1.0 / 16.0
+
+#: Into how many substeps a load step is divided at most for the sake of its path.
+DIVISIONS = 16
+
+#: Runs kept in memory.
+CACHE = 400
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is kept of one simulated loading sequence.
+
+    Attributes
+    ----------
+    s : ndarray, shape (n,)
+        Arc lengths of the nodes [m].
+    positions : ndarray, shape (n_steps, n, 3)
+        [m].
+    rotations : ndarray, shape (n_steps, n, 3, 3)
+    displacements, base_tensions, distal_tensions : ndarray, shape (n_steps, n_tendons)
+        [m, N, N].
+    solved : int
+        Steps that were solved, from the first on; the rest holds NaN.
+    message : str
+        Why it ended.
+    trajectory : object
+        Guide for neighbouring runs; None where none was recorded.
+    ends : tuple of (int, float)
+        Of the steps of the trajectory, as in `Setup.step_ends`.
+    elements : int
+        Per bay.
+    """
+
+    s: Array
+    positions: Array
+    rotations: Array
+    displacements: Array
+    base_tensions: Array
+    distal_tensions: Array
+    solved: int
+    message: str
+    trajectory: Any = None
+    ends: tuple[tuple[int, float], ...] = ()
+    elements: int = 0
+
+    @property
+    def curvature(self) -> Array:
+        """Of the elements, as turning rates about the section's axes x, y, z [1/m], shape (n_steps, n-1, 3)."""
+        relative = np.swapaxes(self.rotations[:, :-1], -1, -2) @ self.rotations[:, 1:]
+        n = relative.shape[0], relative.shape[1]
+        ok = np.isfinite(relative).all(axis=(-1, -2)).ravel()
+        turn = np.full((ok.size, 3), np.nan)
+        turn[ok] = Rotation.from_matrix(relative.reshape(-1, 3, 3)[ok]).as_rotvec()
+        return turn.reshape(*n, 3) / np.diff(self.s)[None, :, None]
+
+
+def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
+    """Simulate one setup; the only place where the finite-element model is called."""
+    from tdcr_fe.solve.simulate import SolverSettings, simulate
+
+    setup, guide, record, path_tolerance = task
+    trajectory: list[Any] | None = [] if record else None
+    ends = setup.step_ends
+    # Where effects divide a step on the way, its parts are simulated and its end is kept.
+    whole = [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
+    steps, m = len(whole), len(setup.robot.tendons)
+    waypoints = None
+    if guide is not None and guide[2] != setup.model.elements_per_bay:
+        guide = None
+    if guide is not None:
+        waypoints = guide[0] if guide[1] == ends else _divide(_join(*guide[:2]), ends)
+    try:
+        result = simulate(
+            setup.robot,
+            setup.model,
+            setup.steps,
+            SolverSettings(
+                path_tolerance=path_tolerance,
+                max_divisions=DIVISIONS,
+                min_substep=SMALLEST if waypoints is None else GUIDED,
+            ),
+            guide=waypoints,
+            record=trajectory,
+        )
+    except (
+        ValueError,
+        np.linalg.LinAlgError,
+        IndexError,
+    ) as error:  # a robot that cannot be, or a guide that does not fit
+        if guide is not None:
+            return _simulate((setup, None, record, path_tolerance))
+        nothing = np.full((steps, m), np.nan)
+        return Run(
+            np.array([0.0, setup.robot.backbone.length]),
+            np.full((steps, 2, 3), np.nan),
+            np.full((steps, 2, 3, 3), np.nan),
+            nothing,
+            nothing,
+            nothing,
+            0,
+            str(error),
+        )
+    # Along a fit, what cannot follow its neighbour is too far away and dear to solve: it counts as not solved.
+    if not result.converged and guide is not None and not record:
+        return _simulate((setup, None, record, path_tolerance))
+    kept = [result.steps[j] for j in whole if j < len(result.steps)]
+    solved = len(kept)
+    s = result.steps[0].s if solved else np.array([0.0, setup.robot.backbone.length])
+
+    def fill(values: list[Array], shape: tuple[int, ...]) -> Array:
+        full = np.full((steps, *shape), np.nan)
+        if values:
+            full[:solved] = np.array(values)
+        return full
+
+    return Run(
+        s,
+        fill([r.positions for r in kept], (s.size, 3)),
+        fill([r.rotations for r in kept], (s.size, 3, 3)),
+        fill([r.displacements for r in kept], (m,)),
+        fill([r.base_tensions for r in kept], (m,)),
+        fill([np.array([t[-1] for t in r.tensions]) for r in kept], (m,)),
+        solved,
+        result.message,
+        trajectory,
+        ends,
+        setup.model.elements_per_bay,
+    )
+
+
+def _join(trajectory: Any, ends: Sequence[tuple[int, float]]) -> dict[int, list[Any]]:
+    """Waypoints by commanded step, their shares those of the commanded step."""
+    joined: dict[int, list[Any]] = {}
+    done: dict[int, float] = {}
+    for waypoints, (k, share) in zip(trajectory, ends, strict=True):
+        start = done.get(k, 0.0)
+        joined.setdefault(k, []).extend(
+            replace(w, share=start + (share - start) * w.share) for w in waypoints
+        )
+        done[k] = share
+    return joined
+
+
+def _divide(joined: dict[int, list[Any]], ends: Sequence[tuple[int, float]]) -> list[list[Any]]:
+    """Waypoints of commanded steps, for steps divided in another way."""
+    divided = []
+    done: dict[int, float] = {}
+    for k, share in ends:
+        start = done.get(k, 0.0)
+        inside = [w for w in joined[k] if start + 1e-9 < w.share < share - 1e-9]
+        last = next(w for w in joined[k] if w.share >= share - 1e-9)
+        part = [replace(w, share=(w.share - start) / (share - start)) for w in inside]
+        divided.append([*part, replace(last, share=1.0)])
+        done[k] = share
+    return divided
+
+
+def divide_steps(setup: Setup, which: set[int], parts: int) -> Setup:
+    """Divide commanded steps into equal parts, so that what depends on the path is resolved.
+
+    Steps already divided, of a fixed number of substeps, or in which a tendon changes from tension to displacement stay
+    whole; without friction at each hole, and where it is found anew in each load step, so do all.
+
+    Parameters
+    ----------
+    setup
+        With the commands.
+    which
+        Commanded steps, from 0.
+    parts
+        Of each.
+
+    Returns
+    -------
+    Setup
+        The same one where nothing is to be divided.
+    """
+    if setup.model.friction != "per-hole":
+        return setup
+    actions = resolve(setup.robot, setup.steps)
+    whole = [k for k, share in setup.step_ends if share == 1.0]
+    single = {k for k, _ in setup.step_ends if [x for x, _ in setup.step_ends].count(k) == 1}
+    steps: list[LoadStep] = []
+    ends: list[tuple[int, float]] = []
+    names = setup.robot.tendon_names
+    before = Actuation(actions[0].by_displacement, np.zeros(len(names)))
+    for step, action, (k, share) in zip(setup.steps, actions, setup.step_ends, strict=True):
+        same = bool(np.all(before.by_displacement == action.by_displacement))
+        if k in which and k in single and k in whole and same and step.substeps is None:
+            for i in range(1, parts):
+                x = i / parts
+                values = before.values + x * (action.values - before.values)
+                commanded = {n: float(values[names.index(n)]) for n in (*step.tensions, *step.displacements)}
+                steps.append(
+                    replace(
+                        step,
+                        tensions={n: commanded[n] for n in step.tensions},
+                        displacements={n: commanded[n] for n in step.displacements},
+                        loads=loads_between(before.loads, step.loads, x),
+                        time=None if step.time is None else before.time + x * (action.time - before.time),
+                    )
+                )
+                ends.append((k, x))
+        steps.append(step)
+        ends.append((k, share))
+        before = action
+    if len(steps) == len(setup.steps):
+        return setup
+    return replace(setup, steps=tuple(steps), ends=tuple(ends))
+
+
+def _quiet_worker() -> None:
+    """A worker leaves interruptions to the process that started it."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+
+class Reader:
+    """Reads off a run what the instruments would show.
+
+    Parameters
+    ----------
+    readings
+        What is measured, where and in which step.
+    step_ids
+        Numbers of the steps in order.
+    tendon_names
+        Of the robot.
+    """
+
+    def __init__(
+        self, readings: Sequence[Reading], step_ids: Sequence[int], tendon_names: Sequence[str]
+    ) -> None:
+        index = {n: i for i, n in enumerate(step_ids)}
+        self.count = len(readings)
+        self.step = np.array([index[r.step] for r in readings])
+        quantity = np.array([r.quantity for r in readings])
+        self._axes = {a: np.flatnonzero(quantity == f"position_{a}") for a in "xyz"}
+        self._places = np.unique([r.location for r in readings if isinstance(r.location, float)])
+        self._place = np.array(
+            [
+                int(np.searchsorted(self._places, r.location)) if isinstance(r.location, float) else 0
+                for r in readings
+            ]
+        )
+        tendon = {n: i for i, n in enumerate(tendon_names)}
+        self._tendon = np.array([tendon[r.location] if isinstance(r.location, str) else 0 for r in readings])
+        self._of = {
+            q: np.flatnonzero(quantity == q)
+            for q in ("bending_angle", "chord_angle", "tip_offset", "tendon_displacement", "distal_tension")
+        }
+
+    def read(self, run: Run, setup: Setup) -> Array:
+        """What would be read [m, rad, N], shape (n,); NaN where the run did not get.
+
+        Parameters
+        ----------
+        run
+            Of the setup's robot, model and steps.
+        setup
+            Whose observation map is used.
+        """
+        out = np.full(self.count, np.nan)
+        frame = Rotation.from_rotvec(np.array(setup.observation.rotation)).as_matrix()
+        offset = np.array([*setup.observation.offset, 0.0])
+        n = run.positions.shape[0]
+        if self._places.size:
+            seen = np.full((n, self._places.size, 3), np.nan)
+            nodes = np.argmin(np.abs(self._places[:, None] - run.s), axis=1)
+            exact = np.max(np.abs(run.s[nodes] - self._places)) < 2e-6
+            for k in range(run.solved):
+                p, r = run.positions[k], run.rotations[k]
+                at = p[nodes] if exact else interpolate_positions(run.s, p, r, self._places)
+                seen[k] = at + r[nodes] @ offset
+            seen = seen @ frame.T
+            for axis, which in enumerate("xyz"):
+                i = self._axes[which]
+                out[i] = seen[self.step[i], self._place[i], axis]
+        tip = (run.positions[:, -1] + run.rotations[:, -1] @ offset) @ frame.T
+        tangent = run.rotations[:, -1, :, 2] @ frame.T
+        angles = {
+            "bending_angle": np.arctan2(np.hypot(tangent[:, 0], tangent[:, 1]), tangent[:, 2]),
+            "chord_angle": np.arctan2(np.hypot(tip[:, 0], tip[:, 1]), tip[:, 2]),
+            "tip_offset": np.hypot(tip[:, 0], tip[:, 1]),
+        }
+        for q, values in angles.items():
+            out[self._of[q]] = values[self.step[self._of[q]]]
+        for q, table in (("tendon_displacement", run.displacements), ("distal_tension", run.distal_tensions)):
+            i = self._of[q]
+            out[i] = table[self.step[i], self._tendon[i]]
+        return out
+
+
+class ForwardModel:
+    """Runs setups, each once, several at a time.
+
+    Parameters
+    ----------
+    processes
+        Worker processes; 1 stays in this one.
+    path_tolerance
+        Of the solver.
+    """
+
+    def __init__(self, processes: int = 1, path_tolerance: float = 5e-5) -> None:
+        self.processes = max(1, processes)
+        self.path_tolerance = path_tolerance
+        self.runs = 0
+        self._cache: dict[str, Run] = {}
+        self._guides: dict[int, Run] = {}
+        self._pool: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> ForwardModel:
+        if self.processes > 1:
+            self._pool = ProcessPoolExecutor(
+                self.processes, mp_context=get_context("forkserver"), initializer=_quiet_worker
+            )
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._pool = None
+
+    def run(self, setups: Sequence[Setup], guide: Run | None = None, record: bool = False) -> list[Run]:
+        """Simulate setups, those that were simulated before from memory.
+
+        Parameters
+        ----------
+        setups
+            What to simulate; setups that differ in the observation only share a run.
+        guide
+            A neighbour's run with its trajectory; makes a run three times as fast, for sensitivities.
+        record
+            Record trajectories.
+        """
+        kind = f"free{record}"
+        if guide is not None:
+            self._guides[id(guide)] = guide  # kept, so that its id stays its own
+            kind = f"guided{id(guide)}{record}"
+        keys = [_key(s, kind) for s in setups]
+        if not record:  # a recorded run serves as well
+            keys = [k[:-5] + "True" if k[:-5] + "True" in self._cache else k for k in keys]
+        todo = {k: s for k, s in zip(keys, setups, strict=True) if k not in self._cache}
+        trajectory = None if guide is None else (guide.trajectory, guide.ends, guide.elements)
+        tasks = [(s, trajectory, record, self.path_tolerance) for s in todo.values()]
+        for key, run in zip(todo, self._map(tasks), strict=True):
+            self._cache[key] = run
+        self.runs += len(tasks)
+        found = [self._cache[k] for k in keys]
+        while len(self._cache) > CACHE:
+            self._cache.pop(next(iter(self._cache)))
+        return found
+
+    def _map(self, tasks: list[tuple[Setup, Any, bool, float]]) -> list[Run]:
+        if self._pool is None or len(tasks) < 2:
+            return [_simulate(t) for t in tasks]
+        try:
+            return list(self._pool.map(_simulate, tasks))
+        except BrokenProcessPool:
+            self._pool = None
+            return [_simulate(t) for t in tasks]
+
+
+def _key(setup: Setup, kind: str) -> str:
+    text = pickle.dumps((setup.robot, setup.model, setup.steps, setup.ends))
+    return hashlib.sha256(text).hexdigest() + kind

@@ -1,0 +1,96 @@
+"""Which steps are held out: whole branches of loading, so that memory of a curve does not pass for knowledge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.model.loading import resolve
+
+Array = NDArray[np.float64]
+
+
+def inputs(data: MeasuredData) -> Array:
+    """Commands and tip forces of every step, each over its largest value, shape (n_steps, n_tendons + 3)."""
+    actions = resolve(data.robot, data.steps)
+    force = [a.loads["tip"].force if "tip" in a.loads else (0.0, 0.0, 0.0) for a in actions]
+    table = np.concatenate(
+        (np.array([a.values for a in actions]).reshape(len(actions), -1), np.array(force)), axis=1
+    )
+    for part in (slice(0, -3), slice(-3, None)):
+        largest = np.max(np.abs(table[:, part]), initial=0.0)
+        if largest > 0.0:
+            table[:, part] /= largest
+    return table
+
+
+def directions(data: MeasuredData) -> NDArray[np.int_]:
+    """What grows (+1) and falls (-1) towards every step, shape (n_steps, n_tendons + 3)."""
+    table = inputs(data)
+    change = np.diff(table, axis=0, prepend=np.zeros((1, table.shape[1])))
+    return np.where(np.abs(change) < 1e-9, 0, np.sign(change)).astype(int)
+
+
+def blocks(data: MeasuredData) -> list[list[int]]:
+    """Runs of consecutive steps in one branch, as positions in the sequence.
+
+    A branch is what the file calls so; without that, a run of steps in which the same inputs grow and fall.
+    """
+    count = len(data.steps)
+    if len(set(data.branches)) > 1:
+        marks: list[object] = list(data.branches)
+    else:
+        marks = [tuple(d) for d in directions(data)]
+    found: list[list[int]] = []
+    for k in range(count):
+        if k and marks[k] == marks[k - 1]:
+            found[-1].append(k)
+        else:
+            found.append([k])
+    return found
+
+
+def choose_held_out(data: MeasuredData, share: float = 0.3) -> tuple[int, ...]:
+    """Positions of the steps that are held out.
+
+    Whole blocks, about every third, chosen so that what is fitted still sees every input as far as possible. One
+    monotone branch alone: its last levels. Fewer than four steps with readings: none.
+
+    Parameters
+    ----------
+    data
+        Measured data.
+    share
+        Of the readings, about.
+    """
+    position = {n: k for k, n in enumerate(data.step_ids)}
+    read = np.bincount([position[r.step] for r in data.readings], minlength=len(data.steps)).astype(float)
+    with_readings = np.flatnonzero(read)
+    if with_readings.size < 4:
+        return ()
+    parts = [[k for k in b if read[k] > 0.0] for b in blocks(data)]
+    parts = [b for b in parts if b]
+    if len(parts) == 1:
+        last = max(1, round(share * with_readings.size * 0.75))
+        return tuple(int(k) for k in with_readings[-last:])
+    if len(parts) == 2:
+        return tuple(parts[1])
+    table = inputs(data)
+    every = max(2, round(1.0 / share))
+    best: tuple[float, Sequence[int]] = (-np.inf, ())
+    for offset in range(every):
+        held = [k for i, b in enumerate(parts) if i % every == offset for k in b]
+        kept = np.setdiff1d(with_readings, held)
+        if kept.size == 0 or not held:
+            continue
+        seen = np.ptp(table[kept], axis=0) / np.maximum(np.ptp(table[with_readings], axis=0), 1e-12)
+        tested = np.ptp(table[held], axis=0) / np.maximum(np.ptp(table[with_readings], axis=0), 1e-12)
+        used = np.ptp(table[with_readings], axis=0) > 1e-9
+        part = read[held].sum() / read.sum()
+        value = float(np.min(seen[used], initial=1.0) + 0.3 * np.mean(tested[used]) - abs(part - share))
+        if value > best[0] + 1e-12:
+            best = (value, held)
+    return tuple(int(k) for k in best[1])

@@ -1,0 +1,168 @@
+"""Is a residual noise? Its size, its structure, single readings that stand out, and sigma where none was given."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2 as chi2_distribution
+from scipy.stats import norm
+
+from tdcr_fe.identify.holdout import directions, inputs
+from tdcr_fe.identify.outcome import Structure
+from tdcr_fe.io.measured import MeasuredData, Reading
+
+Array = NDArray[np.float64]
+
+#: Residuals count up to this many sigma where noise is judged, so that a few bad readings do not decide.
+CLIP = 4.0
+
+#: A reading farther off than this many sigma (of the misfit that is left, where that is larger) stands out.
+OUTLIER = 5.0
+
+
+def series(readings: Sequence[Reading]) -> list[NDArray[np.int_]]:
+    """Indices of the readings of each quantity and place, in their order."""
+    found: dict[tuple[str, float | str | None], list[int]] = {}
+    for i, r in enumerate(readings):
+        found.setdefault((r.quantity, r.location), []).append(i)
+    return [np.array(i) for i in found.values()]
+
+
+def estimate_sigma(data: MeasuredData, residual: Array) -> tuple[Array, bool]:
+    """Sigma of every reading, in its unit: what is given, or the scatter of the residual about smooth curves.
+
+    The scatter is taken robustly from second differences along the steps, over all readings of the same kind.
+
+    Parameters
+    ----------
+    data
+        Readings.
+    residual
+        Reading less model, in the readings' units, shape (n,).
+
+    Returns
+    -------
+    sigma : ndarray, shape (n,)
+    estimated : bool
+        Whether any was missing.
+    """
+    sigma = np.array([math.nan if r.sigma is None else r.sigma for r in data.readings])
+    missing = np.isnan(sigma)
+    if not np.any(missing):
+        return sigma, False
+    kinds = np.array([r.quantity for r in data.readings])
+    families = {q: "position" if q.startswith("position_") else q for q in set(kinds.tolist())}
+    family = np.array([families[q] for q in kinds])
+    for kind in set(family[missing].tolist()):
+        seconds = []
+        for i in series(data.readings):
+            if family[i[0]] == kind and i.size >= 3:
+                r = residual[i]
+                seconds.append(r[2:] - 2.0 * r[1:-1] + r[:-2])
+        values = np.abs(np.concatenate(seconds)) if seconds else np.abs(residual[family == kind])
+        values = values[np.isfinite(values)]
+        scatter = (
+            1.4826 * float(np.median(values)) / (math.sqrt(6.0) if seconds else 1.0) if values.size else 0.0
+        )
+        unit = data.readings[int(np.flatnonzero(family == kind)[0])].unit
+        floor = {"m": 2e-5 * data.robot.backbone.length, "rad": 2e-5, "N": 1e-5}[unit]
+        sigma[missing & (family == kind)] = max(scatter, floor)
+    return sigma, True
+
+
+def clipped(r: Array) -> Array:
+    """Residuals limited to what noise can give."""
+    return np.clip(r, -CLIP, CLIP)
+
+
+def excess(r: Array, parameters: int = 0) -> float:
+    """How far the sum of squares lies above noise, in its standard deviations."""
+    dof = max(1, r.size - parameters)
+    p = float(chi2_distribution.sf(np.sum(clipped(r) ** 2), dof))
+    return float(norm.isf(max(p, 1e-300)))
+
+
+def alike(data: MeasuredData, r: Array) -> float:
+    """Correlation of the residuals of neighbouring steps, over all quantities and places."""
+    parts = [r[i] for i in series(data.readings) if i.size >= 2]
+    size = sum(float(np.sum(x[1:] ** 2 + x[:-1] ** 2)) for x in parts) / 2.0
+    return sum(float(np.sum(x[1:] * x[:-1])) for x in parts) / size if size > 0.0 else 0.0
+
+
+def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Structure, ...]:
+    """Tests of a residual over sigma: by quantity, place, tendon, branch, load, step; signs and neighbours.
+
+    Parameters
+    ----------
+    data
+        Readings.
+    r
+        Residual over sigma, shape (n,).
+    parameters
+        How many were fitted.
+
+    Returns
+    -------
+    tuple of Structure
+        The most telling first.
+    """
+    c = clipped(r)
+    readings = data.readings
+    position = {n: k for k, n in enumerate(data.step_ids)}
+    step = np.array([position[x.step] for x in readings])
+    tests: list[Structure] = []
+
+    def size(group: str, mask: NDArray[np.bool_]) -> None:
+        n = int(np.count_nonzero(mask))
+        if n >= 5:
+            share = n * (1.0 - parameters / max(r.size, parameters + 1))
+            p = float(chi2_distribution.sf(np.sum(c[mask] ** 2), share))
+            tests.append(Structure(group, float(norm.isf(max(p, 1e-300))), p))
+
+    size("all readings", np.ones(r.size, dtype=bool))
+    for q in dict.fromkeys(x.quantity for x in readings):
+        size(f"quantity {q}", np.array([x.quantity == q for x in readings]))
+    for place in sorted({x.location for x in readings if isinstance(x.location, float)}):
+        size(f"at s = {place:g} m", np.array([x.location == place for x in readings]))
+    table, moves = inputs(data), directions(data)
+    m = len(data.robot.tendons)
+    for i, name in enumerate(data.robot.tendon_names):
+        pulled = table[:, i] > 0.3
+        size(f"tendon {name} pulled", pulled[step])
+        size(f"tendon {name} being pulled", (moves[:, i] > 0)[step])
+        size(f"tendon {name} being let out", (moves[:, i] < 0)[step])
+    size("loaded at the tip", (np.abs(table[:, m:]).max(axis=1) > 0.0)[step])
+    size("not loaded at the tip", (np.abs(table[:, m:]).max(axis=1) == 0.0)[step])
+    for number, k in position.items():
+        size(f"step {number}", step == k)
+    products, means = [], []
+    for one in series(readings):
+        if one.size >= 4:
+            products.append(c[one][1:] * c[one][:-1])
+            means.append((one, float(np.sum(c[one]) / math.sqrt(one.size))))
+    if products:
+        together = np.concatenate(products)
+        z = float(np.sum(together) / math.sqrt(together.size))
+        tests.append(Structure("neighbouring steps alike", z, float(norm.sf(z))))
+        runs = np.sign(together)
+        z = float(np.sum(runs) / math.sqrt(runs.size))
+        tests.append(Structure("signs of neighbouring steps alike", z, float(norm.sf(z))))
+    for which, z in means:
+        x = readings[int(which[0])]
+        at = "" if x.location is None else f" at {x.location}"
+        tests.append(Structure(f"mean of {x.quantity}{at}", abs(z), float(2.0 * norm.sf(abs(z)))))
+    return tuple(sorted(tests, key=lambda t: t.p_value))
+
+
+def is_noise(tests: Sequence[Structure], significance: float) -> bool:
+    """Whether no test tells, counted together."""
+    return all(t.p_value * len(tests) > significance for t in tests)
+
+
+def outliers(r: Array) -> tuple[tuple[int, float], ...]:
+    """Readings that stand out from the rest, and by how many sigma."""
+    scale = max(1.0, 1.4826 * float(np.median(np.abs(r))))
+    return tuple((int(i), float(r[i])) for i in np.flatnonzero(np.abs(r) > OUTLIER * scale))

@@ -1,0 +1,311 @@
+"""What the closed loop is told and what it gives back, and its ``result.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.tables import plain, versions
+
+Array = NDArray[np.float64]
+Verdict = Literal["explained", "partly explained", "unexplained", "nothing missing"]
+
+
+@dataclass(frozen=True)
+class IdentifySettings:
+    """How the loop works; physics has no place here.
+
+    Attributes
+    ----------
+    processes : int
+        Worker processes. More than one needs a main module that may be imported.
+    significance : float
+        Chance of adding an effect to data that miss nothing, over all candidates [1].
+    candidates : int
+        How many of the best candidates of a round are fitted.
+    beam : int
+        How many models of a round are carried to the next.
+    max_effects : int
+        At most so many effects are added.
+    hold_out : float
+        Share of the readings that is held out, about [1].
+    path_tolerance : float
+        Of the solver: accuracy of the path of loading over the length [1].
+    """
+
+    processes: int = 1
+    significance: float = 1e-3
+    candidates: int = 5
+    beam: int = 2
+    max_effects: int = 4
+    hold_out: float = 0.3
+    path_tolerance: float = 5e-5
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """How far a model is from the readings.
+
+    Attributes
+    ----------
+    rms_position, max_position : float or None
+        Distance between measured and predicted markers in space, over all markers and steps [m]; of a marker of
+        which not all three coordinates were measured, those that were. None where there are none.
+    rms_angle : float or None
+        [rad].
+    chi2_per_dof : float
+        Sum of squares in units of sigma over the number of readings less fitted parameters [1].
+    count : int
+        Readings.
+    """
+
+    rms_position: float | None
+    rms_angle: float | None
+    max_position: float | None
+    chi2_per_dof: float
+    count: int = 0
+
+    def to_json(self) -> dict[str, float | None]:
+        """As in ``result.json``."""
+        return {
+            "rms_position": self.rms_position,
+            "rms_angle": self.rms_angle,
+            "max_position": self.max_position,
+            "chi2_per_dof": self.chi2_per_dof,
+        }
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One fitted number.
+
+    Attributes
+    ----------
+    value : float
+    std_error : float or None
+        None where the data do not determine it (it stays where the effect is absent) or it sits at a bound.
+    unit : str
+    note : str
+        Such as "at its bound".
+    """
+
+    value: float
+    std_error: float | None
+    unit: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class AddedEffect:
+    """An effect that was added.
+
+    Attributes
+    ----------
+    name : str
+    parameters : mapping of str to Estimate
+        From the final model.
+    after_fit, after_held_out : Misfit
+        With this effect and all before it.
+    evidence : mapping
+        What spoke for it.
+    indistinguishable_from : tuple of str
+        Effects that explain these data as well.
+    experiment : str
+        What would tell them apart.
+    """
+
+    name: str
+    parameters: Mapping[str, Estimate]
+    after_fit: Misfit
+    after_held_out: Misfit
+    evidence: Mapping[str, Any]
+    indistinguishable_from: tuple[str, ...] = ()
+    experiment: str = ""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What became of one candidate in one round.
+
+    Attributes
+    ----------
+    round : int
+    model : tuple of str
+        Effects already in the model.
+    name : str
+    drop : float
+        By how much the misfit would fall to first order, over the misfit per degree of freedom [1].
+    fitted : bool
+    chi2_fit, chi2_held_out : float or None
+        Per reading, after the fit [1].
+    note : str
+    """
+
+    round: int
+    model: tuple[str, ...]
+    name: str
+    drop: float
+    fitted: bool = False
+    chi2_fit: float | None = None
+    chi2_held_out: float | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """One test of whether a residual is noise.
+
+    Attributes
+    ----------
+    group : str
+        Which readings, or which kind of pattern.
+    statistic : float
+        In standard deviations of what noise would give [1].
+    p_value : float
+        Chance of as much from noise alone [1].
+    """
+
+    group: str
+    statistic: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is left.
+
+    Attributes
+    ----------
+    where, description : str
+    moment : ndarray or None
+        Missing bending moment about the section's x and y axes, shape (n_steps, n_bays, 2) [N m].
+    bays : ndarray or None
+        Edges of the bays [m], shape (n_bays + 1,).
+    """
+
+    where: str
+    description: str
+    moment: Array | None = None
+    bays: Array | None = None
+
+
+@dataclass(frozen=True)
+class IdentificationResult:
+    """All that the loop found.
+
+    Attributes
+    ----------
+    data : MeasuredData
+    verdict : str
+        One of "explained", "partly explained", "unexplained", "nothing missing".
+    effects : tuple of AddedEffect
+        In the order of adding.
+    before_fit, before_held_out, after_fit, after_held_out : Misfit
+    held_out_steps : tuple of int
+    remaining : Remainder
+    candidates : tuple of Candidate
+    structure : tuple of Structure
+        Tests of the residual that is left, most telling first.
+    residual_before, residual_after : ndarray
+        Reading less model, in the readings' units, in their order.
+    sigma : ndarray
+        Used for every reading, in its unit.
+    sigma_estimated : bool
+        Whether any sigma was not given.
+    outliers : tuple of (int, float)
+        Indices of readings that stand out, and their residual over sigma.
+    correlation : ndarray
+        Of the fitted parameters, in the order of `parameter_names`.
+    parameter_names : tuple of str
+    mesh_error : float
+        Estimated error of mesh left in the predictions, rms over sigma [1].
+    left_out_candidates : mapping of str to str
+        Effects that were not tried, with the reason.
+    runs : int
+        Simulated sequences.
+    wall_time : float
+        [s].
+    interrupted : bool
+    history : tuple of str
+        What was done, in sentences.
+    """
+
+    data: MeasuredData
+    verdict: Verdict
+    effects: tuple[AddedEffect, ...]
+    before_fit: Misfit
+    before_held_out: Misfit
+    after_fit: Misfit
+    after_held_out: Misfit
+    held_out_steps: tuple[int, ...]
+    remaining: Remainder
+    candidates: tuple[Candidate, ...]
+    structure: tuple[Structure, ...]
+    residual_before: Array
+    residual_after: Array
+    sigma: Array
+    sigma_estimated: bool
+    outliers: tuple[tuple[int, float], ...]
+    correlation: Array
+    parameter_names: tuple[str, ...]
+    mesh_error: float
+    left_out_candidates: Mapping[str, str] = field(default_factory=dict)
+    runs: int = 0
+    wall_time: float = 0.0
+    interrupted: bool = False
+    history: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``result.json`` has it; numbers that are not finite become null."""
+        readings = self.data.readings
+        document = {
+            "dataset": self.data.name,
+            "observations": len(readings),
+            "held_out_steps": list(self.held_out_steps),
+            "before": {"fit": self.before_fit.to_json(), "held_out": self.before_held_out.to_json()},
+            "effects": [
+                {
+                    "effect": e.name,
+                    "parameters": {
+                        n: {"value": p.value, "std_error": p.std_error, "unit": p.unit}
+                        | ({"note": p.note} if p.note else {})
+                        for n, p in e.parameters.items()
+                    },
+                    "after": {"fit": e.after_fit.to_json(), "held_out": e.after_held_out.to_json()},
+                    "evidence": dict(e.evidence),
+                    "indistinguishable_from": list(e.indistinguishable_from),
+                }
+                | ({"separating_experiment": e.experiment} if e.experiment else {})
+                for e in self.effects
+            ],
+            "after": {"fit": self.after_fit.to_json(), "held_out": self.after_held_out.to_json()},
+            "verdict": self.verdict,
+            "remaining": {"where": self.remaining.where, "description": self.remaining.description},
+            "left_out": [str(b) for b in self.data.left_out],
+            "outliers": [
+                {
+                    "step": readings[i].step,
+                    "quantity": readings[i].quantity,
+                    "location": readings[i].location,
+                    "value": readings[i].value,
+                    "residual_over_sigma": r,
+                }
+                for i, r in self.outliers
+            ],
+            "sigma_estimated": self.sigma_estimated,
+            "mesh_error_over_sigma": self.mesh_error,
+            "parameters": list(self.parameter_names),
+            "correlation": self.correlation.tolist(),
+            "simulations": self.runs,
+            "wall_time": self.wall_time,
+            "interrupted": self.interrupted,
+            "input": dict(self.data.digests or {}),
+            "versions": versions(),
+        }
+        clean: dict[str, Any] = plain(document)
+        return clean

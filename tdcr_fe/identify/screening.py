@@ -1,0 +1,201 @@
+"""Score test: how much would the misfit fall, to first order, if an effect were switched on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from tdcr_fe.effects import Effect
+from tdcr_fe.identify.fitting import NOTHING, Fit, Point, Problem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Score:
+    """One candidate beside one fitted model.
+
+    Attributes
+    ----------
+    effect : Effect
+    drop : float
+        Fall of the sum of squares over the fitted readings, to first order.
+    drop_held : float
+        What the same change does to the readings held out.
+    starts : list of Point
+        Where a fit may begin.
+    signature : ndarray, shape (n, k)
+        Change of the predictions over sigma, by direction.
+    note : str
+        Why it is refused; empty where it is not.
+    """
+
+    effect: Effect
+    drop: float
+    drop_held: float
+    starts: list[Point]
+    signature: Array
+    note: str = ""
+
+    @property
+    def count(self) -> int:
+        """Parameters of the effect."""
+        return len(self.effect.parameters)
+
+
+def screen(problem: Problem, fit: Fit, effects: Sequence[Effect]) -> list[Score]:
+    """Score candidates beside a fitted model, the most telling first.
+
+    Every candidate is switched on a little in one run per direction, and the residual is projected on what that
+    changes, the fitted parameters left free to follow; amplitudes stay within bounds. The runs follow the path of
+    the fitted one, so that differences are smooth.
+
+    Parameters
+    ----------
+    problem
+        Readings.
+    fit
+        The model.
+    effects
+        Candidates that are not in it.
+    """
+    setup = problem.setup(fit.effects, fit.values)
+    reach = problem.reach(fit.run)
+    absent = {e.name: e.absent(setup) for e in effects}
+    tasks: list[tuple[Effect, int, Point]] = []
+    empty: list[Score] = []
+    none = np.zeros((fit.residual.size, 0))
+    for e in effects:
+        alternatives = e.starts(setup, reach)
+        if not alternatives:
+            empty.append(Score(e, 0.0, 0.0, [], none, "these data cannot show it"))
+        for i, points in enumerate(alternatives):
+            tasks += [(e, i, {**fit.values, e.name: p}) for p in points]
+    if not tasks:
+        return empty
+    points_of: dict[str, list[list[Point]]] = {}
+    residuals: dict[str, list[list[Array]]] = {}
+    found = _residuals(problem, fit, tasks)
+    for (e, i, point), r in zip(tasks, found, strict=True):
+        rows, sets = residuals.setdefault(e.name, []), points_of.setdefault(e.name, [])
+        while len(rows) <= i:
+            rows.append([])
+            sets.append([])
+        rows[i].append(r)
+        sets[i].append(point)
+    scores = list(empty)
+    for e in effects:
+        if e.name in residuals:
+            scores.append(_score(problem, fit, e, absent[e.name], points_of[e.name], residuals[e.name]))
+    return sorted(scores, key=lambda s: -s.drop)
+
+
+def _residuals(problem: Problem, fit: Fit, tasks: Sequence[tuple[Effect, int, Point]]) -> list[Array]:
+    """Residuals at every task's point, all runs at once."""
+    setups = [problem.setup((*fit.effects, e), point) for e, _, point in tasks]
+    runs = problem.forward.run(setups, guide=fit.run)
+    return [problem.residual(s, run) for s, run in zip(setups, runs, strict=True)]
+
+
+def _score(
+    problem: Problem,
+    fit: Fit,
+    e: Effect,
+    absent: dict[str, float],
+    sets: list[list[Point]],
+    residuals: list[list[Array]],
+) -> Score:
+    fitted = ~problem.held
+    best: Score | None = None
+    others: list[Point] = []
+    for points, rows in zip(sets, residuals, strict=True):
+        signature = np.stack([fit.residual - r for r in rows], axis=1)
+        if not np.all(np.isfinite(signature)):
+            continue
+        strength = np.sqrt(np.mean(signature**2, axis=0))
+        if np.all(strength < NOTHING):
+            continue
+        directions = [_direction(e, absent, p[e.name]) for p in points]
+        low, high = np.array([_room(problem, e, absent, d) for d in directions]).T
+        k = fit.jacobian.shape[1]
+        a = np.concatenate((fit.jacobian, signature), axis=1)
+        w = np.minimum(1.0, problem.threshold / np.maximum(np.abs(fit.residual), 1e-300)) ** 0.5
+        norm = np.maximum(np.linalg.norm(a[fitted] * w[fitted, None], axis=0), 1e-300)
+        bounds = (
+            np.concatenate((np.full(k, -np.inf), np.minimum(low, -1e-9) * norm[k:])),
+            np.concatenate((np.full(k, np.inf), np.maximum(high, 1e-9) * norm[k:])),
+        )
+        solution = lsq_linear(a[fitted] * w[fitted, None] / norm, fit.residual[fitted] * w[fitted], bounds)
+        amplitude = solution.x / norm
+        left = (fit.residual - a @ amplitude) * w
+        weighted = fit.residual * w
+        drop = float(np.sum(weighted[fitted] ** 2) - np.sum(left[fitted] ** 2))
+        drop_held = float(np.sum(weighted[problem.held] ** 2) - np.sum(left[problem.held] ** 2))
+        for name, j in ((n, j) for d in directions for n, j in d.items()):
+            if j != 0.0:
+                problem.scales[(e.name, name)] = abs(j)
+        starts = [
+            {**fit.values, e.name: _mix(problem, e, absent, directions, points, factor * amplitude[k:])}
+            for factor in (1.0, 0.5)
+        ]
+        others.append(starts[0])
+        if best is None or drop > best.drop:
+            best = Score(e, drop, drop_held, [*starts, points[0]], signature)
+    if best is None:
+        return Score(e, 0.0, 0.0, [], np.zeros((fit.residual.size, 0)), "it changes nothing on these data")
+    return Score(
+        e,
+        best.drop,
+        best.drop_held,
+        best.starts + [o for o in others if o is not best.starts[0]],
+        best.signature,
+    )
+
+
+def _direction(e: Effect, absent: dict[str, float], point: dict[str, float]) -> dict[str, float]:
+    """Change of the coordinates from absent to a point; a parameter that is meaningless when absent does not move."""
+    return {
+        p.name: 0.0 if p.name in e.shapes else p.coordinate(point[p.name]) - p.coordinate(absent[p.name])
+        for p in e.parameters
+    }
+
+
+def _room(
+    problem: Problem, e: Effect, absent: dict[str, float], direction: dict[str, float]
+) -> tuple[float, float]:
+    """How far an amplitude may go down and up before a parameter meets a bound."""
+    low, high = -np.inf, np.inf
+    for p in e.parameters:
+        d = direction[p.name]
+        if d == 0.0:
+            continue
+        a, b = problem.bounds(e, p.name)
+        here = p.coordinate(absent[p.name])
+        ends = sorted(((a - here) / d, (b - here) / d))
+        low, high = max(low, ends[0]), min(high, ends[1])
+    return low, high
+
+
+def _mix(
+    problem: Problem,
+    e: Effect,
+    absent: dict[str, float],
+    directions: list[dict[str, float]],
+    points: list[Point],
+    amplitudes: Array,
+) -> dict[str, float]:
+    """Values at the sum of amplitudes times directions, within bounds."""
+    values = {}
+    for p in e.parameters:
+        here = p.coordinate(absent[p.name])
+        if all(d[p.name] == 0.0 for d in directions):
+            values[p.name] = points[0][e.name][p.name]
+            continue
+        z = here + sum(a * d[p.name] for a, d in zip(amplitudes, directions, strict=True))
+        low, high = problem.bounds(e, p.name)
+        values[p.name] = p.value(float(np.clip(z, low, high)))
+    return values

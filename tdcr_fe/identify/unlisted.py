@@ -1,0 +1,202 @@
+"""What is on no list: single soft bays, springs at one place, and the missing moment read off the shape itself."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import Effect, Parameter, Reach, Setup
+from tdcr_fe.identify.fitting import Fit, Problem
+from tdcr_fe.identify.forward import Run
+from tdcr_fe.model.interpolation import interpolate_positions
+from tdcr_fe.model.loading import Load
+from tdcr_fe.model.robot import StiffnessPatch
+
+Array = NDArray[np.float64]
+
+
+class SoftBay(Effect):
+    """Other bending stiffness in one bay; used to locate, never named as an effect."""
+
+    def __init__(self, number: int, start: float, end: float) -> None:
+        self.number, self.start, self.end = number, start, end
+        self.name = f"stiffness of bay {number}"
+        self.sentence = "The backbone is softer or stiffer in one place: a crack, a kink, glue."
+        self.parameters = (
+            Parameter(
+                "bending", "1", 0.02, 50.0, 1.0, 0.2, "factor on the bending stiffness there", inverse=True
+            ),
+        )
+
+    @property
+    def where(self) -> str:
+        """Bay and arc lengths."""
+        return f"bay {self.number} (s = {self.start:.4g} to {self.end:.4g} m)"
+
+    def bounds(self, setup: Setup) -> dict[str, tuple[float, float]]:
+        """See `Effect.bounds`."""
+        return {"bending": (0.02, 50.0)}
+
+    def apply(self, setup: Setup, values: dict[str, float]) -> Setup:  # type: ignore[override]
+        """See `Effect.apply`."""
+        b = setup.robot.backbone
+        patch = StiffnessPatch(self.start, self.end, values["bending"], 1.0)
+        return setup.with_robot(backbone=replace(b, patches=(*b.patches, patch)))
+
+
+class SideSpring(Effect):
+    """A spring that holds one place of the backbone where it was; used to locate, never named as an effect.
+
+    Its force follows the displacement of a solved run, step by step.
+    """
+
+    def __init__(self, at: float, run: Run, rest: Array) -> None:
+        self.at = at
+        self.name = f"spring at s = {at:.4g} m"
+        self.sentence = "Something holds the robot at one place: a cable, a hose, a wall that gives."
+        self.parameters = (Parameter("stiffness", "N/m", 0.0, 1e4, 0.0, 0.05, "of the spring"),)
+        node = int(np.argmin(np.abs(run.s - at)))
+        moved = run.positions[:, node] - rest
+        moved[:, 2] = 0.0
+        self._moved = np.where(np.isfinite(moved), moved, 0.0)
+
+    @property
+    def where(self) -> str:
+        """Arc length."""
+        return f"at s = {self.at:.4g} m"
+
+    def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:
+        """A spring that feels a few millinewtons."""
+        largest = float(np.max(np.linalg.norm(self._moved, axis=1), initial=1e-6))
+        return [[{"stiffness": 2e-3 / largest}]]
+
+    def apply(self, setup: Setup, values: dict[str, float]) -> Setup:  # type: ignore[override]
+        """See `Effect.apply`."""
+        steps = []
+        for step, (k, share) in zip(setup.steps, setup.step_ends, strict=True):
+            before = self._moved[k - 1] if k else np.zeros(3)
+            f = -values["stiffness"] * (before + share * (self._moved[k] - before))
+            load = Load(self.at, (float(f[0]), float(f[1]), float(f[2])))
+            steps.append(replace(step, loads={**step.loads, f"spring {self.at:g}": load}))
+        return replace(setup, steps=tuple(steps))
+
+
+def bay_edges(problem: Problem) -> Array:
+    """Arc lengths of base plate, disks and tip [m]."""
+    robot = problem.data.robot
+    edges = [0.0, *robot.disks.positions]
+    if robot.backbone.length - edges[-1] > 1e-6:
+        edges.append(robot.backbone.length)
+    return np.array(edges)
+
+
+def local_suspects(problem: Problem, fit: Fit) -> list[list[Effect]]:
+    """A soft bay for every bay, and a spring at every disk, each family from the base on."""
+    edges = bay_edges(problem)
+    bays: list[Effect] = [
+        SoftBay(i + 1, float(a), float(b)) for i, (a, b) in enumerate(itertools.pairwise(edges))
+    ]
+    springs: list[Effect] = [SideSpring(float(s), fit.run, np.array([0.0, 0.0, s])) for s in edges[1:]]
+    return [bays, springs]
+
+
+def missing_moment(problem: Problem, fit: Fit) -> tuple[Array, Array]:
+    """Bending moment that would have to act besides the model's, per load step and bay, from the shape itself.
+
+    An extra curvature in a bay turns everything beyond it; the extra curvatures that turn the model's shape into
+    the measured one, as smooth along the backbone as the noise allows, times the bending stiffness, are the
+    missing moment.
+
+    Returns
+    -------
+    moment : ndarray, shape (n_steps, n_bays, 2)
+        About the section's x and y axes [N m].
+    edges : ndarray, shape (n_bays + 1,)
+        Of the bays [m].
+    """
+    edges = bay_edges(problem)
+    bays = len(edges) - 1
+    data, run = problem.data, fit.run
+    setup = problem.setup(fit.effects, fit.values)
+    moment = np.zeros((len(data.steps), bays, 2))
+    stiffness = setup.robot.backbone.EI
+    difference = np.diff(np.eye(bays), n=1, axis=0)
+    smooth = np.kron(difference, np.eye(2))
+    width = np.diff(edges)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    prior = 1e-3 * np.eye(2 * bays)
+    for k in range(run.solved):
+        mine = np.flatnonzero(problem.reader.step == k)
+        mine = mine[np.isfinite(fit.residual[mine])]
+        rows, right = [], []
+        p, rot = run.positions[k], run.rotations[k]
+        centres = interpolate_positions(run.s, p, rot, middle)
+        node = [int(np.argmin(np.abs(run.s - m))) for m in middle]
+        axes = rot[node][:, :, :2]
+        for i in mine:
+            r = data.readings[i]
+            row = np.zeros((bays, 2))
+            if r.quantity.startswith("position_") and isinstance(r.location, float):
+                x = interpolate_positions(run.s, p, rot, np.array([r.location]))[0]
+                axis = "xyz".index(r.quantity[-1])
+                share = np.clip((r.location - edges[:-1]) / width, 0.0, 1.0)
+                arm = np.cross(np.swapaxes(axes, 1, 2), (x - centres)[:, None, :])[:, :, axis]
+                row = arm * (share * width)[:, None]
+            elif r.quantity == "bending_angle":
+                t = rot[-1][:, 2]
+                out = np.array([t[0], t[1], 0.0])
+                if np.linalg.norm(out) < 1e-6:
+                    continue
+                hinge = np.cross(np.array([0.0, 0.0, 1.0]), out / np.linalg.norm(out))
+                row = np.einsum("bij,i->bj", axes, hinge) * width[:, None]
+            else:
+                continue
+            rows.append(row.ravel() / problem.sigma[i])
+            right.append(fit.residual[i])
+        if not rows:
+            continue
+        a, b = np.array(rows), np.array(right)
+        # The weight of smoothness: the largest at which what is left is noise.
+        best = np.zeros(2 * bays)
+        for weight in np.logspace(4, -4, 17) * np.mean(a**2):
+            whole = np.concatenate((a, np.sqrt(weight) * smooth, np.sqrt(weight) * 1e-2 * prior))
+            best = np.linalg.lstsq(whole, np.concatenate((b, np.zeros(len(whole) - len(b)))), rcond=None)[0]
+            if np.sum((b - a @ best) ** 2) <= len(b):
+                break
+        moment[k] = stiffness * best.reshape(bays, 2)
+    return moment, edges
+
+
+def describe_moment(problem: Problem, moment: Array, edges: Array) -> tuple[str, str]:
+    """Where along the backbone and at which loads the missing moment acts, as texts."""
+    size = np.sqrt(np.sum(moment**2, axis=2))
+    by_bay = np.sqrt(np.mean(size**2, axis=0))
+    if not np.any(by_bay > 0.0):
+        return "nowhere", "no missing moment"
+    b = int(np.argmax(by_bay))
+    by_step = np.sqrt(np.mean(size**2, axis=1))
+    order = np.argsort(by_step)[::-1][:3]
+    ids = problem.data.step_ids
+    steps = ", ".join(str(ids[k]) for k in sorted(order))
+    what: Sequence[str] = [
+        f"the missing bending moment is largest in bay {b + 1} (s = {edges[b]:.4g} to {edges[b + 1]:.4g} m), "
+        f"{1e3 * by_bay[b]:.3g} N mm rms over the steps",
+        f"it acts most in steps {steps} ({_inputs_text(problem, order[0])})",
+    ]
+    return f"bay {b + 1} (s = {edges[b]:.4g} to {edges[b + 1]:.4g} m), steps {steps}", "; ".join(what)
+
+
+def _inputs_text(problem: Problem, k: int) -> str:
+    step = problem.data.steps[int(k)]
+    parts = [f"{n} = {v:.3g} N" for n, v in step.tensions.items() if v > 0.0]
+    parts += [f"{n} = {1e3 * v:.3g} mm" for n, v in step.displacements.items() if v != 0.0]
+    parts += [
+        f"tip force ({', '.join(f'{x:.3g}' for x in load.force)}) N"
+        for load in step.loads.values()
+        if any(load.force)
+    ]
+    return ", ".join(parts) or "nothing pulled"

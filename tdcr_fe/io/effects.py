@@ -1,0 +1,80 @@
+"""The ``[effects]`` table of `scenario.toml`: effects by hand, for ``tdcr-fe run``."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Any
+
+from tdcr_fe.effects import EFFECTS, Setup, effect, with_effects
+from tdcr_fe.io.toml import EXTRA_TABLES, Report
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.robot import Robot
+
+
+def read_effects(
+    table: Any, robot: Robot, model: Model, steps: tuple[LoadStep, ...], report: Report
+) -> tuple[Robot, Model, tuple[LoadStep, ...]]:
+    """Apply a table such as ``gravity = { g_z = -9.81 }`` to what a scenario describes.
+
+    Parameters
+    ----------
+    table
+        By name of the effect, a table of its parameters; those that are not named stay absent.
+    robot, model, steps
+        As the files describe them.
+    report
+        Told every mistake: key, value, what is allowed.
+    """
+    setup = Setup(robot, model, steps)
+    if not isinstance(table, dict):
+        report("effects", str(table), "must be a table of effects by name, each a table of numbers")
+        return robot, model, steps
+    sound: dict[str, dict[str, float]] = {}
+    for name, values in table.items():
+        known = [e.name for e in EFFECTS]
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            report(f"effects.{name}", str(values), f"unknown effect{hint}; there are {', '.join(known)}")
+            continue
+        e = effect(name)
+        allowed = ", ".join(f"{p.name} [{p.unit}]" for p in e.parameters)
+        if not isinstance(values, dict):
+            report(f"effects.{name}", str(values), f"must be a table with {allowed}")
+            continue
+        numbers: dict[str, float] = {}
+        for key, value in values.items():
+            p = next((p for p in e.parameters if p.name == key), None)
+            if p is None:
+                report(f"effects.{name}.{key}", str(value), f"unknown parameter; there are {allowed}")
+            elif (
+                isinstance(value, bool)
+                or not isinstance(value, int | float)
+                or not p.lower <= value <= p.upper
+            ):
+                report(
+                    f"effects.{name}.{key}",
+                    str(value),
+                    f"must be a number from {p.lower:g} to {p.upper:g} {p.unit}",
+                )
+            else:
+                numbers[key] = float(value)
+        sound[name] = numbers
+    try:
+        changed = with_effects(setup, sound)
+    except ValueError as error:  # a robot that cannot be
+        report("effects", "", str(error))
+        return robot, model, steps
+    if changed.observation != setup.observation:
+        names = " and ".join(n for n in sound if n in ("frame_misalignment", "marker_offset"))
+        report(
+            "effects",
+            names,
+            "acts on the measurement only; the results of a run are those of the robot itself",
+        )
+    return changed.robot, changed.model, changed.steps
+
+
+def register() -> None:
+    """Let `tdcr_fe.io.toml.read_scenario` know the table."""
+    EXTRA_TABLES["effects"] = read_effects

@@ -1,0 +1,484 @@
+"""Measured data: read a folder of robot, loading sequence and readings, check every row, and write such a folder."""
+
+from __future__ import annotations
+
+import difflib
+import io
+import math
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from tdcr_fe.io.toml import InputError, Problem, digest, model_to_toml, read_model, read_robot, robot_to_toml
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import ARC_TOLERANCE, Robot
+
+#: Every quantity that can be measured: what its location is, and the unit of value and sigma.
+QUANTITIES: dict[str, tuple[str, str]] = {
+    "position_x": ("arc length", "m"),
+    "position_y": ("arc length", "m"),
+    "position_z": ("arc length", "m"),
+    "bending_angle": ("", "rad"),
+    "chord_angle": ("", "rad"),
+    "tip_offset": ("", "m"),
+    "tendon_displacement": ("tendon", "m"),
+    "distal_tension": ("tendon", "N"),
+}
+
+OBSERVATION_COLUMNS = ("step", "quantity", "location", "value", "sigma")
+
+#: A position or displacement beyond this many lengths of the backbone is not one of this robot [1].
+REACH = 1.5
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One measured number.
+
+    Attributes
+    ----------
+    step : int
+        Of the loading sequence, as the file numbers it.
+    quantity : str
+        A key of `QUANTITIES`.
+    location : float, str or None
+        Arc length [m], tendon name, or None where the quantity has no location.
+    value : float
+        [m, rad or N].
+    sigma : float or None
+        Standard uncertainty, in the unit of the value; None where it is not known.
+    line : int
+        Line of ``observations.csv``; 0 where the reading comes from elsewhere.
+    """
+
+    step: int
+    quantity: str
+    location: float | str | None
+    value: float
+    sigma: float | None = None
+    line: int = 0
+
+    @property
+    def unit(self) -> str:
+        """Of value and sigma."""
+        return QUANTITIES[self.quantity][1]
+
+
+@dataclass(frozen=True)
+class BadRow:
+    """A reading that was left out.
+
+    Attributes
+    ----------
+    file : str
+    line : int
+        In that file, its header being line 1.
+    column, value : str
+        Where the mistake is, and what stands there.
+    allowed : str
+        What is allowed there.
+    """
+
+    file: str
+    line: int
+    column: str
+    value: str
+    allowed: str
+
+    def __str__(self) -> str:
+        """One line."""
+        shown = self.value if self.value else "empty"
+        return f"{self.file}, line {self.line}: {self.column} = {shown}: {self.allowed}"
+
+
+@dataclass(frozen=True)
+class MeasuredData:
+    """A robot as declared, what was done to it, and what was measured.
+
+    Attributes
+    ----------
+    name : str
+    robot : Robot
+    model : Model
+    step_ids : tuple of int
+        Number of every load step, in order.
+    steps : tuple of LoadStep
+        The loading sequence.
+    branches : tuple of str
+        The ``branch`` of every step; empty texts where the file has none.
+    readings : tuple of Reading
+        Sound readings.
+    left_out : tuple of BadRow
+        Readings that are not sound.
+    digests : mapping of str to str
+        SHA-256 of the files, by name.
+    """
+
+    name: str
+    robot: Robot
+    model: Model
+    step_ids: tuple[int, ...]
+    steps: tuple[LoadStep, ...]
+    branches: tuple[str, ...]
+    readings: tuple[Reading, ...]
+    left_out: tuple[BadRow, ...] = ()
+    digests: Mapping[str, str] | None = None
+
+    def __post_init__(self) -> None:
+        if not len(self.step_ids) == len(self.steps) == len(self.branches):
+            raise ValueError("step_ids, steps and branches must have one entry a step")
+        unknown = sorted({r.step for r in self.readings} - set(self.step_ids))
+        if unknown:
+            raise ValueError(f"a reading names step {unknown[0]}, which the loading sequence has not")
+
+    @property
+    def driven_by_displacement(self) -> bool:
+        """Whether any tendon is driven by displacement."""
+        return any(s.displacements for s in self.steps)
+
+    @property
+    def has_time(self) -> bool:
+        """Whether the steps carry times."""
+        return any(s.time is not None for s in self.steps)
+
+
+# ------------------------------------------------------------------------------------------------- reading
+
+
+def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> MeasuredData:
+    """Read a folder of measured data.
+
+    Parameters
+    ----------
+    folder
+        Holds ``robot.toml``, ``loading.csv``, ``observations.csv`` and perhaps ``model.toml``.
+    strict
+        Refuse readings that are not sound, instead of leaving them out by name.
+
+    Returns
+    -------
+    MeasuredData
+        With every reading that was left out in ``left_out``.
+
+    Raises
+    ------
+    InputError
+        A file or column is missing, a load step is not sound (its history would be lost), or no reading is sound.
+    """
+    folder = Path(folder)
+    problems: list[Problem] = []
+    if not folder.is_dir():
+        raise InputError(
+            [
+                Problem(
+                    str(folder), "", "", "no such folder; must hold robot.toml, loading.csv, observations.csv"
+                )
+            ]
+        )
+    robot, model = None, Model()
+    try:
+        robot = read_robot(folder / "robot.toml")
+    except InputError as error:
+        problems += error.problems
+    if (folder / "model.toml").exists():
+        try:
+            model = read_model(folder / "model.toml")
+        except InputError as error:
+            problems += error.problems
+    loading = _table(folder / "loading.csv", problems)
+    observed = _table(folder / "observations.csv", problems)
+    if robot is None or loading is None or observed is None:
+        raise InputError(problems)
+    file = str(folder / "loading.csv")
+    step_ids, steps, branches = _loading(loading, robot, file, problems)
+    file = str(folder / "observations.csv")
+    missing = [c for c in OBSERVATION_COLUMNS if c not in observed.columns]
+    problems += [
+        Problem(file, c, "", f"missing column; must have {', '.join(OBSERVATION_COLUMNS)}") for c in missing
+    ]
+    if problems:
+        raise InputError(problems)
+    readings, bad = _observations(observed, robot, set(step_ids), file)
+    if bad and (strict or not readings):
+        raise InputError(
+            [Problem(b.file, f"line {b.line}, {b.column}", b.value or "empty", b.allowed) for b in bad]
+        )
+    if not readings:
+        raise InputError([Problem(file, "", "", "has no readings")])
+    names = [
+        n for n in ("robot.toml", "model.toml", "loading.csv", "observations.csv") if (folder / n).exists()
+    ]
+    return MeasuredData(
+        folder.resolve().name,
+        robot,
+        model,
+        tuple(step_ids),
+        tuple(steps),
+        tuple(branches),
+        tuple(readings),
+        tuple(bad),
+        {n: digest(folder / n) for n in names},
+    )
+
+
+def _table(path: Path, problems: list[Problem]) -> pd.DataFrame | None:
+    """A CSV file as texts; None where it cannot be read."""
+    if not path.is_file():
+        problems.append(Problem(str(path), "", "", "no such file"))
+        return None
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        # Without pandas' header, which renames columns of the same name.
+        rows = pd.read_csv(
+            io.StringIO(text), dtype=str, keep_default_na=False, skip_blank_lines=False, header=None
+        ).fillna("")
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        problems.append(Problem(str(path), "", "", f"not a table of comma-separated values: {error}"))
+        return None
+    table = rows.iloc[1:].copy()
+    names = [str(c).strip() for c in rows.iloc[0]]
+    table.columns = pd.Index(names)
+    twice = [c for c in names if names.count(c) > 1]
+    if twice:
+        problems.append(Problem(str(path), twice[0], "", "the column is there more than once"))
+        return None
+    table.insert(0, "line", np.arange(2, len(table) + 2))
+    empty = (table.drop(columns="line").fillna("").map(str.strip) == "").all(axis=1)
+    return table[~empty].fillna("").map(lambda x: x.strip() if isinstance(x, str) else x)
+
+
+def _number(text: str) -> float:
+    """A finite number, or NaN."""
+    try:
+        value = float(text)
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan
+
+
+def _whole(text: str) -> int | None:
+    value = _number(text)
+    return int(value) if math.isfinite(value) and value == int(value) else None
+
+
+def _loading(
+    table: pd.DataFrame, robot: Robot, file: str, problems: list[Problem]
+) -> tuple[list[int], list[LoadStep], list[str]]:
+    before = len(problems)
+    tendons = robot.tendon_names
+    known = {"line", "step", "branch", "time", "force_x", "force_y", "force_z"}
+    known |= {f"{kind}_{name}" for kind in ("tension", "displacement") for name in tendons}
+    if "step" not in table.columns:
+        problems.append(Problem(file, "step", "", "missing column"))
+    for column in table.columns:
+        if column not in known:
+            near = difflib.get_close_matches(column, known - {"line"}, n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            allowed = ", ".join(sorted(known - {"line"}))
+            problems.append(Problem(file, column, "", f"unknown column{hint}; allowed: {allowed}"))
+    for name in tendons:
+        if {f"tension_{name}", f"displacement_{name}"} <= set(table.columns):
+            problems.append(
+                Problem(
+                    file,
+                    f"displacement_{name}",
+                    "",
+                    "the tendon has a tension too; one of the two is allowed",
+                )
+            )
+    forces = [c for c in ("force_x", "force_y", "force_z") if c in table.columns]
+    if 0 < len(forces) < 3:
+        problems.append(Problem(file, "force_x, force_y, force_z", "", "all three or none of these columns"))
+    if len(problems) > before:
+        return [], [], []
+    if table.empty:
+        problems.append(Problem(file, "", "", "has no steps"))
+    ids: list[int] = []
+    steps, branches = [], []
+    length = robot.backbone.length
+    last = 0.0
+    for row in table.to_dict("records"):
+        line = row["line"]
+
+        def refuse(column: str, allowed: str, row: Mapping[Any, Any] = row, line: int = line) -> None:
+            problems.append(Problem(file, f"line {line}, {column}", str(row[column]) or "empty", allowed))
+
+        number = _whole(row["step"])
+        if number is None:
+            refuse("step", "must be a whole number")
+            number = 0
+        elif number in ids:
+            refuse("step", "the step is there more than once; the order of the rows is the order of loading")
+        values: dict[str, float] = {}
+        for column in table.columns:
+            if column in ("line", "step", "branch") or (column == "time" and row[column] == ""):
+                continue
+            values[column] = value = _number(row[column])
+            if math.isnan(value):
+                refuse(column, "must be a finite number; without it the history of loading is lost")
+            elif column.startswith("tension_") and value < 0.0:
+                refuse(column, "a tension must be zero or more [N]")
+            elif column.startswith("displacement_") and abs(value) > length:
+                refuse(
+                    column,
+                    f"more than the robot's length of {length:g} m; must be in m"
+                    + _millimetres(value, length),
+                )
+        if "time" in values:
+            if values["time"] < last:
+                refuse("time", f"must not be before the step before, at {last:g} s")
+            last = max(last, values["time"])
+        loads = {}
+        if forces:
+            force = tuple(values[c] for c in forces)
+            loads["tip"] = Load(length, (force[0], force[1], force[2]))
+        ids.append(number)
+        branches.append(str(row.get("branch", "")))
+        steps.append(
+            LoadStep(
+                label=str(number),
+                tensions={n: values[f"tension_{n}"] for n in tendons if f"tension_{n}" in values},
+                displacements={
+                    n: values[f"displacement_{n}"] for n in tendons if f"displacement_{n}" in values
+                },
+                loads=loads,
+                time=values.get("time"),
+            )
+        )
+    return ids, steps, branches
+
+
+def _millimetres(value: float, limit: float) -> str:
+    return f"; {value / 1000.0:g} would fit, are these mm?" if abs(value) / 1000.0 <= limit else ""
+
+
+def _observations(
+    table: pd.DataFrame, robot: Robot, steps: set[int], file: str
+) -> tuple[list[Reading], list[BadRow]]:
+    readings: list[Reading] = []
+    bad: list[BadRow] = []
+    seen: dict[tuple[int, str, float | str | None], int] = {}
+    name = Path(file).name
+    for row in table.to_dict("records"):
+        line = int(row["line"])
+        fault, reading = _reading(row, robot, steps, line)
+        if fault is None and reading is not None:
+            place = reading.location
+            key = (reading.step, reading.quantity, round(place, 7) if isinstance(place, float) else place)
+            if key in seen:
+                fault = (
+                    "step",
+                    f"the same quantity at the same place and step stands in line {seen[key]}; that one is kept",
+                )
+            else:
+                seen[key] = line
+                readings.append(reading)
+        if fault is not None:
+            bad.append(BadRow(name, line, fault[0], str(row[fault[0]]), fault[1]))
+    return readings, bad
+
+
+def _reading(
+    row: Mapping[Any, Any], robot: Robot, steps: set[int], line: int
+) -> tuple[tuple[str, str] | None, Reading | None]:
+    """A reading, or the column and what is allowed there."""
+    length = robot.backbone.length
+    step = _whole(row["step"])
+    if step is None or step not in steps:
+        return ("step", "must be a step of loading.csv"), None
+    quantity = row["quantity"]
+    if quantity not in QUANTITIES:
+        near = difflib.get_close_matches(quantity, QUANTITIES, n=1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        return ("quantity", f"must be one of {', '.join(QUANTITIES)}{hint}"), None
+    kind, unit = QUANTITIES[quantity]
+    location: float | str | None = None
+    if kind == "arc length":
+        place = _number(row["location"])
+        if not 0.0 <= place <= length + 10 * ARC_TOLERANCE:
+            hint = _millimetres(place, length) if math.isfinite(place) else ""
+            return ("location", f"must be an arc length from 0 to {length:g} m{hint}"), None
+        location = min(place, length)
+    elif kind == "tendon":
+        location = row["location"]
+        if location not in robot.tendon_names:
+            return ("location", f"must be a tendon: {', '.join(robot.tendon_names)}"), None
+    elif row["location"] != "":
+        return ("location", f"must be empty for {quantity}"), None
+    value = _number(row["value"])
+    if math.isnan(value):
+        return ("value", f"must be a finite number [{unit}]"), None
+    limit = {"m": REACH * length, "rad": math.pi + 0.2, "N": math.inf}[unit]
+    if abs(value) > limit:
+        if unit == "rad":
+            fits = math.radians(abs(value)) <= limit
+            hint = f"; {math.radians(value):.4g} would fit, are these degrees?" if fits else ""
+            return ("value", f"must be an angle from 0 to pi rad{hint}"), None
+        return (
+            "value",
+            f"out of the reach of a robot of {length:g} m; must be in m{_millimetres(value, limit)}",
+        ), None
+    if unit == "rad" and value < -0.2:
+        return ("value", f"{quantity} is an angle from the z axis, from 0 to pi rad"), None
+    sigma: float | None = None
+    if row["sigma"] != "":
+        sigma = _number(row["sigma"])
+        if not sigma > 0.0:
+            return ("sigma", f"must be positive and finite [{unit}], or empty where it is not known"), None
+        if sigma > {"m": 0.5 * length, "rad": 1.6, "N": math.inf}[unit]:
+            slip = "degrees" if unit == "rad" else "mm"
+            return ("sigma", f"larger than the robot allows; must be in {unit}, is this {slip}?"), None
+    return None, Reading(step, quantity, location, value, sigma, line)
+
+
+# ------------------------------------------------------------------------------------------------- writing
+
+
+def loading_table(data: MeasuredData) -> pd.DataFrame:
+    """The loading sequence as ``loading.csv`` has it."""
+    rows = []
+    any_load = any(s.loads for s in data.steps)
+    any_branch = any(data.branches)
+    for number, branch, step in zip(data.step_ids, data.branches, data.steps, strict=True):
+        row: dict[str, object] = {"step": number}
+        if any_branch:
+            row["branch"] = branch
+        if step.time is not None:
+            row["time"] = step.time
+        row |= {f"tension_{n}": v for n, v in step.tensions.items()}
+        row |= {f"displacement_{n}": v for n, v in step.displacements.items()}
+        if any_load:
+            force = step.loads["tip"].force if "tip" in step.loads else (0.0, 0.0, 0.0)
+            row |= dict(zip(("force_x", "force_y", "force_z"), force, strict=True))
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def observations_table(readings: Iterable[Reading]) -> pd.DataFrame:
+    """Readings as ``observations.csv`` has them."""
+    rows = [
+        (
+            r.step,
+            r.quantity,
+            "" if r.location is None else r.location,
+            r.value,
+            "" if r.sigma is None else r.sigma,
+        )
+        for r in readings
+    ]
+    return pd.DataFrame(rows, columns=list(OBSERVATION_COLUMNS))
+
+
+def write_measured(data: MeasuredData, folder: str | os.PathLike[str]) -> None:
+    """Write data as a folder that `read_measured` reads."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "robot.toml").write_text(robot_to_toml(data.robot), encoding="utf-8")
+    (folder / "model.toml").write_text(model_to_toml(data.model), encoding="utf-8")
+    loading_table(data).to_csv(folder / "loading.csv", index=False)
+    observations_table(data.readings).to_csv(folder / "observations.csv", index=False)

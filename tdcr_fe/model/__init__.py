@@ -1,0 +1,1 @@
+"""Robot, routings, loading and results: frozen data, no solver."""

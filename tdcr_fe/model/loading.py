@@ -1,0 +1,169 @@
+"""What is done to a robot: concentrated loads, load steps, model choices; frozen data, no solver."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.model.robot import Robot
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+TendonPath = Literal["straight", "continuous"]
+Friction = Literal["none", "per-tendon", "per-hole"]
+
+
+@dataclass(frozen=True)
+class Load:
+    """A concentrated force and moment on the backbone.
+
+    Attributes
+    ----------
+    at : float
+        Arc length [m].
+    force : (float, float, float)
+        [N].
+    moment : (float, float, float)
+        [N m].
+    frame : "world" or "section"
+        The frame of both; "section" follows the section.
+    """
+
+    at: float
+    force: Vector = (0.0, 0.0, 0.0)
+    moment: Vector = (0.0, 0.0, 0.0)
+    frame: Literal["world", "section"] = "world"
+
+
+@dataclass(frozen=True)
+class LoadStep:
+    """One step of a loading sequence; what it does not name stays as it was.
+
+    Attributes
+    ----------
+    label : str
+    tensions : mapping of str to float
+        Tension at the base, by tendon [N].
+    displacements : mapping of str to float
+        Tendon pulled in at the base, measured from the unloaded, just taut state, by tendon [m].
+    loads : mapping of str to Load
+        By the load's name.
+    substeps : int or None
+        Fixed number of substeps; None lets the solver choose.
+    time : float or None
+        Time at the end of the step [s]; only creep asks for it.
+    """
+
+    label: str = ""
+    tensions: Mapping[str, float] = field(default_factory=dict)
+    displacements: Mapping[str, float] = field(default_factory=dict)
+    loads: Mapping[str, Load] = field(default_factory=dict)
+    substeps: int | None = None
+    time: float | None = None
+
+
+@dataclass(frozen=True)
+class Model:
+    """How the robot is modelled.
+
+    Attributes
+    ----------
+    tendon_path : "straight" or "continuous"
+        From hole to hole, or along the backbone (the classical model, paper Eq. 9).
+    friction : "none", "per-tendon" or "per-hole"
+        One sign per tendon from the rate of its length (paper, Eqs. 15-31), or a state at each hole.
+    elements_per_bay : int
+        Beam elements between neighbouring disks.
+    gravity : (float, float, float)
+        [m/s^2].
+    """
+
+    tendon_path: TendonPath = "straight"
+    friction: Friction = "per-hole"
+    elements_per_bay: int = 2
+    gravity: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Actuation:
+    """Everything that acts on the robot at the end of a load step, with nothing left implicit.
+
+    Attributes
+    ----------
+    by_displacement : ndarray of bool, shape (n_tendons,)
+        Whether a tendon is driven by displacement rather than by tension.
+    values : ndarray, shape (n_tendons,)
+        Tension [N] or displacement [m] at the base.
+    loads : mapping of str to Load
+    time : float
+        [s].
+    """
+
+    by_displacement: NDArray[np.bool_]
+    values: Array
+    loads: Mapping[str, Load] = field(default_factory=dict)
+    time: float = 0.0
+
+
+def resolve(robot: Robot, steps: Iterable[LoadStep]) -> list[Actuation]:
+    """Carry what a step does not name over from the step before.
+
+    Before the first step every tendon is driven by tension zero.
+
+    Parameters
+    ----------
+    robot
+        Whose tendons are meant.
+    steps
+        The loading sequence.
+
+    Returns
+    -------
+    list of Actuation
+        One a step.
+
+    Raises
+    ------
+    ValueError
+        A step names an unknown tendon, or a tendon twice, or a load beyond the tip.
+    """
+    index = {name: i for i, name in enumerate(robot.tendon_names)}
+    by_displacement = np.zeros(len(index), dtype=bool)
+    values = np.zeros(len(index))
+    loads: dict[str, Load] = {}
+    time = 0.0
+    result = []
+    for number, step in enumerate(steps, start=1):
+        unknown = sorted((set(step.tensions) | set(step.displacements)) - set(index))
+        if unknown:
+            raise ValueError(
+                f"step {number}: no tendon {unknown[0]!r}; the robot has {', '.join(index) or 'none'}"
+            )
+        both = sorted(set(step.tensions) & set(step.displacements))
+        if both:
+            raise ValueError(
+                f"step {number}: tendon {both[0]!r} has a tension and a displacement; one is allowed"
+            )
+        by_displacement, values = by_displacement.copy(), values.copy()
+        for mapping, mode in ((step.tensions, False), (step.displacements, True)):
+            for name, value in mapping.items():
+                if not np.isfinite(value) or (not mode and value < 0.0):
+                    raise ValueError(
+                        f"step {number}: {value} for tendon {name!r}; must be finite, a tension >= 0"
+                    )
+                by_displacement[index[name]] = mode
+                values[index[name]] = value
+        for name, load in step.loads.items():
+            if not 0.0 <= load.at <= robot.backbone.length + 1e-6:
+                raise ValueError(
+                    f"step {number}: load {name!r} at {load.at:g} m; the backbone spans 0 to "
+                    f"{robot.backbone.length:g} m"
+                )
+        loads = {**loads, **step.loads}
+        time = step.time if step.time is not None else time
+        result.append(Actuation(by_displacement, values, loads, time))
+    return result

@@ -1,0 +1,149 @@
+"""What a simulation gives back: one `StepResult` per load step, and the sequence of them. Imports no solver."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.model.loading import Model
+from tdcr_fe.model.robot import Robot
+
+Array = NDArray[np.float64]
+
+#: What a hole does to its tendon.
+HOLE_STATES = ("stick", "pull", "release", "anchor")
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """The converged state at the end of one load step.
+
+    Attributes
+    ----------
+    step : int
+        Number, from 1.
+    label : str
+    converged : bool
+    iterations : int
+        Newton iterations, over all substeps.
+    substeps : int
+    s : ndarray, shape (n,)
+        Arc lengths of the backbone nodes [m], base first, tip last.
+    positions : ndarray, shape (n, 3)
+        World positions of the nodes [m].
+    rotations : ndarray, shape (n, 3, 3)
+        World rotation of the sections; the third column is the tangent.
+    base_tensions : ndarray, shape (n_tendons,)
+        Tension that arrives at the base plate [N].
+    displacements : ndarray, shape (n_tendons,)
+        Tendon pulled in at the base plate since the unloaded, just taut state [m].
+    tensions : tuple of ndarray, each of shape (n_segments,)
+        By tendon, tension of every segment from the base plate to the anchor [N]. The classical model has
+        the same tension everywhere; it is given for the same segments.
+    hole_states : tuple of tuple of str
+        By tendon, state of the hole at the distal end of every segment: "stick", "pull", "release", and
+        "anchor" for the last.
+    residual : float
+        Largest unbalanced force or moment over its tolerance's scale [1].
+    details : mapping
+        Whatever else the solver tells: smallest eigenvalue, trials of signs, energies ...
+    """
+
+    step: int
+    label: str
+    converged: bool
+    iterations: int
+    substeps: int
+    s: Array
+    positions: Array
+    rotations: Array
+    base_tensions: Array
+    displacements: Array
+    tensions: tuple[Array, ...]
+    hole_states: tuple[tuple[str, ...], ...]
+    residual: float = 0.0
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def tip(self) -> Array:
+        """Tip position [m], shape (3,)."""
+        return self.positions[-1]
+
+    @property
+    def tangent(self) -> Array:
+        """Unit tangent at the tip, shape (3,)."""
+        return self.rotations[-1][:, 2]
+
+    @property
+    def bending_angle(self) -> float:
+        """Angle between the tip tangent and +z [rad]."""
+        t = self.tangent
+        return float(np.arctan2(np.hypot(t[0], t[1]), t[2]))
+
+    @property
+    def chord_angle(self) -> float:
+        """Angle between the line from base to tip and +z [rad]."""
+        d = self.positions[-1] - self.positions[0]
+        return float(np.arctan2(np.hypot(d[0], d[1]), d[2]))
+
+    @property
+    def tip_offset(self) -> float:
+        """Distance of the tip from the z axis [m]."""
+        return float(np.hypot(self.tip[0], self.tip[1]))
+
+    def position_at(self, s: float | Array) -> Array:
+        """World position at any arc length [m], shape (..., 3).
+
+        Between nodes the backbone is a curve of constant strain, exactly what the beam element assumes:
+        the pose is interpolated on SE(3).
+        """
+        from tdcr_fe.model.interpolation import interpolate_positions
+
+        return interpolate_positions(self.s, self.positions, self.rotations, np.asarray(s, dtype=float))
+
+
+@dataclass(frozen=True)
+class SequenceResult:
+    """Every load step that was solved.
+
+    Attributes
+    ----------
+    robot : Robot
+    model : Model
+    steps : tuple of StepResult
+        The steps solved, in order; all of them where `converged`.
+    converged : bool
+    message : str
+        A sentence; where a step failed it names the step, the residual and what to try.
+    failed_step : int or None
+        Number of the step that failed.
+    wall_time : float
+        [s].
+    warnings : tuple of str
+    settings : mapping
+        Numerical settings that were used.
+    """
+
+    robot: Robot
+    model: Model
+    steps: tuple[StepResult, ...]
+    converged: bool = True
+    message: str = ""
+    failed_step: int | None = None
+    wall_time: float = 0.0
+    warnings: tuple[str, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def tips(self) -> Array:
+        """Tip positions [m], shape (n_steps, 3)."""
+        return np.array([s.tip for s in self.steps]).reshape(-1, 3)
+
+    @property
+    def bending_angles(self) -> Array:
+        """Angle between tip tangent and +z, by step [rad], shape (n_steps,)."""
+        return np.array([s.bending_angle for s in self.steps])

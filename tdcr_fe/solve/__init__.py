@@ -1,0 +1,1 @@
+"""Statics: Newton in strain space, load steps, loading sequences, stability."""

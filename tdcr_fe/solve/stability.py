@@ -1,0 +1,151 @@
+"""Stability of a solved state: the smallest eigenvalue of the tangent in strain coordinates.
+
+An equilibrium of a robot whose forces have a potential (no friction) is stable where the potential has a minimum:
+its Hessian, restricted to what the base joint and driven tendons leave free, is positive definite. The Hessian is
+taken in the twists of the elements, where the linear elastic energy of a straight rod is diagonal, and measured
+against that energy,
+
+    lambda_min = min over all changes of shape of (second variation of the potential) / (2 x elastic energy),
+
+which is dimensionless: 1 for the unloaded rod, 0 where an equilibrium loses its stability. For a column under an
+axial force P it is 1 - P / P_cr.
+
+With friction the forces have no potential and the tangent is not symmetric. What is given then belongs to the
+tangent along which the robot moves while every hole keeps its mobilisation: `Stability.smallest` is the smallest
+eigenvalue of its symmetric part (positive: the second-order work of every disturbance is positive, which is
+sufficient for stability, R. Hill, J. Mech. Phys. Solids 6 (1958) 236-249), and `Stability.divergence` the smallest
+real part of its eigenvalues (zero: a static bifurcation or limit point). Holes that stick hold the tendon as well,
+so that the robot at rest is stiffer than that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh, eigvals, null_space
+
+from tdcr_fe.elements.backbone import strain_matrices
+from tdcr_fe.solve.simulate import Simulation
+from tdcr_fe.solve.solver import StrainSpaceSolver
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Stability of one state, in units of the linear elastic stiffness of the backbone.
+
+    Attributes
+    ----------
+    smallest : float
+        Smallest eigenvalue of the symmetric part of the tangent: 1 unloaded, 0 critical, below 0 unstable [1].
+    divergence : float
+        Smallest real part of the eigenvalues of the tangent itself; equal to `smallest` where the forces have a
+        potential [1].
+    asymmetry : float
+        Norm of the skew part over that of the symmetric part [1]; zero where the forces have a potential.
+    mode : ndarray, shape (N, 3)
+        Displacement of the backbone nodes in the direction of the smallest eigenvalue, largest one 1, world axes
+        [1].
+    """
+
+    smallest: float
+    divergence: float
+    asymmetry: float
+    mode: Array
+
+    @property
+    def stable(self) -> bool:
+        """Whether every disturbance meets resistance."""
+        return self.smallest > 0.0
+
+
+def stability(solved: Simulation | StrainSpaceSolver, robot: int = 0) -> Stability:
+    """Smallest eigenvalue of the tangent of a solved state, see the module's text.
+
+    Parameters
+    ----------
+    solved
+        A simulation, or its solver, at an equilibrium.
+    robot
+        Number of the robot in the scene.
+
+    Returns
+    -------
+    Stability
+
+    Raises
+    ------
+    ValueError
+        The scene has more than robots clamped to ground: other moving parts would have to be eliminated.
+    """
+    solver = solved.solver if isinstance(solved, Simulation) else solved
+    tangent, to_nodes = strain_tangent(solver, robot)
+    robot_forces = solver.robots[robot]
+    mesh = robot_forces.mesh
+    weight = np.sqrt((mesh.lengths[:, None] / mesh.stiffness).ravel())
+    free = np.diag(weight)
+    taut = robot_forces.by_displacement & (robot_forces.base_tension > 0.0)
+    if np.any(taut):
+        # A driven tendon keeps its length: only changes of shape that leave it as it is are free.
+        held = robot_forces.base_slip_rows()[taut][:, 6:] @ to_nodes @ free
+        free = free @ null_space(held)
+    scaled = free.T @ tangent @ free
+    symmetric = 0.5 * (scaled + scaled.T)
+    skew = 0.5 * (scaled - scaled.T)
+    asymmetry = float(np.linalg.norm(skew) / np.linalg.norm(symmetric))
+    values, vectors = eigh(symmetric, subset_by_index=[0, 0])
+    smallest = float(values[0])
+    divergence = smallest if asymmetry < 1e-9 else float(np.min(eigvals(scaled).real))
+    moved = (to_nodes @ free @ vectors[:, 0]).reshape(-1, 6)[:, :3]
+    rotations = solver.rotations(robot)
+    world = np.einsum("nij,nj->ni", rotations[1:], moved)
+    mode = np.concatenate((np.zeros((1, 3)), world))
+    return Stability(smallest, divergence, asymmetry, mode / np.max(np.abs(mode)))
+
+
+def strain_tangent(solver: StrainSpaceSolver, robot: int = 0) -> tuple[Array, Array]:
+    """Tangent stiffness in the twists of the elements, the base held.
+
+    Parameters
+    ----------
+    solver
+        At an equilibrium; only there is the tangent the same in all coordinates.
+    robot
+        Number of the robot in the scene.
+
+    Returns
+    -------
+    tangent : ndarray, shape (6 (N-1), 6 (N-1))
+        By the twists ``[v, w]`` of the elements, in beam axes [N/m, N, N m].
+    to_nodes : ndarray, shape (6 (N-1), 6 (N-1))
+        From changes of the elements' twists to body-frame increments of the nodes 1 .. N-1.
+
+    Raises
+    ------
+    ValueError
+        See `stability`.
+    """
+    reduction = solver._reduction
+    if len(reduction.other_coordinates) or len(solver.robots) > 1:
+        raise ValueError(
+            "stability is given for one robot clamped to ground; this scene has other moving parts. "
+            "Take the robot alone through tdcr_fe.solve.simulate.Simulation"
+        )
+    solver.refresh()
+    part = solver.now.slices[robot]
+    inside = slice(6 * (part.start + 1), 6 * part.stop)
+    by_nodes = -solver._jacobian(0.0)[inside, inside]
+    blocks = strain_matrices(solver.now.twists[robot])
+    count = len(blocks)
+    to_nodes = np.zeros((6 * count, 6 * count))
+    for e, block in enumerate(blocks):
+        rows = slice(6 * e, 6 * e + 6)
+        right = np.zeros((6, 6 * count))
+        right[:, rows] = np.eye(6)
+        if e:
+            right -= block[:, :6] @ to_nodes[rows.start - 6 : rows.start]
+        to_nodes[rows] = np.linalg.solve(block[:, 6:], right)
+    return to_nodes.T @ by_nodes @ to_nodes, to_nodes

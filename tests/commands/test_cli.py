@@ -1,0 +1,225 @@
+"""The command: exit statuses, what it prints and what it leaves behind. The solver is a stand-in."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+import types
+
+import pytest
+from arcs import arc_result
+from inputs import ROBOT, SCENARIO, changed, write
+
+from tdcr_fe import __version__, cli
+from tdcr_fe.io.tables import RESULT_FILES
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Stand-in for the solver; every call is noted."""
+    noted = []
+
+    def simulate(robot, model, steps, settings=None, progress=None):
+        noted.append(steps)
+        result = arc_result(robot, list(steps))
+        for step in result.steps:
+            progress(step)
+        return result
+
+    install(monkeypatch, simulate)
+    return noted
+
+
+def install(monkeypatch, simulate):
+    module = types.ModuleType("tdcr_fe.solve.simulate")
+    module.simulate = simulate
+    monkeypatch.setitem(sys.modules, "tdcr_fe.solve.simulate", module)
+
+
+def stopping(message, failed_step):
+    def simulate(robot, model, steps, settings=None, progress=None):
+        full = arc_result(robot, list(steps))
+        return dataclasses.replace(
+            full,
+            steps=full.steps[: failed_step - 1],
+            converged=False,
+            message=message,
+            failed_step=failed_step,
+        )
+
+    return simulate
+
+
+def test_run_solves_and_writes_and_returns_0(tmp_path, calls, capsys):
+    out = tmp_path / "out"
+    assert cli.main(["run", str(write(tmp_path)), "-o", str(out)]) == 0
+    assert set(RESULT_FILES) | {"shapes.png", "tensions.png"} <= {p.name for p in out.iterdir()}
+    printed = capsys.readouterr()
+    assert "bending [deg]" in printed.out and "steps.csv" in printed.out and str(out) in printed.out
+    assert printed.err == ""
+    summary = json.loads((out / "summary.json").read_text())
+    assert set(summary["input"]) == {str(tmp_path / "scenario.toml"), str(tmp_path / "robot.toml")}
+
+
+def test_no_pictures_and_quiet_are_kept(tmp_path, calls, capsys):
+    out = tmp_path / "out"
+    assert cli.main(["run", str(write(tmp_path)), "-o", str(out), "--no-pictures", "--quiet"]) == 0
+    assert {p.name for p in out.iterdir()} == set(RESULT_FILES)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_model_that_does_not_converge_returns_1_and_keeps_what_was_solved(tmp_path, monkeypatch, capsys):
+    install(monkeypatch, stopping("step 2: residual 3.2 after 50 iterations; try more elements", 2))
+    out = tmp_path / "out"
+    scenario = changed(SCENARIO, {"steps.1.label": "too far"})
+    assert cli.main(["run", str(write(tmp_path, scenario=scenario)), "-o", str(out)]) == 1
+    err = capsys.readouterr().err
+    assert 'step 2 of 2 ("too far") did not converge; 1 step solved before it is in' in err
+    assert "residual 3.2" in err
+    assert len((out / "steps.csv").read_text().splitlines()) == 2
+    assert json.loads((out / "summary.json").read_text())["failed_step"] == 2
+
+
+def test_first_step_that_fails_leaves_empty_tables(tmp_path, monkeypatch, capsys):
+    install(monkeypatch, stopping("no", 1))
+    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out")]) == 1
+    assert {p.name for p in (tmp_path / "out").iterdir()} == set(RESULT_FILES)
+
+
+def test_interrupted_run_keeps_what_was_solved_and_returns_130(tmp_path, monkeypatch, capsys):
+    install(monkeypatch, stopping("interrupted", 2))
+    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out")]) == 130
+    assert "interrupted in step 2 of 2; 1 step solved before it is in" in capsys.readouterr().err
+    assert len((tmp_path / "out" / "steps.csv").read_text().splitlines()) == 2
+
+
+def test_interruption_elsewhere_is_no_traceback(tmp_path, monkeypatch, capsys):
+    def simulate(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    install(monkeypatch, simulate)
+    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out")]) == 130
+    assert capsys.readouterr().err == "tdcr-fe: interrupted; no results were written\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_interruption_while_drawing_leaves_the_tables(tmp_path, calls, monkeypatch, capsys):
+    def save_pictures(result, folder):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tdcr_fe.report.plots.save_pictures", save_pictures)
+    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out")]) == 130
+    assert "interrupted while writing" in capsys.readouterr().err
+    assert {p.name for p in (tmp_path / "out").iterdir()} == set(RESULT_FILES)
+
+
+def test_wrong_input_returns_2_names_every_mistake_and_writes_nothing(tmp_path, calls, capsys):
+    path = write(tmp_path, changed(ROBOT, {"backbone.length": -1}), changed(SCENARIO, {"model.fricton": 1}))
+    (tmp_path / "file").write_text("")
+    assert cli.main(["run", str(path), "-o", str(tmp_path / "file")]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.splitlines()[0] == "tdcr-fe: 3 mistakes in the input; nothing was written"
+    for words in (
+        "robot.toml: backbone.length = -1: must be a positive",
+        "model.fricton = 1: unknown key",
+        "-o = ",
+    ):
+        assert words in printed.err
+    assert calls == []
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["nowhere.toml", "", "."])
+def test_scenario_that_is_no_file_returns_2(tmp_path, calls, capsys, name):
+    assert cli.main(["run", str(tmp_path / name), "-o", str(tmp_path / "out")]) == 2
+    assert str(tmp_path) in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_contradiction_that_only_the_solver_knows_returns_2(tmp_path, monkeypatch, capsys):
+    def simulate(*args, **kwargs):
+        raise ValueError("tendon t2: a displacement needs axial_stiffness")
+
+    install(monkeypatch, simulate)
+    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out")]) == 2
+    assert "scenario.toml: tendon t2: a displacement needs axial_stiffness" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_warnings_of_the_solver_are_passed_on(tmp_path, monkeypatch, capsys):
+    def simulate(robot, model, steps, settings=None, progress=None):
+        return arc_result(robot, list(steps), warnings=("mind the mesh",))
+
+    install(monkeypatch, simulate)
+    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out"), "-q", "--no-pictures"]) == 0
+    assert capsys.readouterr().err == "tdcr-fe: warning: mind the mesh\n"
+
+
+def test_file_that_cannot_be_written_is_no_traceback(tmp_path, calls, capsys):
+    (tmp_path / "out" / "steps.csv").mkdir(parents=True)
+    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out"), "--no-pictures"]) == 2
+    assert "steps.csv" in capsys.readouterr().err
+
+
+def test_demo_is_the_papers_robot_pulled_loaded_and_released(tmp_path, calls, capsys):
+    out = tmp_path / "out"
+    assert cli.main(["demo", "-o", str(out)]) == 0
+    (steps,) = calls
+    tensions = [s.tensions["t1"] for s in steps if s.tensions]
+    assert tensions == [0.5, 1.0, 1.5, 2.0, 2.5, 2.0, 1.5, 1.0, 0.5, 0.0]
+    assert [s.loads["tip"].force for s in steps if s.loads] == [(0.0, 0.05, 0.0), (0.0, 0.0, 0.0)]
+    assert {"robot.toml", "scenario.toml", "shapes.png", "tensions.png", "hysteresis.png"} <= {
+        p.name for p in out.iterdir()
+    }
+    assert "release to 0.0 N" in capsys.readouterr().out
+    assert cli.main(["run", str(out / "scenario.toml"), "-o", str(out)]) == 0  # as the demo advises
+
+
+def test_version_is_printed(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["--version"])
+    assert capsys.readouterr().out == f"tdcr-fe {__version__}\n"
+
+
+def test_command_that_is_none_returns_2(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(["rum"])
+    with pytest.raises(SystemExit, match="2"):
+        cli.main([])
+    assert "run" in capsys.readouterr().err
+
+
+def test_further_command_is_one_function(monkeypatch, capsys):
+    module = types.ModuleType("further_command")
+
+    def add_parser(commands):
+        commands.add_parser("further").set_defaults(handler=lambda args: 7)
+
+    module.add_parser = add_parser
+    monkeypatch.setitem(sys.modules, "further_command", module)
+    monkeypatch.setattr(cli, "COMMANDS", (*cli.COMMANDS, "further_command:add_parser"))
+    assert cli.main(["further"]) == 7
+
+
+def test_help_loads_neither_solver_nor_tables_nor_pictures():
+    code = (
+        "import sys\nfrom tdcr_fe.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "print(sorted({'exudyn', 'matplotlib', 'pandas', 'scipy'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert "demo" in done.stdout
+
+
+def test_python_m_is_the_same_command(tmp_path):
+    environment = {**os.environ, "PYTHONWARNINGS": "error"}
+    command = [sys.executable, "-m", "tdcr_fe", "run", str(tmp_path / "no.toml"), "-o", str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        f"tdcr-fe: 1 mistake in the input; nothing was written\n  {tmp_path / 'no.toml'}: no such file\n"
+    )

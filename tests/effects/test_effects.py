@@ -1,0 +1,310 @@
+"""Effects against exact or independent answers."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from robots import BACKBONE, LENGTH, paper, three
+from scipy.spatial.transform import Rotation
+
+from tdcr_fe.effects import EFFECTS, Setup, effect, with_effect, with_effects
+from tdcr_fe.effects.actuation import displacement_that_arrives, tension_that_arrives
+from tdcr_fe.identify.forward import Reader, _simulate
+from tdcr_fe.io.effects import register
+from tdcr_fe.io.measured import Reading
+from tdcr_fe.io.toml import InputError, read_scenario, robot_to_toml, scenario_to_toml
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
+from tdcr_fe.solve.simulate import simulate
+
+MODEL = Model(elements_per_bay=1)
+
+
+def pulled(*tensions, **loads):
+    return tuple(
+        LoadStep(tensions={"t1": t}, loads={"tip": Load(LENGTH, loads["force"])} if loads else {})
+        for t in tensions
+    )
+
+
+def tip(setup):
+    result = simulate(setup.robot, setup.model, setup.steps)
+    assert result.converged, result.message
+    return result.tips
+
+
+def setup(mu=0.0, steps=None, robot=None, **model):
+    return Setup(robot or paper(mu), replace(MODEL, **model), steps or pulled(0.5, 1.0))
+
+
+# ----------------------------------------------------------------------------------------------- the contract
+
+
+def test_the_list_has_every_effect_of_the_formats_page():
+    assert {e.name: {p.name for p in e.parameters} for e in EFFECTS} == {
+        "gravity": {"g_x", "g_y", "g_z"},
+        "stiffness_scale": {"bending", "torsion"},
+        "friction_coefficient": {"mu"},
+        "actuator_loss": {"dead_band", "efficiency"},
+        "hole_adhesion": {"drop"},
+        "superelastic": {"threshold_strain", "plateau_ratio"},
+        "precurvature": {"kappa_x", "kappa_y"},
+        "rigid_disks": {"thickness"},
+        "routing_twist": {"angle_tip"},
+        "hole_clearance": {"clearance"},
+        "tip_payload": {"mass"},
+        "frame_misalignment": {"rot_x", "rot_y", "rot_z"},
+        "marker_offset": {"offset_x", "offset_y"},
+        "tendon_stretch": {"axial_stiffness"},
+        "actuator_backlash": {"backlash"},
+        "actuator_gain": {"gain"},
+        "creep": {"rate"},
+    }
+
+
+@pytest.mark.parametrize("e", EFFECTS, ids=lambda e: e.name)
+def test_absent_values_change_nothing(e):
+    s = setup(0.2)
+    assert _same(e.apply(s, e.absent(s)), s)
+    assert e.sentence and e.experiment and all(p.unit and p.meaning for p in e.parameters)
+
+
+def _same(a, b):
+    x, y = tip(a), tip(b)
+    return np.allclose(x, y, atol=1e-12) and a.observation == b.observation
+
+
+def test_unknown_names_and_values_out_of_bounds_are_refused():
+    with pytest.raises(KeyError, match="there are"):
+        with_effect(setup(), "magic", x=1.0)
+    with pytest.raises(ValueError, match="it has mu"):
+        with_effect(setup(), "friction_coefficient", nu=1.0)
+    with pytest.raises(ValueError, match=r"from 0\.3 to 1"):
+        with_effect(setup(), "actuator_loss", efficiency=2.0)
+
+
+# ------------------------------------------------------------------------------------------- before the base
+
+
+def test_play_of_tension_by_hand():
+    # Dead band 0.1 N, efficiency 0.8: pulling (T - 0.1) 0.8, releasing T / 0.8 + 0.1, held in between.
+    commands = [0.05, 0.6, 1.1, 0.9, 0.5, 0.1, 0.0, 0.2]
+    arrived = [0.0, 0.4, 0.8, 0.8, 0.725, 0.225, 0.1, 0.1]
+    assert tension_that_arrives(commands, 0.1, 0.8) == pytest.approx(arrived, abs=1e-15)
+
+
+@given(st.lists(st.floats(0.0, 5.0), max_size=30), st.floats(0.0, 1.0), st.floats(0.3, 1.0))
+def test_play_of_tension_stays_within_its_bounds_and_moves_only_at_them(commands, band, efficiency):
+    last = 0.0
+    for t, a in zip(commands, tension_that_arrives(commands, band, efficiency), strict=True):
+        low, high = max((t - band) * efficiency, 0.0), t / efficiency + band
+        assert low - 1e-12 <= a <= high + 1e-12
+        assert a == last or a in (pytest.approx(low), pytest.approx(high))
+        last = a
+
+
+def test_play_of_displacement_by_hand():
+    mm = [0.5, 2.0, 3.0, 2.5, 1.0, 1.5, 3.0]
+    assert displacement_that_arrives(mm, 1.0) == [0.0, 1.0, 2.0, 2.0, 1.0, 1.0, 2.0]
+    assert displacement_that_arrives([-x for x in mm], 1.0) == [0.0, -1.0, -2.0, -2.0, -1.0, -1.0, -2.0]
+
+
+def test_a_step_is_divided_where_one_of_two_tensions_begins_to_move():
+    steps = (LoadStep(tensions={"t1": 1.0, "t2": 0.0}), LoadStep(tensions={"t1": 0.5, "t2": 1.0}))
+    s = with_effect(Setup(three(0.1), MODEL, steps), "actuator_loss", dead_band=0.2)
+    # t1 falls from 1.0 and lets go at 0.6, after 0.8 of the step; t2 arrives from 0.2 on.
+    assert [k for k, _ in s.step_ends] == [0, 1, 1, 1]
+    assert [share for _, share in s.step_ends] == pytest.approx([1.0, 0.2, 0.8, 1.0])
+    arrived = [(x.tensions["t1"], x.tensions["t2"]) for x in s.steps]
+    assert np.array(arrived) == pytest.approx(
+        np.array([(0.8, 0), (0.8, 0), (0.8, 0.6), (0.7, 0.8)]), abs=1e-12
+    )
+
+
+def test_gain_of_tension_is_a_softer_robot_without_friction_and_load():
+    assert tip(with_effect(setup(), "actuator_gain", gain=1.2)) == pytest.approx(
+        tip(Setup(paper(), MODEL, pulled(0.6, 1.2))), abs=1e-12
+    )
+    softer = with_effect(setup(), "stiffness_scale", bending=1 / 1.2, torsion=1 / 1.2)
+    assert tip(with_effect(setup(), "actuator_gain", gain=1.2)) == pytest.approx(tip(softer), abs=2e-6)
+
+
+# ------------------------------------------------------------------------------------------ the robot itself
+
+
+def test_gravity_acts_as_density_times_acceleration():
+    heavy = paper(backbone=replace(BACKBONE, density=11200.0)).with_disks(mass=0.34e-3)
+    twice = with_effect(setup(), "gravity", g_x=-9.0, g_z=-4.0)
+    once = with_effect(setup(robot=heavy), "gravity", g_x=-4.5, g_z=-2.0)
+    assert tip(twice) == pytest.approx(tip(once), abs=1e-9)
+
+
+def test_payload_is_a_weight_at_the_tip():
+    light = paper(backbone=replace(BACKBONE, density=0.0)).with_disks(mass=0.0)
+    mass = with_effect(setup(robot=light, gravity=(0.0, -9.81, 0.0)), "tip_payload", mass=2e-3)
+    force = setup(robot=light, steps=pulled(0.5, 1.0, force=(0.0, -2e-3 * 9.81, 0.0)))
+    assert tip(mass) == pytest.approx(tip(force), abs=1e-9)
+
+
+def test_stiffness_scale_is_another_modulus():
+    scaled = with_effect(setup(0.2), "stiffness_scale", bending=0.8, torsion=0.8)
+    modulus = setup(robot=paper(0.2, backbone=replace(BACKBONE, youngs_modulus=0.8 * 85e9)))
+    assert tip(scaled) == pytest.approx(tip(modulus), abs=5e-6)
+
+
+def arc(moment, backbone=BACKBONE):
+    robot = Robot(backbone, Disks.equally_spaced(5, LENGTH), ())
+    return Setup(robot, MODEL, (LoadStep(loads={"m": Load(LENGTH, moment=(moment, 0.0, 0.0))}),))
+
+
+def angle(setup):
+    return simulate(setup.robot, setup.model, setup.steps).bending_angles[0]
+
+
+def test_superelastic_backbone_follows_its_moment_over_curvature():
+    # kappa radius = 1e-3 at 2.5 / m; slope 0.2 beyond, so that 1.5 times that moment gives 3.5 times the curvature.
+    s, threshold = arc(0.0), 1e-3
+    kc = threshold / BACKBONE.radius
+    for share, times in ((0.5, 0.5), (1.5, 3.5)):
+        s = with_effect(
+            arc(share * BACKBONE.EI * kc), "superelastic", threshold_strain=threshold, plateau_ratio=0.2
+        )
+        assert angle(s) == pytest.approx(times * kc * LENGTH, rel=2e-3)
+
+
+def test_precurvature_adds_to_the_curvature_of_a_moment():
+    s = with_effect(arc(0.5 * BACKBONE.EI), "precurvature", kappa_x=0.7)
+    assert angle(s) == pytest.approx(1.2 * LENGTH, rel=1e-9)
+
+
+def test_creep_is_a_softer_backbone_later():
+    loads = {"m": Load(LENGTH, moment=(BACKBONE.EI, 0.0, 0.0))}
+    s = replace(arc(0.0), steps=(LoadStep(loads=loads, time=0.0), LoadStep(time=500.0)))
+    s = with_effect(s, "creep", rate=1e-3)
+    angles = simulate(s.robot, s.model, s.steps).bending_angles
+    assert angles == pytest.approx([LENGTH, 1.5 * LENGTH], rel=1e-9)
+
+
+def test_thick_disks_leave_less_to_bend():
+    # 5 disks of 10 mm, the last one half on the backbone: 45 of 250 mm are rigid.
+    s = with_effect(arc(0.5 * BACKBONE.EI), "rigid_disks", thickness=0.01)
+    assert angle(s) == pytest.approx(0.5 * (LENGTH - 0.045), rel=1e-4)
+
+
+def test_twist_turns_parallel_tendons_into_helical_ones():
+    twisted = with_effect(setup(0.2), "routing_twist", angle_tip=math.pi)
+    helix = Tendon("t1", HelicalRouting(offset=4.5e-3, angle_deg=0.0, turns=0.5), friction_coefficient=0.2)
+    assert tip(twisted) == pytest.approx(tip(setup(robot=replace(paper(), tendons=(helix,)))), abs=1e-12)
+
+
+def test_friction_is_switched_on_where_the_model_has_none():
+    s = with_effect(setup(0.0, friction="none"), "friction_coefficient", mu=0.3)
+    assert tip(s) == pytest.approx(tip(setup(0.3)), abs=1e-12)
+
+
+def test_adhesion_takes_the_same_from_every_hole():
+    s = with_effect(setup(), "hole_adhesion", drop=0.01)
+    result = simulate(s.robot, s.model, s.steps)
+    assert np.diff(result.steps[-1].tensions[0]) == pytest.approx(-0.01, rel=1e-9)
+
+
+def test_clearance_lets_the_tendon_shift_away_from_the_backbone_of_a_bent_robot():
+    robot = paper().with_disks(radius=6e-3)
+    plain, wider = (
+        tip(setup(robot=robot)),
+        tip(setup(robot=robot.with_tendons(routing=ParallelRouting(4.7e-3)))),
+    )
+    shifted = tip(with_effect(setup(robot=robot), "hole_clearance", clearance=0.2e-3))
+    # Base and anchor, where the tendon shifts little or not at all, make the rest.
+    assert np.linalg.norm(shifted - wider) < 0.1 * np.linalg.norm(plain - wider)
+
+
+def test_stretch_is_tension_times_length_over_stiffness():
+    # A rigid robot: all that is pulled in is stretch.
+    stiff = paper(backbone=Backbone(LENGTH, 5e-3, 200e9, 0.3))
+    s = with_effect(setup(robot=stiff, steps=pulled(1.0)), "tendon_stretch", axial_stiffness=500.0)
+    pulled_in = simulate(s.robot, s.model, s.steps).steps[0].displacements[0]
+    bare = simulate(stiff, MODEL, pulled(1.0)).steps[0].displacements[0]
+    assert pulled_in - bare == pytest.approx(LENGTH / 500.0, rel=5e-3)
+
+
+# -------------------------------------------------------------------------------------------- the measurement
+
+
+def read(setup, readings):
+    run = _simulate((setup, None, False, 2e-5))
+    return Reader(readings, [1], setup.robot.tendon_names).read(run, setup)
+
+
+def test_turned_frame_turns_positions_and_directions_exactly():
+    s = setup(robot=three(0.1), steps=pulled(1.0))
+    readings = [Reading(1, f"position_{a}", 0.125, 0.0) for a in "xyz"] + [
+        Reading(1, "bending_angle", None, 0.0)
+    ]
+    vector = np.array([0.02, -0.03, 0.1])
+    plain, turned = (
+        read(s, readings),
+        read(with_effect(s, "frame_misalignment", rot_x=0.02, rot_y=-0.03, rot_z=0.1), readings),
+    )
+    rotation = Rotation.from_rotvec(vector)
+    assert turned[:3] == pytest.approx(rotation.apply(plain[:3]), abs=1e-15)
+    tangent = rotation.apply(simulate(s.robot, s.model, s.steps).steps[0].tangent)
+    assert turned[3] == pytest.approx(math.acos(tangent[2]), abs=1e-12)
+
+
+def test_markers_move_with_their_section():
+    s = setup(robot=three(0.1), steps=pulled(1.0))
+    readings = [Reading(1, f"position_{a}", LENGTH, 0.0) for a in "xyz"]
+    moved = read(with_effect(s, "marker_offset", offset_x=1e-3, offset_y=2e-3), readings) - read(s, readings)
+    rotation = simulate(s.robot, s.model, s.steps).steps[0].rotations[-1]
+    assert moved == pytest.approx(rotation @ [1e-3, 2e-3, 0.0], abs=1e-12)
+
+
+def test_every_quantity_is_read_off():
+    s = setup(0.3, steps=pulled(1.0))
+    result = simulate(s.robot, s.model, s.steps).steps[0]
+    readings = [Reading(1, q, None, 0.0) for q in ("bending_angle", "chord_angle", "tip_offset")]
+    readings += [Reading(1, q, "t1", 0.0) for q in ("tendon_displacement", "distal_tension")]
+    expected = [
+        result.bending_angle,
+        result.chord_angle,
+        result.tip_offset,
+        result.displacements[0],
+        result.tensions[0][-1],
+    ]
+    assert read(s, readings) == pytest.approx(expected, abs=1e-12)
+
+
+# ------------------------------------------------------------------------------------------------ from files
+
+
+def test_effects_in_a_scenario_file_are_those_of_python(tmp_path):
+    register()
+    (tmp_path / "robot.toml").write_text(robot_to_toml(paper(0.2)))
+    text = scenario_to_toml(MODEL, pulled(1.0))
+    path = tmp_path / "scenario.toml"
+    path.write_text(text + "\n[effects]\ngravity = { g_z = -9.81 }\nactuator_loss = { dead_band = 0.1 }\n")
+    s = read_scenario(path)
+    by_hand = with_effects(
+        Setup(paper(0.2), MODEL, pulled(1.0)),
+        {"gravity": {"g_z": -9.81}, "actuator_loss": {"dead_band": 0.1}},
+    )
+    assert (s.model, s.steps[0].tensions) == (by_hand.model, {"t1": 0.9})
+    path.write_text(text + "\n[effects]\ngravitas = {}\nactuator_gain = { gain = -1.0, gian = 2.0 }\n")
+    with pytest.raises(InputError) as caught:
+        read_scenario(path)
+    assert [p.key for p in caught.value.problems] == [
+        "effects.gravitas",
+        "effects.actuator_gain.gain",
+        "effects.actuator_gain.gian",
+    ]
+
+
+def test_bounds_follow_the_robot():
+    s = setup()
+    assert effect("rigid_disks").bounds(s)["thickness"][1] == pytest.approx(0.95 * LENGTH / 13)
+    assert effect("hole_clearance").bounds(s)["clearance"][1] == pytest.approx(2.25e-3)

@@ -1,0 +1,200 @@
+"""The backbone as a beam: closed forms of rods without tendons, and the mesh."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import BACKBONE, DISKS, LENGTH, distance, solve
+from scipy.linalg import expm
+from scipy.optimize import brentq
+from scipy.special import ellipk, ellipkinc
+
+from tdcr_fe.elements.backbone import ElementChain, relative_twists, subdivide
+from tdcr_fe.elements.poses import exp_se3, log_se3
+from tdcr_fe.model.loading import Load, LoadStep
+from tdcr_fe.model.robot import Disks, Robot
+
+ROD = Robot(BACKBONE, DISKS, (), name="rod")
+EI, GJ, EA, GA = BACKBONE.EI, BACKBONE.GJ, BACKBONE.EA, BACKBONE.GA
+
+
+def loaded(robot: Robot = ROD, elements: int = 1, at: float = LENGTH, **load):
+    """One load, one step."""
+    return solve(robot, [LoadStep("", loads={"x": Load(at, **load)})], elements_per_bay=elements).steps[0]
+
+
+@pytest.mark.parametrize("turns", [0.25, 0.5, 1.0, 1.5])
+def test_pure_moment_bends_to_a_circle(turns):
+    """M = EI k: one element per bay is exact; a whole circle closes."""
+    k = 2 * np.pi * turns / LENGTH
+    step = loaded(moment=(0.0, EI * k, 0.0))
+    exact = [(1 - np.cos(k * LENGTH)) / k, 0.0, np.sin(k * LENGTH) / k]
+    assert step.tip == pytest.approx(exact, abs=1e-9)
+
+
+def test_one_element_is_exact_for_a_quarter_circle():
+    robot = Robot(BACKBONE, Disks((LENGTH,)), ())
+    k = 0.5 * np.pi / LENGTH
+    assert loaded(robot, moment=(0.0, EI * k, 0.0)).tip == pytest.approx([1 / k, 0.0, 1 / k], abs=1e-9)
+
+
+def test_axial_force_stretches():
+    """F L / EA, and nothing else."""
+    step = loaded(force=(0.0, 0.0, 5.0))
+    assert step.tip == pytest.approx([0.0, 0.0, LENGTH * (1 + 5.0 / EA)], rel=1e-12)
+
+
+def test_axial_moment_twists():
+    """M L / GJ."""
+    step = loaded(moment=(0.0, 0.0, 2e-3))
+    angle = np.arctan2(step.rotations[-1][1, 0], step.rotations[-1][0, 0])
+    assert angle == pytest.approx(2e-3 * LENGTH / GJ, rel=1e-9)
+
+
+def test_small_force_bends_a_cantilever():
+    """F s^2 (3 L - s) / (6 EI) + F s / GA, and F s (2 L - s) / (2 EI): exact at the nodes of any mesh.
+
+    What the residual bending flexibility makes of an element whose strain is constant.
+    """
+    f = 1e-6
+    robot = Robot(BACKBONE, Disks((LENGTH,)), ())
+    for k in (1, 2, 3, 8):
+        step = loaded(robot, k, force=(f, 0.0, 0.0))
+        s, tangent = step.s, step.rotations[:, :, 2]
+        across = f * s**2 * (3 * LENGTH - s) / (6 * EI) + f * s / GA
+        slope = f * s * (2 * LENGTH - s) / (2 * EI)
+        assert step.positions[:, 0] == pytest.approx(across, abs=1e-9 * across[-1])
+        # The tangent of the section leaves out the shear.
+        assert tangent[:, 0] == pytest.approx(slope, abs=1e-9 * slope[-1])
+
+
+@pytest.mark.parametrize("at", [0.1, 0.1234, 0.2001])
+def test_force_between_nodes_of_a_cantilever(at):
+    """Deflection at the tip: F a^2 (3 L - a) / (6 EI) + F a / GA; the mesh gets a node where the load is."""
+    f = 1e-6
+    step = loaded(elements=8, at=at, force=(f, 0.0, 0.0))
+    exact = f * at**2 * (3 * LENGTH - at) / (6 * EI) + f * at / GA
+    assert step.tip[0] == pytest.approx(exact, rel=5e-4)
+    assert np.min(np.abs(step.s - at)) < 1e-12
+
+
+@pytest.mark.parametrize("force", [0.05, 0.2])
+def test_elastica_under_a_transverse_end_force(force):
+    """Inextensible cantilever, dead load at right angles: elliptic integrals.
+
+    Bisshopp and Drucker, Large deflection of cantilever beams, Quart. Appl. Math. 3 (1945) 272-275:
+    ``L sqrt(F/EI) = K(k) - F(k, phi0)``, ``k^2 = (1 + sin theta_L) / 2``, ``sin phi0 = 1 / (k sqrt 2)``, and the
+    end moves along the beam to ``x = sqrt(2 EI sin theta_L / F)``.
+    """
+    stiff = replace(BACKBONE, axial_stiffness=1e7, shear_stiffness=1e7)
+    robot = Robot(stiff, DISKS, ())
+
+    def excess(theta):
+        m = 0.5 * (1 + np.sin(theta))
+        phi = np.arcsin(1 / np.sqrt(2 * m))
+        return ellipk(m) - ellipkinc(phi, m) - LENGTH * np.sqrt(force / EI)
+
+    theta = brentq(excess, 1e-6, np.pi / 2 - 1e-9)
+    along = np.sqrt(2 * EI * np.sin(theta) / force)
+    n = np.array([1, 2, 4])
+    steps = [loaded(robot, k, force=(force, 0.0, 0.0)) for k in n]
+    angle = np.array([abs(s.bending_angle - theta) for s in steps])
+    z = np.array([abs(s.tip[2] - along) for s in steps]) / LENGTH
+    assert angle[0] < 5e-6 and z[0] < 2e-6
+    for error in (angle, z):
+        assert np.diff(np.log(error)) / np.diff(np.log(n)) == pytest.approx([-4.0, -4.0], abs=0.02)
+
+
+def test_rod_of_constant_strain_is_a_helix():
+    """Constant strain u, v in a precurved rod: moment and force are constant in the section's frame.
+
+    Balance of the rod in its own frame: ``u x n = 0`` and ``u x m + e_z x n = 0``, so a wrench that follows the tip
+    holds it, and the pose at the tip is one exponential. Elements of constant strain would be exact but for their
+    residual flexibility, which takes the moment to change with the shear force; here ``u x m`` makes up for it.
+    """
+    k, twist = 3.0, 2.0
+    robot = Robot(replace(BACKBONE, precurvature=(0.0, k)), DISKS, ())
+    u = np.array([0.0, k, twist])
+    m = np.array([0.0, 0.0, GJ * twist])
+    across = -np.cross(u, m)
+    force = -across[0] / k * u
+    assert np.cross(u, force) == pytest.approx(np.zeros(3), abs=1e-15)
+    assert np.cross(u, m) + np.cross([0.0, 0.0, 1.0], force) == pytest.approx(np.zeros(3), abs=1e-15)
+    load = [LoadStep("", loads={"tip": Load(LENGTH, tuple(force), tuple(m), "section")})]
+    n = np.array([1, 2, 4])
+    steps = [solve(robot, load, elements_per_bay=k).steps[0] for k in n]
+    strain = np.zeros((4, 4))
+    strain[:3, :3] = [[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]]
+    strain[:3, 3] = [0.0, force[1] / GA, 1.0 + force[2] / EA]
+    pose = expm(LENGTH * strain)
+    error = [distance(step.tip, pose[:3, 3]) for step in steps]
+    assert np.diff(np.log(error)) / np.diff(np.log(n)) == pytest.approx([-2.0, -2.0], abs=0.02)
+    assert error[-1] < 1e-5
+    assert steps[-1].rotations[-1] == pytest.approx(pose[:3, :3], abs=2e-6)
+
+
+def test_loads_in_world_and_section_frame():
+    """A force that follows the section, against the same force turned into the world at the solution."""
+    follower = loaded(elements=2, force=(0.05, 0.02, -0.03), moment=(1e-3, 2e-3, 1e-3), at=0.2)
+    assert follower.bending_angle > 0.1
+    step = solve(
+        ROD,
+        [LoadStep("", loads={"x": Load(0.2, (0.05, 0.02, -0.03), (1e-3, 2e-3, 1e-3), "section")})],
+        elements_per_bay=2,
+    ).steps[0]
+    k = int(np.argmin(abs(step.s - 0.2)))
+    r = step.rotations[k]
+    dead = loaded(
+        elements=2, at=0.2, force=tuple(r @ [0.05, 0.02, -0.03]), moment=tuple(r @ [1e-3, 2e-3, 1e-3])
+    )
+    assert distance(dead.positions, step.positions) < 1e-7
+    assert distance(follower.tip, step.tip) > 1e-3
+
+
+def test_load_at_the_base_does_nothing():
+    step = loaded(at=0.0, force=(1.0, 2.0, 3.0), moment=(0.1, 0.2, 0.3))
+    assert distance(step.tip, np.array([0.0, 0.0, LENGTH])) < 1e-10
+
+
+# ---------------------------------------------------------------- mesh and kinematics
+
+
+def test_nodes_of_the_mesh():
+    arc, rigid = subdivide(1.0, [0.4, 1.0], 2, 0.1, extra=[0.2])
+    assert arc == pytest.approx([0.0, 0.175, 0.2, 0.35, 0.4, 0.45, 0.7, 0.95, 1.0])
+    assert [bool(x) for x in rigid] == [False, False, False, True, True, False, False, True]
+
+
+def test_relative_twists_undo_the_chain():
+    from scipy.spatial.transform import Rotation
+
+    rng = np.random.default_rng(2)
+    p, r = 0.1 * rng.normal(size=(5, 3)), Rotation.random(5, random_state=3).as_matrix()
+    twists = relative_twists(p, r)
+    for k in range(4):
+        dr, dp = exp_se3(twists[k])
+        assert r[k] @ dr == pytest.approx(r[k + 1], abs=1e-12)
+        assert p[k] + r[k] @ dp == pytest.approx(p[k + 1], abs=1e-12)
+
+
+def test_increments_of_twists_against_differences():
+    rng = np.random.default_rng(4)
+    twists = np.array([1.0, 0, 0, 0, 0, 0]) * 0.02 + 0.1 * rng.normal(size=(3, 6))
+    change = rng.normal(size=(4, 6))
+    p, r = [np.zeros(3)], [np.eye(3)]
+    for x in twists:
+        dr, dp = exp_se3(x)
+        p.append(p[-1] + r[-1] @ dp)
+        r.append(r[-1] @ dr)
+    p, r = np.array(p), np.array(r)
+
+    def moved(h):
+        dr, dp = exp_se3(h * change)
+        rr, pp = r @ dr, p + (r @ dp[..., None])[..., 0]
+        inverse = np.swapaxes(rr[:-1], 1, 2)
+        return log_se3(inverse @ rr[1:], (inverse @ np.diff(pp, axis=0)[..., None])[..., 0])
+
+    h = 1e-6
+    assert ElementChain(twists).changes(change) == pytest.approx((moved(h) - moved(-h)) / (2 * h), abs=1e-8)

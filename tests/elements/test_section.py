@@ -1,0 +1,152 @@
+"""Classical tendons along the backbone and superelastic softening, as section forces."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, solve
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from tdcr_fe.elements.section import (
+    ContinuousTendons,
+    SectionForces,
+    SuperelasticSection,
+    gauss_arc_lengths,
+    nodal_sum,
+)
+from tdcr_fe.model.loading import Load, LoadStep
+from tdcr_fe.model.robot import Robot, Superelastic, Tendon
+from tdcr_fe.model.routing import HelicalRouting
+
+NODES = np.array([0.0, 0.02, 0.05, 0.09])
+LENGTHS = np.diff(NODES)
+
+
+def helix() -> ContinuousTendons:
+    """One turn over 0.09 m, in beam axes; the second tendon ends after two elements."""
+    s = gauss_arc_lengths(NODES)
+    w = 2 * np.pi / 0.09
+    zero = np.zeros_like(s)
+    offset = 4e-3 * np.stack((zero, np.cos(w * s), np.sin(w * s)), axis=-1)
+    slope = 4e-3 * w * np.stack((zero, -np.sin(w * s), np.cos(w * s)), axis=-1)
+    return ContinuousTendons(
+        np.stack((offset, offset)), np.stack((slope, slope)), np.array([[1, 1, 1], [1, 1, 0.0]])
+    )
+
+
+def twists(seed: int) -> np.ndarray:
+    strain = np.array([1.0, 0, 0, 0, 0, 0]) + np.random.default_rng(seed).normal(size=(3, 6)) * [
+        1e-3, 1e-3, 1e-3, 5.0, 5.0, 5.0,
+    ]  # fmt: skip
+    return strain * LENGTHS[:, None]
+
+
+def test_length_of_a_helix_about_a_straight_backbone():
+    """Sqrt(1 + (r w)^2) per length."""
+    straight = LENGTHS[:, None] * np.array([1.0, 0, 0, 0, 0, 0])
+    length, _ = helix().evaluate(straight, LENGTHS)
+    per_length = np.sqrt(1 + (4e-3 * 2 * np.pi / 0.09) ** 2)
+    assert length == pytest.approx([0.09 * per_length, 0.05 * per_length], rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_gradient_of_the_length_against_differences(seed):
+    x = twists(seed)
+    _, gradient = helix().evaluate(x, LENGTHS)
+    h = 1e-6
+    for e in range(3):
+        for c in range(6):
+            d = np.zeros_like(x)
+            d[e, c] = h
+            change = (helix().evaluate(x + d, LENGTHS)[0] - helix().evaluate(x - d, LENGTHS)[0]) / (2 * h)
+            assert gradient[:, e, c] == pytest.approx(change, abs=1e-9)
+
+
+def test_wrenches_of_section_forces_are_in_equilibrium():
+    """Inner forces move no rigid body: the two nodal wrenches of an element balance."""
+    from tdcr_fe.elements.poses import adjoint_inverse, exp_se3
+
+    x = twists(1)
+    forces = SectionForces(LENGTHS, helix())
+    w = forces.wrenches(x, np.array([1.0, 2.0]))
+    moved = np.swapaxes(adjoint_inverse(*exp_se3(x)), -1, -2) @ w[:, 6:, None]
+    assert w[:, :6] == pytest.approx(-moved[..., 0], abs=1e-12)
+    assert nodal_sum(w)[1] == pytest.approx(w[0, 6:] + w[1, :6], abs=1e-15)
+
+
+def test_superelastic_moment_is_linear_then_flat():
+    """EI k well below the threshold; slope r EI well above it; continuous in between."""
+    kc, r, ei = 5.0, 0.3, 2.0
+    law = SuperelasticSection(np.full(3, ei), kc, r, np.zeros(3))
+
+    def moment(k):
+        x = np.zeros((3, 6))
+        x[:, 5] = k * LENGTHS
+        return float(ei * k + law.gradient(x, LENGTHS)[0, 5])
+
+    assert moment(0.5 * kc) == pytest.approx(ei * 0.5 * kc, rel=1e-6)
+    assert moment(0.0) == 0.0
+    assert (moment(3 * kc) - moment(2 * kc)) / kc == pytest.approx(r * ei, rel=1e-6)
+    assert moment(2 * kc) == pytest.approx(ei * kc + r * ei * kc, rel=1e-3)
+
+
+def test_superelastic_robot_under_a_tip_moment_is_an_arc_of_the_softened_curvature():
+    """Constant moment, constant curvature k with M(k) = M; k from the law written out here."""
+    strain, ratio, m = 0.002, 0.3, 1.2e-2
+    robot = Robot(replace(BACKBONE, superelastic=Superelastic(strain, ratio)), DISKS, ())
+    kc = strain / BACKBONE.radius
+    w = kc / 40
+
+    def law(k):
+        soft = k - w * (np.logaddexp(0, (k - kc) / w) - np.logaddexp(0, -kc / w))
+        return BACKBONE.EI * (ratio * k + (1 - ratio) * soft) - m
+
+    k = brentq(law, 0.0, 10 * kc)
+    assert k > 1.2 * kc
+    step = solve(robot, [LoadStep("", loads={"tip": Load(LENGTH, moment=(0.0, m, 0.0))})]).steps[0]
+    assert np.trace(step.rotations[-1]) == pytest.approx(1 + 2 * np.cos(k * LENGTH), abs=1e-7)
+    assert step.tip[0] == pytest.approx((1 - np.cos(k * LENGTH)) / k, abs=1e-7)
+
+
+def test_classical_parallel_tendon_bends_to_a_circular_arc():
+    """Tension T at offset r: section forces are a moment r T (compression neglected): k = r T / EI, paper Eq. 9."""
+    robot = replace(paper(), backbone=replace(BACKBONE, axial_stiffness=1e9, shear_stiffness=1e9))
+    step = solve(robot, pull(1.0), friction="none", tendon_path="continuous").steps[0]
+    assert step.bending_angle == pytest.approx(4.5e-3 * 1.0 * LENGTH / BACKBONE.EI, rel=1e-6)
+
+
+def test_classical_robot_of_another_code_in_space():
+    """Continuous parallel tendon 1.5 N towards +y and a tip force (0.05, 0, 0) N; figures of two public codes.
+
+    SvenLilge/tdcr-modeling (Rao et al. 2021) and TIMClab-CAMI (Tummers et al. 2023), tight tolerance.
+    """
+    robot = paper(angle_deg=90.0)
+    steps = [LoadStep("", {"t1": 1.5}, loads={"tip": Load(LENGTH, (0.05, 0.0, 0.0))})]
+    tips = [
+        solve(robot, steps, friction="none", tendon_path="continuous", elements_per_bay=n).tips[0]
+        for n in (2, 4)
+    ]
+    exact = np.array([0.114854092, 0.091730689, 0.183677266])
+    errors = [distance(t, exact) for t in tips]
+    assert errors[1] < 5e-5
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.3)
+
+
+def test_classical_helical_tendon_of_another_code():
+    """Two right-handed turns, 1.2 N; figures of the same two codes."""
+    robot = Robot(BACKBONE, DISKS, (Tendon("t1", HelicalRouting(4.5e-3, 2.0)),))
+    step = solve(robot, pull(1.2), friction="none", tendon_path="continuous", elements_per_bay=8).steps[0]
+    assert distance(step.tip, np.array([2.5530e-5, 0.015802078, 0.249006139])) < 2e-5
+    assert step.tangent == pytest.approx([-0.0124805, 0.0012600, 0.9999213], abs=1e-4)
+
+
+def test_length_of_the_classical_tendon_is_its_integral():
+    """What is pulled in is rest length less length, by quadrature over the known arc."""
+    robot = paper()
+    step = solve(robot, pull(1.0), friction="none", tendon_path="continuous").steps[0]
+    k = step.bending_angle / LENGTH
+    length = quad(lambda s: 1.0 - 4.5e-3 * k, 0.0, LENGTH)[0] - 1.0 / BACKBONE.EA * LENGTH
+    assert step.displacements[0] == pytest.approx(LENGTH - length, rel=1e-4)

@@ -1,0 +1,217 @@
+"""The closed loop on small robots: right names, honest verdicts, whole branches held out."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tdcr_fe.cli import main
+from tdcr_fe.effects import Setup, effect, with_effects
+from tdcr_fe.identify import IdentifySettings, identify
+from tdcr_fe.identify.fitting import Problem
+from tdcr_fe.identify.forward import ForwardModel, Reader, _simulate
+from tdcr_fe.identify.holdout import blocks, choose_held_out
+from tdcr_fe.identify.noise import estimate_sigma, excess, is_noise, outliers, structure
+from tdcr_fe.identify.report import render, summary
+from tdcr_fe.io.measured import MeasuredData, Reading, write_measured
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Backbone, Disks, Robot, StiffnessPatch, Tendon
+from tdcr_fe.model.routing import ParallelRouting
+
+LENGTH = 0.2
+ROBOT = Robot(
+    Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0),
+    Disks.equally_spaced(4, LENGTH, mass=0.5e-3),
+    tuple(Tendon(f"t{i + 1}", ParallelRouting(4.5e-3, 90.0 * i)) for i in range(2)),
+    name="small",
+)
+MODEL = Model(friction="none", elements_per_bay=1)
+
+
+def sequence():
+    """Both tendons up and down, with and without a force at the tip."""
+    pulls = [
+        (0.4, 0),
+        (0.8, 0),
+        (1.2, 0),
+        (0.6, 0),
+        (0, 0),
+        (0, 0.5),
+        (0, 1.0),
+        (0, 0.5),
+        (0.4, 0.4),
+        (0.8, 0.8),
+        (0.4, 0.2),
+    ]
+    forces = [(0, 0)] * 5 + [(0.01, 0), (0.01, 0), (0, 0)] + [(0, -0.015)] * 2 + [(0, 0)]
+    return tuple(
+        LoadStep(tensions={"t1": a, "t2": b}, loads={"tip": Load(LENGTH, (x, y, 0.0))})
+        for (a, b), (x, y) in zip(pulls, forces, strict=True)
+    )
+
+
+def measured(truth=None, sigma=1e-4, seed=0, robot=None, given=True):
+    """Readings of a true robot that is `ROBOT` with effects, on a finer mesh, with noise."""
+    steps = sequence()
+    ids = tuple(range(1, len(steps) + 1))
+    readings = [Reading(n, f"position_{a}", s, 0.0, sigma) for n in ids for s in (0.1, LENGTH) for a in "xyz"]
+    true = with_effects(Setup(robot or ROBOT, replace(MODEL, elements_per_bay=4), steps), truth or {})
+    run = _simulate((true, None, False, 2e-5))
+    values = Reader(readings, ids, ROBOT.tendon_names).read(run, true)
+    values = values + np.random.default_rng(seed).normal(0.0, sigma, values.size)
+    readings = [
+        replace(r, value=float(v), sigma=r.sigma if given else None)
+        for r, v in zip(readings, values, strict=True)
+    ]
+    return MeasuredData("small", ROBOT, MODEL, ids, steps, ("",) * len(ids), tuple(readings))
+
+
+# ------------------------------------------------------------------------------------------------ the pieces
+
+
+def test_steps_held_out_are_whole_branches():
+    data = measured()
+    held = choose_held_out(data)
+    parts = [set(b) for b in blocks(data)]
+    assert held and all(b <= set(held) or not b & set(held) for b in parts)
+    assert 0.1 < len(held) / len(data.steps) < 0.5
+    two = replace(data, branches=("load",) * 5 + ("unload",) * 6)
+    assert choose_held_out(two) == (5, 6, 7, 8, 9, 10)
+
+
+def test_one_monotone_branch_keeps_its_last_levels_aside():
+    data = measured()
+    one = replace(data, branches=("",) * 3, steps=data.steps[:3], step_ids=data.step_ids[:3],
+                  readings=tuple(r for r in data.readings if r.step <= 3))  # fmt: skip
+    assert choose_held_out(one) == ()
+    steps = tuple(LoadStep(tensions={"t1": 0.2 * k}) for k in range(1, 7))
+    readings = tuple(Reading(k, "tip_offset", None, 0.01, 1e-4) for k in range(1, 7))
+    assert choose_held_out(
+        MeasuredData("x", ROBOT, MODEL, tuple(range(1, 7)), steps, ("",) * 6, readings)
+    ) == (5,)
+
+
+def test_sigma_is_estimated_from_scatter_about_smooth_curves():
+    data = measured(given=False)
+    steps = np.array([r.step for r in data.readings])
+    noise = np.random.default_rng(1).normal(0.0, 2e-4, len(data.readings))
+    sigma, estimated = estimate_sigma(data, 1e-3 * steps + noise)
+    assert estimated and sigma[0] == pytest.approx(2e-4, rel=0.4)
+
+
+def test_noise_passes_and_structure_does_not():
+    data = measured()
+    r = np.random.default_rng(2).normal(size=len(data.readings))
+    assert is_noise(structure(data, r), 1e-3) and abs(excess(r)) < 4.0
+    assert not is_noise(structure(data, r + 0.8), 1e-3)
+    tests = structure(data, r + 3.0 * np.array([x.location == LENGTH for x in data.readings]))
+    assert "0.2" in tests[0].group or "0.2" in tests[1].group
+    r[7] = 30.0
+    assert outliers(r) == ((7, 30.0),)
+
+
+def test_a_fit_recovers_parameters_within_their_errors():
+    data = measured({"precurvature": {"kappa_x": 0.4, "kappa_y": -0.2}})
+    problem = Problem(
+        data, np.full(len(data.readings), 1e-4), np.zeros(len(data.readings), dtype=bool), ForwardModel()
+    )
+    problem.sharpen((), {})
+    e = effect("precurvature")
+    fit = problem.fit((e,), [{"precurvature": {"kappa_x": 0.0, "kappa_y": 0.0}}])
+    error = np.sqrt(np.diag(problem.covariance(fit)))
+    values = np.array([fit.values["precurvature"][n] for n in ("kappa_x", "kappa_y")])
+    assert np.all(np.abs(values - [0.4, -0.2]) < 4.0 * error) and fit.cost < 1.5 * len(data.readings)
+
+
+def test_a_parameter_that_changes_nothing_is_not_fitted():
+    data = measured()
+    problem = Problem(
+        data, np.full(len(data.readings), 1e-4), np.zeros(len(data.readings), dtype=bool), ForwardModel()
+    )
+    fit = problem.fit((effect("stiffness_scale"),), [{"stiffness_scale": {"bending": 1.1, "torsion": 1.0}}])
+    assert ("stiffness_scale", "bending") in fit.free
+    fit = problem.fit((effect("tip_payload"),), [{"tip_payload": {"mass": 1e-3}}])
+    assert fit.free == ()
+
+
+# -------------------------------------------------------------------------------------------------- the loop
+
+
+def test_clean_data_miss_nothing():
+    result = identify(measured())
+    assert (result.verdict, result.effects) == ("nothing missing", ())
+
+
+@pytest.mark.parametrize(
+    ("name", "truth"),
+    [
+        ("gravity", {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}),
+        ("precurvature", {"kappa_x": 0.4, "kappa_y": -0.3}),
+    ],
+)
+def test_a_missing_effect_is_named_with_its_numbers(name, truth):
+    result = identify(measured({name: truth}))
+    assert result.verdict == "explained"
+    assert [e.name for e in result.effects] == [name]
+    for key, value in truth.items():
+        p = result.effects[0].parameters[key]
+        assert abs(p.value - value) < 4.0 * p.std_error
+    assert result.after_held_out.chi2_per_dof < 1.5 < result.before_held_out.chi2_per_dof
+
+
+@pytest.mark.slow
+def test_a_soft_bay_is_never_explained_and_is_located():
+    patched = ROBOT.with_backbone(patches=(StiffnessPatch(0.05, 0.1, 0.5, 0.5),))
+    result = identify(measured(robot=patched))
+    assert result.verdict in ("unexplained", "partly explained")
+    assert "bay 2" in result.remaining.where
+
+
+@pytest.mark.slow
+def test_two_effects_are_found_together():
+    truth = {"gravity": {"g_y": -9.81}, "marker_offset": {"offset_x": 1e-3, "offset_y": 0.0}}
+    result = identify(measured(truth))
+    assert result.verdict == "explained" and {e.name for e in result.effects} == set(truth)
+
+
+def test_an_interruption_keeps_what_was_found():
+    def stop(text, share):
+        if "round 2" in text:
+            raise KeyboardInterrupt
+
+    result = identify(measured({"gravity": {"g_x": 5.0}}), IdentifySettings(), stop)
+    assert result.interrupted and [e.name for e in result.effects] == ["gravity"]
+
+
+# ------------------------------------------------------------------------------------------------ the command
+
+
+def test_the_command_writes_result_and_report(tmp_path, capsys):
+    write_measured(measured({"gravity": {"g_x": 5.0}}), tmp_path / "set")
+    path = tmp_path / "set" / "observations.csv"
+    path.write_text(path.read_text() + "1,position_x,0.15,nan,1e-4\n")
+    assert main(["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out"), "--processes", "1"]) == 0
+    out = capsys.readouterr()
+    assert "gravity" in out.out and "line 68" in out.err
+    document = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert document["observations"] == 66 and document["verdict"] == "explained"
+    assert set(document["before"]) == {"fit", "held_out"} == set(document["after"])
+    assert document["effects"][0]["parameters"]["g_x"]["unit"] == "m/s^2"
+    assert document["effects"][0]["parameters"]["g_x"]["value"] == pytest.approx(5.0, abs=0.1)
+    assert "line 68" in document["left_out"][0]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Explained" in page and page.count("<svg") >= 3
+    assert "http" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
+        "http://creativecommons.org", ""
+    )
+
+
+def test_wrong_input_ends_with_status_two(tmp_path, capsys):
+    assert main(["identify", str(tmp_path / "nothing"), "-o", str(tmp_path / "out")]) == 2
+    assert "no such folder" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_summary_and_page_say_the_verdict():
+    result = identify(measured())
+    assert "Nothing is missing" in summary(result) and "Nothing is missing" in render(result)

@@ -1,0 +1,500 @@
+"""Input files: what is right is read as it stands; every mistake is named with file, key, value and cure."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from inputs import REMOVED, ROBOT, SCENARIO, changed, write
+
+from tdcr_fe.io import toml as files
+from tdcr_fe.io.toml import (
+    InputError,
+    digest,
+    model_to_toml,
+    read_model,
+    read_robot,
+    read_scenario,
+    robot_to_toml,
+    scenario_to_toml,
+)
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Backbone, Disks, Robot, StiffnessPatch, Tendon
+from tdcr_fe.model.routing import (
+    ConvergingRouting,
+    HelicalRouting,
+    ParallelRouting,
+    PointsRouting,
+    TwistedRouting,
+)
+
+
+def problems_of(path: Path) -> list[files.Problem]:
+    with pytest.raises(InputError) as caught:
+        read_scenario(path)
+    assert caught.value.problems
+    for p in caught.value.problems:
+        assert str(p) in str(caught.value)
+    return list(caught.value.problems)
+
+
+# --------------------------------------------------------------------------------------------- what is right
+
+
+def test_robot_is_read_as_it_stands(tmp_path):
+    robot = read_scenario(write(tmp_path)).robot
+    assert robot == Robot(
+        Backbone(0.25, 0.4e-3, 85e9, 0.3, 5600.0),
+        Disks.equally_spaced(5, 0.25, mass=0.17e-3, radius=5e-3),
+        (
+            Tendon("t1", ParallelRouting(4.5e-3, 0.0), 0.3),
+            Tendon("t2", ConvergingRouting(4.5e-3, 0.15e-3, 120.0), 0.0, 0.15, 400.0),
+            Tendon(
+                "t3",
+                PointsRouting(
+                    (0.0, *Disks.equally_spaced(5, 0.25).positions),
+                    ((1e-3, 0.0), (1e-3, 1e-3), (0.0, 1e-3), (0.0, 0.0), (2e-3, 0.0), (3e-3, 1e-3)),
+                ),
+            ),
+            Tendon("t4", HelicalRouting(4.5e-3, -2.0, 0.0)),
+        ),
+        "single-segment",
+    )
+
+
+def test_scenario_is_read_as_it_stands(tmp_path):
+    scenario = read_scenario(write(tmp_path))
+    assert scenario.model == Model("straight", "per-hole", 2, (0.0, 0.0, -9.81))
+    assert scenario.steps == (
+        LoadStep("pull", {"t1": 1.5, "t3": 1.0}, {"t2": 5e-3}, {"tip": Load(0.25, (0.0, 0.05, 0.0))}, 5),
+        LoadStep(loads={"tip": Load(0.25), "middle": Load(0.1, (0.1, 0.0, 0.0), frame="section")}),
+    )
+    assert isinstance(scenario.steps[0].tensions["t3"], float)
+
+
+def test_robot_is_found_relative_to_the_scenario(tmp_path, monkeypatch):
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "scenarios").mkdir()
+    (tmp_path / "robots" / "mine.toml").write_text(ROBOT)
+    path = tmp_path / "scenarios" / "s.toml"
+    path.write_text(SCENARIO.replace("robot.toml", "../robots/mine.toml"))
+    monkeypatch.chdir(tmp_path / "robots")
+    assert read_scenario(path).robot.name == "single-segment"
+
+
+def test_model_table_may_be_missing_and_means_straight_per_hole_no_gravity(tmp_path):
+    path = write(tmp_path, scenario=changed(SCENARIO, {"model": REMOVED}))
+    assert read_scenario(path).model == Model("straight", "per-hole", 2, (0.0, 0.0, 0.0))
+
+
+def test_model_file_holds_the_model_table_alone(tmp_path):
+    path = tmp_path / "model.toml"
+    path.write_text('[model]\nfriction = "none"\ntendon_path = "continuous"\n')
+    assert read_model(path) == Model("continuous", "none")
+    path.write_text('robot = "x"\n[model]\nfriction = "nine"\n')
+    with pytest.raises(InputError) as caught:
+        read_model(path)
+    assert [p.key for p in caught.value.problems] == ["robot", "model.friction"]
+
+
+def test_positions_of_disks_stand_for_their_count(tmp_path):
+    changes = {"disks.count": REMOVED, "disks.positions": [0.05, 0.1, 0.15, 0.2, 0.25]}
+    robot = read_scenario(write(tmp_path, changed(ROBOT, changes))).robot
+    assert robot.disks.positions == (0.05, 0.1, 0.15, 0.2, 0.25)
+
+
+def test_digests_are_the_sha256_of_the_files(tmp_path):
+    path = write(tmp_path)
+    expected = {
+        str(tmp_path / name): hashlib.sha256((tmp_path / name).read_bytes()).hexdigest()
+        for name in ("scenario.toml", "robot.toml")
+    }
+    assert read_scenario(path).digests == expected
+    assert digest(path) == expected[str(path)]
+
+
+def test_byte_order_mark_is_taken(tmp_path):
+    write(tmp_path, robot=b"\xef\xbb\xbf" + ROBOT.encode())
+    assert read_robot(tmp_path / "robot.toml").name == "single-segment"
+
+
+def test_hole_on_the_rim_is_not_outside(tmp_path):
+    changes = {"tendons.0.offset": 5e-3, "tendons.0.angle_deg": 33.0}
+    assert read_scenario(write(tmp_path, changed(ROBOT, changes))).robot.tendons[0].routing.offset == 5e-3
+
+
+# --------------------------------------------------------------------------------------------- what is wrong
+
+NAN, INF = float("nan"), float("inf")
+ROBOT_MISTAKES = [
+    # change, key, value, words of what is allowed
+    ({"backbone.lenght": 1.0}, "backbone.lenght", "1.0", ["unknown key", "did you mean length?", "radius"]),
+    ({"backbones": 1}, "backbones", "1", ["unknown key", "did you mean backbone?", "disks, tendons"]),
+    ({"backbone.length": "long"}, "backbone.length", '"long"', ["a positive number [m]"]),
+    ({"backbone.length": True}, "backbone.length", "true", ["a positive number [m]"]),
+    ({"backbone.length": -0.25}, "backbone.length", "-0.25", ["positive"]),
+    ({"backbone.length": 0}, "backbone.length", "0", ["positive"]),
+    ({"backbone.length": NAN}, "backbone.length", "nan", ["a positive number"]),
+    ({"backbone.youngs_modulus": INF}, "backbone.youngs_modulus", "inf", ["a positive number [Pa]"]),
+    ({"backbone.radius": REMOVED}, "backbone.radius", "", ["missing", "a positive number [m]"]),
+    ({"backbone.radius": [1.0]}, "backbone.radius", "[1.0]", ["a positive number [m]"]),
+    ({"backbone.radius": 1e-90}, "backbone.radius", "1e-90", ["EI"]),
+    ({"backbone.radius": 1e90}, "backbone.radius", "1e+90", ["EI"]),
+    ({"backbone.poisson_ratio": 0.51}, "backbone.poisson_ratio", "0.51", ["up to 0.5"]),
+    ({"backbone.density": -1}, "backbone.density", "-1", ["zero or more"]),
+    ({"backbone.bending_stiffness": 0.0}, "backbone.bending_stiffness", "0.0", ["positive", "N m^2"]),
+    ({"backbone": REMOVED}, "backbone", "", ["missing", "[backbone]"]),
+    ({"backbone": 3}, "backbone", "3", ["table [backbone]"]),
+    ({"disks": REMOVED}, "disks", "", ["missing", "[disks]"]),
+    ({"disks.count": REMOVED}, "disks", "", ["exactly one of count and positions"]),
+    ({"disks.positions": [0.25]}, "disks.count", "5", ["both given"]),
+    ({"disks.count": 2.0}, "disks.count", "2.0", ["whole number"]),
+    ({"disks.count": 0}, "disks.count", "0", ["from 1"]),
+    ({"disks.mass": -1e-3}, "disks.mass", "-0.001", ["zero or more"]),
+    ({"disks.thickness": -1e-3}, "disks.thickness", "-0.001", ["zero or more"]),
+    ({"disks.thickness": 0.05}, "disks.thickness", "0.05", ["flexible", "0.05 m"]),
+    ({"disks.radius": "5 mm"}, "disks.radius", '"5 mm"', ["a positive number [m]"]),
+    ({"tendons": {"name": "t1"}}, "tendons", '{name = "t1"}', ["[[tendons]]"]),
+    ({"tendons.0": 7}, "tendons[0]", "7", ["must be a table", "routing"]),
+    ({"tendons.0.name": ""}, "tendons[0].name", '""', ["not empty"]),
+    ({"tendons.0.name": 1}, "tendons[0].name", "1", ["a name in quotes"]),
+    ({"tendons.1.name": "t1"}, "tendons[1].name", "'t1'", ["2 times"]),
+    (
+        {"tendons.0.routing": "paralel"},
+        "tendons[0].routing",
+        '"paralel"',
+        ["helical", "did you mean parallel?"],
+    ),
+    ({"tendons.0.routing": REMOVED}, "tendons[0].routing", "", ["missing", '"parallel"', '"points"']),
+    ({"tendons.0.offset": REMOVED}, "tendons[0].offset", "", ["missing", "zero or more [m]"]),
+    ({"tendons.0.offset": -4.5e-3}, "tendons[0].offset", "-0.0045", ["zero or more"]),
+    ({"tendons.0.offset": 6e-3}, "tendons[0].offset", "0.006", ["base plate", "outside the disk", "0.005 m"]),
+    ({"tendons.0.ofset": 4e-3}, "tendons[0].ofset", "0.004", ["did you mean offset?", "angle_deg"]),
+    ({"tendons.0.turns": 1.0}, "tendons[0].turns", "1.0", ['only for routing = "helical"', "offset"]),
+    ({"tendons.1.end_offset": 9e-3}, "tendons[1].end_offset", "0.009", ["disk 1", "0.005 m"]),
+    ({"tendons.1.end": 0.16}, "tendons[1].end", "0.16", ["no disk is there", "0.15 and 0.2 m"]),
+    ({"tendons.0.end": 0.3}, "tendons[0].end", "0.3", ["no disk is there", "0.2 and 0.25 m"]),
+    ({"tendons.1.axial_stiffness": 0.0}, "tendons[1].axial_stiffness", "0.0", ["a positive number [N]"]),
+    ({"tendons.0.friction_coefficient": -0.3}, "tendons[0].friction_coefficient", "-0.3", ["zero or more"]),
+    ({"tendons.2.holes": [[0.0, 0.0]] * 5}, "tendons[2].holes", "5 holes", ["6 are needed"]),
+    ({"tendons.2.holes.3": [9e-3, 0.0]}, "tendons[2].holes[3]", "0.009 m", ["disk 3", "0.005 m"]),
+    ({"tendons.2.holes.3": [1e-3]}, "tendons[2].holes[3]", "[0.001]", ["pairs [x, y]"]),
+    ({"tendons.2.holes.3.0": NAN}, "tendons[2].holes[3][0]", "nan", ["pairs [x, y]"]),
+    ({"tendons.2.end": 0.15}, "tendons[2].holes", "6 holes", ["4 are needed"]),
+    ({"name": 5}, "name", "5", ["a name in quotes"]),
+]
+WITHOUT_COUNT = {"disks.count": REMOVED}
+ROBOT_MISTAKES += [
+    (
+        {**WITHOUT_COUNT, "disks.positions": [0.05, 0.04, 0.25]},
+        "disks.positions",
+        "[0.05, 0.04, 0.25]",
+        ["ascend"],
+    ),
+    ({**WITHOUT_COUNT, "disks.positions": [0.15, 0.26]}, "disks.positions[1]", "0.26", ["beyond the tip"]),
+    ({**WITHOUT_COUNT, "disks.positions": []}, "disks.positions", "[]", ["arc lengths"]),
+    ({**WITHOUT_COUNT, "disks.positions": [0.15, "x"]}, "disks.positions[1]", '"x"', ["arc lengths"]),
+    (
+        {
+            **WITHOUT_COUNT,
+            "disks.positions": [0.15, 0.2],
+            "tendons.0.end": 0.2,
+            "tendons.2": {"name": "t3", "routing": "parallel", "offset": 0},
+            "tendons.3.end": 0.2,
+        },
+        "tendons[2].end",
+        "not given, so the tip at 0.25",
+        ["no disk is there", "0.15 and 0.2 m"],
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "key", "value", "words"), ROBOT_MISTAKES)
+def test_mistake_in_the_robot_is_named_alone(tmp_path, change, key, value, words):
+    (problem,) = problems_of(write(tmp_path, changed(ROBOT, change)))
+    assert problem.file == str(tmp_path / "robot.toml")
+    assert (problem.key, value in problem.value) == (key, True)
+    assert [w for w in words if w not in problem.allowed] == []
+
+
+SCENARIO_MISTAKES = [
+    ({"modle": {}}, "modle", "{}", ["unknown key", "did you mean model?", "robot, model, steps"]),
+    ({"robot": 3}, "robot", "3", ["the path of a robot.toml"]),
+    ({"robot": REMOVED}, "robot", "", ["missing", "robot.toml"]),
+    ({"robot": "robo.toml"}, "robot", '"robo.toml"', ["there is no file", "did you mean robot.toml?"]),
+    ({"robot": "."}, "robot", '"."', ["directory"]),
+    ({"robot": "a\0b"}, "robot", '"a\\u0000b"', ["no file"]),
+    ({"model": []}, "model", "[]", ["a table [model]"]),
+    ({"model.friction": "per_hole"}, "model.friction", '"per_hole"', ["did you mean per-hole?"]),
+    ({"model.friction": True}, "model.friction", "true", ['"none"', '"per-hole"']),
+    ({"model.tendon_path": "curved"}, "model.tendon_path", '"curved"', ['"straight" or "continuous"']),
+    ({"model.tendon_path": "continuous"}, "model.friction", '"per-hole"', ['set friction = "none"']),
+    (
+        {"model.tendon_path": "continuous", "model.friction": REMOVED},
+        "model.friction",
+        "not given",
+        ['set friction = "none"'],
+    ),
+    ({"model.elements_per_bay": 0}, "model.elements_per_bay", "0", ["from 1"]),
+    ({"model.elements_per_bay": 1.5}, "model.elements_per_bay", "1.5", ["whole number"]),
+    ({"model.gravity": [0, 9.81]}, "model.gravity", "[0, 9.81]", ["three finite numbers [m/s^2]"]),
+    ({"model.gravity": [0, 0, NAN]}, "model.gravity[2]", "nan", ["three finite numbers"]),
+    ({"model.gravity": 9.81}, "model.gravity", "9.81", ["three finite numbers"]),
+    ({"steps": REMOVED}, "steps", "", ["missing", "[[steps]]"]),
+    ({"steps": []}, "steps", "[]", ["at least one"]),
+    ({"steps": {"label": "x"}}, "steps", '{label = "x"}', ["[[steps]]"]),
+    ({"steps.1": 1}, "steps[1]", "1", ["a table"]),
+    ({"steps.0.tension": {"t1": 1}}, "steps[0].tension", "{t1 = 1}", ["did you mean tensions?", "substeps"]),
+    ({"steps.0.tensions.t1": -1.5}, "steps[0].tensions.t1", "-1.5", ["zero or more"]),
+    ({"steps.0.tensions.t1": INF}, "steps[0].tensions.t1", "inf", ["zero or more"]),
+    ({"steps.0.tensions": 1.5}, "steps[0].tensions", "1.5", ["by tendon name"]),
+    ({"steps.0.tensions.t11": 1.5}, "steps[0].tensions.t11", "1.5", ["unknown", "mean t1?", "t2, t3"]),
+    ({"steps.0.displacements.x y": 0.1}, 'steps[0].displacements."x y"', "0.1", ["unknown tendon", "t1, t2"]),
+    ({"steps.0.displacements.t1": 0.1}, "steps[0].displacements.t1", "0.1", ["exactly one"]),
+    ({"steps.0.displacements.t2": "5 mm"}, "steps[0].displacements.t2", '"5 mm"', ["finite number in m"]),
+    ({"steps.0.loads.tip.at": 0.26}, "steps[0].loads.tip.at", "0.26", ["beyond the tip", "0 to 0.25 m"]),
+    ({"steps.0.loads.tip.at": -0.1}, "steps[0].loads.tip.at", "-0.1", ["from 0"]),
+    ({"steps.0.loads.tip.at": REMOVED}, "steps[0].loads.tip.at", "", ["missing", "arc length"]),
+    ({"steps.0.loads.tip.force": [1, 2]}, "steps[0].loads.tip.force", "[1, 2]", ["three finite numbers [N]"]),
+    ({"steps.0.loads.tip.moment": "x"}, "steps[0].loads.tip.moment", '"x"', ["[N m]"]),
+    ({"steps.0.loads.tip.frame": "body"}, "steps[0].loads.tip.frame", '"body"', ['"world" or "section"']),
+    ({"steps.0.loads.tip.forse": [1]}, "steps[0].loads.tip.forse", "[1]", ["did you mean force?"]),
+    ({"steps.0.loads.tip": 3}, "steps[0].loads.tip", "3", ["a table with at, force"]),
+    ({"steps.0.loads": 3}, "steps[0].loads", "3", ["a table of loads"]),
+    ({"steps.0.substeps": 0}, "steps[0].substeps", "0", ["from 1"]),
+    ({"steps.0.label": 7}, "steps[0].label", "7", ["a text in quotes"]),
+    ({"steps.0.time": 2.0, "steps.1.time": 1.0}, "steps[1].time", "1.0", ["not be before", "2 s"]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "key", "value", "words"), SCENARIO_MISTAKES)
+def test_mistake_in_the_scenario_is_named_alone(tmp_path, change, key, value, words):
+    (problem,) = problems_of(write(tmp_path, scenario=changed(SCENARIO, change)))
+    assert problem.file == str(tmp_path / "scenario.toml")
+    assert (problem.key, value in problem.value) == (key, True)
+    assert [w for w in words if w not in problem.allowed] == []
+
+
+UNREADABLE = [
+    ("x = = 1", "line 1, column 5", "not TOML"),
+    ("[a\n", "line 1, column 3", "not TOML"),
+    ("a = 1\na = 2\n", "line 2, column 6", "not TOML"),
+    (b'name = "x"\nb = "\xff"\n', "line 2", "not UTF-8"),
+    ("a = " + "1" * 5000, "", "not TOML that can be read"),
+    ("a = " + "[" * 20000, "", "not TOML"),
+]
+
+
+@pytest.mark.parametrize(("text", "key", "words"), UNREADABLE)
+def test_file_that_is_not_toml_is_named_with_its_line(tmp_path, text, key, words):
+    (problem,) = problems_of(write(tmp_path, robot=text))
+    assert (problem.file, problem.key) == (str(tmp_path / "robot.toml"), key)
+    assert words in problem.allowed
+    (problem,) = problems_of(write(tmp_path, scenario=text))
+    assert (problem.file, problem.key) == (str(tmp_path / "scenario.toml"), key)
+
+
+def test_file_that_is_not_there_is_named_with_the_nearest(tmp_path):
+    write(tmp_path)
+    (problem,) = problems_of(tmp_path / "scenari.toml")
+    assert problem.file == str(tmp_path / "scenari.toml")
+    assert "no such file" in problem.allowed and "did you mean scenario.toml?" in problem.allowed
+
+
+def test_directory_in_place_of_a_file_is_named(tmp_path):
+    (problem,) = problems_of(tmp_path)
+    assert (problem.file, problem.allowed) == (str(tmp_path), "is a directory, not a file")
+
+
+def test_name_too_long_for_a_file_is_no_accident(tmp_path):
+    (problem,) = problems_of(tmp_path / ("x" * 5000))
+    assert "cannot be read" in problem.allowed
+
+
+def test_every_mistake_of_both_files_is_reported_at_once(tmp_path):
+    robot = changed(
+        ROBOT,
+        {"backbone.density": -1, "disks.mas": 1, "tendons.0.offset": 6e-3, "tendons.1.end": 0.16,
+         "tendons.1.turns": 3, "tendons.3.routing": "helix", "tendons.3.offset": 0.1},
+    )  # fmt: skip
+    scenario = changed(
+        SCENARIO,
+        {"model.friction": 1, "model.gravity": [0], "steps.0.tensions.t9": -1, "steps.0.loads.tip.at": 9,
+         "steps.1.label": 1},
+    )  # fmt: skip
+    found = {(Path(p.file).name, p.key) for p in problems_of(write(tmp_path, robot, scenario))}
+    assert found == {
+        ("robot.toml", "backbone.density"),
+        ("robot.toml", "disks.mas"),
+        ("robot.toml", "tendons[0].offset"),
+        ("robot.toml", "tendons[1].end"),
+        ("robot.toml", "tendons[1].turns"),
+        ("robot.toml", "tendons[3].routing"),
+        ("robot.toml", "tendons[3].offset"),
+        ("scenario.toml", "model.friction"),
+        ("scenario.toml", "model.gravity"),
+        ("scenario.toml", "steps[0].tensions.t9"),
+        ("scenario.toml", "steps[0].loads.tip.at"),
+        ("scenario.toml", "steps[1].label"),
+    }
+
+
+def test_mistake_in_one_part_does_not_hide_a_contradiction_elsewhere(tmp_path):
+    found = problems_of(write(tmp_path, changed(ROBOT, {"backbone.length": -1, "tendons.0.offset": 6e-3})))
+    assert [p.key for p in found] == ["backbone.length", "tendons[0].offset"]
+
+
+@given(st.integers(10**300, 10**320))
+def test_number_beyond_all_floats_is_refused(tmp_path_factory, number):
+    path = write(tmp_path_factory.mktemp("big"), changed(ROBOT, {"backbone.length": number}))
+    assert problems_of(path)
+
+
+leaf = st.one_of(
+    st.booleans(), st.integers(), st.floats(), st.text(max_size=5), st.just([]), st.just({}), st.just([[1.0]])
+)
+
+
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@given(st.data())
+def test_no_value_in_any_place_is_an_accident(tmp_path_factory, data):
+    """Any value in any place is taken or refused; nothing else comes out."""
+    folder = tmp_path_factory.mktemp("any")
+    texts = []
+    for text in (ROBOT, SCENARIO):
+        places = list(paths(tomllib.loads(text)))
+        chosen = data.draw(st.lists(st.sampled_from(places), max_size=2, unique=True))
+        chosen = [c for c in chosen if not any(o != c and c.startswith(o) for o in chosen)]
+        texts.append(changed(text, {place: data.draw(leaf) for place in chosen}))
+    path = write(folder, *texts)
+    try:
+        read_scenario(path)
+    except InputError as error:
+        assert all(p.file and p.allowed for p in error.problems)
+
+
+def paths(data, prefix=""):
+    for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+        yield f"{prefix}{key}"
+        if isinstance(value, dict | list):
+            yield from paths(value, f"{prefix}{key}.")
+
+
+def test_further_table_gets_table_robot_and_model_and_changes_them(tmp_path, monkeypatch):
+    def read(table, robot, model, steps, report):
+        if table["g"] < 0:
+            report("weight.g", str(table["g"]), "zero or more")
+        return robot.with_backbone(density=1.0), Model(gravity=(table["g"], 0.0, 0.0)), steps
+
+    monkeypatch.setitem(files.EXTRA_TABLES, "weight", read)
+    scenario = read_scenario(write(tmp_path, scenario=changed(SCENARIO, {"weight": {"g": 2.0}})))
+    assert (scenario.model.gravity, scenario.robot.backbone.density) == ((2.0, 0.0, 0.0), 1.0)
+    (problem,) = problems_of(write(tmp_path, scenario=changed(SCENARIO, {"weight": {"g": -2.0}})))
+    assert problem.key == "weight.g"
+
+
+# ---------------------------------------------------------------------------------------------- written back
+
+number = st.floats(0.0, 4.9e-3)
+routing = st.one_of(
+    st.builds(ParallelRouting, number, st.floats(-360, 360)),
+    st.builds(HelicalRouting, number, st.floats(-5, 5), st.floats(-360, 360)),
+    st.builds(ConvergingRouting, number, number, st.floats(-360, 360)),
+)
+
+
+@given(
+    count=st.integers(1, 20),
+    length=st.floats(0.05, 2.0),
+    routings=st.lists(routing, max_size=4),
+    name=st.text(min_size=1, max_size=10).filter(lambda x: x.isprintable() and x == x.strip()),
+    stiffness=st.none() | st.floats(1e-6, 1e6),
+)
+def test_robot_written_and_read_is_the_same(tmp_path_factory, count, length, routings, name, stiffness):
+    disks = Disks.equally_spaced(count, length, mass=1e-3, radius=5e-3)
+    robot = Robot(
+        Backbone(length, 0.4e-3, 85e9, 0.3, 5600.0, bending_stiffness=stiffness),
+        disks,
+        tuple(
+            Tendon(f"{name}{i}", r, 0.1 * i, disks.positions[i % count] if i else None, stiffness)
+            for i, r in enumerate(routings)
+        ),
+        name,
+    )
+    path = tmp_path_factory.mktemp("robot") / "robot.toml"
+    path.write_text(robot_to_toml(robot), "utf-8")
+    assert read_robot(path) == robot
+
+
+def test_free_holes_and_positions_written_and_read_are_the_same(tmp_path):
+    positions = (0.1, 0.17, 0.25)
+    holes = ((1e-3, 0.0), (0.0, 2e-3), (-1e-3, 1e-4))
+    robot = Robot(
+        Backbone(0.25, 0.4e-3, 85e9, 0.3),
+        Disks(positions, thickness=1e-3),
+        (Tendon("t1", PointsRouting((0.0, 0.1, 0.17), holes), end=0.17),),
+    )
+    path = tmp_path / "robot.toml"
+    path.write_text(robot_to_toml(robot))
+    assert read_robot(path) == robot
+
+
+def test_what_the_format_cannot_express_is_refused_and_named():
+    robot = Robot(
+        Backbone(0.25, 0.4e-3, 85e9, 0.3, precurvature=(0.1, 0.0), patches=(StiffnessPatch(0.0, 0.1, 0.5),)),
+        Disks.equally_spaced(5, 0.25),
+        (Tendon("t1", TwistedRouting(ParallelRouting(1e-3), 0.1), adhesion=0.01, clearance=1e-4),),
+        tip_mass=0.01,
+    )
+    with pytest.raises(ValueError, match=r"robot\.toml cannot express") as caught:
+        robot_to_toml(robot)
+    for word in ("precurvature", "patches", "tip_mass", "adhesion", "clearance", "twisted"):
+        assert word in str(caught.value)
+    assert "superelastic" not in str(caught.value)
+
+
+def test_scenario_and_model_written_and_read_are_the_same(tmp_path):
+    scenario = read_scenario(write(tmp_path))
+    text = scenario_to_toml(scenario.model, scenario.steps)
+    again = read_scenario(write(tmp_path, scenario=text))
+    assert (again.model, again.steps) == (scenario.model, scenario.steps)
+    (tmp_path / "model.toml").write_text(model_to_toml(scenario.model))
+    assert read_model(tmp_path / "model.toml") == scenario.model
+
+
+# ------------------------------------------------------------------------------------------------- the docs
+
+PAGE = Path(__file__).parents[2] / "docs" / "files.md"
+
+
+def test_example_in_the_docs_is_read_without_mistake(tmp_path):
+    robot, scenario = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    read = read_scenario(write(tmp_path, robot, scenario))
+    assert [len(read.robot.holes(t)) for t in read.robot.tendons] == [11, 6, 11, 3]
+    assert [s.label for s in read.steps] == ["pull", "push the tip", "twist and let go"]
+
+
+def test_every_key_is_explained_in_the_docs():
+    text = PAGE.read_text("utf-8")
+    tables = [files._RobotFile, files._BackboneTable, files._DisksTable, files._UnknownTendon]
+    tables += [files._ScenarioFile, files._ModelTable, files._StepTable, files._LoadTable]
+    for table in tables:
+        for key in table.model_fields:
+            assert any(f"`{form}`" in text for form in (key, f"[{key}]", f"[[{key}]]")), key
+
+
+def test_example_of_mistakes_in_the_docs_is_what_is_printed(tmp_path, monkeypatch):
+    robot, scenario = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    (printed,) = re.findall(r"```text\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    robot = robot.replace("end = 0.125", "end = 0.13").replace("[backbone]", "[backbone]\nlenght = 0.25")
+    scenario = scenario.replace("per-hole", "per_hole").replace("free = 0.2", "t2 = 1.5")
+    write(tmp_path, robot, scenario)
+    monkeypatch.chdir(tmp_path)
+    lines = [str(p) for p in problems_of(Path("scenario.toml"))]
+    for shown, line in zip(printed.splitlines()[1:], lines, strict=True):
+        assert line.startswith(shown.strip().removesuffix(", ..."))

@@ -1,0 +1,131 @@
+"""Measured data: what is read is what was written, and every bad row is named."""
+
+import math
+
+import pytest
+from robots import three
+
+from tdcr_fe.io.measured import MeasuredData, Reading, read_measured, write_measured
+from tdcr_fe.io.toml import InputError
+from tdcr_fe.model.loading import Load, LoadStep, Model
+
+
+@pytest.fixture
+def folder(tmp_path):
+    robot = three(mu=0.1)
+    steps = tuple(
+        LoadStep(
+            label=str(n), tensions={"t1": t, "t2": 0.0, "t3": 0.0}, loads={"tip": Load(0.25, (0.0, f, 0.0))}
+        )
+        for n, t, f in ((1, 0.5, 0.0), (2, 1.0, 0.0), (4, 1.0, 0.02))
+    )
+    readings = [Reading(n, f"position_{a}", 0.25, 0.1, 1e-4) for n in (1, 2, 4) for a in "xyz"]
+    readings += [Reading(2, "bending_angle", None, 0.7), Reading(4, "distal_tension", "t1", 0.8, 0.01)]
+    data = MeasuredData(
+        "x", robot, Model(gravity=(0.0, 0.0, -9.81)), (1, 2, 4), steps, ("",) * 3, tuple(readings)
+    )
+    write_measured(data, tmp_path / "set")
+    return tmp_path / "set"
+
+
+def test_what_is_written_is_read(folder):
+    data = read_measured(folder)
+    assert data.step_ids == (1, 2, 4) and data.left_out == () and data.model.gravity == (0.0, 0.0, -9.81)
+    assert data.steps[2].loads["tip"].force == (0.0, 0.02, 0.0)
+    assert [(r.quantity, r.location, r.sigma) for r in data.readings[-2:]] == [
+        ("bending_angle", None, None),
+        ("distal_tension", "t1", 0.01),
+    ]
+    assert data.robot == three(mu=0.1)
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "hint"),
+    [
+        ("2,position_x,0.25,nan,1e-4", "value", "finite"),
+        ("2,position_x,0.25,,1e-4", "value", "finite"),
+        ("3,position_x,0.2,0.1,1e-4", "step", "loading.csv"),
+        ("two,position_x,0.2,0.1,1e-4", "step", "loading.csv"),
+        ("2,position_x,0.25,0.1,1e-4", "step", "line 5"),
+        ("2,position_q,0.25,0.1,1e-4", "quantity", "did you mean"),
+        ("2,position_x,0.3,0.1,1e-4", "location", "0 to 0.25"),
+        ("2,position_x,250,0.1,1e-4", "location", "mm"),
+        ("2,position_x,,0.1,1e-4", "location", "arc length"),
+        ("2,distal_tension,t9,0.1,1e-4", "location", "t1, t2, t3"),
+        ("2,chord_angle,0.25,0.1,1e-4", "location", "empty"),
+        ("2,position_x,0.2,85.3,1e-4", "value", "mm"),
+        ("2,chord_angle,,41.5,1e-4", "value", "degrees"),
+        ("2,chord_angle,,-1.0,1e-4", "value", "0 to pi"),
+        ("2,position_x,0.2,0.1,0", "sigma", "positive"),
+        ("2,position_x,0.2,0.1,-1e-4", "sigma", "positive"),
+        ("2,position_x,0.2,0.1,inf", "sigma", "positive"),
+        ("2,position_x,0.2,0.1,0.2", "sigma", "mm"),
+    ],
+)
+def test_a_bad_reading_is_left_out_by_name(folder, row, column, hint):
+    path = folder / "observations.csv"
+    path.write_text(path.read_text() + row + "\n")
+    data = read_measured(folder)
+    (bad,) = data.left_out
+    assert (bad.file, bad.line, bad.column) == ("observations.csv", 13, column)
+    assert hint in bad.allowed
+    assert len(data.readings) == 11
+    with pytest.raises(InputError) as caught:
+        read_measured(folder, strict=True)
+    assert "line 13" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "hint"),
+    [
+        ("2,1.0,0.0", "2,,0.0", "history"),
+        ("2,1.0,0.0", "2,-1.0,0.0", "zero or more"),
+        ("2,1.0,0.0", "1,1.0,0.0", "more than once"),
+        ("tension_t1", "tension_t7", "unknown column"),
+        ("force_x", "tension_t1", "more than once"),
+    ],
+)
+def test_a_bad_loading_sequence_is_refused(folder, old, new, hint):
+    path = folder / "loading.csv"
+    path.write_text(path.read_text().replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        read_measured(folder)
+    assert "loading.csv" in str(caught.value) and hint in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["robot.toml", "loading.csv", "observations.csv"])
+def test_a_missing_file_is_named(folder, name):
+    (folder / name).unlink()
+    with pytest.raises(InputError, match=name):
+        read_measured(folder)
+
+
+def test_a_table_in_millimetres_altogether_is_refused(folder):
+    path = folder / "observations.csv"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([lines[0], *(r.replace(",0.1,", ",100.0,") for r in lines[1:10])]) + "\n")
+    with pytest.raises(InputError) as caught:
+        read_measured(folder)
+    assert len(caught.value.problems) == 9 and all("mm" in p.allowed for p in caught.value.problems)
+
+
+def test_missing_columns_and_empty_files_are_named(folder):
+    (folder / "observations.csv").write_text("step,quantity,location,value\n1,position_x,0.25,0.1\n")
+    with pytest.raises(InputError, match="sigma"):
+        read_measured(folder)
+    (folder / "observations.csv").write_text("")
+    with pytest.raises(InputError, match=r"observations\.csv"):
+        read_measured(folder)
+
+
+def test_a_reading_of_an_unknown_step_cannot_be_made():
+    with pytest.raises(ValueError, match="step 9"):
+        MeasuredData(
+            "x",
+            three(),
+            Model(),
+            (1,),
+            (LoadStep(),),
+            ("",),
+            (Reading(9, "tip_offset", None, math.pi / 100),),
+        )

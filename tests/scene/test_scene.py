@@ -1,0 +1,412 @@
+"""A robot in anybody's scene: base, other bodies, several robots, hooks of the user, reading and setting."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import exudyn as exu
+import exudyn.itemInterface as eii
+import numpy as np
+import pytest
+from robots import BACKBONE, LENGTH, distance, paper, pull, scene, solve, three
+from scipy.spatial.transform import Rotation
+
+import tdcr_fe.solve.statics  # noqa: F401  (binds mbs.SolveTDCR)
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.scene.builder import CreateTDCR
+
+MODEL = Model(friction="per-hole", elements_per_bay=1)
+STRAIGHT = np.array([0.0, 0.0, LENGTH])
+
+
+def tip_alone(mu: float = 0.3, tension: float = 1.0, **load) -> np.ndarray:
+    """Tip of the paper's robot on ground."""
+    loads = {"tip": Load(LENGTH, **load)} if load else {}
+    return solve(paper(mu), [LoadStep("", {"t1": tension}, loads=loads)]).tips[-1]
+
+
+def solved(mbs, handle, *tensions: float) -> None:
+    for t in tensions:
+        handle.set_tensions([t])
+        mbs.SolveTDCR()
+
+
+# ---------------------------------------------------------------- base
+
+
+def test_plain_function_and_method_are_the_same():
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    handle = mbs.CreateTDCR(paper(0.3), MODEL)
+    mbs.Assemble()
+    solved(mbs, handle, 1.0)
+    assert distance(handle.tip_position, tip_alone()) < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_moving_the_base_moves_the_answer(seed):
+    """Anywhere, and any way up."""
+    turn = Rotation.random(random_state=seed).as_matrix()
+    at = np.random.default_rng(seed).normal(size=3)
+    _keep, mbs, handle = scene(paper(0.3), basePosition=at, baseRotationMatrix=turn)
+    assert distance(handle.tip_position, at + turn @ STRAIGHT) < 1e-12
+    solved(mbs, handle, 1.0, 2.0, 1.0)
+    expected = solve(paper(0.3), pull(1.0, 2.0, 1.0)).steps[-1]
+    assert distance(handle.tip_position, at + turn @ expected.tip) < 1e-9
+    assert handle.tip_rotation == pytest.approx(turn @ expected.rotations[-1], abs=1e-8)
+
+
+def test_base_on_a_body_that_gives_way():
+    """A robot on a platform on a spring that turns about y: the platform carries the robot's tip load.
+
+    Moment at the hinge by the tip force F along x: F z_tip = k phi, with everything turned by phi.
+    """
+    stiffness, force = 0.5, 0.05
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.AddObject(eii.ObjectGround())))
+    node = mbs.AddNode(eii.NodeRigidBodyEP(referenceCoordinates=[0, 0, 0, 1, 0, 0, 0]))
+    body = mbs.AddObject(
+        eii.ObjectRigidBody(nodeNumber=node, mass=1.0, inertia=[1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+    )
+    platform = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body))
+    mbs.AddObject(eii.GenericJoint(markerNumbers=[ground, platform], constrainedAxes=[1, 1, 1, 1, 0, 1]))
+    k = np.diag([0.0, 0.0, 0.0, 0.0, stiffness, 0.0])
+    mbs.AddObject(eii.RigidBodySpringDamper(markerNumbers=[ground, platform], stiffness=k, damping=0.0 * k))
+    handle = CreateTDCR(mbs, paper(0.3), MODEL, baseMarker=platform)
+    load = handle.add_load("tip", LENGTH)
+    mbs.Assemble()
+    load.set([force, 0.0, 0.0])
+    solved(mbs, handle, 1.0)
+    r = handle.shape()[1][0]
+    phi = np.arctan2(r[0, 2], r[2, 2])
+    assert stiffness * phi == pytest.approx(force * handle.tip_position[2], rel=1e-6)
+    local = r.T @ [force, 0.0, 0.0]
+    assert distance(r.T @ handle.tip_position, tip_alone(force=tuple(local))) < 1e-8
+
+
+def test_base_of_a_robot_at_the_tip_of_another():
+    """The second robot stands on the first one's tip; unloaded it only goes along."""
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    first = CreateTDCR(mbs, paper(0.3), MODEL, name="first")
+    second = CreateTDCR(mbs, paper(0.3), MODEL, name="second", basePosition=STRAIGHT, baseMarker=first.mTip)
+    mbs.Assemble()
+    first.set_tensions([1.0])
+    mbs.SolveTDCR()
+    assert distance(first.tip_position, tip_alone()) < 1e-8
+    expected = first.tip_position + first.tip_rotation @ STRAIGHT
+    assert distance(second.tip_position, expected) < 1e-7
+    second.set_tensions([1.0])
+    mbs.SolveTDCR()
+    assert distance(first.tip_position, tip_alone()) < 1e-8
+    assert distance(second.tip_position, first.tip_position + first.tip_rotation @ tip_alone()) < 1e-7
+
+
+# ---------------------------------------------------------------- several robots
+
+
+def test_two_robots_do_not_disturb_each_other():
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    a = CreateTDCR(mbs, paper(0.3), MODEL, name="a")
+    b = CreateTDCR(
+        mbs,
+        three(0.3),
+        Model(friction="per-tendon", elements_per_bay=2),
+        name="b",
+        basePosition=[1.0, 0.0, 0.0],
+    )
+    mbs.Assemble()
+    a.set_tensions([1.0])
+    b.set_tensions({"t2": 0.7})
+    mbs.SolveTDCR()
+    assert distance(a.tip_position, tip_alone()) < 1e-8
+    alone = solve(three(0.3), [LoadStep("", {"t2": 0.7})], friction="per-tendon", elements_per_bay=2)
+    assert distance(b.tip_position - [1.0, 0.0, 0.0], alone.tips[-1]) < 1e-8
+
+
+def test_two_robots_coupled_by_a_spring_pull_each_other():
+    """Mirror images joined at their tips: each sees half the spring's stretch; the forces are equal."""
+    k, gap = 2.0, 0.1
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    a = CreateTDCR(mbs, paper(0.3, 180.0), MODEL, name="a")
+    b = CreateTDCR(mbs, paper(0.3, 0.0), MODEL, name="b", basePosition=[gap, 0.0, 0.0])
+    mbs.AddObject(eii.SpringDamper(markerNumbers=[a.mTip, b.mTip], stiffness=k, referenceLength=gap))
+    mbs.Assemble()
+    a.set_tensions([1.0])
+    b.set_tensions([1.0])
+    mbs.SolveTDCR()
+    pa, pb = a.tip_position, b.tip_position
+    assert distance(pa * [-1, 1, 1] + [gap, 0, 0], pb) < 1e-7
+    force = k * (np.linalg.norm(pb - pa) - gap)
+    assert force > 0.01
+    alone = solve(
+        paper(0.3, 0.0), [LoadStep("", {"t1": 1.0}, loads={"tip": Load(LENGTH, (-force, 0.0, 0.0))})]
+    ).tips[-1]
+    assert distance(pb - [gap, 0, 0], alone) < 1e-4
+
+
+def test_two_robots_of_one_name_are_refused():
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    CreateTDCR(mbs, paper(), MODEL)
+    with pytest.raises(ValueError, match="another name"):
+        CreateTDCR(mbs, paper(), MODEL)
+
+
+def test_scene_without_robot_or_assembly_is_refused():
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    with pytest.raises(ValueError, match="CreateTDCR"):
+        mbs.SolveTDCR()
+    CreateTDCR(mbs, paper(), MODEL)
+    with pytest.raises(ValueError, match="Assemble"):
+        mbs.SolveTDCR()
+
+
+# ---------------------------------------------------------------- hooks
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_hooks_of_the_user_live_beside_ours(when):
+    """A spring that the user sets from a hook, with its Jacobian, acts in `SolveTDCR` as a spring item does."""
+    k = 3.0
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    calls = {"residual": 0, "post": 0, "jacobian": 0}
+
+    def user(handle_of, load_of):
+        def residual(mbs_, t, newton, discontinuous):
+            calls["residual"] += 1
+            handle, load = handle_of(), load_of()
+            load.set([-k * handle.tip_position[0], 0.0, 0.0])
+
+        def jacobian(mbs_, t, f2, f2t, f1):
+            calls["jacobian"] += 1
+            n = mbs_.systemData.ODE2Size() + mbs_.systemData.ODE1Size() + mbs_.systemData.AEsize()
+            m = np.zeros((n, n))
+            i = mbs_.GetNodeODE2Index(handle_of().nNodes[-1])
+            m[i, i] = -f2 * k  # derivative of the force
+            container = exu.MatrixContainer()
+            container.SetWithDenseMatrix(m, useDenseMatrix=False)
+            return container
+
+        def post(mbs_, t):
+            calls["post"] += 1
+            return True
+
+        mbs.SetPreNewtonResidualUserFunction(residual)
+        mbs.SetSystemJacobianUserFunction(jacobian)
+        mbs.SetPostStepUserFunction(post)
+
+    made = {}
+    if when == "before":
+        user(lambda: made["handle"], lambda: made["load"])
+    made["handle"] = handle = CreateTDCR(mbs, paper(0.3), MODEL)
+    made["load"] = handle.add_load("user", LENGTH)
+    if when == "after":
+        user(lambda: made["handle"], lambda: made["load"])
+    mbs.Assemble()
+    solved(mbs, handle, 1.0)
+    assert calls["residual"] > 0 and calls["jacobian"] > 0
+    x = handle.tip_position[0]
+    assert distance(handle.tip_position, tip_alone(force=(-k * x, 0.0, 0.0))) < 1e-7
+    assert handle.tensions()["t1"][-1] < 0.99
+
+
+# ---------------------------------------------------------------- handle
+
+
+def test_what_was_made_is_there():
+    _keep, mbs, handle = scene(three(0.3), assemble=False)
+    assert len(handle.nNodes) == 14 and len(handle.oBeams) == 13 and len(handle.bDisks) == 13
+    assert [len(m) for m in handle.mHoles] == [14] * 3
+    assert [len(o) for o in handle.oTendons] == [13] * 3
+    sensors = handle.add_sensors()
+    assert {"tip_position", "tip_rotation", "tension_t1", "anchor_tension_t3"} <= set(sensors)
+    mbs.Assemble()
+    for markers, tendon in zip(handle.mHoles, handle.robot.tendons, strict=True):
+        for marker, hole, s in zip(
+            markers, handle.robot.holes(tendon), handle.robot.hole_arc_lengths(tendon), strict=True
+        ):
+            at = mbs.GetMarkerOutput(marker, exu.OutputVariableType.Position, exu.ConfigurationType.Reference)
+            assert at == pytest.approx([*hole, s], abs=1e-12)
+
+
+def test_setting_and_reading():
+    _keep, mbs, handle = scene(three(0.3))
+    handle.set_tensions({"t1": 1.0})
+    handle.set_displacements({"t2": 1e-3})
+    mbs.SolveTDCR()
+    t, states = handle.tensions(), handle.hole_states()
+    assert t["t1"].shape == (13,) and t["t1"][0] == 1.0
+    assert np.all(t["t3"] == 0.0)
+    assert handle.displacements()["t2"] == pytest.approx(1e-3, abs=1e-9)
+    handle.set_displacements({"t2": -8e-3})
+    mbs.SolveTDCR()
+    assert handle.tensions()["t2"][0] == 0.0  # let out: slack, and what was let out is what is told
+    assert handle.displacements()["t2"] == -8e-3
+    handle.set_displacements({"t2": 1e-3})
+    mbs.SolveTDCR()
+    t, states = handle.tensions(), handle.hole_states()
+    assert len(states["t1"]) == 13 and states["t1"][-1] == "anchor"
+    assert handle.position_at(0.0) == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+    assert handle.position_at(np.array([0.1, LENGTH]))[1] == pytest.approx(handle.tip_position, abs=1e-12)
+    p, r = handle.shape()
+    assert p.shape == (14, 3) and r.shape == (14, 3, 3)
+    assert np.linalg.det(r) == pytest.approx(np.ones(14))
+
+
+def test_drawn_connectors_carry_the_tensions():
+    """What Exudyn's own items say: the force of every segment, and the sensors."""
+    _keep, mbs, handle = scene(paper(0.3), assemble=False)
+    sensors = handle.add_sensors()
+    mbs.Assemble()
+    solved(mbs, handle, 1.0)
+    out = [mbs.GetObjectOutput(o, exu.OutputVariableType.ForceLocal) for o in handle.oTendons[0]]
+    assert np.abs(np.ravel(out)) == pytest.approx(handle.tensions()["t1"], rel=1e-12)
+    assert mbs.GetSensorValues(sensors["tip_position"]) == pytest.approx(handle.tip_position, abs=1e-12)
+    assert abs(mbs.GetSensorValues(sensors["anchor_tension_t1"])) == pytest.approx(
+        handle.tensions()["t1"][-1]
+    )
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda h: h.set_tensions({"x": 1.0}), "no tendon 'x'"),
+        (lambda h: h.set_tensions([1.0, 2.0]), "2 values for 3 tendons"),
+        (lambda h: h.set_tensions({"t1": -1.0}), "tension >= 0"),
+        (lambda h: h.set_displacements({"t1": float("nan")}), "finite"),
+    ],
+)
+def test_wrong_inputs_are_named(call, words):
+    _keep, _, handle = scene(three())
+    with pytest.raises(ValueError, match=words):
+        call(handle)
+
+
+def test_loads_and_markers_need_a_node():
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    handle = CreateTDCR(mbs, paper(), MODEL, loadPositions=[0.123])
+    handle.add_load("x", 0.123)
+    with pytest.raises(KeyError, match="nearest"):
+        handle.add_load("y", 0.124)
+    with pytest.raises(ValueError, match="already"):
+        handle.add_load("x", LENGTH)
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        (Model(tendon_path="curved"), "tendon_path"),
+        (Model(elements_per_bay=0), "1 or more"),
+        (Model(friction="sticky"), "friction 'sticky'"),
+        (Model(tendon_path="continuous", friction="per-tendon"), "no friction"),
+    ],
+)
+def test_wrong_models_are_refused(model, words):
+    keep = exu.SystemContainer()
+    with pytest.raises(ValueError, match=words):
+        CreateTDCR(keep.AddSystem(), paper(), model)
+
+
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [
+        ({"loadPositions": [0.3]}, "0 to 0.25 m"),
+        ({"baseRotationMatrix": 2.0 * np.eye(3)}, "must be a rotation"),
+        ({"baseRotationMatrix": np.diag([1.0, 1.0, -1.0])}, "reflection"),
+    ],
+)
+def test_wrong_arguments_are_refused(argument, words):
+    keep = exu.SystemContainer()
+    with pytest.raises(ValueError, match=words):
+        CreateTDCR(keep.AddSystem(), paper(), MODEL, **argument)
+
+
+def test_reading_before_assembly_says_what_to_do_and_before_solving_tells_the_unloaded_state():
+    _keep, mbs, handle = scene(three(0.3), assemble=False)
+    for read in (lambda: handle.tip_position, handle.tensions, handle.hole_states, handle.displacements):
+        with pytest.raises(ValueError, match=r"mbs\.Assemble"):
+            read()
+    mbs.Assemble()
+    assert distance(handle.tip_position, STRAIGHT) < 1e-12
+    assert np.all(handle.tensions()["t2"] == 0.0)
+    assert handle.hole_states()["t1"][:2] == ("stick", "stick")
+    assert handle.displacements()["t1"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_system_that_was_reset_can_be_used_again():
+    _keep, mbs, handle = scene(paper(0.3))
+    solved(mbs, handle, 1.0)
+    mbs.Reset()
+    again = CreateTDCR(mbs, paper(0.3), MODEL)
+    mbs.Assemble()
+    solved(mbs, again, 1.0)
+    assert distance(again.tip_position, tip_alone()) < 1e-9
+
+
+def test_a_robot_added_later_joins_the_first():
+    """Assemble again: all robots begin unloaded, with the inputs that were set."""
+    _keep, mbs, handle = scene(paper(0.3))
+    solved(mbs, handle, 1.0)
+    second = CreateTDCR(mbs, paper(0.3), MODEL, name="second", basePosition=[0.1, 0.0, 0.0])
+    mbs.Assemble()
+    second.set_tensions([0.5])
+    mbs.SolveTDCR()
+    assert distance(second.tip_position - [0.1, 0.0, 0.0], tip_alone(tension=0.5)) < 1e-7
+    assert distance(handle.tip_position, tip_alone()) < 1e-3
+
+
+def test_history_goes_on_from_call_to_call_and_can_be_forgotten():
+    _keep, mbs, handle = scene(paper(0.3))
+    solved(mbs, handle, 2.0, 1.0)
+    expected = solve(paper(0.3), pull(2.0, 1.0)).tips
+    assert distance(handle.tip_position, expected[-1]) < 1e-4
+    assert "release" in handle.hole_states()["t1"]
+    handle.reset()
+    assert np.all(handle.actuation.state.mobilisation == 0.0)
+
+
+def test_payload_disks_and_backbone_weigh_what_they_should():
+    """Reaction of the base to gravity along the backbone: shortening of the lowest element is weight / EA."""
+    robot = replace(three(), tip_mass=0.01)
+    g = 9.81
+    step = solve(robot, [LoadStep("")], gravity=(0.0, 0.0, g)).steps[0]
+    h = step.s[1]
+    above = 0.01 + 13 * 0.17e-3 + BACKBONE.mass_per_length * (LENGTH - h / 2)
+    assert step.positions[1][2] - h == pytest.approx(above * g * h / BACKBONE.EA, rel=1e-4)
+
+
+def test_robot_without_tendons_in_a_scene():
+    _keep, mbs, handle = scene(Robot(BACKBONE, paper().disks, (), name="rod"), assemble=False)
+    load = handle.add_load("tip", LENGTH)
+    mbs.Assemble()
+    load.set([0.0, 0.05, 0.0])
+    mbs.SolveTDCR()
+    assert handle.tensions() == {} and handle.hole_states() == {}
+    assert handle.tip_position[1] > 0.1
+
+
+def test_joint_of_the_base_bears_the_load_and_the_robot_follows_what_it_sits_on():
+    """Force of the base joint against the tip force; the ground moved between two solves takes everything along."""
+    _keep, mbs, handle = scene(paper(0.3), assemble=False)
+    push = handle.add_load("push", LENGTH)
+    mbs.Assemble()
+    handle.set_tensions({"t1": 1.0})
+    force = np.array([0.01, 0.02, -0.03])
+    push.set(force.tolist())
+    mbs.SolveTDCR()
+    # Tendons pull between base node and anchor: inside the robot.
+    born = np.array(mbs.GetObjectOutput(handle.oBaseJoint, exu.OutputVariableType.ForceLocal))
+    assert np.sign(born @ force) * born == pytest.approx(force, abs=1e-8)
+    before = handle.tip_position.copy()
+    ground = mbs.GetObjectNumber(f"{handle.name}.ground")
+    mbs.SetObjectParameter(ground, "referencePosition", [0.01, 0.02, 0.0])
+    mbs.SolveTDCR()
+    assert handle.tip_position - before == pytest.approx([0.01, 0.02, 0.0], abs=1e-9)

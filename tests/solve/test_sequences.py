@@ -1,0 +1,178 @@
+"""Loading sequences with history: reversals, bounds, paths, driven tendons."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from balance import cables, capstan_violation, divide, random_cycles
+from robots import BACKBONE, DISKS, LENGTH, degrees, distance, paper, pull, solve, tendon, three
+
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.solve.simulate import SolverSettings, simulate
+
+
+def test_ten_random_cycles_on_three_tendons_converge_within_the_capstan_bounds():
+    robot = three(0.3)
+    result = solve(robot, random_cycles(robot, 10, seed=3))
+    assert max(capstan_violation(robot, s) for s in result.steps) < 1e-8
+
+
+@pytest.mark.parametrize("friction", ["per-tendon", "per-hole"])
+def test_ratio_is_at_a_bound_where_a_hole_slips_and_inside_where_it_sticks(friction):
+    robot = paper(0.3)
+    for step in solve(robot, pull(1.0, 2.0, 1.9, 1.5, 0.5, 0.7, 1.8), friction=friction).steps:
+        (_, angle), t = cables(robot, step)[0], step.tensions[0]
+        share = np.log(t[:-1] / t[1:]) / (0.3 * angle)
+        for state, x in zip(step.hole_states[0], share, strict=False):
+            if state == "pull":
+                assert x == pytest.approx(1.0, abs=1e-8)
+            elif state == "release":
+                assert x == pytest.approx(-1.0, abs=1e-8)
+            else:
+                assert -1.0 < x < 1.0
+
+
+def test_holes_let_go_from_the_base_on():
+    """After a reversal, release-slip spreads from the base plate: no hole lets go before its neighbour."""
+    seen = []
+    for step in solve(paper(0.3), pull(2.0, 1.8, 1.6, 1.4, 1.2, 1.0)).steps[1:]:
+        order = ["release", "stick", "pull", "anchor"]
+        ranks = [order.index(s) for s in step.hole_states[0]]
+        assert ranks == sorted(ranks)
+        seen.append(step.hole_states[0].count("release"))
+    assert seen == sorted(seen) and seen[-1] == 12
+
+
+def test_hysteresis_the_robot_stays_bent_on_the_way_back():
+    """At the same tension, released lies above pulled, and the loop closes at zero tension."""
+    angle = degrees(solve(paper(0.3), pull(0.5, 1.0, 1.5, 1.0, 0.5, 0.0)))
+    assert angle[3] > angle[1] + 5.0 and angle[4] > angle[0] + 1.5
+    assert angle[5] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_closed_loop_of_tension_repeats():
+    """After the first cycle the tip goes through the same places again."""
+    angle = degrees(solve(paper(0.3), pull(2.0, *([0.5, 2.0] * 3))))
+    assert angle[1::2] == pytest.approx(angle[1], abs=2e-3)
+    assert angle[0::2] == pytest.approx(angle[0], abs=2e-3)
+
+
+def test_dividing_the_steps_changes_the_path_within_the_tolerance():
+    """Default settings promise 2e-5 of the length a substep; four times the steps: within ten times that."""
+    coarse = [
+        LoadStep("", {"t1": 1.5, "t2": 0.5}),
+        LoadStep("", {"t1": 0.3, "t2": 1.2}, loads={"tip": Load(LENGTH, (0.01, 0.02, 0.0))}),
+        LoadStep("", {"t1": 1.0, "t2": 0.0, "t3": 0.8}),
+    ]
+    robot = three(0.3)
+    fine, _ = divide(robot, coarse, 4)
+    fine = [LoadStep(s.label, s.tensions, loads=s.loads) for s in fine]
+    a, b = solve(robot, coarse), solve(robot, fine)
+    for k in range(3):
+        assert distance(a.tips[k], b.tips[4 * k + 3]) < 2e-4
+
+
+def test_presliding_hardly_matters():
+    """Ten times the distance that a tendon creeps from rest to full friction."""
+    steps = pull(2.0, 1.0, 1.5)
+    a = solve(paper(0.3), steps)
+    b = solve(paper(0.3), steps, SolverSettings(presliding=1e-5))
+    assert distance(a.tips, b.tips) < 2e-3
+
+
+# ---------------------------------------------------------------- driven by displacement
+
+
+@pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
+def test_displacement_driven_is_the_inverse_of_tension_driven(friction):
+    """What tension pulls in, pulled in, asks for that tension: through a reversal as well."""
+    by_tension = solve(paper(0.3), pull(0.5, 1.5, 2.5, 2.0), friction=friction)
+    steps = [LoadStep("", displacements={"t1": float(s.displacements[0])}) for s in by_tension.steps]
+    by_displacement = solve(paper(0.3), steps, friction=friction)
+    for a, b in zip(by_tension.steps, by_displacement.steps, strict=True):
+        assert b.base_tensions == pytest.approx(a.base_tensions, abs=2e-4)
+        assert distance(a.positions, b.positions) < 1e-4
+
+
+def test_displacement_of_an_inextensible_tendon_is_its_shortening():
+    robot = three(0.3)
+    step = solve(robot, [LoadStep("", {"t1": 1.0, "t2": 0.5}, {"t3": -2e-3})]).steps[0]
+    rest = [length.sum() for length, _ in cables(robot, step)]
+    assert LENGTH - np.array(rest)[:2] == pytest.approx(step.displacements[:2], abs=1e-12)
+    assert step.displacements[2] == pytest.approx(LENGTH - rest[2], abs=1e-9) or step.base_tensions[2] == 0.0
+
+
+def test_elastic_tendon_asks_for_more_displacement_by_its_stretch():
+    """No friction: displacement = shortening + T L_now / (EA + T)."""
+    robot = paper(0.0, axial_stiffness=400.0)
+    stiff, soft = solve(paper(0.0), pull(2.0)).steps[0], solve(robot, pull(2.0)).steps[0]
+    assert distance(stiff.tip, soft.tip) < 1e-9
+    length = cables(robot, soft)[0][0].sum()
+    assert soft.displacements[0] - stiff.displacements[0] == pytest.approx(length * 2.0 / 402.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("stiffness", [None, 400.0], ids=["inextensible", "elastic"])
+def test_slack_tendon_carries_nothing_and_comes_back(stiffness):
+    """Let out by more than taut, a tendon has tension zero; taken in again, it works as if it had stayed."""
+    robot = Robot(
+        BACKBONE,
+        DISKS,
+        (tendon("t1", axial_stiffness=stiffness), tendon("t2", 180.0, axial_stiffness=stiffness)),
+    )
+    steps = [
+        LoadStep("", displacements={"t1": 3e-3, "t2": -6e-3}),
+        LoadStep("", displacements={"t1": -4e-3, "t2": -6e-3}),
+        LoadStep("", displacements={"t1": 3e-3}),
+    ]
+    result = solve(robot, steps)
+    assert np.all(np.concatenate([t for s in result.steps for t in s.tensions]) >= 0.0)
+    assert result.steps[0].base_tensions[0] > 0.1 and result.steps[0].base_tensions[1] == 0.0
+    assert np.array_equal(result.steps[1].base_tensions, [0.0, 0.0])
+    assert distance(result.tips[1], np.array([0.0, 0.0, LENGTH])) < 1e-6
+    assert distance(result.tips[2], result.tips[0]) < 1e-6
+
+
+def test_both_ways_of_driving_mixed_and_switched():
+    """One tendon by tension and one by displacement, changed about; what is not named stays as it was."""
+    steps = [
+        LoadStep("", {"t1": 1.0}, {"t2": 0.0}),
+        LoadStep("", {"t3": 0.5}, {"t1": 4e-3}),
+        LoadStep("", {"t1": 0.5, "t2": 0.3}),
+        LoadStep("", {"t1": 0.0, "t2": 0.0, "t3": 0.0}),
+    ]
+    a, b, c, d = solve(three(0.3), steps).steps
+    assert a.base_tensions[0] == 1.0
+    assert a.displacements[1] == pytest.approx(0.0, abs=1e-8) or a.base_tensions[1] == 0.0
+    assert b.displacements[0] == pytest.approx(4e-3, abs=1e-8)
+    assert c.base_tensions == pytest.approx([0.5, 0.3, 0.5], abs=1e-15)
+    assert distance(d.tip, np.array([0.0, 0.0, LENGTH])) < 1e-5
+
+
+# ---------------------------------------------------------------- what a sequence refuses
+
+
+@pytest.mark.parametrize(
+    ("step", "words"),
+    [
+        (LoadStep("", {"nobody": 1.0}), "no tendon 'nobody'"),
+        (LoadStep("", {"t1": -1.0}), "tension >= 0"),
+        (LoadStep("", {"t1": float("nan")}), "finite"),
+        (LoadStep("", {"t1": 1.0}, {"t1": 1e-3}), "a tension and a displacement"),
+        (LoadStep("", loads={"far": Load(0.3)}), "0.25 m"),
+    ],
+)
+def test_a_wrong_step_is_named(step, words):
+    with pytest.raises(ValueError, match=words):
+        simulate(paper(), Model(), [step])
+
+
+@pytest.mark.parametrize("case", ["one doubling", "holes that turn back"])
+def test_a_path_that_is_not_settled_is_told(case, monkeypatch):
+    """Half of the pull let go: four substeps settle it, two are no proof; holes that may turn back are none either."""
+    if case == "holes that turn back":
+        monkeypatch.setattr("tdcr_fe.solve.stepping.LoadStepper._turns_back", lambda self, count: True)
+    most = 2 if case == "one doubling" else 8
+    settled = solve(paper(0.3), pull(1.0, 0.5), settings=SolverSettings(max_divisions=most))
+    assert settled.steps[-1].details["path_error"] > 0.0
+    assert ["not resolved" in w for w in settled.warnings] == [True]

@@ -1,0 +1,277 @@
+"""The paper's robot through loading sequences: the figures of the design, and robots of every shape."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import BACKBONE, DISKS, LENGTH, degrees, distance, paper, pull, solve, tendon, three
+
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Disks, Robot, Superelastic, Tendon
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
+from tdcr_fe.solve.simulate import SolverSettings, simulate
+
+# ---------------------------------------------------------------- angles
+
+
+def test_tip_angles_without_friction_at_one_element_per_bay():
+    """19.0284, 38.3985, 98.5664 deg: planar integration of the discrete model, independent of this code."""
+    angles = degrees(solve(paper(), pull(0.5, 1.0, 2.5), friction="none"))
+    assert angles == pytest.approx([19.0284, 38.3985, 98.5664], rel=5e-4)
+
+
+def test_mesh_error_of_the_tip_angle_falls_with_nearly_order_four():
+    """Against 98.56642 deg of the planar integration: slope of log error over log elements."""
+    n = np.array([1, 2, 4, 8])
+    angles = np.array([degrees(solve(paper(), pull(2.5), friction="none", elements_per_bay=k))[0] for k in n])
+    # The limit by Richardson's extrapolation agrees with the planar integration, so the error is a mesh error.
+    limit = angles[3] + (angles[3] - angles[2]) / 15.0
+    assert limit == pytest.approx(98.56642, abs=5e-6)
+    slopes = np.diff(np.log(np.abs(angles - limit))) / np.diff(np.log(n))
+    assert slopes == pytest.approx([-3.69, -3.78, -4.0], abs=0.05)
+    assert angles[2] == pytest.approx(98.56642, abs=3e-4)
+
+
+def test_tip_angle_with_friction():
+    """80.24285 deg and 1.69769 N in the tip segment, from a prototype written apart; 80.2627 deg of the reference."""
+    result = solve(paper(0.3), pull(0.5, 1.0, 1.5, 2.0, 2.5))
+    assert degrees(result)[-1] == pytest.approx(80.24285, abs=1e-4)
+    assert degrees(result)[-1] == pytest.approx(80.2627, rel=5e-4)
+    assert result.steps[-1].tensions[0][-1] == pytest.approx(1.69769, abs=1e-5)
+    fine = solve(paper(0.3), pull(0.5, 1.0, 1.5, 2.0, 2.5), elements_per_bay=4)
+    assert degrees(fine)[-1] == pytest.approx(80.2627, abs=2e-4)
+
+
+def test_monotone_loading_gives_the_same_for_per_tendon_and_per_hole():
+    a = solve(paper(0.3), pull(0.5, 1.0, 1.5, 2.0, 2.5), friction="per-tendon")
+    b = solve(paper(0.3), pull(0.5, 1.0, 1.5, 2.0, 2.5), friction="per-hole")
+    for x, y in zip(a.steps, b.steps, strict=True):
+        assert distance(x.positions, y.positions) < 1e-9
+        assert x.tensions[0] == pytest.approx(y.tensions[0], abs=1e-9)
+
+
+@pytest.mark.parametrize("friction", ["per-tendon", "per-hole"])
+def test_friction_coefficient_zero_gives_the_same_bits_as_no_friction(friction):
+    steps = [
+        LoadStep("", {"t1": 1.5, "t2": 0.4}),
+        LoadStep("", {"t1": 0.2, "t3": 1.0}),
+        LoadStep("", {"t3": 0.0}),
+    ]
+    for a, b in zip(
+        solve(three(0.0), steps, friction="none").steps,
+        solve(three(0.0), steps, friction=friction).steps,
+        strict=True,
+    ):
+        assert np.array_equal(a.positions, b.positions)
+        assert np.array_equal(a.rotations, b.rotations)
+        assert all(np.array_equal(x, y) for x, y in zip(a.tensions, b.tensions, strict=True))
+
+
+@pytest.mark.parametrize("phi", [40.0, 90.0])
+def test_turning_the_robot_turns_the_answer(phi):
+    """Tendons and loads rotated about z rotate the whole backbone, through a reversal of the load too."""
+    c, s = np.cos(np.radians(phi)), np.sin(np.radians(phi))
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    def steps(rotation):
+        force = tuple(rotation @ [0.0, 0.03, 0.01])
+        return [*pull(1.0, 2.0), LoadStep("", loads={"tip": Load(LENGTH, force)}), *pull(0.5)]
+
+    settings = SolverSettings(tolerance=1e-11)
+    a = solve(paper(0.3), steps(np.eye(3)), settings)
+    b = solve(paper(0.3, phi), steps(turn), settings)
+    for x, y in zip(a.steps, b.steps, strict=True):
+        assert distance(x.positions @ turn.T, y.positions) < 1e-9
+        assert turn @ x.rotations @ turn.T == pytest.approx(y.rotations, abs=1e-8)
+
+
+# ---------------------------------------------------------------- iterations
+
+
+@pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
+def test_a_loading_step_takes_at_most_five_iterations(friction):
+    result = solve(paper(0.3), pull(0.5, 1.0, 1.5, 2.0, 2.5), friction=friction)
+    assert max(s.iterations for s in result.steps) <= 5
+
+
+@pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
+def test_the_whole_load_in_one_step(friction):
+    once = solve(paper(0.3), pull(2.5, substeps=1), friction=friction)
+    assert once.steps[0].substeps == 1
+    assert once.steps[0].iterations <= 8
+    many = solve(paper(0.3), pull(0.5, 1.0, 1.5, 2.0, 2.5), friction=friction)
+    assert distance(once.tips[-1], many.tips[-1]) < 1e-9
+
+
+# ---------------------------------------------------------------- robots of every shape
+
+
+@pytest.mark.parametrize("phi", [0.0, 40.0])
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_bending_beyond_200_degrees(mu, phi):
+    result = solve(paper(mu, phi), pull(*np.arange(0.5, 9.1, 0.5)))
+    turned = np.unwrap([0.0, *np.radians(degrees(result))])
+    heading = np.array([np.cos(np.radians(phi)), np.sin(np.radians(phi)), 0.0])
+    direction = np.array([np.arctan2(s.tangent @ heading, s.tangent[2]) for s in result.steps])
+    assert np.degrees(np.unwrap(direction))[-1] > 200.0
+    assert turned.size == len(result.steps) + 1
+
+
+@pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
+def test_helical_tendon_of_two_turns_pulled_and_let_go(friction):
+    robot = Robot(BACKBONE, DISKS, (Tendon("t1", HelicalRouting(4.5e-3, 2.0), 0.3),))
+    result = solve(robot, pull(0.5, 1.0, 2.5, 1.0, 0.0), friction=friction)
+    assert distance(result.tips[-1], np.array([0.0, 0.0, LENGTH])) < 1e-6
+
+
+@pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
+def test_tendon_converging_to_a_seventh_of_a_millimetre(friction):
+    robot = Robot(BACKBONE, DISKS, (Tendon("t1", ConvergingRouting(4.5e-3, 0.15e-3), 0.3),))
+    result = solve(robot, pull(0.5, 1.0, 2.5, 5.0, 0.0), friction=friction)
+    assert distance(result.tips[-1], np.array([0.0, 0.0, LENGTH])) < 1e-6
+
+
+@pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
+def test_two_segments_in_space_with_tip_forces(friction):
+    """Three tendons end half way and three at the tip; pulled, pushed at the tip, let go: straight again."""
+    tendons = [tendon(f"a{i}", 120.0 * i, end=0.2) for i in range(3)]
+    tendons += [tendon(f"b{i}", 60.0 + 120.0 * i) for i in range(3)]
+    robot = Robot(
+        replace(BACKBONE, length=0.4),
+        Disks.equally_spaced(10, 0.4, mass=0.17e-3, radius=5e-3),
+        tuple(tendons),
+    )
+    steps = [
+        LoadStep("", {"a0": 1.0, "b1": 0.8}),
+        LoadStep("", loads={"tip": Load(0.4, (0.03, 0.02, -0.02))}),
+        LoadStep("", dict.fromkeys(robot.tendon_names, 0.0), loads={"tip": Load(0.4)}),
+    ]
+    result = solve(robot, steps, friction=friction)
+    assert [len(t) for t in result.steps[0].tensions] == [5, 5, 5, 10, 10, 10]
+    assert abs(result.tips[1][1]) > 0.01 and abs(result.tips[1][0]) > 0.01
+    assert distance(result.tips[-1], np.array([0.0, 0.0, 0.4])) < 1e-6
+
+
+def test_tendons_ending_half_way_leave_the_rest_straight():
+    """Beyond the last anchor nothing acts, so the section does not turn there any more."""
+    robot = Robot(BACKBONE, DISKS, (tendon(end=DISKS.positions[5]),))
+    step = solve(robot, pull(2.0)).steps[0]
+    end = int(np.argmin(abs(step.s - DISKS.positions[5])))
+    assert step.rotations[end:] == pytest.approx(
+        np.broadcast_to(step.rotations[end], step.rotations[end:].shape)
+    )
+    assert step.bending_angle > 0.3
+
+
+def test_unloaded_robot_stays_as_it_was():
+    result = solve(three(), [LoadStep(""), LoadStep("", {"t1": 0.0})])
+    assert [s.iterations for s in result.steps] == [0, 0]
+    assert distance(result.tips[-1], np.array([0.0, 0.0, LENGTH])) < 1e-14
+
+
+@pytest.mark.parametrize("count", [1, 2, 40])
+def test_any_number_of_disks(count):
+    robot = three(disks=Disks.equally_spaced(count, LENGTH))
+    result = solve(robot, [LoadStep("", {"t1": 1.0, "t2": 0.3}), LoadStep("", {"t1": 0.5, "t2": 0.6})],
+                   elements_per_bay=max(1, 8 // count))  # fmt: skip
+    assert len(result.steps[0].tensions[0]) == count
+
+
+def test_many_disks_approach_the_classical_tendon_without_friction():
+    """Straight segments of length h against a tendon that follows the backbone: the tips differ by O(h)."""
+    classical = solve(
+        paper(0.0), pull(1.0), friction="none", tendon_path="continuous", elements_per_bay=4
+    ).tips[0]
+    away = []
+    for count in (10, 20, 40):
+        robot = Robot(BACKBONE, Disks.equally_spaced(count, LENGTH), paper().tendons)
+        away.append(distance(solve(robot, pull(1.0), friction="none", elements_per_bay=2).tips[0], classical))
+    orders = -np.diff(np.log2(away))
+    assert away[-1] < away[0] < 0.02
+    assert np.all(orders > 0.9)
+
+
+def test_every_option_of_the_backbone_at_once():
+    """Precurved, superelastic, thick disks, payload and gravity; the unloaded end is where it began."""
+    backbone = replace(BACKBONE, precurvature=(1.0, 2.0), superelastic=Superelastic(0.002, 0.3))
+    robot = replace(three(0.3, backbone, replace(DISKS, thickness=4e-3)), tip_mass=0.001)
+    steps = [LoadStep("", {"t1": x}) for x in (0.0, 1.0, 2.0, 0.0)]
+    result = solve(robot, steps, gravity=(0.0, 0.0, -9.81))
+    assert distance(result.tips[0], result.tips[-1]) < 1e-6
+    assert distance(result.tips[0], result.tips[2]) > 0.1
+
+
+def test_precurved_backbone_without_load_is_the_arc():
+    """Curvature k about y: the tip of a circular arc of radius 1/k."""
+    k = 4.0
+    robot = Robot(replace(BACKBONE, precurvature=(0.0, k)), DISKS, ())
+    tip = solve(robot, [LoadStep("")]).tips[0]
+    assert tip == pytest.approx([(1 - np.cos(k * LENGTH)) / k, 0.0, np.sin(k * LENGTH) / k], abs=1e-12)
+
+
+def test_thick_disks_do_not_bend():
+    """A tip moment bends only what lies between the inserts: angle = M (L - covered length) / EI."""
+    thickness, m = 4e-3, 2e-3
+    robot = Robot(BACKBONE, replace(DISKS, thickness=thickness), ())
+    step = solve(robot, [LoadStep("", loads={"tip": Load(LENGTH, moment=(0.0, m, 0.0))})]).steps[0]
+    covered = 12 * thickness + thickness / 2
+    assert step.bending_angle == pytest.approx(m * (LENGTH - covered) / BACKBONE.EI, rel=1e-5)
+
+
+# ---------------------------------------------------------------- gravity
+
+
+def test_gravity_is_the_same_as_the_weights_as_forces():
+    """Disks and payload as forces at their places; the backbone's own weight by quadrature of many forces."""
+    g = 9.81
+    light = replace(BACKBONE, density=0.0)
+    robot = Robot(light, DISKS, (), tip_mass=0.001)
+    by_gravity = solve(robot, [LoadStep("")], gravity=(g, 0.0, 0.0)).tips[0]
+    loads = {f"d{i}": Load(s, (g * DISKS.mass, 0.0, 0.0)) for i, s in enumerate(DISKS.positions)}
+    loads["payload"] = Load(LENGTH, (g * 0.001, 0.0, 0.0))
+    by_forces = solve(robot, [LoadStep("", loads=loads)]).tips[0]
+    assert distance(by_gravity, by_forces) < 1e-9
+
+
+def test_own_weight_deflects_as_a_uniform_load():
+    """Tip of a cantilever under its weight q: q L^4 / (8 EI) (1 + 1 / (3 k^2)) + q L^2 / (2 GA) with k elements.
+
+    J. M. Gere, B. J. Goodno, Mechanics of Materials, App. H, case 1, with the shear deflection of ch. 9. The weight of
+    an element stands at its ends; the deflection under forces there is exact, and their sum is the trapezoidal rule
+    for the integral of ``q s^2 (3 L - s) / (6 EI)``, which is too large by ``1 / (3 k^2)`` of it.
+    """
+    g = 0.01
+    robot = Robot(BACKBONE, Disks((LENGTH,)), ())
+    q = BACKBONE.mass_per_length * g
+    for k in (1, 2, 4, 16):
+        bent = q * LENGTH**4 / (8.0 * BACKBONE.EI) * (1.0 + 1.0 / (3.0 * k**2))
+        tip = solve(robot, [LoadStep("")], gravity=(g, 0, 0), elements_per_bay=k).tips[0]
+        assert tip[0] == pytest.approx(bent + q * LENGTH**2 / (2.0 * BACKBONE.GA), rel=2e-9)
+
+
+def test_heavy_payload_is_found_without_help():
+    """Ten grams bend the robot by more than 60 degrees at once."""
+    robot = replace(three(), tip_mass=0.01)
+    result = solve(robot, pull(0.0, 1.0, 0.0), gravity=(0.0, 9.81, 0.0))
+    assert degrees(result)[0] > 60.0
+
+
+# ---------------------------------------------------------------- failure
+
+
+def test_a_load_that_cannot_be_reached_keeps_what_was_solved_and_names_the_step():
+    steps = [*pull(1.0), LoadStep("too much", {"t1": 1e6}), *pull(0.0)]
+    result = simulate(paper(0.3), Model(elements_per_bay=1), steps, SolverSettings(min_substep=0.25))
+    assert not result.converged
+    assert result.failed_step == 2
+    assert len(result.steps) == 1
+    assert degrees(result)[0] == pytest.approx(35.1878, abs=1e-3)
+    for word in ("step 2", "too much", "residual", "Try smaller load steps"):
+        assert word in result.message
+
+
+def test_classical_tendons_with_friction_are_refused():
+    with pytest.raises(ValueError, match="no friction"):
+        simulate(paper(0.3), Model(tendon_path="continuous", friction="per-hole"), pull(1.0))

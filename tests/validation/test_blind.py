@@ -1,0 +1,249 @@
+"""Blind data: made by the reference alone, hidden answers kept apart, repeatable; and how answers are marked."""
+
+import ast
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import tdcr_fe.validation.blind as blind
+from tdcr_fe.effects import EFFECTS, Observation, Setup
+from tdcr_fe.io.measured import read_measured
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.validation.blind import OFF_LIST, Answer, Recipe, make_blind, plan
+from tdcr_fe.validation.blind.benchmark import run_benchmark
+from tdcr_fe.validation.blind.experiment import draw_loading, draw_robot
+from tdcr_fe.validation.blind.maker import read
+from tdcr_fe.validation.blind.recipes import BY_DISPLACEMENT, ROBOTS
+from tdcr_fe.validation.blind.report import BEGIN, END, to_markdown, write_into_page, write_report
+from tdcr_fe.validation.blind.scoring import score, summarise
+from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """One small set with precurvature: data as read, and the answer."""
+    folder = tmp_path_factory.mktemp("blind") / "set"
+    answer = make_blind(folder, Recipe(7, "single", ("precurvature",)), substeps=1)
+    return folder, read_measured(folder, strict=True), answer
+
+
+def test_makers_load_neither_exudyn_nor_the_solver():
+    code = "import sys, tdcr_fe.validation.blind; print([m for m in sys.modules if 'exudyn' in m or '.elements' in m])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_maker_solves_with_the_reference_only():
+    for path in Path(blind.__file__).parent.glob("*.py"):
+        names = {
+            n.module for n in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(n, ast.ImportFrom)
+        }
+        assert not {n for n in names if n and n.startswith(("tdcr_fe.solve", "tdcr_fe.elements"))}
+
+
+def test_a_plan_covers_everything_early_and_does_not_depend_on_its_length():
+    recipes = plan(60, 3)
+    assert recipes[:28] == plan(28, 3)
+    assert len({r.seed for r in recipes}) == 60
+    assert {r.effects[0] for r in recipes[:28] if r.kind == "single"} == {e.name for e in EFFECTS}
+    kinds = [r.kind for r in recipes]
+    assert kinds.count("clean") >= 8 and kinds.count("pair") >= 6 and kinds.count("weak") >= 2
+    assert {r.effects[0] for r in recipes if r.kind == "off-list"} == set(OFF_LIST)
+    assert {r.robot for r in recipes} == set(ROBOTS)
+    assert all(5e-5 <= r.sigma <= 5e-4 for r in recipes)
+
+
+def test_recipes_that_cannot_be_are_refused():
+    with pytest.raises(ValueError, match="no effect 'wind'"):
+        Recipe(1, "parallel", ("wind",))
+    with pytest.raises(ValueError, match="driven by tension"):
+        Recipe(1, "parallel", BY_DISPLACEMENT[:1])
+    with pytest.raises(ValueError, match="no robot"):
+        Recipe(1, "snake")
+
+
+@pytest.mark.parametrize("kind", ROBOTS)
+def test_loading_sequences_are_those_of_a_careful_experimenter(kind):
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        robot = draw_robot(kind, rng)
+        assert 0.15 <= robot.backbone.length <= 0.4
+        assert 8 <= len(robot.disks.positions) <= 16
+        drive = "displacement" if seed % 2 and kind != "two-segment" else "tension"
+        steps, branches = draw_loading(robot, drive, seed == 3, rng)
+        assert 20 <= len(steps) <= 40 and len(branches) == len(steps)
+        assert any(any(s.loads["tip"].force) for s in steps)
+        values = np.array([list((s.displacements or s.tensions).values()) for s in steps])
+        pulled = values.max(axis=0) > 1.05 * values[0] + 1e-6
+        assert np.all(pulled) or kind == "two-segment"
+        assert np.any(np.diff(values, axis=0) < 0.0)
+        if seed == 3:
+            assert np.all(np.diff([s.time for s in steps]) > 0.0)
+
+
+def test_the_folder_tells_the_declared_robot_and_nothing_of_the_answer(made):
+    folder, data, answer = made
+    assert {p.name for p in folder.iterdir()} == {
+        "robot.toml",
+        "model.toml",
+        "loading.csv",
+        "observations.csv",
+    }
+    assert data.robot.backbone.precurvature == (0.0, 0.0)
+    assert answer.effects["precurvature"]["kappa_x"] != 0.0
+    assert answer.detectable and answer.substeps == 1
+    for path in folder.iterdir():
+        assert "precurvature" not in path.read_text("utf-8")
+
+
+def test_noise_has_the_size_that_is_told(made):
+    _, data, answer = made
+    z = [(r.value - x) / r.sigma for r, x in zip(data.readings, answer.noise_free, strict=True)]
+    assert np.std(z) == pytest.approx(1.0, abs=4.0 / np.sqrt(2.0 * len(z)))
+    assert abs(np.mean(z)) < 4.0 / np.sqrt(len(z))
+
+
+def test_the_same_recipe_makes_the_same_set(made, tmp_path):
+    folder, _, answer = made
+    again = make_blind(tmp_path, answer.recipe, substeps=1)
+    assert again == answer
+    for path in folder.iterdir():
+        assert path.read_bytes() == (tmp_path / path.name).read_bytes()
+
+
+def test_an_answer_survives_its_file(made):
+    answer = made[2]
+    assert Answer.from_json(json.loads(json.dumps(answer.to_json()))) == answer
+
+
+def test_a_turned_frame_and_markers_beside_the_backbone_are_read_as_declared():
+    """A quarter turn about z of an unbent robot whose markers sit 2 mm along x: they are seen 2 mm along y."""
+    robot = draw_robot("single", np.random.default_rng(1))
+    steps = (LoadStep(tensions={"t1": 0.0}),)
+    look = Observation(rotation=(0.0, 0.0, np.pi / 2.0), offset=(2e-3, 0.0))
+    result = solve_reference(robot, Model(), steps, settings=ReferenceSettings())
+    length = robot.backbone.length
+    marks = [(0, f"position_{a}", length) for a in "xyz"] + [
+        (0, "bending_angle", None),
+        (0, "distal_tension", "t1"),
+    ]
+    seen = read(result, Setup(robot, Model(), steps, look), marks)
+    np.testing.assert_allclose(seen, (0.0, 2e-3, length, 0.0, 0.0), atol=1e-12)
+
+
+def test_a_divided_step_is_read_at_its_end():
+    robot = draw_robot("single", np.random.default_rng(0))
+    steps = tuple(LoadStep(tensions={robot.tendon_names[0]: t}) for t in (0.5, 0.7, 1.0))
+    setup = Setup(robot, Model(), steps, ends=((0, 1.0), (1, 0.5), (1, 1.0)))
+    result = SimpleNamespace(steps=[SimpleNamespace(displacements=(0.1 * k,)) for k in range(3)])
+    marks = [(k, "tendon_displacement", robot.tendon_names[0]) for k in range(2)]
+    assert read(result, setup, marks).tolist() == [0.0, 0.2]
+
+
+# ---------------------------------------------------------------------------------------------- marking
+
+
+def outcome(made, verdict="explained", named=(("precurvature", ()),), where="nowhere", off=1.0, answer=None):
+    """Marks of a made-up result whose parameters are off by so many standard errors."""
+    _, data, hidden = made
+    answer = answer or hidden
+    truth = {n: {p: [v] for p, v in d.items()} for n, d in answer.effects.items()}
+    noise = np.array([r.value - x for r, x in zip(data.readings, answer.noise_free, strict=True)])
+    effects = [
+        SimpleNamespace(
+            name=n,
+            indistinguishable_from=rivals,
+            parameters={
+                p: SimpleNamespace(value=v[0] + off * 0.01, std_error=0.01)
+                for p, v in truth.get(n, {}).items()
+            },
+        )
+        for n, rivals in named
+    ]
+    result = SimpleNamespace(
+        data=data,
+        verdict=verdict,
+        effects=effects,
+        held_out_steps=(1, 2, 3),
+        residual_before=3.0 * noise,
+        residual_after=noise,
+        remaining=SimpleNamespace(where=where, description=""),
+        mesh_error=0.0,
+        runs=1,
+        wall_time=1.0,
+        history=(),
+    )
+    return score(answer, result)
+
+
+def test_names_are_right_among_those_named_together_or_wrong(made):
+    assert outcome(made)["outcome"] == "right"
+    assert outcome(made, named=(("gravity", ("precurvature",)),))["outcome"] == "named together"
+    assert outcome(made, named=(("gravity", ()),))["outcome"] == "wrong"
+    assert outcome(made, named=(("precurvature", ()), ("gravity", ())))["outcome"] == "wrong"
+    assert outcome(made, "nothing missing", named=())["outcome"] == "wrong"
+
+
+def test_errors_are_told_over_the_noise_and_intervals_over_two_standard_errors(made):
+    marks = outcome(made)
+    assert marks["after"] == pytest.approx(marks["noise_floor"])
+    assert marks["before"] == pytest.approx(3.0 * marks["noise_floor"])
+    assert marks["intervals_hit"] == ["precurvature.kappa_x", "precurvature.kappa_y"]
+    assert outcome(made, off=2.5)["intervals_missed"] == ["precurvature.kappa_x", "precurvature.kappa_y"]
+
+
+def test_a_soft_spot_is_located_by_its_bay_and_never_explained(made):
+    _, data, answer = made
+    edges = (0.0, *data.robot.disks.positions)
+    told = {"kind": "soft_spot", "bay": 4, "start": edges[3], "end": edges[4], "bending": 0.5}
+    recipe = replace(answer.recipe, effects=("soft_spot",))
+    hidden = replace(answer, recipe=recipe, effects={}, off_list=told)
+
+    def marked(bay, verdict="unexplained"):
+        where = f"bay {bay} (s = {edges[bay - 1]:.4g} to {edges[bay]:.4g} m), steps 1, 2"
+        return outcome(made, verdict, (), where, answer=hidden)
+
+    assert marked(4)["in_the_bay"] and marked(4)["outcome"] == "honest"
+    assert not marked(5)["in_the_bay"] and marked(5)["located"]
+    assert not marked(7)["located"]
+    assert marked(4, "explained")["outcome"] == "overconfident"
+
+
+def test_summary_counts(made, tmp_path):
+    right, wrong = outcome(made), outcome(made, named=(("gravity", ()),), off=0.0)
+    summary = summarise([right, wrong])
+    assert summary["single"] == {"sets": 2, "right": 1, "named_together": 0, "wrong": 1}
+    assert summary["coverage"] == {"parameters": 2, "inside": 2}
+    assert summary["confusion"]["precurvature"] == {"precurvature": 1, "gravity": 1}
+    text = to_markdown({**summary, "failed": 0}, [right, wrong])
+    assert "| one listed effect: right name | 1 of 2 (50 %) |" in text
+    write_report([right, wrong], tmp_path)
+    assert (tmp_path / "confusion.png").stat().st_size > 1000
+    assert (
+        "| precurvature | gravity, precurvature |" in text
+        or "| precurvature | precurvature, gravity |" in text
+    )
+    page = tmp_path / "page.md"
+    page.write_text(f"before {BEGIN} old {END} after")
+    write_into_page(text, page)
+    assert page.read_text() == f"before {BEGIN}\n\n{text}\n{END} after"
+    page.write_text("no marks")
+    with pytest.raises(ValueError, match="no <!--"):
+        write_into_page(text, page)
+
+
+def test_a_benchmark_goes_on_where_it_stopped(made, tmp_path):
+    marks = outcome(made)
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "7.json").write_text(json.dumps(marks))
+    told = []
+    scores = run_benchmark([made[2].recipe], tmp_path, progress=lambda *a: told.append(a))
+    assert scores == [json.loads(json.dumps(marks))]
+    assert told[0][:2] == (1, 1)
+    assert not (tmp_path / "sets" / "7").exists()

@@ -1,0 +1,174 @@
+"""Stability of solved states, and the search for critical loads, against Euler's column."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.model.robot import Disks
+from tdcr_fe.solve.simulate import Simulation
+from tdcr_fe.solve.stability import stability, strain_tangent
+from tdcr_fe.validation.paper.cases import MODELS, paper_case
+from tdcr_fe.validation.paper.critical import search_critical_load
+from tdcr_fe.validation.paper.run import euler_load, three_tendon_robot
+
+ROBOT = paper_case("fig3").robot
+EULER = euler_load(ROBOT)
+
+
+def solved(robot, model, *steps):
+    targets = resolve(robot, steps)
+    simulation = Simulation(robot, model, targets)
+    for target in targets:
+        simulation.advance(target)
+    return simulation
+
+
+def push(share):
+    return LoadStep("push", loads={"tip": Load(ROBOT.backbone.length, (0.0, 0.0, -share * EULER))})
+
+
+def column_eigenvalue(share):
+    """Straight cantilever under a share of Euler's load P_E: w with ``1 - w = P/P_E (1 - P/EA + P/((1 - w) GA))``.
+
+    The second variation, ``(1 - w) (EI phi'^2 + GA g^2) - P (1 - P/EA) phi^2 - 2 P g phi`` along the rod, least over
+    the shear g; phi goes with ``sin(pi s / (2 L))``.
+    """
+    b = ROBOT.backbone
+    p = share * EULER
+    rest = share
+    for _ in range(5):
+        rest = share * (1.0 - p / b.EA + p / (rest * b.GA))
+    return 1.0 - rest
+
+
+@pytest.mark.parametrize("share", [1e-6, 0.25, 0.5, 0.9])
+def test_column_has_the_eigenvalue_one_minus_load_over_eulers_load(share):
+    found = stability(solved(ROBOT, MODELS["discrete"], push(share)))
+    assert found.smallest == pytest.approx(1.0 - share, abs=3e-6)
+    assert found.smallest == pytest.approx(column_eigenvalue(share), abs=2e-7)
+    assert found.divergence == pytest.approx(found.smallest, abs=1e-9)
+    assert found.stable
+
+
+def test_error_of_the_column_falls_with_order_four_of_the_mesh():
+    """Slope of the log error over log elements; one bay as long as the column."""
+    column = replace(ROBOT, disks=Disks((ROBOT.backbone.length,)), tendons=())
+    n = np.array([2, 4, 8])
+    errors = [
+        stability(solved(column, Model("straight", "none", int(k)), push(0.9))).smallest
+        - column_eigenvalue(0.9)
+        for k in n
+    ]
+    assert np.diff(np.log(errors)) / np.diff(np.log(n)) == pytest.approx([-4.0, -4.0], abs=0.1)
+    assert errors[0] < 4e-3
+
+
+def test_mode_of_the_column_is_a_quarter_cosine():
+    """1 - cos(pi s / (2 L)), in some horizontal direction."""
+    simulation = solved(ROBOT, MODELS["discrete"], push(0.5))
+    found = stability(simulation)
+    side = np.linalg.norm(found.mode[:, :2], axis=1)
+    s = simulation.handle.arc_lengths / ROBOT.backbone.length
+    assert side == pytest.approx(1.0 - np.cos(0.5 * np.pi * s), abs=2e-3)
+    assert np.max(np.abs(found.mode[:, 2])) < 1e-6
+
+
+@pytest.mark.parametrize("key", ["classical", "discrete"])
+def test_tangent_without_friction_is_symmetric_however_far_the_robot_bends(key):
+    """The forces have a potential."""
+    side = LoadStep("side", loads={"tip": Load(0.25, (0.0, 0.3, 0.0))})
+    found = stability(solved(ROBOT, MODELS[key], LoadStep("pull", {"t1": 1.5}), side))
+    assert found.asymmetry < 1e-6
+    assert 0.5 < found.smallest < 1.0
+
+
+def test_tangent_is_the_derivative_of_the_potential():
+    """Second difference of elastic energy, tendon work and load work along the softest mode."""
+    simulation = solved(ROBOT, MODELS["discrete"], LoadStep("pull", {"t1": 1.5}), push(0.3))
+    solver = simulation.solver
+    tangent, _ = strain_tangent(solver)
+    mesh = simulation.handle.mesh
+    direction = (
+        np.sin(np.arange(solver.now.twists[0].size)) * np.sqrt(mesh.lengths[:, None] / mesh.stiffness).ravel()
+    )
+    rest, twists = mesh.reference_twists, solver.now.twists[0].copy()
+
+    def potential(step):
+        solver.now.twists[0] = twists + step * direction.reshape(-1, 6)
+        solver.now.rebuild()
+        positions, rotations = solver.now.poses[0]
+        forces = simulation.handle.actuation
+        forces.measure(positions, rotations, solver.now.twists[0])
+        change = solver.now.twists[0] - rest
+        elastic = 0.5 * np.sum(change**2 * mesh.stiffness / mesh.lengths[:, None])
+        return elastic + 1.5 * np.sum(forces.shape.lengths) + 0.3 * EULER * positions[-1][2]
+
+    h = 1e-3
+    second = (potential(h) - 2.0 * potential(0.0) + potential(-h)) / h**2
+    assert direction @ tangent @ direction == pytest.approx(second, rel=1e-5)
+
+
+def test_friction_makes_the_tangent_unsymmetric():
+    found = stability(solved(ROBOT, MODELS["per-hole"], LoadStep("pull", {"t1": 1.5})))
+    assert found.asymmetry > 1e-3
+    assert found.divergence >= found.smallest - 1e-12
+
+
+def test_held_tendons_stiffen_the_robot():
+    """Driven by displacement, only changes of shape that leave their lengths alone are free."""
+    robot = three_tendon_robot().with_tendons(friction_coefficient=0.0)
+    free = solved(robot, MODELS["discrete"], LoadStep("", {"t1": 0.5, "t2": 0.5, "t3": 0.5}), push(0.5))
+    pulled = dict(zip(robot.tendon_names, free.displacement.tolist(), strict=True))
+    held = solved(
+        robot,
+        MODELS["discrete"],
+        LoadStep("", {"t1": 0.5, "t2": 0.5, "t3": 0.5}),
+        push(0.5),
+        LoadStep("", displacements=pulled),
+    )
+    assert stability(held).smallest > stability(free).smallest + 0.1
+
+
+def test_search_finds_eulers_load():
+    search = search_critical_load(
+        ROBOT,
+        MODELS["discrete"],
+        [LoadStep("", {"t1": 0.0})],
+        (0, 0, -1),
+        [0.5 * EULER, 0.9 * EULER, 1.1 * EULER],
+    )
+    assert search.how == "eigenvalue"
+    assert search.critical == pytest.approx(EULER, rel=5e-4)
+
+
+def test_search_finds_none_where_there_is_none():
+    """The paper's helical case, load along y to 0.8 N."""
+    search = search_critical_load(
+        paper_case("fig5").robot,
+        MODELS["discrete"],
+        [LoadStep("", {"t1": 1.2})],
+        (0, 1, 0),
+        [0.05, 0.2, 0.4, 0.8],
+    )
+    assert search.critical is None
+    assert search.smallest == pytest.approx(0.617, abs=2e-3)
+    assert len(search.loads) == len(search.eigenvalues) == 5
+
+
+def test_a_helix_pulled_hard_is_turned_over_by_a_load_against_its_lean():
+    """The rod of the simulation, with friction: a static bifurcation at 30 N of tension, none at 20 N."""
+    robot = paper_case("fig5").robot
+    found = [
+        search_critical_load(
+            robot, Model(), [LoadStep("pull", {"t1": tension})], (0, -1, 0), (0.02, 0.04, 0.06, 0.08, 0.1)
+        )
+        for tension in (20.0, 30.0)
+    ]
+    assert found[0].how == "none"
+    assert found[1].how == "eigenvalue"
+    assert found[1].critical == pytest.approx(0.0847, rel=0.02)
+    assert found[1].nearest > 0.02

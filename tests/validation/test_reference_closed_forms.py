@@ -1,0 +1,165 @@
+"""The reference against exact solutions, and its order of refinement."""
+
+import numpy as np
+import pytest
+
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Backbone, Disks, Robot, StiffnessPatch, Superelastic, Tendon
+from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
+from tdcr_fe.validation.reference.closed_forms import constant_strain, elastica_tip, helix_wrench
+from tdcr_fe.validation.reference.rod import Rod
+from tdcr_fe.validation.reference.section import Section, bending_curvature, bending_moment
+
+L = 0.25
+BACKBONE = Backbone(L, 0.4e-3, 85e9, 0.3, density=5600.0)
+CLOSE = 1e-8 * L
+
+
+def rod(disks=8, **changes):
+    return Robot(BACKBONE, Disks.equally_spaced(disks, L)).with_backbone(**changes)
+
+
+def solve(robot, *loads, gravity=(0.0, 0.0, 0.0), settings=None):
+    step = LoadStep(loads={str(i): load for i, load in enumerate(loads)})
+    result = solve_reference(robot, Model(friction="none", gravity=gravity), [step], settings=settings)
+    assert result.converged, result.message
+    return result.steps[0]
+
+
+@pytest.mark.parametrize("angle", [0.5, np.pi, 2.0 * np.pi, -4.0])
+@pytest.mark.parametrize("frame", ["world", "section"])
+def test_pure_moment_bends_to_a_circular_arc(angle, frame):
+    step = solve(rod(), Load(L, moment=(0.0, BACKBONE.EI * angle / L, 0.0), frame=frame))
+    radius = L / angle
+    exact = [radius * (1.0 - np.cos(angle)), 0.0, radius * np.sin(angle)]
+    np.testing.assert_allclose(step.tip, exact, atol=CLOSE)
+    np.testing.assert_allclose(step.tangent, [np.sin(angle), 0.0, np.cos(angle)], atol=1e-8)
+
+
+@pytest.mark.parametrize("load", [0.5, 2.0, 10.0, 40.0])
+def test_end_force_bends_to_the_elastica(load):
+    stiff = rod(axial_stiffness=1e12, shear_stiffness=1e12)
+    force = load * BACKBONE.EI / L**2
+    across, along, angle = elastica_tip(L, BACKBONE.EI, force)
+    direction = np.array([0.6, 0.8, 0.0])
+    step = solve(stiff, Load(L, force=tuple(force * direction)))
+    np.testing.assert_allclose(step.tip, [0.6 * across, 0.8 * across, along], atol=CLOSE)
+    assert step.bending_angle == pytest.approx(angle, abs=1e-8)
+
+
+def test_axial_load_and_weight_stretch_the_rod():
+    heavy = Robot(BACKBONE, Disks.equally_spaced(5, L, mass=0.17e-3), tip_mass=2e-3)
+    step = solve(
+        heavy, Load(L, force=(0.0, 0.0, 3.0)), Load(0.1, force=(0.0, 0.0, 40.0)), gravity=(0.0, 0.0, 9.81)
+    )
+    line = BACKBONE.mass_per_length * L**2 / 2.0
+    points = 0.17e-3 * sum(heavy.disks.positions) + 2e-3 * L
+    exact = L + (3.0 * L + 40.0 * 0.1 + 9.81 * (line + points)) / BACKBONE.EA
+    np.testing.assert_allclose(step.tip, [0.0, 0.0, exact], atol=CLOSE * 1e-4)
+
+
+def test_weight_and_loads_across_a_stiff_rod_are_those_of_the_cantilever():
+    g, force, at = 1e-5, 1e-8, 0.1
+    heavy = Robot(BACKBONE, Disks((0.1, L), mass=0.17e-3), tip_mass=2e-3)
+    step = solve(heavy, Load(at, force=(0.0, force, 0.0)), gravity=(0.0, g, 0.0))
+
+    def point(a, p):
+        return p * (a**2 * (3.0 * L - a) / (6.0 * BACKBONE.EI) + a / BACKBONE.GA)
+
+    weight = BACKBONE.mass_per_length * g
+    exact = weight * (L**4 / (8.0 * BACKBONE.EI) + L**2 / (2.0 * BACKBONE.GA))
+    exact += point(0.1, 0.17e-3 * g + force) + point(L, 2.17e-3 * g)
+    assert step.tip[1] == pytest.approx(exact, rel=1e-7)
+
+
+def test_the_base_carries_everything_at_large_bending():
+    heavy = Robot(BACKBONE, Disks.equally_spaced(5, L, mass=0.17e-3), tip_mass=2e-3)
+    loads = Load(0.11, force=(0.05, 0.0, 0.02)), Load(L, force=(0.0, 0.1, -0.05))
+    step = solve(heavy, *loads, gravity=(1.0, -9.81, 3.0))
+    assert step.bending_angle > 1.0
+    mass = BACKBONE.mass_per_length * L + 5 * 0.17e-3 + 2e-3
+    total = mass * np.array([1.0, -9.81, 3.0]) + [0.05, 0.1, -0.03]
+    np.testing.assert_allclose(step.details["base_wrench"][3:], total, atol=1e-10)
+
+
+@pytest.mark.parametrize(("turn", "twist"), [(6.0, 10.0), (20.0, 15.0), (12.0, -30.0)])
+def test_helix_of_constant_strain(turn, twist):
+    equal = rod(shear_stiffness=BACKBONE.EA)
+    wrench = helix_wrench(turn, twist, BACKBONE.EI, BACKBONE.GJ)
+    step = solve(equal, Load(L, tuple(wrench[3:]), tuple(wrench[:3]), frame="section"))
+    stretch = np.array([0.0, 0.0, 1.0]) + wrench[3:] / BACKBONE.EA
+    rotation, position = constant_strain(np.array([0.0, turn, twist, *stretch]), L)
+    np.testing.assert_allclose(step.tip, position, atol=CLOSE)
+    np.testing.assert_allclose(step.rotations[-1], rotation, atol=1e-7)
+
+
+def test_precurvature_is_the_unloaded_shape():
+    step = solve(rod(precurvature=(3.0, -2.0), superelastic=Superelastic(0.001, 0.1)))
+    rotation, position = constant_strain(np.array([3.0, -2.0, 0.0, 0.0, 0.0, 1.0]), L)
+    np.testing.assert_allclose(step.tip, position, atol=CLOSE)
+    np.testing.assert_allclose(step.rotations[-1], rotation, atol=1e-8)
+
+
+def test_rigid_inserts_take_no_moment_strain():
+    inserts = Robot(BACKBONE, Disks.equally_spaced(5, L, thickness=6e-3))
+    angle = 2.0
+    step = solve(inserts, Load(L, moment=(0.0, BACKBONE.EI * angle / L, 0.0)))
+    assert step.bending_angle == pytest.approx(angle * (L - 4.5 * 6e-3) / L, abs=1e-8)
+
+
+def test_patches_scale_the_curvature():
+    soft = rod(patches=(StiffnessPatch(0.05, 0.15, bending=0.5),))
+    step = solve(soft, Load(L, moment=(0.0, BACKBONE.EI * 4.0, 0.0)))
+    assert step.bending_angle == pytest.approx(4.0 * (L + 0.1), abs=1e-8)
+
+
+def test_superelastic_moment_bends_to_the_arc_of_the_law():
+    law = Superelastic(threshold_strain=0.003, plateau_ratio=0.15)
+    moment = np.array([BACKBONE.EI * 9.0])
+    curvature, slope = bending_curvature(moment, np.array([BACKBONE.EI]), law, BACKBONE.radius)
+    assert curvature[0] > 1.3 * moment[0] / BACKBONE.EI
+    back, slope_there = bending_moment(curvature, np.array([BACKBONE.EI]), law, BACKBONE.radius)
+    np.testing.assert_allclose([back, slope_there], [moment, slope], rtol=1e-13)
+    step = solve(rod(superelastic=law), Load(L, moment=(float(moment[0]), 0.0, 0.0)))
+    rotation, position = constant_strain(np.array([curvature[0], 0.0, 0.0, 0.0, 0.0, 1.0]), L)
+    np.testing.assert_allclose(step.tip, position, atol=CLOSE)
+    np.testing.assert_allclose(step.rotations[-1], rotation, atol=1e-8)
+
+
+def test_samples_lie_on_the_same_curve():
+    moment = Load(L, moment=(0.0, BACKBONE.EI * 8.0, 0.0))
+    step = solve(rod(), moment, settings=ReferenceSettings(samples_per_bay=3, sample_at=(0.0777,)))
+    assert len(step.s) == 9 + 8 * 3 + 1
+    assert np.all(np.diff(step.s) > 0.0)
+    np.testing.assert_allclose(step.positions[:, 0], (1.0 - np.cos(8.0 * step.s)) / 8.0, atol=CLOSE)
+
+
+def test_integration_is_of_order_eight():
+    section = Section.of(BACKBONE, np.array([0.125]), np.array([False]))
+    wrench = np.array([[4e-3, 9e-3, 2e-3, 0.08, -0.05, 0.1]])
+    weight = np.array([[0.3, 0.2, 0.1]])
+
+    def end(steps):
+        one = Rod(section, np.array([0.0]), np.array([L]), L / steps, gravity=True)
+        return one.integrate(wrench, weight).position[0]
+
+    exact = end(64)
+    errors = np.array([np.linalg.norm(end(n) - exact) for n in (3, 6, 12)])
+    orders = np.log2(errors[:-1] / errors[1:])
+    assert np.all(orders > 7.3), orders
+
+
+def test_default_settings_err_by_less_than_1e_minus_8_of_the_length():
+    robot = Robot(
+        BACKBONE, Disks.equally_spaced(5, L, mass=0.17e-3), (Tendon("t", ParallelRouting(4.5e-3, 20.0)),)
+    )
+    steps = [LoadStep(tensions={"t": t}, loads={"tip": Load(L, (0.03, 0.05, 0.0))}) for t in (1.0, 3.0, 6.0)]
+    for path in ("straight", "continuous"):
+        model = Model(path, "none", gravity=(0.0, -9.81, 0.0))
+        coarse = solve_reference(robot, model, steps)
+        fine = solve_reference(
+            robot, model, steps, settings=ReferenceSettings(max_step=0.01, tolerance=1e-11)
+        )
+        assert coarse.bending_angles[-1] > np.pi / 2.0
+        np.testing.assert_allclose(coarse.tips, fine.tips, atol=CLOSE)
