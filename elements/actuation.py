@@ -121,8 +121,8 @@ class TendonActuation:
         self.inputs: Inputs = np.zeros(m)
         self.state: FrictionState = law.initial_state()
         self.base_tension = np.zeros(m)
-        #: Displacement imposed where last solved [m], nan of tendons driven by tension, shape (m,).
-        self.imposed: Array = np.full(m, np.nan)
+        #: Displacement prescribed where last solved [m], nan of tendons driven by tension, shape (m,).
+        self.prescribed: Array = np.full(m, np.nan)
         self.presliding: float | None = None
         self._columns = (6 * hole_nodes[:, None] + np.arange(6)).ravel()
         self._all_nodes = hole_nodes.size == mesh.arc_lengths.size
@@ -182,11 +182,11 @@ class TendonActuation:
     def displacements(self) -> Array:
         """What is pulled in at the base since the unloaded, just taut state [m], shape (m,).
 
-        Of a tendon driven by displacement what was imposed: where it is slack, its shape would take up less.
+        Of a tendon driven by displacement what was prescribed: where it is slack, its shape would take up less.
         """
         if not hasattr(self, "field"):
             return np.zeros(self.count)
-        return np.where(np.isnan(self.imposed), self.field.base_slip, self.imposed)
+        return np.where(np.isnan(self.prescribed), self.field.base_slip, self.prescribed)
 
     # ------------------------------------------------------------------ forces and tangent
 
@@ -244,9 +244,9 @@ class TendonActuation:
         return self.field
 
     def mobilisation_columns(self) -> Array:
-        """Derivative of the force on the nodes by the holding mobilisations, shape (6 N, k)."""
+        """Derivative of the force on the nodes by the frictional mobilisations, shape (6 N, k)."""
         d = -np.swapaxes(self.field.by_mobilisation, 1, 2) @ self.shape.d_lengths
-        return self._spread(d[self.law.holding]).T
+        return self._to_all_nodes(d[self.law.frictional]).T
 
     def slip_change(self, nodes: Array, base_tension: Array | None) -> Array:
         """Change of the slips behind the mobilisations in a step, the mobilisations kept [m], shape (m, g).
@@ -260,16 +260,16 @@ class TendonActuation:
         """
         f, s = self.field, self.shape
         moved = nodes if self._all_nodes or self.geometry is None else nodes[self._columns]
-        given = f.given_d_length * (s.d_lengths @ moved)
+        released = f.released_d_length * (s.d_lengths @ moved)
         if self.law.elastic:
             change = (f.d_angle @ (s.d_angles @ moved)[:, :, None])[:, :, 0]
             if base_tension is not None:
                 change = change + f.d_base * base_tension[:, None]
-            given = given + f.given_d_tension * change
-        return self.law.slips(given)
+            released = released + f.released_d_tension * change
+        return self.law.slips(released)
 
     def slip_rows(self) -> tuple[Array, Array, Array]:
-        """Derivatives of the slips behind the holding mobilisations.
+        """Derivatives of the slips behind the frictional mobilisations.
 
         Returns
         -------
@@ -278,19 +278,19 @@ class TendonActuation:
         by_mobilisation : ndarray, shape (k, k)
         """
         f, s, law = self.field, self.shape, self.law
-        keep = law.holding
+        keep = law.frictional
         tendon, group = np.nonzero(keep)
         of_tendon = tendon[:, None] == np.arange(self.count)
-        given = f.given_d_length[:, :, None] * s.d_lengths
+        released = f.released_d_length[:, :, None] * s.d_lengths
         if not law.elastic:
-            by_nodes = self._spread((law.drive @ given)[keep])
+            by_nodes = self._to_all_nodes((law.slip_operator @ released)[keep])
             return by_nodes, np.zeros(of_tendon.shape), np.zeros((len(tendon),) * 2)
-        stretched = law.drive * f.given_d_tension[:, None, :]
-        by_nodes = law.drive @ given + (stretched @ f.d_angle) @ s.d_angles
+        stretched = law.slip_operator * f.released_d_tension[:, None, :]
+        by_nodes = law.slip_operator @ released + (stretched @ f.d_angle) @ s.d_angles
         by_base = (stretched @ f.d_base[:, :, None])[keep]
         by_mobilisation = (stretched @ f.by_mobilisation)[tendon[:, None], group[:, None], group]
         return (
-            self._spread(by_nodes[keep]),
+            self._to_all_nodes(by_nodes[keep]),
             by_base * of_tendon,
             by_mobilisation * (tendon[:, None] == tendon),
         )
@@ -300,7 +300,7 @@ class TendonActuation:
         positions, rotations, self._parameters = self.scene_poses()
         values = self.input_values(t)
         driven = self.by_displacement
-        self.impose(values)
+        self.set_prescribed(values)
         if not np.any(driven):
             return self.update(positions, rotations, values)
         self.measure(positions, rotations)
@@ -309,7 +309,7 @@ class TendonActuation:
         for _ in range(60):
             field = self._soft.evaluate(tension, lengths, angles, self.state, self.presliding)
             error = np.where(driven, values - field.base_slip, 0.0)
-            stiffness = 1.0 / np.einsum("mn,mn->m", field.given_d_tension, field.d_base)
+            stiffness = 1.0 / np.einsum("mn,mn->m", field.released_d_tension, field.d_base)
             change = np.where(driven, error * stiffness, 0.0)
             new = np.where(driven, np.maximum(tension + change, 0.0), tension)
             if np.max(np.abs(new - tension)) <= 1e-12 * (1.0 + np.max(new)):
@@ -348,31 +348,31 @@ class TendonActuation:
 
     def length_rows(self) -> Array:
         """Derivative of all segment lengths by the node twists, shape (m n, 6 N)."""
-        return self._spread(self.shape.d_lengths.reshape(-1, self.shape.d_lengths.shape[-1]))
+        return self._to_all_nodes(self.shape.d_lengths.reshape(-1, self.shape.d_lengths.shape[-1]))
 
     def base_slip_rows(self) -> Array:
         """Derivative of the slip at the base plate by the node twists, shape (m, 6 N)."""
         f, s = self.field, self.shape
-        by_length = f.given_d_length + (f.given_d_tension[:, None, :] @ f.d_length)[:, 0]
+        by_length = f.released_d_length + (f.released_d_tension[:, None, :] @ f.d_length)[:, 0]
         d = (by_length[:, None, :] @ s.d_lengths)[:, 0]
         if s.d_angles.shape[1]:
-            d = d + ((f.given_d_tension[:, None, :] @ f.d_angle) @ s.d_angles)[:, 0]
-        return self._spread(d)
+            d = d + ((f.released_d_tension[:, None, :] @ f.d_angle) @ s.d_angles)[:, 0]
+        return self._to_all_nodes(d)
 
     def base_slip_by_base(self) -> Array:
         """Derivative of the slip at the base plate by the tension there [m/N], shape (m,)."""
-        return np.einsum("mn,mn->m", self.field.given_d_tension, self.field.d_base)
+        return np.einsum("mn,mn->m", self.field.released_d_tension, self.field.d_base)
 
     def base_slip_by_mobilisation(self) -> Array:
-        """Derivative of the slip at the base plate by the holding mobilisations [m], shape (m, k)."""
-        keep = self.law.holding
-        d = np.einsum("mn,mng->mg", self.field.given_d_tension, self.field.by_mobilisation)[keep]
+        """Derivative of the slip at the base plate by the frictional mobilisations [m], shape (m, k)."""
+        keep = self.law.frictional
+        d = np.einsum("mn,mng->mg", self.field.released_d_tension, self.field.by_mobilisation)[keep]
         return d * (np.nonzero(keep)[0] == np.arange(self.count)[:, None])
 
     def base_tension_columns(self) -> Array:
         """Derivative of the force on the nodes by the tensions at the base, shape (6 N, m)."""
         d = -(self.field.d_base[:, None, :] @ self.shape.d_lengths)[:, 0]
-        return self._spread(d).T
+        return self._to_all_nodes(d).T
 
     def tangent(self) -> Array:
         """What Exudyn's Jacobian lacks, by itself; see `add_tangent`."""
@@ -453,7 +453,7 @@ class TendonActuation:
         both = np.einsum("aic,aibd->acbd", to_twist, right)
         return self.coordinates.ravel(), both.reshape(7 * n, 7 * n)
 
-    def _spread(self, rows: Array) -> Array:
+    def _to_all_nodes(self, rows: Array) -> Array:
         if self._all_nodes or self.geometry is None:
             return rows
         full = np.zeros((rows.shape[0], 6 * self.mesh.arc_lengths.size))
@@ -462,9 +462,9 @@ class TendonActuation:
 
     # ------------------------------------------------------------------ history
 
-    def impose(self, inputs: Array) -> None:
+    def set_prescribed(self, inputs: Array) -> None:
         """Take down what drives the tendons by displacement in the state that is being solved, shape (m,)."""
-        self.imposed = np.where(self.by_displacement, inputs, np.nan)
+        self.prescribed = np.where(self.by_displacement, inputs, np.nan)
 
     def commit(self) -> None:
         """Take the present holes' states as history."""
@@ -474,7 +474,7 @@ class TendonActuation:
         """Forget all history, as for a robot that was never loaded."""
         self.state = self.law.initial_state()
         self.base_tension = np.zeros(self.count)
-        self.imposed = np.full(self.count, np.nan)
+        self.prescribed = np.full(self.count, np.nan)
 
 
 def _with_compliance(law: TendonLaw, compliance: float) -> Any:

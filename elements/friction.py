@@ -45,11 +45,11 @@ class FrictionLaw(Protocol):
         """Whether there is any friction at all."""
         ...
 
-    def drive(self, n: int) -> Array:
-        """From what every one of ``n`` segments has given up, to the slip behind each mobilisation, (g, n)."""
+    def slip_operator(self, n: int) -> Array:
+        """Matrix from released segment lengths to the slip that drives each friction variable, shape (g, n)."""
         ...
 
-    def spread(self, n: int) -> Array:
+    def hole_incidence(self, n: int) -> Array:
         """From the mobilisations to the holes ``1 .. n-1``, shape (n-1, g)."""
         ...
 
@@ -61,12 +61,12 @@ class NoFriction:
     kind: ClassVar[str] = "none"
     active: ClassVar[bool] = False
 
-    def drive(self, n: int) -> Array:
-        """See `FrictionLaw.drive`."""
+    def slip_operator(self, n: int) -> Array:
+        """See `FrictionLaw.slip_operator`."""
         return np.zeros((0, n))
 
-    def spread(self, n: int) -> Array:
-        """See `FrictionLaw.spread`."""
+    def hole_incidence(self, n: int) -> Array:
+        """See `FrictionLaw.hole_incidence`."""
         return np.zeros((n - 1, 0))
 
 
@@ -77,12 +77,12 @@ class PerTendonFriction:
     kind: ClassVar[str] = "per-tendon"
     active: ClassVar[bool] = True
 
-    def drive(self, n: int) -> Array:
-        """See `FrictionLaw.drive`."""
+    def slip_operator(self, n: int) -> Array:
+        """See `FrictionLaw.slip_operator`."""
         return np.ones((1, n))
 
-    def spread(self, n: int) -> Array:
-        """See `FrictionLaw.spread`."""
+    def hole_incidence(self, n: int) -> Array:
+        """See `FrictionLaw.hole_incidence`."""
         return np.ones((n - 1, 1))
 
 
@@ -93,12 +93,12 @@ class PerHoleFriction:
     kind: ClassVar[str] = "per-hole"
     active: ClassVar[bool] = True
 
-    def drive(self, n: int) -> Array:
-        """See `FrictionLaw.drive`."""
+    def slip_operator(self, n: int) -> Array:
+        """See `FrictionLaw.slip_operator`."""
         return np.triu(np.ones((n - 1, n)), 1)
 
-    def spread(self, n: int) -> Array:
-        """See `FrictionLaw.spread`."""
+    def hole_incidence(self, n: int) -> Array:
+        """See `FrictionLaw.hole_incidence`."""
         return np.eye(n - 1)
 
 
@@ -178,29 +178,29 @@ class TensionField:
     ----------
     tension : ndarray, shape (m, n)
         [N].
-    given : ndarray, shape (m, n)
-        What each segment has given up, ``L - l / (1 + T/EA)`` [m].
+    released_length : ndarray, shape (m, n)
+        Released length of each segment, ``L - l / (1 + T/EA)`` [m].
     slip, mobilisation : ndarray, shape (m, g)
         As they would be committed.
-    given_d_length, given_d_tension : ndarray, shape (m, n)
-        Of what each segment has given up, with respect to its own length [1] and its own tension [m/N].
+    released_d_length, released_d_tension : ndarray, shape (m, n)
+        Of the released lengths, with respect to its own length [1] and its own tension [m/N].
     derive : callable
         Gives `derivatives`.
     """
 
     tension: Array
-    given: Array
+    released_length: Array
     slip: Array
     mobilisation: Array
-    given_d_length: Array
-    given_d_tension: Array
+    released_d_length: Array
+    released_d_tension: Array
     derive: Callable[[], TensionDerivatives]
     _derivatives: TensionDerivatives | None = field(default=None, init=False)
 
     @property
     def base_slip(self) -> Array:
         """Tendon pulled in at the base plate, ``u_0`` [m], shape (m,)."""
-        return np.asarray(self.given.sum(axis=1))
+        return np.asarray(self.released_length.sum(axis=1))
 
     @property
     def derivatives(self) -> TensionDerivatives:
@@ -253,19 +253,19 @@ class TendonLaw:
         self._mu = parameters.friction if law.active else zero
         self._adhesion = parameters.adhesion if law.active else zero
         self._has_adhesion = bool(np.any(self._adhesion > 0.0))
-        #: From what the segments have given up to the slip behind each mobilisation, shape (g, n).
-        self.drive = law.drive(n)
-        self._spread = law.spread(n)
-        self.groups = self.drive.shape[0]
+        #: From released segment lengths to the slip behind each mobilisation, shape (g, n).
+        self.slip_operator = law.slip_operator(n)
+        self._hole_incidence = law.hole_incidence(n)
+        self.groups = self.slip_operator.shape[0]
         holds = (self._mu > 0.0) | (self._adhesion > 0.0)
         #: Which mobilisations hold anything back, shape (m, g).
-        self.holding: NDArray[np.bool_] = (holds.astype(float) @ np.abs(self._spread)) > 0.0
-        self.has_friction = bool(np.any(self.holding))
+        self.frictional: NDArray[np.bool_] = (holds.astype(float) @ np.abs(self._hole_incidence)) > 0.0
+        self.has_friction = bool(np.any(self.frictional))
         #: Whether any tendon stretches.
         self.elastic = bool(np.any(parameters.compliance > 0.0))
         self._lower = np.tril(np.ones((n, n)))
         self._masked = parameters.mask.astype(float)
-        self._each_hole = self.groups == n - 1 and bool(np.all(self._spread == np.eye(n - 1)))
+        self._each_hole = self.groups == n - 1 and bool(np.all(self._hole_incidence == np.eye(n - 1)))
         # Results that never change, made once.
         self._negative, self._nothing, self._rigid = -self._masked, np.zeros((m, n)), np.zeros((m, n, n))
 
@@ -278,17 +278,17 @@ class TendonLaw:
         """Whether a field was made with the mobilisations as unknowns of their own, so that no length changes it."""
         return field.d_length is self._rigid
 
-    def slips(self, given: Array) -> Array:
-        """Slip behind each mobilisation from what the segments have given up [m], (m, n) to (m, g)."""
-        return given @ self.drive.T
+    def slips(self, released: Array) -> Array:
+        """Slip behind each mobilisation from the released segment lengths [m], (m, n) to (m, g)."""
+        return released @ self.slip_operator.T
 
     def at_holes(self, mobilisation: Array) -> Array:
         """Mobilisation of every hole, (m, g) to (m, n-1)."""
         if self._each_hole:
             return mobilisation
-        return mobilisation @ self._spread.T
+        return mobilisation @ self._hole_incidence.T
 
-    def follow(self, slip: Array, state: FrictionState, presliding: float) -> Array:
+    def trial_mobilisation(self, slip: Array, state: FrictionState, presliding: float) -> Array:
         """Mobilisation that the slip would lead to, not yet limited to [-1, 1], shape (m, g)."""
         return state.mobilisation + (slip - state.slip) / presliding
 
@@ -311,14 +311,14 @@ class TendonLaw:
         TensionField
             With the mobilisations held fixed.
         """
-        tension, slopes = self._pass_on(base_tension, angles, self.at_holes(mobilisation))
+        tension, slopes = self._transfer(base_tension, angles, self.at_holes(mobilisation))
 
         def derive() -> TensionDerivatives:
             chain, by_share, by_angle = slopes()
             beyond = chain[:, :, 1:]
             by_mobilisation = beyond * by_share[:, None, :]
             if not self._each_hole:
-                by_mobilisation = by_mobilisation @ self._spread
+                by_mobilisation = by_mobilisation @ self._hole_incidence
             return TensionDerivatives(
                 self._rigid, beyond * by_angle[:, None, :], chain[:, :, 0], by_mobilisation
             )
@@ -326,12 +326,14 @@ class TendonLaw:
         if self.elastic:
             c = self.parameters.compliance[:, None]
             stretch = 1.0 / (1.0 + c * tension)
-            given = (self.parameters.lengths - lengths * stretch) * self._masked
+            released = (self.parameters.lengths - lengths * stretch) * self._masked
             d_length, d_tension = -stretch * self._masked, lengths * c * stretch**2 * self._masked
         else:
-            given = self.parameters.lengths - lengths
+            released = self.parameters.lengths - lengths
             d_length, d_tension = self._negative, self._nothing
-        return TensionField(tension, given, self.slips(given), mobilisation, d_length, d_tension, derive)
+        return TensionField(
+            tension, released, self.slips(released), mobilisation, d_length, d_tension, derive
+        )
 
     def evaluate(
         self,
@@ -363,9 +365,9 @@ class TendonLaw:
             field = self.field(base_tension, lengths, angles, mobilisation)
             by_mobilisation = field.by_mobilisation
             # What the slips lack, and how they change with the mobilisations: own = 1 - ds(slip)/ds.
-            trial = self.follow(field.slip, state, delta)
-            drive = self.drive / delta
-            own = np.eye(self.groups) - (drive * field.given_d_tension[:, None, :]) @ by_mobilisation
+            trial = self.trial_mobilisation(field.slip, state, delta)
+            drive = self.slip_operator / delta
+            own = np.eye(self.groups) - (drive * field.released_d_tension[:, None, :]) @ by_mobilisation
             if np.max(np.abs(np.clip(trial, -1.0, 1.0) - mobilisation), initial=0.0) <= 1e-10:
                 break
             if not self.elastic:
@@ -378,9 +380,9 @@ class TendonLaw:
         sticks = np.abs(trial) < 1.0
         drive = sticks[:, :, None] * drive
         own = np.where(sticks[:, :, None], own, np.eye(self.groups))
-        by_base = (drive * field.given_d_tension[:, None, :]) @ field.d_base[:, :, None]
-        by_angle = (drive * field.given_d_tension[:, None, :]) @ field.d_angle
-        right = np.concatenate((drive * field.given_d_length[:, None, :], by_angle, by_base), axis=2)
+        by_base = (drive * field.released_d_tension[:, None, :]) @ field.d_base[:, :, None]
+        by_angle = (drive * field.released_d_tension[:, None, :]) @ field.d_angle
+        right = np.concatenate((drive * field.released_d_length[:, None, :], by_angle, by_base), axis=2)
         ds = by_mobilisation @ np.linalg.solve(own, right)
         n = self.shape[1]
         derivatives = TensionDerivatives(
@@ -391,7 +393,7 @@ class TendonLaw:
         )
         return replace(field, derive=lambda: derivatives)
 
-    def _pass_on(self, base_tension: Array, angles: Array, s: Array) -> tuple[Array, Slopes]:
+    def _transfer(self, base_tension: Array, angles: Array, s: Array) -> tuple[Array, Slopes]:
         """Tensions, and what gives the chain ``dT_k / dT_j``, and ``dT_k+1`` by ``s_k`` and by the angle there."""
         mu = self._mu
         m, n = self.shape

@@ -92,7 +92,7 @@ class Snapshot:
     tensions: list[Array]
     histories: list[FrictionState]
     mobilisations: list[Array]
-    imposed: list[Array]
+    prescribed: list[Array]
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ class StrainSpaceSolver:
             data.SetAECoordinates(multipliers)
         self._tension = [r.base_tension.copy() for r in self.robots]
         self._mobilisation = [r.state.mobilisation.copy() for r in self.robots]
-        self._goal: list[Array] = [r.imposed for r in self.robots]
+        self._goal: list[Array] = [r.prescribed for r in self.robots]
         self._start: list[Array] | None = None
         self._iteration = 0
         self._presliding, self._damping = self.settings.presliding, 0.0
@@ -272,17 +272,17 @@ class StrainSpaceSolver:
             [r.base_tension.copy() for r in self.robots],
             [r.state for r in self.robots],
             [x.copy() for x in self._mobilisation],
-            [r.imposed for r in self.robots],
+            [r.prescribed for r in self.robots],
         )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a state."""
         self.now.go(snapshot.place)
         self._current = False
-        for robot, tension, state, imposed in zip(
-            self.robots, snapshot.tensions, snapshot.histories, snapshot.imposed, strict=True
+        for robot, tension, state, prescribed in zip(
+            self.robots, snapshot.tensions, snapshot.histories, snapshot.prescribed, strict=True
         ):
-            robot.base_tension, robot.state, robot.imposed = tension.copy(), state, imposed
+            robot.base_tension, robot.state, robot.prescribed = tension.copy(), state, prescribed
         self._tension = [x.copy() for x in snapshot.tensions]
         self._mobilisation = [x.copy() for x in snapshot.mobilisations]
 
@@ -399,7 +399,7 @@ class StrainSpaceSolver:
         self._numbered = which
         at = self._reduction.count
         driven = [np.flatnonzero(r.by_displacement) for r in self.robots]
-        held = [int(np.count_nonzero(r.law.holding)) for r in self.robots]
+        held = [int(np.count_nonzero(r.law.frictional)) for r in self.robots]
         hole = at + sum(d.size for d in driven)
         #: Number of unknowns that equilibrium is linear in.
         self._linear = hole
@@ -539,7 +539,7 @@ class StrainSpaceSolver:
             if part.driven.size:
                 base = np.zeros(robot.count)
                 base[part.driven] = step[part.tensions]
-            keep, state, s = robot.law.holding, robot.state, self._mobilisation[part.index]
+            keep, state, s = robot.law.frictional, robot.state, self._mobilisation[part.index]
             slip = robot.field.slip + robot.slip_change(step[part.nodes], base)
             missing.append((slip - state.slip - self._presliding * (s - state.mobilisation))[keep])
             before.append(s[keep])
@@ -579,8 +579,8 @@ class StrainSpaceSolver:
         worst = 0.0
         for robot, s in zip(self.robots, self._mobilisation, strict=True):
             if robot.law.has_friction:
-                trial = robot.law.follow(robot.field.slip, robot.state, self._presliding)
-                miss = np.abs(trial.clip(-1.0, 1.0) - s) * robot.law.holding
+                trial = robot.law.trial_mobilisation(robot.field.slip, robot.state, self._presliding)
+                miss = np.abs(trial.clip(-1.0, 1.0) - s) * robot.law.frictional
                 worst = max(worst, float(miss.max()))
         return worst
 
@@ -730,7 +730,7 @@ class StrainSpaceSolver:
                 self._tension[i] = tension
             change = step[part.holes]
             if change.any():
-                s, keep = self._mobilisation[i].copy(), part.robot.law.holding
+                s, keep = self._mobilisation[i].copy(), part.robot.law.frictional
                 s[keep] = np.clip(s[keep] + factor * change, -1.0, 1.0)
                 self._mobilisation[i] = s
 
@@ -738,4 +738,4 @@ class StrainSpaceSolver:
         """Take the present holes' states as history."""
         for robot, goal in zip(self.robots, self._goal, strict=True):
             robot.commit()
-            robot.impose(goal)
+            robot.set_prescribed(goal)

@@ -149,7 +149,7 @@ class LoadStepper:
         count = _Count(record)
         try:
             if guide is not None:
-                self._follow(apply, guide, count)
+                self._replay(apply, guide, count)
             elif substeps is None:
                 self._path(apply, count)
             else:
@@ -216,7 +216,7 @@ class LoadStepper:
             return
         self._accept(report, end, count)
 
-    def _follow(self, apply: Apply, guide: Sequence[Waypoint], count: _Count) -> None:
+    def _replay(self, apply: Apply, guide: Sequence[Waypoint], count: _Count) -> None:
         """The substeps of a guide, each from the guide's own solution; without it where that misleads."""
         start = 0.0
         for point in guide:
@@ -313,11 +313,11 @@ class LoadStepper:
                 # No hole has moved at all, as is the rule while loading.
                 continue
             taut = (tension > 0.0)[:, None]
-            if self._loads_change and np.any(taut & robot.law.holding):
+            if self._loads_change and np.any(taut & robot.law.frictional):
                 return True
             old, new = np.trunc(state.mobilisation), np.trunc(robot.field.mobilisation)
             pulled = (robot.base_tension > 0.0)[:, None] & (new < 1.0)
-            if np.any((old != new) & robot.law.holding & (taut | pulled)):
+            if np.any((old != new) & robot.law.frictional & (taut | pulled)):
                 return True
         return False
 
@@ -338,6 +338,6 @@ class LoadStepper:
             rate, bend = 0.5 * (3.0 * last - first), last - first
             slides = (np.abs(robot.state.mobilisation) >= 1.0) & (robot.base_tension > 0.0)[:, None]
             comes_back = (last * rate < 0.0) & (rate**2 > 2.0 * back * np.abs(bend))
-            if np.any(slides & robot.law.holding & comes_back):
+            if np.any(slides & robot.law.frictional & comes_back):
                 return True
         return False

@@ -165,7 +165,7 @@ def test_tensions_for_given_mobilisations_against_differences(kind, compliance, 
     x = law(kind, compliance=compliance, adhesion=adhesion)
     rng = np.random.default_rng(1)
     base, lengths = np.array([2.0, 1.0]), LENGTHS * (1.0 + 1e-3 * rng.normal(size=LENGTHS.shape))
-    s = sign * rng.uniform(0.1, 0.9, size=(2, x.groups)) * x.holding
+    s = sign * rng.uniform(0.1, 0.9, size=(2, x.groups)) * x.frictional
     field = x.field(base, lengths, ANGLES, s)
 
     def tension(base=base, angles=ANGLES, s=s):
@@ -187,7 +187,7 @@ def test_tensions_from_the_configuration_against_differences(kind, compliance, a
     x = law(kind, compliance=compliance, adhesion=adhesion, presliding=1e-4)
     rng = np.random.default_rng(5)
     base = np.array([2.0, 1.0])
-    state = FrictionState(np.zeros((2, x.groups)), 0.1 * np.ones((2, x.groups)) * x.holding)
+    state = FrictionState(np.zeros((2, x.groups)), 0.1 * np.ones((2, x.groups)) * x.frictional)
     # Elastic tendons give up their stretch as well: begin where that is accounted for.
     begun = x.evaluate(base, LENGTHS, ANGLES, state)
     state = replace(state, slip=begun.slip)

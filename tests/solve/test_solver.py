@@ -124,13 +124,13 @@ def test_forces_and_slips_by_mobilisation_against_differences(axial_stiffness):
         solver._mobilisation[0] = s
         solver._update_forces()
         force = np.array(solver._residual())[: 6 * len(handle.nNodes)]
-        return force, act.field.slip[act.law.holding].copy(), act.field.base_slip.copy()
+        return force, act.field.slip[act.law.frictional].copy(), act.field.base_slip.copy()
 
     state(s)
     columns, (_, _, own) = act.mobilisation_columns().copy(), act.slip_rows()
     base = act.base_slip_by_mobilisation().copy()
     # Exudyn's residual is what is unbalanced: inner less applied force, or the other way round; one sign for all.
-    for index, (i, g) in enumerate(zip(*np.nonzero(act.law.holding), strict=True)):
+    for index, (i, g) in enumerate(zip(*np.nonzero(act.law.frictional), strict=True)):
         if index % 7:
             continue
         shift = np.zeros_like(s)
