@@ -104,7 +104,7 @@ def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
             setup.steps,
             SolverSettings(
                 path_tolerance=path_tolerance,
-                max_divisions=DIVISIONS,
+                max_substeps=DIVISIONS,
                 min_substep=SMALLEST if waypoints is None else GUIDED,
             ),
             guide=waypoints,

@@ -23,6 +23,7 @@ from tdcr_fe.elements.backbone import ElementChain, NodeBlocks
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.friction import FrictionState
 from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.configuration import Configuration, Place
 from tdcr_fe.solve.reduction import BodyFrameReduction
 
@@ -33,46 +34,6 @@ _EYE6 = np.eye(6)
 #: A step with the tangent of the iteration before leaves about this times the residual, per turn of the elements that
 #: the tangent has seen since [1/rad]; a prediction that met the tolerance in all of 216 steps of three routings.
 _SPOILT = 3.0
-
-
-@dataclass(frozen=True)
-class SolverSettings:
-    """Numerics of the quasi-static solver; physics has no place here.
-
-    Attributes
-    ----------
-    tolerance : float
-        Largest unbalanced force or moment over the scale of the forces at work [1].
-    step_tolerance : float
-        A Newton step that moves no node by more than this share of the length, and turns none by more than
-        this angle, ends the iteration too [1, rad].
-    max_iterations : int
-        Newton iterations of one attempt.
-    max_turn : float
-        Largest change of an element's rotation in one iteration [rad].
-    path_tolerance : float
-        With friction the answer depends on the path; a step is divided until doubling the number of substeps has
-        twice moved no node by more than this share of the backbone's length; about a third of it is left [1].
-    max_divisions : int
-        Into how many substeps a step is divided at most for the sake of its path; what is then not resolved is told.
-    min_substep : float
-        Smallest substep tried where Newton does not converge, as a share of the load step [1].
-    max_substep_turn : float
-        Where a section turns by more than this in a substep, the step is checked against its halves: a
-        long step may land on an equilibrium that the robot does not reach from where it is [rad].
-    presliding : float
-        Distance that a tendon creeps through a hole from rest to full friction [m].
-    """
-
-    tolerance: float = 1e-8
-    step_tolerance: float = 1e-10
-    max_iterations: int = 20
-    max_turn: float = 0.5
-    path_tolerance: float = 1e-4
-    max_divisions: int = 64
-    min_substep: float = 1.0 / 256.0
-    max_substep_turn: float = 0.7
-    presliding: float = 1e-6
 
 
 class NotConverged(Exception):

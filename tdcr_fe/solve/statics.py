@@ -8,7 +8,8 @@ import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.solve.solver import SolverSettings, StrainSpaceSolver
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.solver import StrainSpaceSolver
 from tdcr_fe.solve.stepping import Applied, LoadStepper
 
 Array = NDArray[np.float64]

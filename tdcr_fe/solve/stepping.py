@@ -245,7 +245,7 @@ class LoadStepper:
             return
         agreed, pieces, error = 0, 1, 0.0
         needed = 2 if matters else 1
-        while agreed < needed and 2 * pieces <= settings.max_divisions:
+        while agreed < needed and 2 * pieces <= settings.max_substeps:
             pieces *= 2
             reached, shape = solver.snapshot(), solver.positions().copy()
             solver.restore(before)

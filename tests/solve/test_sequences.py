@@ -173,6 +173,6 @@ def test_a_path_that_is_not_settled_is_told(case, monkeypatch):
     if case == "holes that turn back":
         monkeypatch.setattr("tdcr_fe.solve.stepping.LoadStepper._turns_back", lambda self, count: True)
     most = 2 if case == "one doubling" else 8
-    settled = solve(paper(0.3), pull(1.0, 0.5), settings=SolverSettings(max_divisions=most))
+    settled = solve(paper(0.3), pull(1.0, 0.5), settings=SolverSettings(max_substeps=most))
     assert settled.steps[-1].details["path_error"] > 0.0
     assert ["not resolved" in w for w in settled.warnings] == [True]

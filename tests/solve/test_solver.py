@@ -15,7 +15,8 @@ from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.robot import Robot, Superelastic, Tendon
 from tdcr_fe.model.routing import HelicalRouting
-from tdcr_fe.solve.solver import NotConverged, SolverSettings, StrainSpaceSolver
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.solver import NotConverged, StrainSpaceSolver
 from tdcr_fe.solve.stepping import StepFailed
 
 HELIX = Robot(BACKBONE, DISKS, (Tendon("t1", HelicalRouting(4.5e-3, 1.0), 0.3),), name="helix")
