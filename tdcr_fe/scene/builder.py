@@ -358,8 +358,10 @@ class TDCR:
 
     def hole_states(self) -> dict[str, tuple[str, ...]]:
         """By tendon, state of the hole at the distal end of every segment: stick, pull, release, anchor."""
-        law = self.actuation.law
-        holes = law.at_holes(self._field().mobilisation)
+        if self.actuation.geometry is None:  # the classical model has one segment; no hole holds back
+            holes = np.zeros((len(self.robot.tendons), len(self.robot.disks.positions)))
+        else:
+            holes = self.actuation.law.at_holes(self._field().mobilisation)
         return {t.name: hole_states(holes[i], self._count(i)) for i, t in enumerate(self.robot.tendons)}
 
     def _need_assembly(self) -> None:
