@@ -11,7 +11,7 @@ from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
 from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.scene.builder import TDCR, CreateTDCR
+from tdcr_fe.scene import TDCR, CreateTDCR
 from tdcr_fe.solve.simulate import simulate
 
 LENGTH = 0.25

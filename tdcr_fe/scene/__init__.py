@@ -1,5 +1,7 @@
 """A robot as items in an Exudyn scene."""
 
-from tdcr_fe.scene.builder import TDCR, CreateTDCR, PointLoad
+from tdcr_fe.scene.builder import CreateTDCR
+from tdcr_fe.scene.handle import TDCR
+from tdcr_fe.scene.loads import PointLoad
 
 __all__ = ["TDCR", "CreateTDCR", "PointLoad"]

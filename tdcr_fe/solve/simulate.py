@@ -16,7 +16,7 @@ from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.scene.builder import TDCR, CreateTDCR, PointLoad
+from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
 from tdcr_fe.solve.solver import NotConverged, StrainSpaceSolver
 from tdcr_fe.solve.stepping import Applied, LoadStepper, StepFailed, Waypoint
 

@@ -93,7 +93,7 @@ def _function(present: Any) -> Any:
 
 def _bind() -> None:
     """Make `SolveTDCR` a method of ``exudyn.MainSystem``."""
-    from tdcr_fe.scene.builder import bind
+    from tdcr_fe.scene.binding import bind
 
     bind("SolveTDCR", SolveTDCR)
 

@@ -1,0 +1,41 @@
+"""Forces inside the section of a robot's backbone: tendons that follow it, superelastic bending."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.backbone import BackboneMesh
+from tdcr_fe.elements.section import ContinuousTendons, SuperelasticSection, gauss_arc_lengths
+from tdcr_fe.model.robot import Robot
+
+
+def continuous_tendons(robot: Robot, mesh: BackboneMesh) -> ContinuousTendons:
+    """Tendons that follow the backbone, at the integration points of every element."""
+    s = gauss_arc_lengths(mesh.arc_lengths)
+    offset = np.zeros((len(robot.tendons), *s.shape, 3))
+    slope = np.zeros_like(offset)
+    weight = np.zeros((len(robot.tendons), len(s)))
+    middle = 0.5 * (mesh.arc_lengths[1:] + mesh.arc_lengths[:-1])
+    for i, tendon in enumerate(robot.tendons):
+        end = robot.end(tendon)
+        along = np.minimum(s, end)
+        offset[i, ..., 1:] = tendon.routing.position(along.ravel(), end).reshape(*s.shape, 2)
+        slope[i, ..., 1:] = tendon.routing.position(along.ravel(), end, 1).reshape(*s.shape, 2)
+        weight[i] = middle < end
+    return ContinuousTendons(offset, slope, weight)
+
+
+def superelastic_section(
+    robot: Robot, mesh: BackboneMesh, rigid: NDArray[np.bool_]
+) -> SuperelasticSection | None:
+    """Superelastic bending of every element, none in rigid inserts; None where the backbone has no such law."""
+    law = robot.backbone.superelastic
+    if law is None:
+        return None
+    return SuperelasticSection(
+        np.where(rigid, 0.0, mesh.stiffness[:, 5]),
+        law.threshold_strain / robot.backbone.radius,
+        law.plateau_ratio,
+        mesh.precurvature,
+    )
