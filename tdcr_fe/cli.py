@@ -15,6 +15,7 @@ from collections.abc import Sequence
 
 from tdcr_fe import __version__
 from tdcr_fe.commands.status import INTERRUPTED, SUCCESS, WRONG_INPUT, complain, count
+from tdcr_fe.io.processes import sigterm_as_interrupt
 
 #: Every subcommand, as ``module:function``.
 COMMANDS = (
@@ -37,7 +38,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0 done, 1 the model did not converge, 2 the input is wrong, 130 interrupted.
+        Exit status: 0 done, 1 the model did not converge, 2 the input is wrong, 130 interrupted by Ctrl-C,
+        143 by SIGTERM.
     """
     # Threads cost more than they gain on matrices of this size, four times on a busy machine. Numpy reads this
     # when it is first imported, which the commands do only after this line; what the user has set stands.
@@ -46,6 +48,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(
             errors="backslashreplace"
         )  # a label must not stop a terminal of another encoding
+    with sigterm_as_interrupt() as termination:
+        status = _run(argv)
+    return termination.status if status == INTERRUPTED else status
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    """Call the handler of the subcommand; errors and interruptions become exit statuses."""
     try:
         args = _parser().parse_args(argv)
         status = int(args.handler(args))
@@ -75,7 +84,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="tdcr-fe",
         description="Tendon-driven continuum robots in Exudyn: finite elements with Capstan friction.",
-        epilog="Exit status: 0 done, 1 the model did not converge, 2 the input is wrong, 130 interrupted.",
+        epilog="Exit status: 0 done, 1 the model did not converge, 2 the input is wrong, 130 interrupted "
+        "(143 by SIGTERM).",
     )
     parser.add_argument("--version", action="version", version=f"tdcr-fe {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)

@@ -1,0 +1,129 @@
+"""Worker processes that end with their parent, and SIGTERM as an orderly interruption.
+
+A worker blocks on a pipe whose writing end exists in the parent alone. When the parent closes it, or dies in whatever
+way (also by ``kill -9``), the operating system ends the pipe and the worker exits at once. This needs neither polling
+nor a particular platform.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from types import FrameType
+
+#: Exit statuses of a process that SIGINT or SIGTERM ended (128 and the number of the signal).
+STATUS_SIGINT, STATUS_SIGTERM = 130, 143
+
+#: Variables that limit the threads of the linear algebra libraries; read when a library is loaded.
+THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM arrived. Handled like Ctrl-C; the exit status differs."""
+
+
+@dataclass
+class Termination:
+    """Whether SIGTERM arrived inside `sigterm_as_interrupt`."""
+
+    received: bool = False
+
+    @property
+    def status(self) -> int:
+        """Exit status of a command that was interrupted."""
+        return STATUS_SIGTERM if self.received else STATUS_SIGINT
+
+
+@contextmanager
+def sigterm_as_interrupt() -> Iterator[Termination]:
+    """Raise `Terminated` in the main thread on SIGTERM, so that a command ends as on Ctrl-C.
+
+    In another thread than the main one, where Python allows no signal handlers, it changes nothing.
+
+    Yields
+    ------
+    Termination
+        Tells afterwards which signal it was, also where the exception was handled on the way.
+    """
+    termination = Termination()
+    if threading.current_thread() is not threading.main_thread():
+        yield termination
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        termination.received = True
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield termination
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def worker_pool(
+    processes: int, initializer: Callable[[], None] | None = None
+) -> Iterator[ProcessPoolExecutor]:
+    """A pool of worker processes that ends with this process.
+
+    Workers leave Ctrl-C to the parent and use one thread for linear algebra. When the block ends by an exception
+    (an interruption in particular), they exit at once; otherwise they finish what was submitted.
+
+    Parameters
+    ----------
+    processes
+        Number of workers.
+    initializer
+        Called once in every worker; a function of a module.
+
+    Yields
+    ------
+    ProcessPoolExecutor
+    """
+    context = get_context(
+        "spawn"
+    )  # the only method on all platforms; a fork would inherit the pipe of its siblings
+    alive, owned = context.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(
+        max(1, processes), mp_context=context, initializer=_start_worker, initargs=(alive, initializer)
+    )
+    try:
+        yield pool
+    except BaseException:
+        owned.close()
+        raise
+    finally:
+        try:
+            pool.shutdown(wait=True, cancel_futures=True)
+        finally:
+            owned.close()
+            alive.close()
+
+
+def _start_worker(alive: Connection, initializer: Callable[[], None] | None) -> None:
+    """First thing in a worker."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_exit_with_parent, args=(alive,), daemon=True, name="parent-watch").start()
+    for variable in THREAD_VARIABLES:
+        os.environ[variable] = "1"
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1)  # for libraries that are loaded already
+    if initializer is not None:
+        initializer()
+
+
+def _exit_with_parent(alive: Connection) -> None:
+    """Wait for the end of the pipe, then end this process without any clean-up that could block."""
+    try:
+        alive.recv_bytes()
+    except (EOFError, OSError):
+        os._exit(STATUS_SIGTERM)

@@ -1,0 +1,135 @@
+"""Worker processes end with their parent, whatever ends it."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import pytest
+
+from tdcr_fe.io.processes import STATUS_SIGINT, STATUS_SIGTERM, Terminated, sigterm_as_interrupt, worker_pool
+
+#: Time that workers may take to end after their parent [s].
+LIMIT = 3.0
+
+PARENT = """
+import os, sys, time
+from tdcr_fe.io.processes import sigterm_as_interrupt, worker_pool
+
+def main():
+    with sigterm_as_interrupt() as termination:
+        try:
+            with worker_pool(2) as pool:
+                print(*{f.result() for f in [pool.submit(os.getpid) for _ in range(40)]}, flush=True)
+                time.sleep(60.0)
+        except KeyboardInterrupt:
+            print("interrupted", flush=True)
+            return termination.status
+    return 0
+
+if __name__ == "__main__":
+    sys.exit(main())
+"""
+
+
+def alive(pid):
+    """Whether a process runs; a zombie does not."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    stat = Path(f"/proc/{pid}/stat")
+    try:
+        return not (stat.exists() and stat.read_text().rsplit(")", 1)[1].split()[0] == "Z")
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def wait_for_end(pids):
+    """Time until all processes are gone [s]."""
+    begun = time.perf_counter()
+    while any(alive(p) for p in pids):
+        assert time.perf_counter() - begun < LIMIT, f"{[p for p in pids if alive(p)]} still run"
+        time.sleep(0.02)
+    return time.perf_counter() - begun
+
+
+def start(tmp_path):
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    process = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, text=True, env=environment
+    )
+    return process, [int(p) for p in process.stdout.readline().split()]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("number", ["SIGKILL", "SIGTERM", "SIGINT"])
+def test_workers_end_with_their_parent(tmp_path, number):
+    """e3bbe5d: after ``kill -9`` workers lived on without limit."""
+    process, workers = start(tmp_path)
+    try:
+        assert workers and all(alive(p) for p in workers)
+        process.send_signal(getattr(signal, number))
+        wait_for_end([*workers])
+        output = process.communicate(timeout=10)[0]
+    finally:
+        process.kill()
+    expected = {"SIGKILL": -9, "SIGTERM": STATUS_SIGTERM, "SIGINT": STATUS_SIGINT}[number]
+    assert process.returncode == expected
+    assert ("interrupted" in output) == (number != "SIGKILL")
+
+
+def test_an_interruption_ends_busy_workers_at_once():
+    with pytest.raises(KeyboardInterrupt), worker_pool(1) as pool:
+        worker = pool.submit(os.getpid).result()
+        future = pool.submit(time.sleep, 60.0)
+        while not future.running():
+            time.sleep(0.01)
+        begun = time.perf_counter()
+        raise KeyboardInterrupt
+    assert time.perf_counter() - begun < LIMIT
+    assert isinstance(future.exception(), BrokenProcessPool)
+    if os.name == "posix":
+        wait_for_end([worker])
+
+
+def test_work_that_was_submitted_is_finished_when_nothing_interrupts():
+    with worker_pool(2) as pool:
+        results = list(pool.map(abs, range(-5, 0)))
+    assert results == [5, 4, 3, 2, 1]
+
+
+def test_workers_use_one_thread():
+    with worker_pool(1) as pool:
+        assert pool.submit(os.environ.get, "OPENBLAS_NUM_THREADS").result() == "1"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_sigterm_is_an_interruption_inside_and_as_before_outside():
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(Terminated), sigterm_as_interrupt() as termination:
+        assert termination.status == STATUS_SIGINT
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(5.0)
+    assert termination.received and termination.status == STATUS_SIGTERM
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_sigterm_handler_is_left_alone_in_other_threads():
+    seen = []
+
+    def inside():
+        with sigterm_as_interrupt():
+            seen.append(signal.getsignal(signal.SIGTERM))
+
+    before = signal.getsignal(signal.SIGTERM)
+    thread = threading.Thread(target=inside)
+    thread.start()
+    thread.join()
+    assert seen == [before]
