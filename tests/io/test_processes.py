@@ -107,7 +107,7 @@ def test_work_that_was_submitted_is_finished_when_nothing_interrupts():
 
 def test_workers_use_one_thread():
     with worker_pool(1) as pool:
-        assert pool.submit(os.environ.get, "OPENBLAS_NUM_THREADS").result() == "1"
+        assert pool.submit(os.getenv, "OPENBLAS_NUM_THREADS").result() == "1"
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
