@@ -200,7 +200,7 @@ class TendonActuation:
             self.twists = relative_twists(positions, rotations) if twists is None else twists
         if self.geometry is not None:
             if self.geometry.clearance is not None:
-                self.geometry.settle(positions[self.hole_nodes], rotations[self.hole_nodes])
+                self.geometry.shift_in_holes(positions[self.hole_nodes], rotations[self.hole_nodes])
             if self._all_nodes:
                 self.shape = self.geometry.evaluate(positions, rotations)
             else:
@@ -397,7 +397,7 @@ class TendonActuation:
         f = self.field
         d_lengths, d_angles = self.shape.derivatives
         change = f.d_angle @ d_angles
-        if not self.law.is_rigid(f):
+        if f.depends_on_length:
             change += f.d_length @ d_lengths
         if self._d_base is not None:
             change = change + f.d_base[:, :, None] * self._d_base[:, None, :]

@@ -29,15 +29,15 @@ Array = NDArray[np.float64]
 Slopes = Callable[[], tuple[Array, Array, Array]]
 
 
-class FrictionLaw(Protocol):
-    """Which slip drives which holes. Adding a law takes a class here and a line in `FRICTION_LAWS`.
+class FrictionModel(Protocol):
+    """Which slip drives friction at which holes. Adding a model takes a class here and a line in `FRICTION_MODELS`.
 
-    A law has ``g`` mobilisations per tendon; the matrices say what drives them and which holes they move.
+    A model has ``g`` mobilisations per tendon; the matrices say which slip drives them and at which holes they act.
     """
 
     @property
     def kind(self) -> str:
-        """Name of the law."""
+        """Name in ``scenario.toml``."""
         ...
 
     @property
@@ -62,11 +62,11 @@ class NoFriction:
     active: ClassVar[bool] = False
 
     def slip_operator(self, n: int) -> Array:
-        """See `FrictionLaw.slip_operator`."""
+        """See `FrictionModel.slip_operator`."""
         return np.zeros((0, n))
 
     def hole_incidence(self, n: int) -> Array:
-        """See `FrictionLaw.hole_incidence`."""
+        """See `FrictionModel.hole_incidence`."""
         return np.zeros((n - 1, 0))
 
 
@@ -78,11 +78,11 @@ class PerTendonFriction:
     active: ClassVar[bool] = True
 
     def slip_operator(self, n: int) -> Array:
-        """See `FrictionLaw.slip_operator`."""
+        """See `FrictionModel.slip_operator`."""
         return np.ones((1, n))
 
     def hole_incidence(self, n: int) -> Array:
-        """See `FrictionLaw.hole_incidence`."""
+        """See `FrictionModel.hole_incidence`."""
         return np.ones((n - 1, 1))
 
 
@@ -94,16 +94,16 @@ class PerHoleFriction:
     active: ClassVar[bool] = True
 
     def slip_operator(self, n: int) -> Array:
-        """See `FrictionLaw.slip_operator`."""
+        """See `FrictionModel.slip_operator`."""
         return np.triu(np.ones((n - 1, n)), 1)
 
     def hole_incidence(self, n: int) -> Array:
-        """See `FrictionLaw.hole_incidence`."""
+        """See `FrictionModel.hole_incidence`."""
         return np.eye(n - 1)
 
 
-#: Every friction law, by the name it has in ``scenario.toml``.
-FRICTION_LAWS: dict[str, FrictionLaw] = {
+#: Every friction model, by the name it has in ``scenario.toml``.
+FRICTION_MODELS: dict[str, FrictionModel] = {
     law.kind: law for law in (NoFriction(), PerTendonFriction(), PerHoleFriction())
 }
 
@@ -184,6 +184,8 @@ class TensionField:
         As they would be committed.
     released_d_length, released_d_tension : ndarray, shape (m, n)
         Of the released lengths, with respect to its own length [1] and its own tension [m/N].
+    depends_on_length : bool
+        Whether the tensions change with the segments' lengths; where not, `d_length` is zero.
     derive : callable
         Gives `derivatives`.
     """
@@ -194,6 +196,7 @@ class TensionField:
     mobilisation: Array
     released_d_length: Array
     released_d_tension: Array
+    depends_on_length: bool
     derive: Callable[[], TensionDerivatives]
     _derivatives: TensionDerivatives | None = field(default=None, init=False)
 
@@ -243,7 +246,7 @@ class TendonLaw:
         Distance a tendon creeps through a hole from rest to full friction [m].
     """
 
-    def __init__(self, parameters: TendonParameters, law: FrictionLaw, presliding: float = 1e-6) -> None:
+    def __init__(self, parameters: TendonParameters, law: FrictionModel, presliding: float = 1e-6) -> None:
         self.parameters = parameters
         self.law = law
         self.presliding = presliding
@@ -267,16 +270,12 @@ class TendonLaw:
         self._masked = parameters.mask.astype(float)
         self._each_hole = self.groups == n - 1 and bool(np.all(self._hole_incidence == np.eye(n - 1)))
         # Results that never change, made once.
-        self._negative, self._nothing, self._rigid = -self._masked, np.zeros((m, n)), np.zeros((m, n, n))
+        self._negative, self._nothing, self._constant = -self._masked, np.zeros((m, n)), np.zeros((m, n, n))
 
     def initial_state(self) -> FrictionState:
         """History of a robot that was never loaded."""
         m = self.shape[0]
         return FrictionState(np.zeros((m, self.groups)), np.zeros((m, self.groups)))
-
-    def is_rigid(self, field: TensionField) -> bool:
-        """Whether a field was made with the mobilisations as unknowns of their own, so that no length changes it."""
-        return field.d_length is self._rigid
 
     def slips(self, released: Array) -> Array:
         """Slip behind each mobilisation from the released segment lengths [m], (m, n) to (m, g)."""
@@ -320,7 +319,7 @@ class TendonLaw:
             if not self._each_hole:
                 by_mobilisation = by_mobilisation @ self._hole_incidence
             return TensionDerivatives(
-                self._rigid, beyond * by_angle[:, None, :], chain[:, :, 0], by_mobilisation
+                self._constant, beyond * by_angle[:, None, :], chain[:, :, 0], by_mobilisation
             )
 
         if self.elastic:
@@ -332,7 +331,7 @@ class TendonLaw:
             released = self.parameters.lengths - lengths
             d_length, d_tension = self._negative, self._nothing
         return TensionField(
-            tension, released, self.slips(released), mobilisation, d_length, d_tension, derive
+            tension, released, self.slips(released), mobilisation, d_length, d_tension, False, derive
         )
 
     def evaluate(
@@ -391,7 +390,7 @@ class TendonLaw:
             field.d_base + ds[:, :, -1],
             by_mobilisation,
         )
-        return replace(field, derive=lambda: derivatives)
+        return replace(field, depends_on_length=True, derive=lambda: derivatives)
 
     def _transfer(self, base_tension: Array, angles: Array, s: Array) -> tuple[Array, Slopes]:
         """Tensions, and what gives the chain ``dT_k / dT_j``, and ``dT_k+1`` by ``s_k`` and by the angle there."""

@@ -93,8 +93,8 @@ class CableGeometry:
         self._exists = mask.astype(float)
         self._turns = turns.astype(float)
         self._padded = not bool(np.all(mask))
-        # Every derivative is a force on a hole: both ends of the segments, then the three holes of the turns.
-        # The row of the derivative and the hole it acts on never change, so they are found once.
+        # Each derivative is made of forces on holes: both ends of the segments, then the three holes of the turns.
+        # The row of the derivative and the hole do not change, so they are computed once.
         hole = np.arange(m * (n + 1)).reshape(m, n + 1)
         segment = np.arange(m * n).reshape(m, n)
         turn = m * n + np.arange(m * (n - 1)).reshape(m, n - 1)
@@ -123,12 +123,17 @@ class CableGeometry:
         lever[..., 3:, :] = skew(self.offsets)
         return lever
 
-    def settle(self, positions: Array, rotations: Array) -> None:
-        """Shift the tendons inside oversized holes to where they are pulled.
+    def shift_in_holes(self, positions: Array, rotations: Array) -> None:
+        """Shift the tendons sideways inside oversized holes, in the direction of their pull.
 
         At a hole the tendon pulls along ``b = d_before + d_after``, the unit vectors from the middle of the hole to
         those of its neighbours (below the base plate: straight down). In the plane of the disk it is shifted by
-        ``clearance b / sqrt(|b|^2 + CLEARANCE_ANGLE^2)``. The anchor holds it.
+        ``clearance b / sqrt(|b|^2 + CLEARANCE_ANGLE^2)``. At the anchor it cannot shift.
+
+        Parameters
+        ----------
+        positions, rotations
+            Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
         """
         if self.clearance is None:
             return
@@ -146,8 +151,8 @@ class CableGeometry:
         size = np.sqrt(np.einsum("mki,mki->mk", local, local) + self.CLEARANCE_ANGLE**2)
         inner = np.ones(self.nodes.shape, dtype=bool)
         inner[:, 1:] = np.concatenate((self.mask[:, 1:], np.zeros((len(self.mask), 1), dtype=bool)), axis=1)
-        share = np.where(inner, self.clearance[:, None] / size, 0.0)
-        self.offsets = self.nominal + local * share[..., None]
+        shift = np.where(inner, self.clearance[:, None] / size, 0.0)
+        self.offsets = self.nominal + local * shift[..., None]
         self._lever = self._levers()
 
     def holes(self, positions: Array, rotations: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from tdcr_fe.elements.actuation import Clamp, Connectors, TendonActuation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, add_backbone, reference_poses
 from tdcr_fe.elements.disks import add_disk, base_plate
-from tdcr_fe.elements.friction import FRICTION_LAWS, TendonLaw, TendonParameters
+from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.elements.section import SectionForces
 from tdcr_fe.elements.tendons import CableGeometry
@@ -93,8 +93,8 @@ def CreateTDCR(
         )
     if model.tendon_path not in ("straight", "continuous"):
         raise ValueError(f"tendon_path {model.tendon_path!r}; must be 'straight' or 'continuous'")
-    if model.friction not in FRICTION_LAWS:
-        raise ValueError(f"friction {model.friction!r}; must be one of {', '.join(FRICTION_LAWS)}")
+    if model.friction not in FRICTION_MODELS:
+        raise ValueError(f"friction {model.friction!r}; must be one of {', '.join(FRICTION_MODELS)}")
     if model.elements_per_bay < 1:
         raise ValueError(f"elements_per_bay {model.elements_per_bay}; must be 1 or more")
     position = np.asarray(basePosition, dtype=float)
@@ -232,7 +232,7 @@ def CreateTDCR(
     clearance = np.array([t.clearance for t in robot.tendons])
     geometry = None if continuous else CableGeometry(where, offsets, mask, len(hole_nodes), clearance)
     if geometry is not None:
-        geometry.settle(positions[hole_nodes], rotations[hole_nodes])
+        geometry.shift_in_holes(positions[hole_nodes], rotations[hole_nodes])
         lengths = geometry.lengths(positions[hole_nodes], rotations[hole_nodes])
     elif tendon_section is not None:
         lengths = tendon_section.evaluate(mesh.reference_twists, mesh.lengths)[0][:, None]
@@ -249,7 +249,7 @@ def CreateTDCR(
         adhesion * inner,
         np.array([0.0 if t.axial_stiffness is None else 1.0 / t.axial_stiffness for t in robot.tendons]),
     )
-    law = TendonLaw(parameters, FRICTION_LAWS[model.friction], presliding)
+    law = TendonLaw(parameters, FRICTION_MODELS[model.friction], presliding)
     forces: list[Any] = []
     torques: list[Any] = []
     if section is not None:

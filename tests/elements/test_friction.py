@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tdcr_fe.elements.friction import (
-    FRICTION_LAWS,
+    FRICTION_MODELS,
     FrictionState,
     NoFriction,
     PerHoleFriction,
@@ -127,7 +127,7 @@ def test_bounds_hold_and_no_hole_creates_energy_whatever_is_done(compliance, bas
 
 def test_states_of_holes_have_names():
     assert hole_states(np.array([1.0, 0.3, -1.0, 0.0]), 4) == ("pull", "stick", "release", "anchor")
-    assert set(FRICTION_LAWS) == {"none", "per-tendon", "per-hole"}
+    assert set(FRICTION_MODELS) == {"none", "per-tendon", "per-hole"}
 
 
 # ---------------------------------------------------------------- derivatives

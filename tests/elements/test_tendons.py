@@ -105,7 +105,7 @@ def test_clearance_shifts_the_tendon_towards_where_it_is_pulled():
     offsets[..., 2] = 1e-3
     mask = np.ones((1, count), bool)
     cable = CableGeometry(nodes, offsets, mask, count + 1, np.array([gap]))
-    cable.settle(p, r)
+    cable.shift_in_holes(p, r)
     shift = cable.offsets - offsets
     assert np.all(np.abs(shift[0, 1:-1, 1] - gap) < 0.01 * gap)
     assert np.all(shift[0, -1] == 0.0) and np.all(shift[..., 0] == 0.0)
