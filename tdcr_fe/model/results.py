@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.loading import Model
+from tdcr_fe.model.loading import Actuation, Model
 from tdcr_fe.model.robot import Robot
 
 Array = NDArray[np.float64]
@@ -49,6 +49,8 @@ class StepResult:
         "anchor" for the last.
     residual : float
         Largest unbalanced force or moment over its tolerance's scale [1].
+    actuation : Actuation or None
+        Tendon inputs and loads that act at the end of the step; None where a result was made without a loading.
     details : mapping
         Whatever else the solver tells: smallest eigenvalue, trials of signs, energies ...
     """
@@ -66,6 +68,7 @@ class StepResult:
     tensions: tuple[Array, ...]
     hole_states: tuple[tuple[str, ...], ...]
     residual: float = 0.0
+    actuation: Actuation | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
 
     @property

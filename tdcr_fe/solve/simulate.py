@@ -132,7 +132,9 @@ class Simulation:
         """Tendons pulled in at the base [m], shape (n_tendons,)."""
         return self.handle.actuation.displacements
 
-    def result(self, number: int, label: str, report: Mapping[str, Any]) -> StepResult:
+    def result(
+        self, number: int, label: str, report: Mapping[str, Any], target: Actuation | None = None
+    ) -> StepResult:
         """The present state as a result."""
         handle = self.handle
         states, tensions = handle.hole_states(), handle.tensions()
@@ -151,6 +153,7 @@ class Simulation:
             tensions=tuple(tensions[n] for n in handle.robot.tendon_names),
             hole_states=tuple(states[n] for n in handle.robot.tendon_names),
             residual=report["residual"],
+            actuation=target,
             details={k: v for k, v in report.items() if k not in ("iterations", "substeps", "residual")},
         )
 
@@ -236,7 +239,7 @@ def simulate(
         except KeyboardInterrupt:
             failed, message = number, "interrupted"
             break
-        solved.append(simulation.result(number, step.label, report))
+        solved.append(simulation.result(number, step.label, report, target))
         warnings += _warnings(number, report)
         if progress is not None:
             progress(solved[-1])

@@ -275,3 +275,17 @@ def test_a_load_that_cannot_be_reached_keeps_what_was_solved_and_names_the_step(
 def test_classical_tendons_with_friction_are_refused():
     with pytest.raises(ValueError, match="no friction"):
         simulate(paper(0.3), Model(tendon_path="continuous", friction="per-hole"), pull(1.0))
+
+
+def test_a_result_holds_what_acted_in_each_step():
+    """Inputs and loads at the end of the step, those carried over from earlier steps included."""
+    robot = paper()
+    load = Load(0.25, force=(0.0, 0.01, 0.0))
+    result = simulate(
+        robot,
+        Model(friction="none", elements_per_bay=1),
+        [LoadStep("", {"t1": 0.5}, loads={"tip": load}), LoadStep("", {"t1": 0.8})],
+    )
+    assert [s.actuation.values[0] for s in result.steps] == [0.5, 0.8]
+    assert all(s.actuation.loads == {"tip": load} for s in result.steps)
+    assert not result.steps[0].actuation.by_displacement.any()
