@@ -7,10 +7,11 @@ that the user sets later: it becomes part of the chain instead of switching the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import exudyn as exu
 import numpy as np
+from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
 
@@ -20,6 +21,22 @@ KEY = "tdcr_fe.hooks"
 _KINDS = ("PreNewtonResidual", "SystemJacobian", "PostStep")
 
 
+class PointLoadItem(Protocol):
+    """A concentrated load that a solver takes from what was applied last to what was set since."""
+
+    #: Force [N] and moment [N m] in the last solved state, shape (6,).
+    applied: NDArray[np.float64]
+
+    @property
+    def value(self) -> NDArray[np.float64]:
+        """Force [N] and moment [N m] as set, shape (6,)."""
+        ...
+
+    def set(self, force: NDArray[np.float64], moment: NDArray[np.float64]) -> None:
+        """Set force [N] and moment [N m], each of shape (3,)."""
+        ...
+
+
 class SceneHooks:
     """The hooks of one system.
 
@@ -27,11 +44,14 @@ class SceneHooks:
     ----------
     actuations : list of TendonActuation
         The robots in the system.
+    point_loads : list of PointLoadItem
+        The concentrated loads on them.
     """
 
     def __init__(self, mbs: exu.MainSystem) -> None:
         self.mbs = mbs
         self.actuations: list[TendonActuation] = []
+        self.point_loads: list[PointLoadItem] = []
         self._own: dict[str, Callable[..., Any]] = {
             "PreNewtonResidual": self._before_residual,
             "SystemJacobian": self._jacobian,
@@ -50,6 +70,7 @@ class SceneHooks:
         if hooks.actuations and mbs.systemData.NumberOfNodes() == 0:
             # The system was reset, which leaves mbs.variables as they are.
             hooks.actuations.clear()
+            hooks.point_loads.clear()
             hooks._users = dict.fromkeys(_KINDS)
             hooks.adopt()
         return hooks
@@ -104,6 +125,8 @@ class SceneHooks:
         for actuation in self.actuations:
             actuation.update_from_scene(t)
             actuation.commit()
+        for load in self.point_loads:
+            load.applied = load.value
         user = self._users["PostStep"]
         return True if user is None else bool(user(mbs, t))
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, add_residual_flexibility
 from tdcr_fe.elements.friction import TensionField, hole_states
+from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
@@ -140,6 +141,7 @@ class TDCR:
             )
         )
         self.loads[name] = PointLoad(self.mbs, force, torque, frame)
+        SceneHooks.of(self.mbs).point_loads.append(self.loads[name])
         return self.loads[name]
 
     def add_sensors(self, fileName: str = "", storeInternal: bool = True) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import exudyn as exu
@@ -20,21 +20,36 @@ Frame = Literal["world", "section"]
 class PointLoad:
     """Exudyn's items of one concentrated load.
 
+    ``mbs.SolveTDCR`` takes the load from what acted in the last solved state, `applied`, to what was `set` since.
+
     Attributes
     ----------
     mbs : exudyn.MainSystem
     lForce, lTorque
         Load numbers.
     frame : "world" or "section"
+    applied : ndarray, shape (6,)
+        Force [N] and moment [N m] in the last solved state, in the load's frame.
     """
 
     mbs: exu.MainSystem
     lForce: Any
     lTorque: Any
     frame: Frame
+    applied: Array = field(default_factory=lambda: np.zeros(6))
 
     def set(self, force: Sequence[float] | Array, moment: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> None:
         """Set force [N] and moment [N m], each of shape (3,), in the load's frame."""
-        turn = BEAM_TO_SECTION.T if self.frame == "section" else np.eye(3)
-        self.mbs.SetLoadParameter(self.lForce, "loadVector", turn @ np.asarray(force, dtype=float))
-        self.mbs.SetLoadParameter(self.lTorque, "loadVector", turn @ np.asarray(moment, dtype=float))
+        self.mbs.SetLoadParameter(self.lForce, "loadVector", self._turn @ np.asarray(force, dtype=float))
+        self.mbs.SetLoadParameter(self.lTorque, "loadVector", self._turn @ np.asarray(moment, dtype=float))
+
+    @property
+    def value(self) -> Array:
+        """Force [N] and moment [N m] as set, in the load's frame, shape (6,)."""
+        vectors = [self.mbs.GetLoadParameter(load, "loadVector") for load in (self.lForce, self.lTorque)]
+        return (np.array(vectors, dtype=float) @ self._turn).ravel()
+
+    @property
+    def _turn(self) -> Array:
+        """From the load's frame to the axes in which Exudyn takes it."""
+        return BEAM_TO_SECTION.T if self.frame == "section" else np.eye(3)
