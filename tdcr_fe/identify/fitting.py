@@ -128,6 +128,7 @@ class Problem:
         self.mesh_error = 0.0
         units = np.array([r.unit for r in data.readings])
         quantities = np.array([r.quantity for r in data.readings])
+        self.quantities = quantities
         self.is_position = np.array([q.startswith("position_") for q in quantities])
         self.is_angle = units == "rad"
         places: dict[tuple[int, float | str | None], int] = {}
@@ -236,6 +237,11 @@ class Problem:
             float(np.max(distance)) if distance.size else None,
             float(np.sum(r[which] ** 2) / max(1, int(np.count_nonzero(which)) - parameters)),
             int(np.count_nonzero(which)),
+            float(np.sqrt(np.mean(raw[p] ** 2))) if np.any(p) else None,
+            {
+                q: float(np.sqrt(np.mean(raw[which & (self.quantities == q)] ** 2)))
+                for q in dict.fromkeys(self.quantities[which].tolist())
+            },
         )
 
     def reach(self, run: Run) -> Reach:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2 as chi2_distribution
 
 from tdcr_fe.effects import EFFECTS, Effect
@@ -23,7 +24,9 @@ from tdcr_fe.identify.outcome import (
     IdentificationResult,
     IdentifySettings,
     Misfit,
+    Noise,
     Remainder,
+    Shapes,
     Verdict,
 )
 from tdcr_fe.identify.screening import Score, screen
@@ -578,11 +581,59 @@ def _conclude(
         correlation=covariance / outer,
         parameter_names=tuple(f"{a}.{b}" for a, b in best.free),
         mesh_error=problem.mesh_error,
+        noise=_noise(problem, estimated),
+        shapes=_shapes(problem, base, best, set(held_ids)),
+        corrected=replace(
+            problem.setup(best.effects, best.values),
+            model=replace(
+                problem.setup(best.effects, best.values).model, elements_per_bay=data.model.elements_per_bay
+            ),
+        ),
         left_out_candidates=dict(state.refused),
         runs=runs,
         wall_time=wall_time,
         interrupted=state.interrupted,
         history=tuple(state.history),
+    )
+
+
+def _noise(problem: Problem, estimated: bool) -> Noise:
+    """What sigma alone gives, in the measures of a misfit."""
+    all_readings = np.ones(len(problem.values), dtype=bool)
+    size = problem.misfit(np.ones(len(problem.values)), all_readings)
+    return Noise(size.rms_position, size.rms_coordinate, size.rms_angle, size.rms_by_quantity, estimated)
+
+
+def _shapes(problem: Problem, base: Fit, best: Fit, held_out: set[int]) -> Shapes:
+    """Measured and predicted positions by step, location and axis."""
+    data = problem.data
+    index = np.flatnonzero(problem.is_position)
+    locations = np.unique([float(data.readings[i].location or 0.0) for i in index])
+    table = np.full((3, len(data.steps), locations.size, 3), np.nan)
+    for i in index:
+        r = data.readings[i]
+        at = (
+            problem.reader.step[i],
+            int(np.searchsorted(locations, r.location)),
+            "xyz".index(r.quantity[-1]),
+        )
+        for k, value in enumerate((0.0, base.residual[i], best.residual[i])):
+            table[(k, *at)] = r.value - value * problem.sigma[i]
+    backbones = []
+    for fit in (base, best):
+        observation = problem.setup(fit.effects, fit.values).observation
+        frame = Rotation.from_rotvec(np.array(observation.rotation)).as_matrix()
+        backbones.append(fit.run.positions @ frame.T)
+    return Shapes(
+        step_ids=data.step_ids,
+        branches=data.branches,
+        held_out=np.array([n in held_out for n in data.step_ids]),
+        arc_lengths=locations,
+        measured=table[0],
+        before=table[1],
+        after=table[2],
+        backbone_before=backbones[0],
+        backbone_after=backbones[1],
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -9,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.effects import Setup
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.tables import plain, versions
 
@@ -56,8 +58,13 @@ class Misfit:
     rms_position, max_position : float or None
         Distance between measured and predicted markers in space, over all markers and steps [m]; of a marker of
         which not all three coordinates were measured, those that were. None where there are none.
+    rms_coordinate : float or None
+        Of single position coordinates, over all markers, axes and steps [m]; `rms_position` over the square root of
+        three where all three coordinates were measured.
     rms_angle : float or None
         [rad].
+    rms_by_quantity : mapping of str to float
+        Root mean square by measured quantity, in the unit of the quantity, such as "position_x" [m].
     chi2_per_dof : float
         Sum of squares in units of sigma over the number of readings less fitted parameters [1].
     count : int
@@ -69,6 +76,8 @@ class Misfit:
     max_position: float | None
     chi2_per_dof: float
     count: int = 0
+    rms_coordinate: float | None = None
+    rms_by_quantity: Mapping[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, float | None]:
         """As in ``result.json``."""
@@ -78,6 +87,57 @@ class Misfit:
             "max_position": self.max_position,
             "chi2_per_dof": self.chi2_per_dof,
         }
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the measurement that misfits are compared with; from sigma, given or estimated.
+
+    Attributes
+    ----------
+    rms_position, rms_coordinate, rms_angle : float or None
+        What the noise alone gives for the measures of `Misfit` of the same names [m, m, rad].
+    rms_by_quantity : mapping of str to float
+        Root mean square of sigma by measured quantity, in its unit.
+    estimated : bool
+        Whether any sigma was not given, and so estimated.
+    """
+
+    rms_position: float | None
+    rms_coordinate: float | None
+    rms_angle: float | None
+    rms_by_quantity: Mapping[str, float]
+    estimated: bool
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """Measured and predicted positions, for pictures; NaN where nothing was measured or solved.
+
+    Attributes
+    ----------
+    step_ids : tuple of int
+        As ``loading.csv`` numbers the steps; the first axis of all arrays.
+    branches : tuple of str
+        Label of the branch of every step; empty where the file has none.
+    held_out : ndarray of bool, shape (n_steps,)
+    arc_lengths : ndarray, shape (n_locations,)
+        Where positions were measured [m].
+    measured, before, after : ndarray, shape (n_steps, n_locations, 3)
+        Measured positions, and those predicted by the declared and by the final model, in the measuring frame [m].
+    backbone_before, backbone_after : ndarray, shape (n_steps, n_nodes, 3)
+        Predicted backbone (without marker offsets) in the measuring frame, base first, tip last [m].
+    """
+
+    step_ids: tuple[int, ...]
+    branches: tuple[str, ...]
+    held_out: NDArray[np.bool_]
+    arc_lengths: Array
+    measured: Array
+    before: Array
+    after: Array
+    backbone_before: Array
+    backbone_after: Array
 
 
 @dataclass(frozen=True)
@@ -233,6 +293,12 @@ class IdentificationResult:
     interrupted : bool
     history : tuple of str
         What was done, in sentences.
+    noise : Noise
+        Noise that the misfits are compared with.
+    shapes : Shapes
+        Measured and predicted positions, for pictures.
+    corrected : Setup
+        Robot, model, loading sequence and observation with the effects that were added.
     """
 
     data: MeasuredData
@@ -254,11 +320,22 @@ class IdentificationResult:
     correlation: Array
     parameter_names: tuple[str, ...]
     mesh_error: float
+    noise: Noise
+    shapes: Shapes
+    corrected: Setup
     left_out_candidates: Mapping[str, str] = field(default_factory=dict)
     runs: int = 0
     wall_time: float = 0.0
     interrupted: bool = False
     history: tuple[str, ...] = ()
+
+    @property
+    def effects_table(self) -> dict[str, dict[str, float]]:
+        """Values of the effects that were added, as the ``[effects]`` table of a scenario has them."""
+        return {
+            e.name: {n: p.value for n, p in e.parameters.items() if math.isfinite(p.value)}
+            for e in self.effects
+        }
 
     def to_json(self) -> dict[str, Any]:
         """As ``result.json`` has it; numbers that are not finite become null."""

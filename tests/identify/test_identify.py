@@ -18,6 +18,7 @@ from tdcr_fe.io.measured import MeasuredData, Reading, write_measured
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Backbone, Disks, Robot, StiffnessPatch, Tendon
 from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.solve.simulate import simulate
 
 LENGTH = 0.2
 ROBOT = Robot(
@@ -182,6 +183,27 @@ def test_an_interruption_keeps_what_was_found():
 
     result = identify(measured({"gravity": {"g_x": 5.0}}), IdentifySettings(), stop)
     assert result.interrupted and [e.name for e in result.effects] == ["gravity"]
+
+
+def test_the_result_carries_what_pictures_and_next_steps_need():
+    truth = {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}
+    result = identify(measured({"gravity": truth}))
+    shapes, count = result.shapes, len(result.data.steps)
+    assert shapes.measured.shape == shapes.before.shape == shapes.after.shape == (count, 2, 3)
+    assert shapes.held_out.sum() == len(result.held_out_steps)
+    values = np.array([r.value for r in result.data.readings])
+    np.testing.assert_allclose(shapes.measured.ravel(), values)
+    np.testing.assert_allclose((shapes.measured - shapes.after).ravel(), result.residual_after, atol=1e-15)
+    distance = np.linalg.norm(shapes.measured - shapes.after, axis=2)[~shapes.held_out]
+    assert np.sqrt(np.mean(distance**2)) == pytest.approx(result.after_fit.rms_position)
+    assert result.after_fit.rms_position == pytest.approx(np.sqrt(3.0) * result.after_fit.rms_coordinate)
+    assert set(result.after_fit.rms_by_quantity) == {"position_x", "position_y", "position_z"}
+    assert result.noise.rms_position == pytest.approx(np.sqrt(3.0) * 1e-4) and not result.noise.estimated
+    # The corrected robot predicts the tip that the result shows, on a mesh that is fine enough.
+    fine = replace(result.corrected.model, elements_per_bay=4)
+    again = simulate(result.corrected.robot, fine, result.corrected.steps)
+    np.testing.assert_allclose(again.tips, shapes.after[:, -1], atol=5e-5)
+    assert result.corrected.model.gravity == tuple(result.effects_table["gravity"].values())
 
 
 # ------------------------------------------------------------------------------------------------ the command
