@@ -179,7 +179,7 @@ class Problem:
         self.correction = np.zeros_like(self.values)
         (here,), _ = self.residuals(effects, [values], record=True)
         both, _ = self._finer(effects, values, mesh=True, path=True)
-        n = self.declared.model.elements_per_bay
+        n = self.declared.model.starting_elements_per_bay
         share = 1.0 - (n / (n + 1.0)) ** ORDER
         change = _known(both - here)
         total = float(np.sqrt(np.mean(change**2)))
@@ -207,7 +207,7 @@ class Problem:
         """Residual at a point with one element a bay more, or with every step divided."""
         coarse = self.declared
         if mesh:
-            n = coarse.model.elements_per_bay + 1
+            n = coarse.model.starting_elements_per_bay + 1
             self.declared = replace(self.declared, model=replace(coarse.model, elements_per_bay=n))
         if path:
             self.declared = divide_steps(self.declared, set(range(len(self.data.steps))), PARTS)

@@ -93,7 +93,7 @@ def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
     whole = [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
     steps, m = len(whole), len(setup.robot.tendons)
     waypoints = None
-    if guide is not None and guide[2] != setup.model.elements_per_bay:
+    if guide is not None and guide[2] != setup.model.starting_elements_per_bay:
         guide = None
     if guide is not None:
         waypoints = guide[0] if guide[1] == ends else _divide(_join(*guide[:2]), ends)
@@ -152,7 +152,7 @@ def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
         result.message,
         trajectory,
         ends,
-        setup.model.elements_per_bay,
+        setup.model.starting_elements_per_bay,
     )
 
 

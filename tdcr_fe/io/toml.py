@@ -221,7 +221,9 @@ class _ScenarioFile(_Table):
 class _ModelTable(_Table):
     tendon_path: TendonPath = Field("straight", description='"straight" or "continuous"')
     friction: Friction = Field("per-hole", description='"none", "per-tendon" or "per-hole"')
-    elements_per_bay: StrictInt = Field(2, ge=1, le=1000, description="a whole number from 1 to 1000")
+    elements_per_bay: Annotated[int, Field(ge=1, le=64)] | Literal["auto"] = Field(
+        "auto", description='"auto" or a whole number from 1 to 64'
+    )
     gravity: Triple = Field(
         [0.0, 0.0, 0.0], description="three finite numbers [m/s^2], such as [0.0, 0.0, -9.81]"
     )

@@ -16,6 +16,9 @@ Vector = tuple[float, float, float]
 TendonPath = Literal["straight", "continuous"]
 Friction = Literal["none", "per-tendon", "per-hole"]
 
+#: Beam elements between neighbouring disks that ``elements_per_bay = "auto"`` starts from.
+STARTING_ELEMENTS_PER_BAY = 2
+
 
 @dataclass(frozen=True)
 class Load:
@@ -76,16 +79,23 @@ class Model:
         From hole to hole, or along the backbone (the classical model, paper Eq. 9).
     friction : "none", "per-tendon" or "per-hole"
         One sign per tendon from the rate of its length (paper, Eqs. 15-31), or a state at each hole.
-    elements_per_bay : int
-        Beam elements between neighbouring disks.
+    elements_per_bay : int or "auto"
+        Beam elements between neighbouring disks; "auto" lets the solver choose.
     gravity : (float, float, float)
         [m/s^2].
     """
 
     tendon_path: TendonPath = "straight"
     friction: Friction = "per-hole"
-    elements_per_bay: int = 2
+    elements_per_bay: int | Literal["auto"] = "auto"
     gravity: Vector = (0.0, 0.0, 0.0)
+
+    @property
+    def starting_elements_per_bay(self) -> int:
+        """Elements a bay of the first mesh: the number given, or that which "auto" starts from."""
+        if self.elements_per_bay == "auto":
+            return STARTING_ELEMENTS_PER_BAY
+        return self.elements_per_bay
 
 
 @dataclass(frozen=True)

@@ -95,7 +95,7 @@ def CreateTDCR(
         raise ValueError(f"tendon_path {model.tendon_path!r}; must be 'straight' or 'continuous'")
     if model.friction not in FRICTION_MODELS:
         raise ValueError(f"friction {model.friction!r}; must be one of {', '.join(FRICTION_MODELS)}")
-    if model.elements_per_bay < 1:
+    if model.starting_elements_per_bay < 1:
         raise ValueError(f"elements_per_bay {model.elements_per_bay}; must be 1 or more")
     position = np.asarray(basePosition, dtype=float)
     rotation = np.eye(3) if baseRotationMatrix is None else np.asarray(baseRotationMatrix, dtype=float)

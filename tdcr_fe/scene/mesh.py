@@ -32,7 +32,9 @@ def build_mesh(
     """
     b, d = robot.backbone, robot.disks
     edges = [x for p in b.patches for x in (p.start, p.end) if 0.0 < x < b.length]
-    arc, rigid = subdivide(b.length, d.positions, model.elements_per_bay, d.thickness, [*extra, *edges])
+    arc, rigid = subdivide(
+        b.length, d.positions, model.starting_elements_per_bay, d.thickness, [*extra, *edges]
+    )
     middle = 0.5 * (arc[1:] + arc[:-1])
     bending, torsion = b.stiffness_factors(middle)
     one = np.ones_like(middle)

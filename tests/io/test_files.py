@@ -89,7 +89,7 @@ def test_robot_is_found_relative_to_the_scenario(tmp_path, monkeypatch):
 
 def test_model_table_may_be_missing_and_means_straight_per_hole_no_gravity(tmp_path):
     path = write(tmp_path, scenario=changed(SCENARIO, {"model": REMOVED}))
-    assert read_scenario(path).model == Model("straight", "per-hole", 2, (0.0, 0.0, 0.0))
+    assert read_scenario(path).model == Model("straight", "per-hole", "auto", (0.0, 0.0, 0.0))
 
 
 def test_model_file_holds_the_model_table_alone(tmp_path):
@@ -240,7 +240,9 @@ SCENARIO_MISTAKES = [
         "not given",
         ['set friction = "none"'],
     ),
-    ({"model.elements_per_bay": 0}, "model.elements_per_bay", "0", ["from 1"]),
+    ({"model.elements_per_bay": 0}, "model.elements_per_bay", "0", ["from 1 to 64"]),
+    ({"model.elements_per_bay": 65}, "model.elements_per_bay", "65", ['"auto"', "from 1 to 64"]),
+    ({"model.elements_per_bay": "automatic"}, "model.elements_per_bay", '"automatic"', ['"auto"']),
     ({"model.elements_per_bay": 1.5}, "model.elements_per_bay", "1.5", ["whole number"]),
     ({"model.gravity": [0, 9.81]}, "model.gravity", "[0, 9.81]", ["three finite numbers [m/s^2]"]),
     ({"model.gravity": [0, 0, NAN]}, "model.gravity[2]", "nan", ["three finite numbers"]),
