@@ -30,7 +30,7 @@ class FixedSigns(TendonLaw):
 
     def __init__(self, law: TendonLaw) -> None:
         super().__init__(law.parameters, law.law, law.presliding)
-        self.holding = np.zeros_like(self.holding)
+        self.frictional = np.zeros_like(self.frictional)
         self.has_friction = False
 
 
