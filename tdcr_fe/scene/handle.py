@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import exudyn as exu
-import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +17,9 @@ from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.scene.loads import Frame, PointLoad
+from tdcr_fe.scene.loads import Frame, PointLoad, add_point_load
+from tdcr_fe.scene.parts import section_marker
+from tdcr_fe.scene.sensors import add_tension_sensors, add_tip_sensors
 
 Array = NDArray[np.float64]
 
@@ -93,13 +94,7 @@ class TDCR:
         """
         k = self.mesh.node_at(s, 1e-6)
         if k not in self.mNodes:
-            self.mNodes[k] = self.mbs.AddMarker(
-                eii.MarkerNodeRigid(
-                    name=f"{self.name}.mSection{k}",
-                    nodeNumber=self.nNodes[k],
-                    localHT=exu.HT(rotation=BEAM_TO_SECTION.T, translation=[0.0, 0.0, 0.0]),
-                )
-            )
+            self.mNodes[k] = section_marker(self.mbs, self.nNodes[k], f"{self.name}.mSection{k}")
         return self.mNodes[k]
 
     @property
@@ -122,25 +117,7 @@ class TDCR:
         if name in self.loads:
             raise ValueError(f"robot {self.name!r} has a load {name!r} already")
         node = self.nNodes[self.mesh.node_at(at, 1e-6)]
-        marker = self.mbs.AddMarker(eii.MarkerNodeRigid(name=f"{self.name}.mLoad.{name}", nodeNumber=node))
-        fixed = frame == "section"
-        force = self.mbs.AddLoad(
-            eii.Force(
-                name=f"{self.name}.force.{name}",
-                markerNumber=marker,
-                loadVector=[0.0, 0.0, 0.0],
-                bodyFixed=fixed,
-            )
-        )
-        torque = self.mbs.AddLoad(
-            eii.Torque(
-                name=f"{self.name}.torque.{name}",
-                markerNumber=marker,
-                loadVector=[0.0, 0.0, 0.0],
-                bodyFixed=fixed,
-            )
-        )
-        self.loads[name] = PointLoad(self.mbs, force, torque, frame)
+        self.loads[name] = add_point_load(self.mbs, node, self.name, name, frame)
         SceneHooks.of(self.mbs).point_loads.append(self.loads[name])
         return self.loads[name]
 
@@ -160,38 +137,9 @@ class TDCR:
             ``tip_position``, ``tip_rotation`` (rotation matrix of the node, beam axes), and for every tendon
             ``tension_NAME`` (first segment) and ``anchor_tension_NAME`` (last segment).
         """
-
-        def file(key: str) -> str:
-            return f"{fileName}_{key}.txt" if fileName else ""
-
-        out = exu.OutputVariableType
-        made = {}
-        for key, variable in (("tip_position", out.Position), ("tip_rotation", out.RotationMatrix)):
-            made[key] = self.mbs.AddSensor(
-                eii.SensorNode(
-                    name=f"{self.name}.{key}",
-                    nodeNumber=self.nNodes[-1],
-                    outputVariableType=variable,
-                    storeInternal=storeInternal,
-                    fileName=file(key),
-                    writeToFile=bool(fileName),
-                )
-            )
+        made = add_tip_sensors(self.mbs, self.nNodes[-1], self.name, fileName, storeInternal)
         for tendon, connectors in zip(self.robot.tendons, self.oTendons, strict=True):
-            for key, connector in (
-                (f"tension_{tendon.name}", connectors[0]),
-                (f"anchor_tension_{tendon.name}", connectors[-1]),
-            ):
-                made[key] = self.mbs.AddSensor(
-                    eii.SensorObject(
-                        name=f"{self.name}.{key}",
-                        objectNumber=connector,
-                        outputVariableType=out.ForceLocal,
-                        storeInternal=storeInternal,
-                        fileName=file(key),
-                        writeToFile=bool(fileName),
-                    )
-                )
+            made |= add_tension_sensors(self.mbs, connectors, self.name, tendon.name, fileName, storeInternal)
         self.sensors.update(made)
         return made
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import exudyn as exu
+import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,3 +54,33 @@ class PointLoad:
     def _turn(self) -> Array:
         """From the load's frame to the axes in which Exudyn takes it."""
         return BEAM_TO_SECTION.T if self.frame == "section" else np.eye(3)
+
+
+def add_point_load(mbs: exu.MainSystem, node: Any, robot: str, name: str, frame: Frame) -> PointLoad:
+    """Add a force and a torque to a backbone node, zero at first.
+
+    Parameters
+    ----------
+    mbs
+        The system.
+    node
+        Number of the backbone node.
+    robot, name
+        Names of the robot and of the load, for the items.
+    frame
+        "world", or "section" for a load that follows the section.
+
+    Raises
+    ------
+    ValueError
+        The frame is another.
+    """
+    if frame not in ("world", "section"):
+        raise ValueError(f"load {name!r}: frame {frame!r}; must be 'world' or 'section'")
+    marker = mbs.AddMarker(eii.MarkerNodeRigid(name=f"{robot}.mLoad.{name}", nodeNumber=node))
+    zero, follows = [0.0, 0.0, 0.0], frame == "section"
+    force = eii.Force(name=f"{robot}.force.{name}", markerNumber=marker, loadVector=zero, bodyFixed=follows)
+    torque = eii.Torque(
+        name=f"{robot}.torque.{name}", markerNumber=marker, loadVector=zero, bodyFixed=follows
+    )
+    return PointLoad(mbs, mbs.AddLoad(force), mbs.AddLoad(torque), frame)

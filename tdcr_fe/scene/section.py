@@ -2,12 +2,40 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import exudyn as exu
+import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh
-from tdcr_fe.elements.section import ContinuousTendons, SuperelasticSection, gauss_arc_lengths
+from tdcr_fe.elements.section import ContinuousTendons, SectionForces, SuperelasticSection, gauss_arc_lengths
+from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
+
+
+def section_forces(
+    robot: Robot, model: Model, mesh: BackboneMesh, rigid: NDArray[np.bool_]
+) -> SectionForces | None:
+    """Forces inside the section; None where the model has none."""
+    continuous = model.tendon_path == "continuous" and robot.tendons
+    tendons = continuous_tendons(robot, mesh) if continuous else None
+    superelastic = superelastic_section(robot, mesh, rigid)
+    if tendons is None and superelastic is None:
+        return None
+    return SectionForces(mesh.lengths, tendons, superelastic)
+
+
+def add_node_loads(mbs: exu.MainSystem, nodes: list[Any], name: str) -> tuple[list[Any], list[Any]]:
+    """Add a body-fixed force and torque to every backbone node, zero at first; return the load numbers."""
+    forces, torques = [], []
+    for k, node in enumerate(nodes):
+        marker = mbs.AddMarker(eii.MarkerNodeRigid(name=f"{name}.mWrench{k}", nodeNumber=node))
+        zero = [0.0, 0.0, 0.0]
+        forces.append(mbs.AddLoad(eii.Force(markerNumber=marker, loadVector=zero, bodyFixed=True)))
+        torques.append(mbs.AddLoad(eii.Torque(markerNumber=marker, loadVector=zero, bodyFixed=True)))
+    return forces, torques
 
 
 def continuous_tendons(robot: Robot, mesh: BackboneMesh) -> ContinuousTendons:

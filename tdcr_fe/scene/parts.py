@@ -1,0 +1,133 @@
+"""The bodies of a robot in a scene: disks, tip mass, gravity on them, and the joint that holds the base."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import exudyn as exu
+import exudyn.itemInterface as eii
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
+from tdcr_fe.elements.disks import add_disk, base_plate
+from tdcr_fe.model.loading import Vector
+from tdcr_fe.model.robot import Robot
+
+Array = NDArray[np.float64]
+
+#: Colour of the disks (RGBA).
+DISK_COLOR = (0.55, 0.65, 0.80, 0.6)
+#: Disks are drawn at least this thick, base plates this wide and thick [disk radius].
+DRAWN_DISK, DRAWN_PLATE_RADIUS, DRAWN_PLATE = 0.1, 1.2, 0.2
+
+
+@dataclass(frozen=True)
+class BasePose:
+    """Pose of the base plate in the world.
+
+    Attributes
+    ----------
+    position : ndarray, shape (3,)
+        [m].
+    rotation : ndarray, shape (3, 3)
+        The robot points along the third column.
+    """
+
+    position: Array
+    rotation: Array
+
+    @classmethod
+    def of(cls, position: Any, rotation: Any) -> BasePose:
+        """Pose from what the user gave; no rotation is the identity.
+
+        Raises
+        ------
+        ValueError
+            The position has not three components, or the rotation is none.
+        """
+        p = np.asarray(position, dtype=float)
+        r = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
+        if p.shape != (3,) or not np.all(np.isfinite(p)):
+            raise ValueError(f"basePosition {position!r}; must be three finite coordinates [m]")
+        if r.shape != (3, 3) or not np.allclose(r @ r.T, np.eye(3), atol=1e-9):
+            raise ValueError("baseRotationMatrix must be a rotation matrix of shape (3, 3)")
+        if np.linalg.det(r) < 0.0:
+            raise ValueError("baseRotationMatrix is a reflection; must be a rotation matrix")
+        return cls(p, r)
+
+
+def section_marker(mbs: exu.MainSystem, node: Any, name: str) -> Any:
+    """Add a rigid marker to a backbone node, its axes those of the section."""
+    turn = exu.HT(rotation=BEAM_TO_SECTION.T, translation=[0.0, 0.0, 0.0])
+    return mbs.AddMarker(eii.MarkerNodeRigid(name=name, nodeNumber=node, localHT=turn))
+
+
+def add_disks(
+    mbs: exu.MainSystem, robot: Robot, mesh: BackboneMesh, nodes: list[Any], name: str
+) -> list[Any]:
+    """Add a rigid body for every disk and return the body numbers, base first."""
+    disks = robot.disks
+    return [
+        add_disk(
+            mbs,
+            nodes[mesh.node_at(s)],
+            disks.mass,
+            disks.radius,
+            disks.thickness,
+            f"{name}.disk{k}",
+            DISK_COLOR,
+            DRAWN_DISK * disks.radius,
+        )
+        for k, s in enumerate(disks.positions, start=1)
+    ]
+
+
+def add_tip_mass(mbs: exu.MainSystem, robot: Robot, tip_node: Any, name: str) -> list[Any]:
+    """Add the point mass at the tip; return its body number in a list, empty where there is none."""
+    if not robot.tip_mass > 0.0:
+        return []
+    body = eii.ObjectRigidBody(
+        name=f"{name}.payload", nodeNumber=tip_node, mass=robot.tip_mass, inertia=[0.0] * 6
+    )
+    return [mbs.AddObject(body)]
+
+
+def add_gravity(mbs: exu.MainSystem, bodies: list[Any], gravity: Vector, name: str) -> list[Any]:
+    """Add the weight of bodies and return the load numbers; none without gravity [m/s^2]."""
+    if not any(gravity):
+        return []
+    loads = []
+    for k, body in enumerate(bodies):
+        marker = mbs.AddMarker(eii.MarkerBodyMass(name=f"{name}.mMass{k}", bodyNumber=body))
+        loads.append(mbs.AddLoad(eii.Gravity(markerNumber=marker, loadVector=list(gravity))))
+    return loads
+
+
+def add_ground(mbs: exu.MainSystem, pose: BasePose, disk_radius: float, name: str) -> Any:
+    """Add a base plate on ground and return the marker that carries the robot."""
+    plate = base_plate(
+        pose.position,
+        pose.rotation,
+        DRAWN_PLATE_RADIUS * disk_radius,
+        DRAWN_PLATE * disk_radius,
+        DISK_COLOR,
+    )
+    ground = mbs.AddObject(
+        eii.ObjectGround(name=f"{name}.ground", visualization=eii.VObjectGround(graphicsData=[plate]))
+    )
+    frame = exu.HT(rotation=pose.rotation, translation=pose.position)
+    return mbs.AddMarker(eii.MarkerBodyRigid(name=f"{name}.mGround", bodyNumber=ground, localHT=frame))
+
+
+def add_base_joint(mbs: exu.MainSystem, carrier: Any, base: Any, name: str) -> Any:
+    """Join the base marker to the marker that carries it, in all six motions; return the joint."""
+    return mbs.AddObject(
+        eii.GenericJoint(
+            name=f"{name}.baseJoint",
+            markerNumbers=[carrier, base],
+            constrainedAxes=[1, 1, 1, 1, 1, 1],
+            visualization=eii.VObjectJointGeneric(show=False),
+        )
+    )
