@@ -1,1 +1,1 @@
-"""Pictures and reports."""
+"""Reports and pictures: the page that every HTML report extends, one style for all figures, plots of a run."""

@@ -1,0 +1,164 @@
+"""The jinja2 environment of all reports, and the filters that turn numbers into text."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import jinja2
+
+DASH, MINUS, SPACE = "–", "−", "\N{NO-BREAK SPACE}"
+
+#: Factor and symbol in which a unit is shown; units that are not listed are shown as they are.
+_SHOWN = {
+    "rad": (math.degrees(1.0), "deg"),
+    "kg": (1e3, "g"),
+    "1": (1.0, ""),
+    "m/s^2": (1.0, "m/s²"),
+    "N m^2": (1.0, "N m²"),
+}
+#: Units that take SI prefixes (after the change above), and the prefixes.
+_PREFIXED = {"m", "N", "N m", "s", "g", "N/m", "N m²"}
+_PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""), (1e3, "k"), (1e6, "M"))
+
+
+def _missing(value: Any) -> bool:
+    return value is None or (isinstance(value, float) and not math.isfinite(value))
+
+
+def _signed(text: str) -> str:
+    return text.replace("-", MINUS)
+
+
+def significant(value: float | None, digits: int = 3) -> str:
+    """A number with some significant digits; a dash where there is none."""
+    if _missing(value):
+        return DASH
+    assert value is not None
+    return _signed(f"{value + 0.0:.{digits}g}")
+
+
+def fixed(value: float | None, decimals: int = 2) -> str:
+    """A number with fixed decimals; a dash where there is none."""
+    if _missing(value):
+        return DASH
+    assert value is not None
+    return _signed(f"{round(value, decimals) + 0.0:.{decimals}f}")
+
+
+def short(value: float | None) -> str:
+    """A small deviation for a table: four decimals, or a power of ten below 1e-4."""
+    if _missing(value):
+        return DASH
+    assert value is not None
+    if value == 0.0:
+        return "0"
+    if abs(value) >= 1e-4:
+        return _signed(f"{value:.4f}" if abs(value) < 10.0 else f"{value:.1f}")
+    exponent = math.floor(math.log10(abs(value)))
+    return f"{_signed(f'{value / 10.0**exponent:.1f}')}e{exponent}"
+
+
+def shown_unit(unit: str, size: float) -> tuple[float, str]:
+    """Factor and symbol in which a quantity of that unit and size is shown.
+
+    Parameters
+    ----------
+    unit
+        SI unit, as in the files.
+    size
+        Magnitude by which the prefix is chosen: a length of 0.02 m is shown in mm.
+
+    Returns
+    -------
+    (float, str)
+        What to multiply with, and the symbol.
+    """
+    factor, symbol = _SHOWN.get(unit, (1.0, unit))
+    size = abs(size) * factor
+    if symbol not in _PREFIXED or size == 0.0 or not math.isfinite(size):
+        return factor, symbol
+    # A thousandth of a unit is already shown with the smaller prefix; 0.25 m reads as 250 mm.
+    prefixes = [p for p in _PREFIXES if symbol not in ("m", "s", "g") or p[0] <= 1.0]
+    scale, prefix = next((p for p in reversed(prefixes) if size >= p[0]), prefixes[0])
+    return factor / scale, prefix + symbol
+
+
+def quantity(value: float | None, unit: str, digits: int = 3) -> str:
+    """A number with its unit and an SI prefix: 0.0188 m becomes "18.8 mm"; radians become degrees."""
+    if _missing(value):
+        return DASH
+    assert value is not None
+    factor, symbol = shown_unit(unit, value)
+    return significant(value * factor, digits) + (SPACE + symbol if symbol else "")
+
+
+def estimate(value: float, half_width: float | None, unit: str) -> str:
+    """A number with the half-width of its interval, both to the last digit that means something.
+
+    Parameters
+    ----------
+    value
+        In SI units.
+    half_width
+        Of an interval about it; None where there is none.
+    unit
+        SI unit, as in the files.
+    """
+    if half_width is None or not math.isfinite(half_width) or half_width <= 0.0 or not math.isfinite(value):
+        return quantity(value, unit, 4)
+    factor, symbol = shown_unit(unit, max(abs(value), half_width))
+    value, half_width = value * factor, half_width * factor
+    decimals = max(0, 1 - math.floor(math.log10(half_width)))
+    text = f"{fixed(value, decimals)} ± {fixed(half_width, decimals)}"
+    return text + (SPACE + symbol if symbol else "")
+
+
+def words(name: str) -> str:
+    """A name of a file format as words: ``tip_payload`` becomes "tip payload"."""
+    return name.replace("_", " ")
+
+
+def milliseconds(seconds: float | None) -> str:
+    """A time in ms, without the unit."""
+    return fixed(None if seconds is None else 1e3 * seconds, 0)
+
+
+FILTERS = {
+    "significant": significant,
+    "fixed": fixed,
+    "short": short,
+    "quantity": quantity,
+    "words": words,
+    "ms": milliseconds,
+}
+
+
+@cache
+def environment(package: str = __package__) -> jinja2.Environment:
+    """Templates of a package (its folder ``templates``), then those of this one, with the shared filters.
+
+    Parameters
+    ----------
+    package
+        Full name of an importable package.
+    """
+
+    def load(name: str) -> str | None:
+        for place in dict.fromkeys((package, __package__)):
+            file = files(place) / "templates" / name
+            if file.is_file():
+                return file.read_text(encoding="utf-8")
+        return None
+
+    made = jinja2.Environment(
+        loader=jinja2.FunctionLoader(load),
+        autoescape=lambda name: bool(name and name.endswith(".html.j2")),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters.update(FILTERS)
+    return made

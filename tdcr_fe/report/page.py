@@ -1,0 +1,137 @@
+"""A report as one HTML page: a verdict, a few figures, and sections that give their template and their context."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from markupsafe import Markup
+
+from tdcr_fe.report.environment import environment
+
+#: What a verdict or a mark in a table means to the reader: as required, in part, not as required, or undecided.
+Level = Literal["good", "part", "bad", "open"]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure inside a page.
+
+    Attributes
+    ----------
+    svg : str
+        The figure (see `tdcr_fe.report.style.svg`).
+    text : str
+        What it shows, for readers who do not see it.
+    caption : str
+        Below the figure: what the marks mean.
+    """
+
+    svg: str
+    text: str
+    caption: str = ""
+
+    @property
+    def source(self) -> str:
+        """The figure as a data address, so that the page needs no other file."""
+        return f"data:image/svg+xml;base64,{base64.b64encode(self.svg.encode()).decode()}"
+
+
+@dataclass(frozen=True)
+class Card:
+    """One number of the first screen.
+
+    Attributes
+    ----------
+    value : str
+        With its unit.
+    text : str
+        What it is.
+    """
+
+    value: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a page.
+
+    Attributes
+    ----------
+    anchor : str
+        Its address within the page.
+    title : str
+    template : str
+        File among the templates of the report's package.
+    context : mapping
+        What the template refers to.
+    folded : bool
+        Whether the reader opens it.
+    """
+
+    anchor: str
+    title: str
+    template: str
+    context: Mapping[str, Any] = field(default_factory=dict)
+    folded: bool = True
+
+
+@dataclass(frozen=True)
+class Page:
+    """A whole report.
+
+    Attributes
+    ----------
+    title : str
+        Of the window and above the verdict.
+    verdict : str
+        One sentence.
+    level : Level
+    sentences : tuple of str
+        What else the reader must know, one or two lines each.
+    cards : tuple of Card
+    pictures : tuple of Picture
+        Of the first screen.
+    summary : Section or None
+        Rest of the first screen, without a title.
+    sections : tuple of Section
+    notes : tuple of str
+        At the end: versions, time, command.
+    """
+
+    title: str
+    verdict: str
+    level: Level
+    sentences: tuple[str, ...] = ()
+    cards: tuple[Card, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+    summary: Section | None = None
+    sections: tuple[Section, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def render(page: Page, package: str) -> str:
+    """The page as one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    page
+        What to show.
+    package
+        Full name of the package whose folder ``templates`` holds the templates of the sections.
+    """
+    made = environment(package)
+
+    def text(section: Section) -> Markup:
+        return Markup(made.get_template(section.template).render(section.context))
+
+    return made.get_template("base.html.j2").render(
+        page=page,
+        summary=text(page.summary) if page.summary else "",
+        sections=[(s, text(s)) for s in page.sections],
+        css=Markup(made.get_template("page.css").render()),
+        script=Markup(made.get_template("page.js").render()),
+    )

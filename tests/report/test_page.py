@@ -1,0 +1,104 @@
+"""The page of all reports: numbers as people read them, sections from templates, nothing fetched from elsewhere."""
+
+from __future__ import annotations
+
+import base64
+import math
+import re
+
+import jinja2
+import pytest
+from matplotlib.figure import Figure
+
+from tdcr_fe.report import style
+from tdcr_fe.report.environment import environment, estimate, fixed, quantity, short, significant
+from tdcr_fe.report.page import Card, Page, Picture, Section, render
+
+HERE = "tdcr_fe.report"
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (0.0188, "m", "18.8 mm"),
+        (0.25, "m", "250 mm"),
+        (1.25, "m", "1.25 m"),
+        (2.0e-7, "m", "200 nm"),
+        (-3.5e-6, "m", "−3.5 µm"),
+        (math.pi / 2.0, "rad", "90 deg"),
+        (107.0, "N", "107 N"),
+        (2474.0, "N", "2.47 kN"),
+        (0.005, "N", "5 mN"),
+        (0.02, "kg", "20 g"),
+        (6.95, "m/s^2", "6.95 m/s²"),
+        (0.3, "1", "0.3"),
+        (0.0, "m", "0 m"),
+        (None, "m", "–"),
+        (math.nan, "m", "–"),
+    ],
+)
+def test_a_quantity_has_its_unit_and_prefix(value, unit, text):
+    assert quantity(value, unit).replace("\N{NO-BREAK SPACE}", " ") == text
+
+
+def test_an_estimate_ends_where_its_interval_begins():
+    def plain(*args):
+        return estimate(*args).replace("\N{NO-BREAK SPACE}", " ")
+
+    assert plain(6.9503, 0.0142, "m/s^2") == "6.950 ± 0.014 m/s²"
+    assert plain(0.00012, 0.01, "m") == "0 ± 10 mm"
+    assert plain(107.0, None, "N") == "107 N"
+
+
+def test_plain_numbers():
+    assert (fixed(-1.005, 1), fixed(None), fixed(-0.0001)) == ("−1.0", "–", "0.00")
+    assert (short(0.03801), short(2.04e-11), short(0.0), short(math.nan)) == ("0.0380", "2.0e-11", "0", "–")
+    assert significant(123456.0) == "1.23e+05"
+
+
+def page(**rest):
+    fields = {"title": "A report", "verdict": "All <b> hold.", "level": "good"}
+    return Page(**{**fields, **rest})
+
+
+def test_a_page_needs_no_other_file_and_escapes_text():
+    figure = Figure()
+    figure.subplots().plot([0, 1])
+    picture = Picture(style.svg(figure), "a rising line", "One line.")
+    text = render(page(pictures=(picture,), cards=(Card("3 mm", "tip"),), notes=("made < today",)), HERE)
+    assert "All &lt;b&gt; hold." in text and "made &lt; today" in text and "3 mm" in text
+    assert "url(" not in text and "@import" not in text and "<link" not in text
+    sources = re.findall(r'(?:src|href)="([^"]*)"', text)
+    assert len(sources) == 1
+    kind, code = sources[0].split(",")
+    assert kind == "data:image/svg+xml;base64"
+    assert base64.b64decode(code).decode() == picture.svg
+
+
+def test_the_same_figure_gives_the_same_text():
+    def draw():
+        figure = Figure()
+        figure.subplots().plot([0, 1], label="x")
+        return style.svg(figure)
+
+    assert draw() == draw()
+
+
+def test_sections_are_linked_and_folded_as_they_say():
+    sections = (
+        Section("open", "To be seen", "macros.html.j2", folded=False),
+        Section("more", "Folded", "macros.html.j2"),
+    )
+    text = render(page(sections=sections), HERE)
+    assert (
+        set(re.findall(r'href="#(\w+)"', text)) == set(re.findall(r' id="(\w+)"', text)) == {"open", "more"}
+    )
+    assert re.search(r'<details class="section" id="more">', text)
+    assert re.search(r'<section class="section" id="open">', text)
+
+
+def test_a_template_that_names_what_is_not_there_is_an_error():
+    with pytest.raises(jinja2.UndefinedError):
+        environment(HERE).from_string("{{ nothing }}").render()
+    with pytest.raises(jinja2.TemplateNotFound):
+        environment(HERE).get_template("nowhere.html.j2")
