@@ -217,13 +217,18 @@ class TendonActuation:
         self.shape = CableShape(length[:, None], np.zeros((m, 0)), lambda: derivatives)
 
     def update(
-        self, positions: Array, rotations: Array, base_tension: Array, twists: Array | None = None
+        self,
+        positions: Array,
+        rotations: Array,
+        base_tension: Array,
+        twists: Array | None = None,
+        time: float = 0.0,
     ) -> TensionField:
-        """Tensions in a configuration for given tensions at the base [N], shape (m,)."""
+        """Tensions in a configuration for given tensions at the base [N], shape (m,), and time [s]."""
         self.measure(positions, rotations, twists)
         self.base_tension = base_tension
         self.field = self.law.evaluate(
-            base_tension, self.shape.lengths, self.shape.angles, self.state, self.presliding
+            base_tension, self.shape.lengths, self.shape.angles, self.state, self.presliding, time
         )
         self._d_base = None
         return self.field
@@ -235,11 +240,14 @@ class TendonActuation:
         base_tension: Array,
         mobilisation: Array,
         twists: Array | None = None,
+        time: float = 0.0,
     ) -> TensionField:
-        """Tensions where the mobilisations are unknowns of their own, shape (m, g)."""
+        """Tensions where the mobilisations are unknowns of their own, shape (m, g); time in [s]."""
         self.measure(positions, rotations, twists)
         self.base_tension = base_tension
-        self.field = self.law.field(base_tension, self.shape.lengths, self.shape.angles, mobilisation)
+        self.field = self.law.field(
+            base_tension, self.shape.lengths, self.shape.angles, mobilisation, self.state, time
+        )
         self._d_base = None
         return self.field
 
@@ -265,6 +273,8 @@ class TendonActuation:
             change = (f.d_angle @ (s.d_angles @ moved)[:, :, None])[:, :, 0]
             if base_tension is not None:
                 change = change + f.d_base * base_tension[:, None]
+            if f.depends_on_length:
+                change = change + (f.d_length @ (s.d_lengths @ moved)[:, :, None])[:, :, 0]
             released = released + f.released_d_tension * change
         return self.law.slips(released)
 
@@ -287,6 +297,8 @@ class TendonActuation:
             return by_nodes, np.zeros(of_tendon.shape), np.zeros((len(tendon),) * 2)
         stretched = law.slip_operator * f.released_d_tension[:, None, :]
         by_nodes = law.slip_operator @ released + (stretched @ f.d_angle) @ s.d_angles
+        if f.depends_on_length:
+            by_nodes = by_nodes + (stretched @ f.d_length) @ s.d_lengths
         by_base = (stretched @ f.d_base[:, :, None])[keep]
         by_mobilisation = (stretched @ f.by_mobilisation)[tendon[:, None], group[:, None], group]
         return (
@@ -302,12 +314,12 @@ class TendonActuation:
         driven = self.by_displacement
         self.set_prescribed(values)
         if not np.any(driven):
-            return self.update(positions, rotations, values)
+            return self.update(positions, rotations, values, time=t)
         self.measure(positions, rotations)
         tension = np.where(driven, self.base_tension, values)
         lengths, angles = self.shape.lengths, self.shape.angles
         for _ in range(60):
-            field = self._soft.evaluate(tension, lengths, angles, self.state, self.presliding)
+            field = self._soft.evaluate(tension, lengths, angles, self.state, self.presliding, t)
             error = np.where(driven, values - field.base_slip, 0.0)
             stiffness = 1.0 / np.einsum("mn,mn->m", field.released_d_tension, field.d_base)
             change = np.where(driven, error * stiffness, 0.0)
@@ -317,7 +329,7 @@ class TendonActuation:
                 break
             tension = new
         self.base_tension = tension
-        self.field = self._soft.evaluate(tension, lengths, angles, self.state, self.presliding)
+        self.field = self._soft.evaluate(tension, lengths, angles, self.state, self.presliding, t)
         pulled = driven & (tension > 0.0)
         slope = np.where(pulled, -1.0 / self.base_slip_by_base(), 0.0)
         self._d_base = None

@@ -23,10 +23,17 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.capstan import Slopes, capstan, capstan_with_adhesion
+from tdcr_fe.elements.coefficients import (
+    CoefficientLaw,
+    Linearisation,
+    evaluate_laws,
+    normal_forces,
+    solve_coefficients,
+)
 from tdcr_fe.elements.complementarity import solve_box
 
 Array = NDArray[np.float64]
-Slopes = Callable[[], tuple[Array, Array, Array]]
 
 
 class FrictionModel(Protocol):
@@ -124,6 +131,9 @@ class TendonParameters:
         Tension drop at every hole that does not grow with the tension [N].
     compliance : ndarray, shape (m,)
         ``1 / EA`` of the tendon, zero where inextensible [1/N].
+    laws : tuple of CoefficientLaw or None
+        By tendon, what gives its coefficients of friction instead of ``friction``; None, or an empty tuple, where
+        they are constant.
     """
 
     lengths: Array
@@ -131,6 +141,7 @@ class TendonParameters:
     friction: Array
     adhesion: Array
     compliance: Array
+    laws: tuple[CoefficientLaw | None, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -143,10 +154,16 @@ class FrictionState:
         Slip that drives each mobilisation [m].
     mobilisation : ndarray, shape (m, g)
         Share of friction that is given, in [-1, 1].
+    slip_rate : ndarray, shape (m, g), or None
+        Rate of the slip over the last step that took time [m/s]; None is zero.
+    time : float
+        When it was committed [s].
     """
 
     slip: Array
     mobilisation: Array
+    slip_rate: Array | None = None
+    time: float = 0.0
 
 
 class TensionDerivatives(NamedTuple):
@@ -184,6 +201,10 @@ class TensionField:
         As they would be committed.
     released_d_length, released_d_tension : ndarray, shape (m, n)
         Of the released lengths, with respect to its own length [1] and its own tension [m/N].
+    slip_rate : ndarray, shape (m, g), or None
+        Rate of the slips [m/s]; None where no coefficient of friction asks for it.
+    time : float
+        [s].
     depends_on_length : bool
         Whether the tensions change with the segments' lengths; where not, `d_length` is zero.
     derive : callable
@@ -196,6 +217,8 @@ class TensionField:
     mobilisation: Array
     released_d_length: Array
     released_d_tension: Array
+    slip_rate: Array | None
+    time: float
     depends_on_length: bool
     derive: Callable[[], TensionDerivatives]
     _derivatives: TensionDerivatives | None = field(default=None, init=False)
@@ -260,13 +283,18 @@ class TendonLaw:
         self.slip_operator = law.slip_operator(n)
         self._hole_incidence = law.hole_incidence(n)
         self.groups = self.slip_operator.shape[0]
+        #: Laws of the coefficients, by tendon; empty where all are constant.
+        self._laws = parameters.laws if law.active and any(x is not None for x in parameters.laws) else ()
+        self._holes = parameters.mask[:, 1:]
         holds = (self._mu > 0.0) | (self._adhesion > 0.0)
+        for i, coefficient in enumerate(self._laws):
+            if coefficient is not None:
+                holds[i] = self._holes[i]
         #: Which mobilisations hold anything back, shape (m, g).
         self.frictional: NDArray[np.bool_] = (holds.astype(float) @ np.abs(self._hole_incidence)) > 0.0
         self.has_friction = bool(np.any(self.frictional))
         #: Whether any tendon stretches.
         self.elastic = bool(np.any(parameters.compliance > 0.0))
-        self._lower = np.tril(np.ones((n, n)))
         self._masked = parameters.mask.astype(float)
         self._each_hole = self.groups == n - 1 and bool(np.all(self._hole_incidence == np.eye(n - 1)))
         # Results that never change, made once.
@@ -291,7 +319,15 @@ class TendonLaw:
         """Mobilisation that the slip would lead to, not yet limited to [-1, 1], shape (m, g)."""
         return state.mobilisation + (slip - state.slip) / presliding
 
-    def field(self, base_tension: Array, lengths: Array, angles: Array, mobilisation: Array) -> TensionField:
+    def field(
+        self,
+        base_tension: Array,
+        lengths: Array,
+        angles: Array,
+        mobilisation: Array,
+        state: FrictionState | None = None,
+        time: float = 0.0,
+    ) -> TensionField:
         """Tensions for given mobilisations.
 
         Parameters
@@ -304,34 +340,135 @@ class TendonLaw:
             By which each tendon turns at holes 1 .. n-1 [rad], shape (m, n-1).
         mobilisation
             Shape (m, g).
+        state
+            History at the beginning of the step, from which slip rates are counted; None is at rest.
+        time
+            At the end of the step [s]. Where none has passed since ``state``, slip rates stay as they were.
 
         Returns
         -------
         TensionField
             With the mobilisations held fixed.
         """
-        tension, slopes = self._transfer(base_tension, angles, self.at_holes(mobilisation))
+        at_holes = self.at_holes(mobilisation)
+        if self._laws:
+            return self._field_with_laws(
+                base_tension, lengths, angles, mobilisation, state or self.initial_state(), time
+            )
+        tension, slopes = self._transfer(base_tension, angles, at_holes, self._mu)
 
         def derive() -> TensionDerivatives:
-            chain, by_share, by_angle = slopes()
+            chain, by_hole, by_angle, _ = slopes()
             beyond = chain[:, :, 1:]
-            by_mobilisation = beyond * by_share[:, None, :]
+            by_mobilisation = beyond * by_hole[:, None, :]
             if not self._each_hole:
                 by_mobilisation = by_mobilisation @ self._hole_incidence
             return TensionDerivatives(
                 self._constant, beyond * by_angle[:, None, :], chain[:, :, 0], by_mobilisation
             )
 
-        if self.elastic:
-            c = self.parameters.compliance[:, None]
-            stretch = 1.0 / (1.0 + c * tension)
-            released = (self.parameters.lengths - lengths * stretch) * self._masked
-            d_length, d_tension = -stretch * self._masked, lengths * c * stretch**2 * self._masked
-        else:
-            released = self.parameters.lengths - lengths
-            d_length, d_tension = self._negative, self._nothing
+        released, d_length, d_tension = self._released(tension, lengths)
+        slip = self.slips(released)
         return TensionField(
-            tension, released, self.slips(released), mobilisation, d_length, d_tension, False, derive
+            tension, released, slip, mobilisation, d_length, d_tension, None, time, False, derive
+        )
+
+    def _transfer(
+        self, base_tension: Array, angles: Array, mobilisation: Array, coefficient: Array
+    ) -> tuple[Array, Slopes]:
+        if self._has_adhesion:
+            return capstan_with_adhesion(base_tension, angles, mobilisation, coefficient, self._adhesion)
+        return capstan(base_tension, angles, mobilisation, coefficient)
+
+    def _released(self, tension: Array, lengths: Array) -> tuple[Array, Array, Array]:
+        """Released lengths of the segments [m], with derivatives by their own lengths and tensions."""
+        if not self.elastic:
+            return self.parameters.lengths - lengths, self._negative, self._nothing
+        c = self.parameters.compliance[:, None]
+        stretch = 1.0 / (1.0 + c * tension)
+        released = (self.parameters.lengths - lengths * stretch) * self._masked
+        return released, -stretch * self._masked, lengths * c * stretch**2 * self._masked
+
+    def _slip_rate(self, slip: Array, state: FrictionState, elapsed: float) -> Array:
+        """Rate of the slips [m/s], that of the state where no time has passed, shape (m, g)."""
+        if elapsed > 0.0:
+            return np.asarray((slip - state.slip) / elapsed)
+        return np.zeros_like(slip) if state.slip_rate is None else state.slip_rate
+
+    def _field_with_laws(
+        self,
+        base_tension: Array,
+        lengths: Array,
+        angles: Array,
+        mobilisation: Array,
+        state: FrictionState,
+        time: float,
+    ) -> TensionField:
+        """`field` where coefficients of friction depend on normal force or slip rate."""
+        elapsed = time - state.time
+        at_holes = self.at_holes(mobilisation)
+        half = 0.5 * angles
+        # Slip rates at the holes by the released lengths of the segments.
+        pace = (self._hole_incidence @ self.slip_operator) * (1.0 / elapsed if elapsed > 0.0 else 0.0)
+
+        def linearise(coefficient: Array) -> Linearisation:
+            tension, slopes = self._transfer(base_tension, angles, at_holes, coefficient)
+            released, _, released_d_tension = self._released(tension, lengths)
+            rate = self.at_holes(self._slip_rate(self.slips(released), state, elapsed))
+            law = evaluate_laws(self._laws, self._mu, self._holes, normal_forces(tension, angles), rate)
+            by_tension = (law.by_rate[:, :, None] * pace) * released_d_tension[:, None, :]
+            by_pull = law.by_normal * np.sin(half)
+            hole = np.arange(half.shape[1])
+            by_tension[:, hole, hole] += by_pull
+            by_tension[:, hole, hole + 1] += by_pull
+            chain, *_, by_coefficient = slopes()
+            return Linearisation(
+                tension, slopes, law, by_tension, chain[:, :, 1:] * by_coefficient()[:, None, :]
+            )
+
+        start = evaluate_laws(
+            self._laws,
+            self._mu,
+            self._holes,
+            2.0 * base_tension[:, None] * np.sin(half),
+            self.at_holes(self._slip_rate(state.slip, state, 0.0)),
+        )
+        _, solved = solve_coefficients(linearise, start.value)
+        tension = solved.tension
+        released, d_length, d_tension = self._released(tension, lengths)
+        slip = self.slips(released)
+
+        def derive() -> TensionDerivatives:
+            # Implicit function theorem: dT = E + B dmu and dmu = G dT + ..., with E the change at kept coefficients.
+            chain, by_hole, by_angle, _ = solved.slopes()
+            beyond = chain[:, :, 1:]
+            by_mobilisation = (beyond * by_hole[:, None, :]) @ self._hole_incidence
+            kept = np.concatenate((beyond * by_angle[:, None, :], by_mobilisation, chain[:, :, :1]), axis=2)
+            change = solved.by_tension @ kept
+            hole = np.arange(half.shape[1])
+            change[:, hole, hole] += (
+                solved.law.by_normal * 0.5 * (tension[:, :-1] + tension[:, 1:]) * np.cos(half)
+            )
+            by_length = (solved.law.by_rate[:, :, None] * pace) * d_length[:, None, :]
+            d_coefficient = np.linalg.solve(solved.matrix, np.concatenate((by_length, change), axis=2))
+            total = solved.by_coefficient @ d_coefficient
+            n, h, g = self.shape[1], half.shape[1], self.groups
+            total[:, :, n:] += kept
+            return TensionDerivatives(
+                total[:, :, :n], total[:, :, n : n + h], total[:, :, -1], total[:, :, n + h : n + h + g]
+            )
+
+        return TensionField(
+            tension,
+            released,
+            slip,
+            mobilisation,
+            d_length,
+            d_tension,
+            self._slip_rate(slip, state, elapsed),
+            time,
+            elapsed > 0.0 and bool(np.any(solved.law.by_rate)),
+            derive,
         )
 
     def evaluate(
@@ -341,6 +478,7 @@ class TendonLaw:
         angles: Array,
         state: FrictionState,
         presliding: float | None = None,
+        time: float = 0.0,
     ) -> TensionField:
         """Tensions with the mobilisations that follow from the configuration.
 
@@ -352,6 +490,8 @@ class TendonLaw:
             History at the beginning of the step.
         presliding
             Another presliding distance than the law's own [m].
+        time
+            As in `field`.
 
         Returns
         -------
@@ -361,7 +501,7 @@ class TendonLaw:
         delta = self.presliding if presliding is None else presliding
         mobilisation = state.mobilisation
         for _ in range(20):
-            field = self.field(base_tension, lengths, angles, mobilisation)
+            field = self.field(base_tension, lengths, angles, mobilisation, state, time)
             by_mobilisation = field.by_mobilisation
             # What the slips lack, and how they change with the mobilisations: own = 1 - ds(slip)/ds.
             trial = self.trial_mobilisation(field.slip, state, delta)
@@ -381,65 +521,23 @@ class TendonLaw:
         own = np.where(sticks[:, :, None], own, np.eye(self.groups))
         by_base = (drive * field.released_d_tension[:, None, :]) @ field.d_base[:, :, None]
         by_angle = (drive * field.released_d_tension[:, None, :]) @ field.d_angle
-        right = np.concatenate((drive * field.released_d_length[:, None, :], by_angle, by_base), axis=2)
+        by_length = drive * field.released_d_length[:, None, :]
+        if field.depends_on_length:
+            by_length = by_length + (drive * field.released_d_tension[:, None, :]) @ field.d_length
+        right = np.concatenate((by_length, by_angle, by_base), axis=2)
         ds = by_mobilisation @ np.linalg.solve(own, right)
         n = self.shape[1]
         derivatives = TensionDerivatives(
-            ds[:, :, :n],
+            field.d_length + ds[:, :, :n] if field.depends_on_length else ds[:, :, :n],
             field.d_angle + ds[:, :, n : 2 * n - 1],
             field.d_base + ds[:, :, -1],
             by_mobilisation,
         )
         return replace(field, depends_on_length=True, derive=lambda: derivatives)
 
-    def _transfer(self, base_tension: Array, angles: Array, s: Array) -> tuple[Array, Slopes]:
-        """Tensions, and what gives the chain ``dT_k / dT_j``, and ``dT_k+1`` by ``s_k`` and by the angle there."""
-        mu = self._mu
-        m, n = self.shape
-        turned = -mu * angles
-        exponent = s * turned
-        if not self._has_adhesion:
-            ratio = np.empty((m, n))
-            ratio[:, 0] = 1.0
-            np.exp(exponent.cumsum(axis=1), out=ratio[:, 1:])
-            tension = base_tension[:, None] * ratio
-
-            def slopes() -> tuple[Array, Array, Array]:
-                chain = ratio[:, :, None] / ratio[:, None, :]
-                chain *= self._lower
-                after = tension[:, 1:]
-                return chain, turned * after, -mu * s * after
-
-            return tension, slopes
-        a = self._adhesion
-        tension = np.empty((m, n))
-        slope = np.empty((m, n - 1))
-        d_s = np.empty((m, n - 1))
-        d_theta = np.empty((m, n - 1))
-        tension[:, 0] = base_tension
-        factor = np.exp(exponent)
-        for k in range(n - 1):
-            t, f, sk, ak = tension[:, k], factor[:, k], s[:, k], a[:, k]
-            pulling = sk >= 0.0
-            pulled = t * f - sk * ak
-            released = (t - sk * ak) * f
-            held = pulled > 0.0
-            tension[:, k + 1] = np.where(pulling, np.maximum(pulled, 0.0), released)
-            open_ = ~pulling | held
-            slope[:, k] = np.where(open_, f, 0.0)
-            mt = mu[:, k] * angles[:, k]
-            d_s[:, k] = np.where(pulling, np.where(held, -mt * t * f - ak, 0.0), -mt * released - ak * f)
-            d_theta[:, k] = np.where(open_, -mu[:, k] * sk * np.where(pulling, t * f, released), 0.0)
-        chain = np.zeros((m, n, n))
-        chain[:, 0, 0] = 1.0
-        for k in range(1, n):
-            chain[:, k, :k] = slope[:, k - 1, None] * chain[:, k - 1, :k]
-            chain[:, k, k] = 1.0
-        return tension, lambda: (chain, d_s, d_theta)
-
     def commit(self, field: TensionField) -> FrictionState:
         """History after a converged (sub)step."""
-        return FrictionState(field.slip, field.mobilisation)
+        return FrictionState(field.slip, field.mobilisation, field.slip_rate, field.time)
 
     def with_parameters(self, **changes: Any) -> TendonLaw:
         """The same law with other numbers."""

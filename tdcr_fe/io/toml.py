@@ -786,6 +786,7 @@ def robot_to_toml(robot: Robot) -> str:
     }
     for i, tendon in enumerate(robot.tendons):
         beyond[f"tendons[{i}].adhesion"] = tendon.adhesion != 0.0
+        beyond[f"tendons[{i}].friction"] = tendon.friction is not None
         beyond[f"tendons[{i}].clearance"] = tendon.clearance != 0.0
         beyond[f"tendons[{i}].routing ({tendon.routing.kind})"] = tendon.routing.kind not in _TENDON_TABLES
     inexpressible = [key for key, is_so in beyond.items() if is_so]

@@ -132,6 +132,13 @@ def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: floa
         found.append(
             Contradiction(f"{key}.friction_coefficient", f"{tendon.friction_coefficient:g}", _NOT_NEGATIVE)
         )
+    elif tendon.friction is not None and tendon.friction_coefficient != 0.0:
+        sentence = (
+            f"must be left out beside the friction law {tendon.friction.kind!r}, which gives the coefficient"
+        )
+        found.append(
+            Contradiction(f"{key}.friction_coefficient", f"{tendon.friction_coefficient:g}", sentence)
+        )
     if tendon.axial_stiffness is not None and not 0.0 < tendon.axial_stiffness < math.inf:
         found.append(Contradiction(f"{key}.axial_stiffness", f"{tendon.axial_stiffness:g}", _POSITIVE))
     s = np.asarray(disks.positions, dtype=float)

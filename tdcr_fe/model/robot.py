@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.model.friction import FrictionCoefficient
 from tdcr_fe.model.routing import Routing
 
 Array = NDArray[np.float64]
@@ -194,6 +195,8 @@ class Tendon:
         Where its holes lie.
     friction_coefficient : float
         Of tendon and hole, ``mu`` in the Capstan equation (paper, Eq. 28) [1].
+    friction : FrictionCoefficient or None
+        Law of a coefficient that depends on slip rate or normal force, instead of ``friction_coefficient``.
     end : float or None
         Arc length of its anchor [m]; None is the tip.
     axial_stiffness : float or None
@@ -211,6 +214,7 @@ class Tendon:
     axial_stiffness: float | None = None
     adhesion: float = 0.0
     clearance: float = 0.0
+    friction: FrictionCoefficient | None = None
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ def tendon_law(
     lengths, mask
         Unloaded length of every segment [m], and which segments exist; shapes (m, n).
     friction
-        Name of the friction law, a key of `FRICTION_MODELS`.
+        Name of the friction model, a key of `FRICTION_MODELS`.
     presliding
         Distance a tendon creeps through a hole from rest to full friction [m].
     """
@@ -152,5 +152,6 @@ def tendon_law(
     coefficient = np.array([t.friction_coefficient for t in tendons]).reshape(m, 1)
     adhesion = np.array([t.adhesion for t in tendons]).reshape(m, 1)
     compliance = np.array([0.0 if t.axial_stiffness is None else 1.0 / t.axial_stiffness for t in tendons])
-    parameters = TendonParameters(lengths, mask, coefficient * inner, adhesion * inner, compliance)
+    laws = tuple(t.friction for t in tendons)
+    parameters = TendonParameters(lengths, mask, coefficient * inner, adhesion * inner, compliance, laws)
     return TendonLaw(parameters, FRICTION_MODELS[friction], presliding)

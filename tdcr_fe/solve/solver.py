@@ -285,7 +285,7 @@ class StrainSpaceSolver:
         for i, (robot, (p, r), twists, tension) in enumerate(
             zip(self.robots, self.now.poses, self.now.twists, self._tension, strict=True)
         ):
-            robot.update_mixed(p, r, tension, self._mobilisation[i], twists)
+            robot.update_mixed(p, r, tension, self._mobilisation[i], twists, t)
             robot.apply()
         self._current = True
 

@@ -1,0 +1,165 @@
+"""Friction coefficients that depend on the normal force and the slip rate at a hole, solved with the tensions.
+
+The coefficients ``mu`` set the tensions, and the tensions set the normal forces and, where tendons stretch, the slip
+rates. So ``mu = law(N(T(mu)), v(T(mu)))`` is solved by Newton's method, and the derivatives of the tensions follow from
+the implicit function theorem.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.capstan import Slopes
+
+Array = NDArray[np.float64]
+
+#: The iteration ends at this change of a coefficient; above `ACCEPTED` it has failed [1].
+TOLERANCE, ACCEPTED = 1e-12, 1e-8
+MAX_ITERATIONS = 60
+
+
+class CoefficientLaw(Protocol):
+    """How large the friction coefficient is at a hole."""
+
+    def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
+        """Coefficient of friction and its derivatives, hole by hole.
+
+        Parameters
+        ----------
+        normal_force
+            See `normal_forces` [N], shape (k,).
+        slip_rate
+            Rate at which the tendon passes the hole, positive towards the base [m/s], shape (k,).
+
+        Returns
+        -------
+        mu, dmu_dnormal, dmu_drate : ndarray, shape (k,)
+            Coefficient, not negative [1], and its derivatives by the two arguments [1/N, s/m].
+        """
+        ...
+
+
+class Coefficients(NamedTuple):
+    """Coefficients of all holes and their derivatives by normal force and slip rate, each of shape (m, n-1)."""
+
+    value: Array
+    by_normal: Array
+    by_rate: Array
+
+
+def normal_forces(tension: Array, angles: Array) -> Array:
+    """Normal force at every hole, ``(T_k + T_k+1) sin(theta_k / 2)`` [N], shape (m, n-1).
+
+    Both segments pull on the piece of tendon inside the hole. Along their bisector the pulls add to this, which the
+    hole bears; across it they differ by ``(T_k - T_k+1) cos(theta_k / 2)``, which is the friction.
+    """
+    return np.asarray((tension[:, :-1] + tension[:, 1:]) * np.sin(0.5 * angles))
+
+
+def evaluate_laws(
+    laws: Sequence[CoefficientLaw | None],
+    constant: Array,
+    mask: NDArray[np.bool_],
+    normal: Array,
+    rate: Array,
+) -> Coefficients:
+    """Coefficients of all holes.
+
+    Parameters
+    ----------
+    laws
+        One a tendon; None is a constant coefficient.
+    constant
+        Coefficients of tendons without a law [1], shape (m, n-1).
+    mask
+        Which holes exist, shape (m, n-1).
+    normal, rate
+        Normal forces [N] and slip rates [m/s], shape (m, n-1).
+    """
+    found = Coefficients(constant.copy(), np.zeros_like(constant), np.zeros_like(constant))
+    for i, law in enumerate(laws):
+        if law is None:
+            continue
+        k = int(np.count_nonzero(mask[i]))
+        for target, values in zip(found, law.coefficient(normal[i, :k], rate[i, :k]), strict=True):
+            target[i, :k] = values
+    return found
+
+
+class Linearisation(NamedTuple):
+    """Tensions that belong to some coefficients, and what the laws say of the coefficients there.
+
+    Attributes
+    ----------
+    tension : ndarray, shape (m, n)
+        [N].
+    slopes : callable
+        Of the tensions for given coefficients.
+    law : Coefficients
+        What the laws give at these tensions.
+    by_tension : ndarray, shape (m, n-1, n)
+        Of the laws' coefficients by the tensions [1/N].
+    by_coefficient : ndarray, shape (m, n, n-1)
+        Of the tensions by the coefficients [N].
+    """
+
+    tension: Array
+    slopes: Slopes
+    law: Coefficients
+    by_tension: Array
+    by_coefficient: Array
+
+    @property
+    def matrix(self) -> Array:
+        """Derivative of ``mu - law(mu)`` by ``mu``, shape (m, n-1, n-1)."""
+        return np.asarray(np.eye(self.by_tension.shape[1]) - self.by_tension @ self.by_coefficient)
+
+
+def solve_coefficients(
+    linearise: Callable[[Array], Linearisation], start: Array
+) -> tuple[Array, Linearisation]:
+    """Coefficients that the laws confirm at the tensions they lead to.
+
+    Newton's method, its steps halved where they increase the error.
+
+    Parameters
+    ----------
+    linearise
+        Tensions, and what the laws say of them, for given coefficients.
+    start
+        Coefficients to start from [1], shape (m, n-1).
+
+    Returns
+    -------
+    coefficient : ndarray, shape (m, n-1)
+    linearisation : Linearisation
+        There. Its tensions are nan where no solution was found.
+    """
+    mu, now = start, linearise(start)
+    error = float(np.max(np.abs(now.law.value - mu), initial=0.0))
+    for _ in range(MAX_ITERATIONS):
+        if error <= TOLERANCE:
+            break
+        try:
+            step = np.linalg.solve(now.matrix, (now.law.value - mu)[..., None])[..., 0]
+        except np.linalg.LinAlgError:
+            step = now.law.value - mu
+        factor = 1.0
+        while True:
+            trial = np.maximum(mu + factor * step, 0.0)
+            there = linearise(trial)
+            new = float(np.max(np.abs(there.law.value - trial)))
+            if new < error or factor < 0.01:
+                break
+            factor *= 0.5
+        if new >= error and error <= ACCEPTED:
+            # Round-off: no step improves what is good enough.
+            break
+        mu, now, error = trial, there, new
+    if not error <= ACCEPTED:
+        now = now._replace(tension=np.full_like(now.tension, np.nan))
+    return mu, now

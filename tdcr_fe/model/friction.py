@@ -1,0 +1,135 @@
+"""Coefficients of friction at the holes: constant, Stribeck, dependent on the normal force.
+
+Adding one takes a class here and a line in `FRICTION_COEFFICIENTS`; the page "Friction laws" shows how.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class FrictionCoefficient(Protocol):
+    """What every law of the coefficient offers."""
+
+    @property
+    def kind(self) -> str:
+        """Name of the law in ``robot.toml``."""
+        ...
+
+    def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
+        """Coefficient of friction and its derivatives, hole by hole.
+
+        Parameters
+        ----------
+        normal_force
+            ``(T_k + T_k+1) sin(theta_k / 2)`` [N], not negative, shape (k,).
+        slip_rate
+            Rate at which the tendon passes the hole, positive towards the base [m/s], shape (k,).
+
+        Returns
+        -------
+        mu, dmu_dnormal, dmu_drate : ndarray, shape (k,)
+            Coefficient, not negative [1], and its derivatives by the two arguments [1/N, s/m].
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class ConstantFriction:
+    """The same coefficient at any force and rate (Coulomb), as ``friction_coefficient`` of a tendon gives it.
+
+    Attributes
+    ----------
+    mu : float
+        [1].
+    """
+
+    mu: float
+    kind: ClassVar[str] = "constant"
+
+    def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
+        """See `FrictionCoefficient.coefficient`."""
+        zero = np.zeros_like(normal_force)
+        return zero + self.mu, zero, zero
+
+
+@dataclass(frozen=True)
+class StribeckFriction:
+    """Coefficient that falls from static to kinetic with the slip rate, and rises again by viscosity.
+
+    ``mu(v) = kinetic + (static - kinetic) exp(-(|v| / stribeck_rate)^exponent) + viscous |v|``; B. Armstrong-Helouvry,
+    P. Dupont, C. Canudas de Wit, A survey of models, analysis tools and compensation methods for the control of
+    machines with friction, Automatica 30 (1994) 1083-1138.
+
+    Attributes
+    ----------
+    static, kinetic : float
+        Coefficient at rest, and where the tendon slips fast but viscosity does not yet count [1].
+    stribeck_rate : float
+        Slip rate at which the fall is done to 1/e [m/s].
+    exponent : float
+        1 or more; 2 is the Gaussian form [1].
+    viscous : float
+        Rise of the coefficient with the slip rate [s/m].
+    """
+
+    static: float
+    kinetic: float
+    stribeck_rate: float
+    exponent: float = 2.0
+    viscous: float = 0.0
+    kind: ClassVar[str] = "stribeck"
+
+    def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
+        """See `FrictionCoefficient.coefficient`."""
+        x = np.abs(slip_rate) / self.stribeck_rate
+        fall = (self.static - self.kinetic) * np.exp(-(x**self.exponent))
+        mu = self.kinetic + fall + self.viscous * np.abs(slip_rate)
+        slope = self.viscous - fall * self.exponent * x ** (self.exponent - 1.0) / self.stribeck_rate
+        return mu, np.zeros_like(mu), slope * np.sign(slip_rate)
+
+
+@dataclass(frozen=True)
+class ForceDependentFriction:
+    """Coefficient that changes with the normal force by a power law.
+
+    ``mu(N) = mu ((N^2 + smallest_force^2) / reference_force^2)^(exponent / 2)``. A single elastic contact of
+    Hertz grows as ``N^(2/3)``; where friction grows with its area, the exponent is -1/3 (F. P. Bowden, D. Tabor, The
+    Friction and Lubrication of Solids, Oxford 1950). The paper names this dependence as a limitation of its model
+    (section 4).
+
+    Attributes
+    ----------
+    mu : float
+        Coefficient at the reference force, to ``(smallest_force / reference_force)^2`` [1].
+    reference_force : float
+        Normal force [N].
+    exponent : float
+        Between -1, where friction does not depend on the force at all, and 1 [1].
+    smallest_force : float
+        Below this normal force the coefficient becomes constant [N].
+    """
+
+    mu: float
+    reference_force: float
+    exponent: float = -1.0 / 3.0
+    smallest_force: float = 1e-3
+    kind: ClassVar[str] = "force-dependent"
+
+    def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
+        """See `FrictionCoefficient.coefficient`."""
+        square = normal_force**2 + self.smallest_force**2
+        mu = self.mu * (square / self.reference_force**2) ** (0.5 * self.exponent)
+        return mu, self.exponent * mu * normal_force / square, np.zeros_like(mu)
+
+
+#: Every law of the coefficient that ``robot.toml`` may name.
+FRICTION_COEFFICIENTS: dict[str, type] = {
+    law.kind: law for law in (ConstantFriction, StribeckFriction, ForceDependentFriction)
+}

@@ -1,0 +1,260 @@
+"""Coefficients that depend on normal force and slip rate: closed forms, consistency, derivatives, dissipation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tdcr_fe.elements.coefficients import normal_forces
+from tdcr_fe.elements.friction import (
+    FrictionState,
+    NoFriction,
+    PerHoleFriction,
+    PerTendonFriction,
+    TendonLaw,
+    TendonParameters,
+)
+from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
+
+LENGTHS = np.array([[0.02, 0.03, 0.02, 0.025], [0.02, 0.03, 0.0, 0.0]])
+MASK = LENGTHS > 0.0
+HOLES = MASK[:, 1:]
+ANGLES = np.array([[0.2, 0.1, 0.3], [0.15, 0.0, 0.0]])
+BASE = np.array([2.0, 1.0])
+
+STRIBECK = StribeckFriction(static=0.4, kinetic=0.2, stribeck_rate=1e-3, exponent=2.0, viscous=5.0)
+HERTZ = ForceDependentFriction(0.3, reference_force=0.2)
+RISING = ForceDependentFriction(0.3, reference_force=0.2, exponent=0.5, smallest_force=1e-2)
+
+
+class ForceAndRate:
+    """A law that sees both arguments, and the direction of the rate."""
+
+    def coefficient(self, normal_force, slip_rate):
+        mu = 0.3 + 0.2 * normal_force + 0.05 * np.tanh(slip_rate / 1e-3)
+        return mu, 0.2 + 0.0 * mu, 0.05 / 1e-3 / np.cosh(slip_rate / 1e-3) ** 2
+
+
+LAWS = [
+    pytest.param(STRIBECK, id="stribeck"),
+    pytest.param(HERTZ, id="hertz"),
+    pytest.param(RISING, id="rising"),
+    pytest.param(ForceAndRate(), id="force-and-rate"),
+]
+
+
+def law(coefficients, model=None, mu=0.0, adhesion=0.0, compliance=0.0, presliding=1e-6) -> TendonLaw:
+    """Two tendons, of four and of two segments, whose coefficients follow these laws."""
+    parameters = TendonParameters(
+        LENGTHS, MASK, mu * HOLES, adhesion * HOLES, np.full(2, compliance), coefficients
+    )
+    return TendonLaw(parameters, model or PerHoleFriction(), presliding)
+
+
+def fan(coefficient, holes: int, total: float, base: float, pulled: float) -> np.ndarray:
+    """Tensions of one tendon that turns by ``total`` [rad] in equal holes and is pulled in by ``pulled`` [m] in 1 s."""
+    n = holes + 1
+    lengths, mask = np.full((1, n), 1e-3), np.ones((1, n), dtype=bool)
+    zero = np.zeros((1, holes))
+    x = TendonLaw(TendonParameters(lengths, mask, zero, zero, np.zeros(1), (coefficient,)), PerHoleFriction())
+    moved = lengths.copy()
+    moved[0, -1] -= pulled
+    angles = np.full((1, holes), total / holes)
+    return x.evaluate(np.array([base]), moved, angles, x.initial_state(), time=1.0).tension[0]
+
+
+# ---------------------------------------------------------------- closed forms
+
+
+@pytest.mark.parametrize("model", [PerTendonFriction(), PerHoleFriction()], ids=lambda x: x.kind)
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("adhesion", [0.0, 0.05])
+def test_constant_law_is_the_constant_coefficient(model, way, adhesion):
+    """Capstan's limit: same tensions and derivatives as ``friction_coefficient``, and no slope by the lengths."""
+    a = law((ConstantFriction(0.3),) * 2, model, adhesion=adhesion)
+    b = law((), model, mu=0.3, adhesion=adhesion)
+    lengths = LENGTHS - way * 1e-3 * MASK
+    x, y = (z.evaluate(BASE, lengths, ANGLES, z.initial_state(), time=2.0) for z in (a, b))
+    assert np.array_equal(x.tension, y.tension)
+    assert np.array_equal(x.mobilisation, y.mobilisation)
+    for name in ("d_length", "d_angle", "d_base", "by_mobilisation"):
+        assert getattr(x, name) == pytest.approx(getattr(y, name), rel=1e-14, abs=1e-15)
+    s = way * np.ones_like(x.mobilisation)
+    assert not a.field(BASE, lengths, ANGLES, s, a.initial_state(), 2.0).depends_on_length
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0], ids=["pulled", "released"])
+@pytest.mark.parametrize("exponent", [-1.0 / 3.0, 0.5])
+def test_force_dependent_coefficient_follows_the_wrapped_tendon_with_order_two(way, exponent):
+    """A tendon wrapped by phi in many equal holes of angle theta: ``dT/dphi = -+mu (T/f)^p T``, f = N_ref / theta.
+
+    Closed form: ``T^-p = T_0^-p +- p mu f^-p phi``. With the mean of both tensions in the normal force the
+    error falls as the square of the angle of a hole.
+    """
+    f, total, base = 1.5, 2.0, 2.0
+    exact = (base**-exponent + way * exponent * 0.3 * f**-exponent * total) ** (-1.0 / exponent)
+    errors = []
+    for holes in (8, 16, 32, 64):
+        coefficient = ForceDependentFriction(0.3, f * total / holes, exponent, smallest_force=1e-9)
+        errors.append(abs(fan(coefficient, holes, total, base, way * 1e-3)[-1] - exact) / exact)
+    slope = np.polyfit(np.log([8, 16, 32, 64]), np.log(errors), 1)[0]
+    assert errors[-1] < 1e-4
+    assert -2.1 < slope < -1.9
+
+
+@pytest.mark.parametrize("rate", [1e-5, 3e-4, 1e-3, 2e-2])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_steady_sliding_has_the_coefficient_of_its_rate_at_every_hole(rate, way):
+    """``T_k+1 / T_k = exp(-+mu(v) theta)`` to the last digits."""
+    tension = fan(STRIBECK, 6, 1.2, 2.0, way * rate)
+    mu = 0.2 + 0.2 * np.exp(-((rate / 1e-3) ** 2)) + 5.0 * rate
+    assert tension[1:] / tension[:-1] == pytest.approx(np.exp(-way * mu * 0.2) * np.ones(6), rel=1e-12)
+
+
+def test_no_time_keeps_the_rate_and_no_history_has_none():
+    """Static friction while no time passes; a committed state, looked at again, has the same tensions."""
+    x = law((STRIBECK, STRIBECK))
+    lengths = LENGTHS - 1e-3 * MASK
+    at_rest = x.evaluate(BASE, lengths, ANGLES, x.initial_state())
+    assert at_rest.tension[0, -1] == pytest.approx(2.0 * np.exp(-0.4 * 0.6), rel=1e-12)
+    sliding = x.evaluate(BASE, lengths, ANGLES, x.initial_state(), time=0.5)
+    assert sliding.tension[0, -1] > 1.01 * at_rest.tension[0, -1]
+    state = x.commit(sliding)
+    assert state.time == 0.5
+    for time in (0.5, 0.0):
+        again = x.evaluate(BASE, lengths, ANGLES, state, time=time)
+        assert np.array_equal(again.tension, sliding.tension)
+        assert np.array_equal(x.commit(again).slip_rate, state.slip_rate)
+
+
+def test_tendons_without_a_law_beside_those_with_one():
+    """Each tendon has its own: the first slips with Stribeck, the second with a constant 0.25."""
+    x = law((STRIBECK, None), mu=0.25)
+    field = x.evaluate(BASE, LENGTHS - 1e-2 * MASK, ANGLES, x.initial_state(), time=1.0)
+    assert field.tension[1, 1] == pytest.approx(np.exp(-0.25 * 0.15), rel=1e-12)
+    assert field.tension[0, 1] == pytest.approx(2.0 * np.exp(-(0.2 + 5.0 * 0.03) * 0.2), rel=1e-12)
+
+
+def test_a_model_without_friction_asks_no_law():
+    field = law((STRIBECK, HERTZ), NoFriction()).field(BASE, 0.9 * LENGTHS, ANGLES, np.zeros((2, 0)))
+    assert np.array_equal(field.tension, np.array([[2.0] * 4, [1.0] * 4]))
+    assert not law((STRIBECK, HERTZ), NoFriction()).has_friction
+
+
+# ---------------------------------------------------------------- consistency and derivatives
+
+
+@pytest.mark.parametrize("coefficients", LAWS)
+@pytest.mark.parametrize("compliance", [0.0, 1.0 / 400.0], ids=["inextensible", "elastic"])
+@pytest.mark.parametrize("adhesion", [0.0, 0.02])
+def test_the_coefficient_used_is_that_of_the_normal_force_and_rate_reached(
+    coefficients, compliance, adhesion
+):
+    """Recovered from the tensions where a hole slips towards the base: ``mu = log(T_k / (T_k+1 + a)) / theta``."""
+    x = law((coefficients, coefficients), compliance=compliance, adhesion=adhesion)
+    rest = x.evaluate(BASE, LENGTHS, ANGLES, x.initial_state())
+    state = FrictionState(rest.slip, np.zeros_like(rest.slip), time=1.0)
+    field = x.evaluate(BASE, LENGTHS - 1e-3 * MASK, ANGLES, state, time=2.0)
+    assert np.all(field.mobilisation[HOLES] == 1.0)
+    t = field.tension
+    with np.errstate(divide="ignore", invalid="ignore"):
+        used = np.log(t[:, :-1] / (t[:, 1:] + adhesion)) / ANGLES
+    rate = (field.slip - state.slip) / 1.0
+    assert field.slip_rate == pytest.approx(rate, abs=1e-15)
+    # With adhesion the mean tension still is that of both segments.
+    expected = coefficients.coefficient(normal_forces(t, ANGLES)[HOLES], rate[HOLES])[0]
+    assert used[HOLES] == pytest.approx(expected, abs=1e-10)
+
+
+def central(function, x, h):
+    """Central differences of an array function of an array, (output..., input...)."""
+    columns = []
+    for index in np.ndindex(x.shape):
+        shift = np.zeros_like(x)
+        shift[index] = h
+        columns.append((function(x + shift) - function(x - shift)) / (2 * h))
+    return np.stack(columns, axis=-1).reshape(*columns[0].shape, *x.shape)
+
+
+def own(d):
+    """Of (m, n, m, k), what a tendon does to itself; what it does to another must vanish."""
+    assert np.max(np.abs(d[0, :, 1])) < 1e-6 and np.max(np.abs(d[1, :, 0])) < 1e-6
+    return np.stack([d[i, :, i] for i in range(2)])
+
+
+@pytest.mark.parametrize("coefficients", LAWS)
+@pytest.mark.parametrize("model", [PerTendonFriction(), PerHoleFriction()], ids=lambda x: x.kind)
+@pytest.mark.parametrize("compliance", [0.0, 1.0 / 400.0], ids=["inextensible", "elastic"])
+@pytest.mark.parametrize("adhesion", [0.0, 0.05])
+@pytest.mark.parametrize("given", ["mobilisation", "configuration"])
+@pytest.mark.parametrize("scale", [0.2, 20.0], ids=["sticking", "sliding"])
+def test_derivatives_against_central_differences(coefficients, model, compliance, adhesion, given, scale):
+    """By lengths, angles, base tension, and mobilisations where these are kept; in a step of 0.3 s."""
+    x = law((coefficients, coefficients), model, compliance=compliance, adhesion=adhesion, presliding=1e-4)
+    rng = np.random.default_rng(5)
+    state = FrictionState(np.zeros((2, x.groups)), 0.1 * np.ones((2, x.groups)) * x.frictional, time=1.0)
+    state = replace(state, slip=x.evaluate(BASE, LENGTHS, ANGLES, state).slip)
+    lengths = LENGTHS - scale * 1e-5 * rng.uniform(0.2, 1.0, size=LENGTHS.shape) * MASK
+    s = rng.uniform(0.2, 0.9, size=(2, x.groups)) * x.frictional
+
+    def field(base=BASE, lengths=lengths, angles=ANGLES, s=s):
+        if given == "mobilisation":
+            return x.field(base, lengths * MASK, angles, s, state, 1.3)
+        return x.evaluate(base, lengths * MASK, angles, state, time=1.3)
+
+    f, m = field(), MASK[:, :, None]
+    if given == "configuration":
+        assert np.any(np.abs(f.mobilisation) >= 1.0) == (scale > 1.0)
+    size = np.max(np.abs(f.d_length)) + 1.0
+    by_length = own(central(lambda v: field(lengths=v).tension * MASK, lengths, 1e-9))
+    assert by_length * m == pytest.approx(f.d_length * m * MASK[:, None, :], abs=2e-6 * size)
+    by_angle = own(central(lambda v: field(angles=v).tension * MASK, ANGLES, 1e-6))
+    assert by_angle == pytest.approx(f.d_angle * m, abs=1e-6)
+    by_base = own(central(lambda v: field(base=v).tension * MASK, BASE, 1e-6)[..., None])[..., 0]
+    assert by_base == pytest.approx(f.d_base * MASK, abs=1e-6)
+    if given == "mobilisation":
+        by_s = own(central(lambda v: field(s=v).tension * MASK, s, 1e-6))
+        assert by_s == pytest.approx(f.by_mobilisation * m, abs=1e-7)
+        assert f.depends_on_length == (np.max(np.abs(f.d_length)) > 0.0)
+
+
+@pytest.mark.parametrize("coefficients", [STRIBECK, HERTZ, RISING], ids=lambda x: x.kind)
+def test_derivatives_of_the_laws_against_central_differences(coefficients):
+    force, rate = np.geomspace(1e-2, 3.0, 7), np.array([-5e-3, -1e-3, -1e-4, 1e-4, 5e-4, 2e-3, 9e-3])
+    mu, by_force, by_rate = coefficients.coefficient(force, rate)
+    difference = (
+        coefficients.coefficient(force + 1e-7, rate)[0] - coefficients.coefficient(force - 1e-7, rate)[0]
+    )
+    assert difference / 2e-7 == pytest.approx(by_force, abs=1e-6)
+    difference = (
+        coefficients.coefficient(force, rate + 1e-9)[0] - coefficients.coefficient(force, rate - 1e-9)[0]
+    )
+    assert difference / 2e-9 == pytest.approx(by_rate, abs=1e-4)
+    assert np.all(mu >= 0.0)
+
+
+@pytest.mark.parametrize("coefficients", [STRIBECK, HERTZ, RISING], ids=lambda x: x.kind)
+@pytest.mark.parametrize("compliance", [0.0, 1.0 / 400.0], ids=["inextensible", "elastic"])
+@settings(deadline=None, max_examples=60)
+@given(
+    base=st.just(0.0) | st.floats(1e-3, 5.0),
+    changes=st.lists(st.lists(st.floats(-3e-5, 3e-5), min_size=4, max_size=4), min_size=1, max_size=5),
+    duration=st.floats(0.05, 10.0),
+)
+def test_no_hole_creates_energy_whatever_is_done(coefficients, compliance, base, changes, duration):
+    """Dissipation ``(T_k - T_k+1) du_k >= 0`` at every hole that slips; tensions are positive and finite."""
+    x = law((coefficients, coefficients), compliance=compliance)
+    state = x.initial_state()
+    for number, change in enumerate(changes, start=1):
+        lengths = LENGTHS + np.array(change) * MASK
+        field = x.evaluate(np.array([base, base]), lengths, ANGLES, state, time=number * duration)
+        assert np.all(np.isfinite(field.tension)) and np.all(field.tension >= 0.0)
+        moved = field.slip - state.slip
+        slides = np.abs(field.mobilisation) >= 1.0
+        drop = field.tension[:, :-1] - field.tension[:, 1:]
+        assert np.all((drop * moved)[slides] >= -1e-18)
+        state = x.commit(field)
