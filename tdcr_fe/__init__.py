@@ -1,10 +1,111 @@
-"""Tendon-driven continuum robots in Exudyn."""
+"""Tendon-driven continuum robots in Exudyn: the public names, each imported when it is first used."""
 
+from __future__ import annotations
+
+from importlib import import_module as _import_module
 from pathlib import Path as _Path
+from typing import TYPE_CHECKING
+from typing import Any as _Any
+
+if TYPE_CHECKING:
+    from tdcr_fe.effects import effect as effect
+    from tdcr_fe.effects import with_effects as with_effects
+    from tdcr_fe.identify import IdentificationResult as IdentificationResult
+    from tdcr_fe.identify import IdentifySettings as IdentifySettings
+    from tdcr_fe.identify import identify as identify
+    from tdcr_fe.io.measured import read_measured as read_measured
+    from tdcr_fe.io.tables import write_results as write_results
+    from tdcr_fe.io.toml import InputError as InputError
+    from tdcr_fe.io.toml import model_to_toml as model_to_toml
+    from tdcr_fe.io.toml import read_model as read_model
+    from tdcr_fe.io.toml import read_robot as read_robot
+    from tdcr_fe.io.toml import read_scenario as read_scenario
+    from tdcr_fe.io.toml import robot_to_toml as robot_to_toml
+    from tdcr_fe.io.toml import scenario_to_toml as scenario_to_toml
+    from tdcr_fe.model.loading import Load as Load
+    from tdcr_fe.model.loading import LoadStep as LoadStep
+    from tdcr_fe.model.loading import Model as Model
+    from tdcr_fe.model.results import SequenceResult as SequenceResult
+    from tdcr_fe.model.results import StepResult as StepResult
+    from tdcr_fe.model.robot import Backbone as Backbone
+    from tdcr_fe.model.robot import Disks as Disks
+    from tdcr_fe.model.robot import Robot as Robot
+    from tdcr_fe.model.robot import StiffnessPatch as StiffnessPatch
+    from tdcr_fe.model.robot import Superelastic as Superelastic
+    from tdcr_fe.model.robot import Tendon as Tendon
+    from tdcr_fe.model.routing import ConvergingRouting as ConvergingRouting
+    from tdcr_fe.model.routing import HelicalRouting as HelicalRouting
+    from tdcr_fe.model.routing import ParallelRouting as ParallelRouting
+    from tdcr_fe.model.routing import PointsRouting as PointsRouting
+    from tdcr_fe.model.routing import TwistedRouting as TwistedRouting
+    from tdcr_fe.model.settings import SolverSettings as SolverSettings
+    from tdcr_fe.native import register as register
+    from tdcr_fe.scene.builder import CreateTDCR as CreateTDCR
+    from tdcr_fe.scene.handle import TDCR as TDCR
+    from tdcr_fe.scene.loads import PointLoad as PointLoad
+    from tdcr_fe.solve.simulate import Simulation as Simulation
+    from tdcr_fe.solve.simulate import simulate as simulate
+    from tdcr_fe.solve.stability import Stability as Stability
+    from tdcr_fe.solve.stability import stability as stability
+    from tdcr_fe.solve.statics import SolveTDCR as SolveTDCR
+    from tdcr_fe.solve.stepping import StepFailed as StepFailed
 
 __version__ = "0.2.0.dev0"
 
+#: Where every public name is; the block above says the same to type checkers.
+_PUBLIC = {
+    "tdcr_fe.effects": ("effect", "with_effects"),
+    "tdcr_fe.identify": ("IdentificationResult", "IdentifySettings", "identify"),
+    "tdcr_fe.io.measured": ("read_measured",),
+    "tdcr_fe.io.tables": ("write_results",),
+    "tdcr_fe.io.toml": (
+        "InputError",
+        "model_to_toml",
+        "read_model",
+        "read_robot",
+        "read_scenario",
+        "robot_to_toml",
+        "scenario_to_toml",
+    ),
+    "tdcr_fe.model.loading": ("Load", "LoadStep", "Model"),
+    "tdcr_fe.model.results": ("SequenceResult", "StepResult"),
+    "tdcr_fe.model.robot": ("Backbone", "Disks", "Robot", "StiffnessPatch", "Superelastic", "Tendon"),
+    "tdcr_fe.model.routing": (
+        "ConvergingRouting",
+        "HelicalRouting",
+        "ParallelRouting",
+        "PointsRouting",
+        "TwistedRouting",
+    ),
+    "tdcr_fe.model.settings": ("SolverSettings",),
+    "tdcr_fe.native": ("register",),
+    "tdcr_fe.scene.builder": ("CreateTDCR",),
+    "tdcr_fe.scene.handle": ("TDCR",),
+    "tdcr_fe.scene.loads": ("PointLoad",),
+    "tdcr_fe.solve.simulate": ("Simulation", "simulate"),
+    "tdcr_fe.solve.stability": ("Stability", "stability"),
+    "tdcr_fe.solve.statics": ("SolveTDCR",),
+    "tdcr_fe.solve.stepping": ("StepFailed",),
+}
+_MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
+
+__all__ = ["__version__", *sorted(_MODULE_OF)]
+
 # In a clone, `elements/` and `validation/` lie beside this folder; in an installed copy they lie inside it.
-_beside = _Path(__file__).resolve().parent.parent
-if not (_Path(__file__).resolve().parent / "elements").is_dir() and (_beside / "elements").is_dir():
-    __path__.append(str(_beside))
+_here = _Path(__file__).resolve().parent
+if not (_here / "elements").is_dir() and (_here.parent / "elements").is_dir():
+    __path__.append(str(_here.parent))
+
+
+def __getattr__(name: str) -> _Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = _import_module(_MODULE_OF[name])
+    # The package `tdcr_fe.identify` is itself the function of that name: importing it makes it an attribute here.
+    found = module if module.__name__ == f"{__name__}.{name}" else getattr(module, name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

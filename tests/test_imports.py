@@ -20,6 +20,7 @@ LAYERS = (
     "model",
     "scene",
     "solve",
+    "native",
     "effects",
     "report",
     "io",

@@ -4,11 +4,17 @@ import sys
 from math import degrees
 from pathlib import Path
 
-from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
-from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.solve.simulate import simulate
+from tdcr_fe import (
+    Backbone,
+    Disks,
+    LoadStep,
+    Model,
+    ParallelRouting,
+    Robot,
+    SequenceResult,
+    Tendon,
+    simulate,
+)
 
 robot = Robot(
     name="single-segment",

@@ -14,11 +14,10 @@ import exudyn.itemInterface as eii
 import numpy as np
 from exudyn.rigidBodyUtilities import InertiaCuboid, InertiaSphere
 
-import tdcr_fe.scene
-import tdcr_fe.solve.statics  # noqa: F401  (mbs.SolveTDCR)
-from tdcr_fe.model.loading import Model
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
-from tdcr_fe.model.routing import ParallelRouting
+import tdcr_fe as tdcr
+from tdcr_fe import Backbone, Disks, Model, ParallelRouting, Robot, Tendon
+
+tdcr.register()  # mbs.CreateTDCR and mbs.SolveTDCR
 
 GRAVITY = (0.0, 0.0, -9.81)
 STIFFNESS = 4.0  # of the carriage's spring [N/m]

@@ -9,11 +9,10 @@ from math import degrees
 import exudyn as exu
 import numpy as np
 
-import tdcr_fe.scene
-import tdcr_fe.solve.statics  # noqa: F401  (mbs.SolveTDCR)
-from tdcr_fe.model.loading import Model
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
-from tdcr_fe.model.routing import ParallelRouting
+import tdcr_fe as tdcr
+from tdcr_fe import Backbone, Disks, Model, ParallelRouting, Robot, Tendon
+
+tdcr.register()  # mbs.CreateTDCR and mbs.SolveTDCR
 
 SC = exu.SystemContainer()
 mbs = SC.AddSystem()

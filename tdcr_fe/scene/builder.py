@@ -15,7 +15,6 @@ from tdcr_fe.elements.friction import FRICTION_MODELS
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.scene.binding import bind
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.mesh import build_mesh
 from tdcr_fe.scene.parts import (
@@ -210,6 +209,3 @@ def add_actuation(
     actuation = TendonActuation(mbs, nodes, mesh, hole_nodes, geometry, law, section, connectors, clamp=clamp)
     SceneHooks.of(mbs).actuations.append(actuation)
     return actuation
-
-
-bind("CreateTDCR", CreateTDCR)

@@ -89,13 +89,3 @@ def _function(present: Any) -> Any:
     if isinstance(present, dict):
         present = present.get("function")
     return present if callable(present) else None
-
-
-def _bind() -> None:
-    """Make `SolveTDCR` a method of ``exudyn.MainSystem``."""
-    from tdcr_fe.scene.binding import bind
-
-    bind("SolveTDCR", SolveTDCR)
-
-
-_bind()

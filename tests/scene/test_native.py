@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from robots import LENGTH, distance, paper, pull, scene, solve, three
 
-import tdcr_fe.solve.statics  # noqa: F401  (binds mbs.SolveTDCR)
 from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.native import register
 from tdcr_fe.scene.builder import CreateTDCR
+
+register()
 
 
 def static_settings(steps: int = 50) -> exu.SimulationSettings:

@@ -11,10 +11,12 @@ import pytest
 from robots import BACKBONE, LENGTH, distance, paper, pull, scene, solve, three
 from scipy.spatial.transform import Rotation
 
-import tdcr_fe.solve.statics  # noqa: F401  (binds mbs.SolveTDCR)
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.native import register
 from tdcr_fe.scene.builder import CreateTDCR
+
+register()
 
 MODEL = Model(friction="per-hole", elements_per_bay=1)
 STRAIGHT = np.array([0.0, 0.0, LENGTH])

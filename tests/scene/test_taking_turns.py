@@ -5,11 +5,12 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 
-import tdcr_fe.scene.builder
-import tdcr_fe.solve.statics  # noqa: F401
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
 from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.native import register
+
+register()
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Functions that take ``mbs`` first as methods of ``exudyn.MainSystem``."""
+"""`CreateTDCR` and `SolveTDCR` as methods of ``exudyn.MainSystem``, beside the library's own."""
 
 from __future__ import annotations
 
@@ -7,8 +7,21 @@ from typing import Any
 
 import exudyn as exu
 
+from tdcr_fe.scene.builder import CreateTDCR
+from tdcr_fe.solve.statics import SolveTDCR
 
-def bind(method: str, function: Callable[..., Any]) -> None:
+
+def register() -> None:
+    """Make ``mbs.CreateTDCR`` and ``mbs.SolveTDCR`` methods of every Exudyn system.
+
+    Call it once, at any time; a second call changes nothing. The plain functions, which take ``mbs`` first, work
+    without it.
+    """
+    _bind("CreateTDCR", CreateTDCR)
+    _bind("SolveTDCR", SolveTDCR)
+
+
+def _bind(method: str, function: Callable[..., Any]) -> None:
     """Make a function that takes ``mbs`` first a method of ``exudyn.MainSystem``."""
     try:
         from exudyn.misc import extensionRegistry
