@@ -17,9 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from tdcr_fe import __version__
 from tdcr_fe.io.toml import InputError, Problem
@@ -31,79 +29,6 @@ Array = NDArray[np.float64]
 RESULT_FILES = ("steps.csv", "shape.csv", "tensions.csv", "summary.json")
 #: Every picture that may come with them.
 PICTURE_FILES = ("shapes.png", "tensions.png", "hysteresis.png")
-
-
-def quaternions(rotations: Array) -> Array:
-    """Unit quaternions of sections, with ``qw >= 0``.
-
-    Where ``qw`` is zero both signs say the same; the one nearer to the section before is taken.
-
-    Parameters
-    ----------
-    rotations
-        World rotations of the sections, shape (n, 3, 3).
-
-    Returns
-    -------
-    numpy.ndarray
-        ``qw, qx, qy, qz`` by row, shape (n, 4).
-    """
-    q = np.roll(Rotation.from_matrix(np.asarray(rotations, dtype=float)).as_quat(), 1, axis=1)
-    q[np.abs(q[:, 0]) < 1e-15, 0] = 0.0
-    q[q[:, 0] < 0.0] *= -1.0
-    for k in np.flatnonzero(q[:, 0] == 0.0):
-        if k > 0 and q[k] @ q[k - 1] < 0.0:
-            q[k] *= -1.0
-    return np.asarray(q + 0.0, dtype=float)  # no negative zeros
-
-
-def steps_table(result: SequenceResult) -> pd.DataFrame:
-    """One row a load step: actuation, tip pose and angles, with the columns of `steps.csv`."""
-    names = result.robot.tendon_names
-    rows = [
-        [
-            *(s.step, s.label, bool(s.converged), int(s.iterations)),
-            *map(float, s.base_tensions),
-            *map(float, s.displacements),
-            *map(float, s.tip),
-            *map(float, s.tangent),
-            math.degrees(s.bending_angle),
-            math.degrees(s.chord_angle),
-            s.tip_offset,
-        ]
-        for s in result.steps
-    ]
-    columns = [
-        *("step", "label", "converged", "iterations"),
-        *(f"tension_{n}" for n in names),
-        *(f"displacement_{n}" for n in names),
-        *("tip_x", "tip_y", "tip_z", "tangent_x", "tangent_y", "tangent_z"),
-        *("bending_angle_deg", "chord_angle_deg", "tip_offset"),
-    ]
-    return pd.DataFrame(rows, columns=columns)
-
-
-def shape_table(result: SequenceResult) -> pd.DataFrame:
-    """One row a backbone node and load step, with the columns of `shape.csv`."""
-    columns = ["step", "s", "x", "y", "z", "qw", "qx", "qy", "qz"]
-    tables = [
-        pd.DataFrame(
-            np.column_stack((s.s, s.positions, quaternions(s.rotations))), columns=columns[1:]
-        ).assign(step=s.step)
-        for s in result.steps
-    ]
-    return pd.concat(tables, ignore_index=True)[columns] if tables else pd.DataFrame(columns=columns)
-
-
-def tensions_table(result: SequenceResult) -> pd.DataFrame:
-    """One row a tendon segment and load step, with the columns of `tensions.csv`."""
-    rows = [
-        (s.step, name, k, float(tension), state)
-        for s in result.steps
-        for name, tensions, states in zip(result.robot.tendon_names, s.tensions, s.hole_states, strict=True)
-        for k, (tension, state) in enumerate(zip(tensions, states, strict=True), start=1)
-    ]
-    return pd.DataFrame(rows, columns=["step", "tendon", "segment", "tension", "hole_state"])
 
 
 def versions() -> dict[str, str]:
@@ -288,9 +213,9 @@ def write_results(
     """
 
     def write_tables(folder: Path) -> None:
-        steps_table(result).to_csv(folder / "steps.csv", index=False)
-        shape_table(result).to_csv(folder / "shape.csv", index=False)
-        tensions_table(result).to_csv(folder / "tensions.csv", index=False)
+        result.to_frame().to_csv(folder / "steps.csv", index=False)
+        result.shape_frame().to_csv(folder / "shape.csv", index=False)
+        result.tensions_frame().to_csv(folder / "tensions.csv", index=False)
         write_json(summary(result, digests, steps_asked), folder / "summary.json")
 
     def draw(folder: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from tdcr_fe.model.loading import Actuation, Model
 from tdcr_fe.model.robot import Robot
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 Array = NDArray[np.float64]
 
-#: What a hole does to its tendon.
+#: States of a hole: the tendon sticks, is pulled or released through it, or is anchored.
 HOLE_STATES = ("stick", "pull", "release", "anchor")
 
 
@@ -111,7 +114,7 @@ class StepResult:
 
 @dataclass(frozen=True)
 class SequenceResult:
-    """Every load step that was solved.
+    """Every load step that was solved; printed, it is a summary of ten lines.
 
     Attributes
     ----------
@@ -150,3 +153,44 @@ class SequenceResult:
     def bending_angles(self) -> Array:
         """Angle between tip tangent and +z, by step [rad], shape (n_steps,)."""
         return np.array([s.bending_angle for s in self.steps])
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per load step: actuation, tip pose and angles, with the columns of ``steps.csv``."""
+        from tdcr_fe.model.frames import steps_frame
+
+        return steps_frame(self)
+
+    def shape_frame(self) -> pd.DataFrame:
+        """One row per backbone node and load step, with the columns of ``shape.csv``."""
+        from tdcr_fe.model.frames import shape_frame
+
+        return shape_frame(self)
+
+    def tensions_frame(self) -> pd.DataFrame:
+        """One row per tendon segment and load step, with the columns of ``tensions.csv``."""
+        from tdcr_fe.model.frames import tensions_frame
+
+        return tensions_frame(self)
+
+    def raise_if_failed(self) -> SequenceResult:
+        """Return the result itself where all steps converged.
+
+        Raises
+        ------
+        RuntimeError
+            A step failed; the message names it and says what to try.
+        """
+        if not self.converged:
+            raise RuntimeError(self.message)
+        return self
+
+    def __repr__(self) -> str:
+        from tdcr_fe.model.display import as_text
+
+        return as_text(self)
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        from tdcr_fe.model.display import as_html
+
+        return as_html(self)

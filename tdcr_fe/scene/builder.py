@@ -13,6 +13,7 @@ from tdcr_fe.elements.actuation import Clamp, Connectors, TendonActuation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, add_backbone
 from tdcr_fe.elements.friction import FRICTION_MODELS
 from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.model import arguments
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.handle import TDCR
@@ -131,17 +132,10 @@ def CreateTDCR(
 def check_types(mbs: Any, robot: Any, model: Any) -> None:
     """Refuse arguments of another type, and say what to call."""
     if not isinstance(mbs, exu.MainSystem):
-        raise TypeError(
-            f"CreateTDCR: mbs is a {type(mbs).__name__}; must be an exudyn.MainSystem, from SC.AddSystem()"
-        )
-    if not isinstance(robot, Robot):
-        raise TypeError(
-            f"CreateTDCR: robot is a {type(robot).__name__}; must be a Robot; read_robot(path) reads one from a file"
-        )
-    if not isinstance(model, Model):
-        raise TypeError(
-            f"CreateTDCR: model is a {type(model).__name__}; must be a Model, such as Model(friction='per-hole')"
-        )
+        hint = "SC = exudyn.SystemContainer(); mbs = SC.AddSystem() makes one."
+        raise arguments.wrong_type("CreateTDCR", "mbs", mbs, "an exudyn.MainSystem", hint)
+    arguments.check_robot("CreateTDCR", robot)
+    arguments.check_model("CreateTDCR", model)
 
 
 def check_model(model: Model) -> None:

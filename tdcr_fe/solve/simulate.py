@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
+from tdcr_fe.model import arguments
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
@@ -213,9 +214,15 @@ def simulate(
 
     Raises
     ------
+    TypeError
+        An argument is of another type; the message says what is expected and what to call.
     ValueError
         The description contradicts itself (see `tdcr_fe.model.loading.resolve` and `tdcr_fe.scene.builder.CreateTDCR`).
     """
+    arguments.check_robot("simulate", robot)
+    arguments.check_model("simulate", model)
+    arguments.check_steps("simulate", steps)
+    arguments.check_settings("simulate", settings)
     settings = settings or SolverSettings()
     begun = time.perf_counter()
     targets = resolve(robot, steps)

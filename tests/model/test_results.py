@@ -1,0 +1,77 @@
+"""A result in Python: a summary of ten lines, data frames with the columns of the files, a table in notebooks."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+from arcs import arc_result, paper_robot
+
+from tdcr_fe.io.tables import write_results
+from tdcr_fe.model.loading import LoadStep
+
+
+def test_a_result_prints_in_ten_lines():
+    """Robot, model, steps, status, last step, tip, tension, displacement and warnings, each with its values."""
+    result = dataclasses.replace(arc_result(paper_robot(2)), warnings=("step 2: first", "step 3: second"))
+    last = result.steps[-1]
+    text = str(result)
+    assert repr(result) == text
+    assert len(text.splitlines()) <= 10
+    assert max(map(len, text.splitlines())) < 140
+    for part in (
+        "single-segment: 2 tendons, 13 disks, length 250 mm",
+        f"friction {result.model.friction}",
+        f"{len(result.steps)} solved;",
+        f"({1e3 * last.tip[0]:.3f}, {1e3 * last.tip[1]:.3f}, {1e3 * last.tip[2]:.3f})",
+        f"t2 {last.base_tensions[1]:.4g}",
+        f"t1 {last.tensions[0][-1]:.4g}",
+        "2, the first: step 2: first",
+    ):
+        assert part in text
+
+
+def test_a_failed_result_names_its_step_and_raises_when_asked():
+    good = arc_result()
+    assert good.raise_if_failed() is good
+    failed = dataclasses.replace(
+        good, converged=False, failed_step=7, message="step 7 did not converge: use smaller load steps"
+    )
+    assert "step 7 not" in str(failed) and failed.message in str(failed)
+    with pytest.raises(RuntimeError, match="use smaller load steps"):
+        failed.raise_if_failed()
+
+
+def test_a_result_without_any_step_or_tendon_prints_too():
+    nothing = dataclasses.replace(
+        arc_result(), steps=(), converged=False, failed_step=1, message="step 1 failed"
+    )
+    assert "0 solved, step 1 not" in str(nothing)
+    assert nothing.to_frame().empty and nothing.shape_frame().empty and nothing.tensions_frame().empty
+    robot = dataclasses.replace(paper_robot(), tendons=())
+    assert "no tendons" in str(arc_result(robot, [LoadStep("still")]))
+
+
+def test_many_tendons_do_not_make_the_summary_longer():
+    text = str(arc_result(paper_robot(9)))
+    assert len(text.splitlines()) <= 10 and "and 3 more" in text
+
+
+def test_frames_are_the_tables_of_the_files(tmp_path):
+    result = arc_result(paper_robot(2))
+    write_results(result, tmp_path, pictures=False)
+    frames = {"steps": result.to_frame(), "shape": result.shape_frame(), "tensions": result.tensions_frame()}
+    for name, frame in frames.items():
+        written = pd.read_csv(tmp_path / f"{name}.csv", keep_default_na=False)
+        pd.testing.assert_frame_equal(frame, written, check_dtype=False, rtol=1e-12)
+    assert len(frames["steps"]) == len(result.steps)
+    np.testing.assert_allclose(frames["steps"][["tip_x", "tip_y", "tip_z"]], result.tips, rtol=0, atol=1e-15)
+
+
+def test_a_notebook_shows_the_summary_and_the_steps_with_names_escaped():
+    result = arc_result(dataclasses.replace(paper_robot(), name="<b>arm</b> & co"))
+    html = result._repr_html_()
+    assert "&lt;b&gt;arm&lt;/b&gt; &amp; co" in html and "<b>" not in html
+    assert "bending_angle_deg" in html and html.count("<table") == 2
