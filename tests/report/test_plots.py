@@ -8,11 +8,12 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from arcs import arc_result, paper_robot
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from tdcr_fe.io.tables import PICTURE_FILES
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.report import plots
+from tdcr_fe.report import arrows, geometry, plots
 
 
 def axes_by_title(figure):
@@ -45,19 +46,20 @@ def test_shapes_are_drawn_to_scale_in_millimetres_with_every_step():
 def test_straight_tendon_is_drawn_from_hole_to_hole_and_classical_one_along_the_backbone():
     result = arc_result()
     step, tendon = result.steps[4], result.robot.tendons[0]
-    line = plots._tendon_line(result, step, tendon)
+    line = geometry.tendon_line(result, step, tendon)
     assert len(line) == 14
     nodes = np.concatenate(([0], np.arange(2, 27, 2)))
     holes = step.positions[nodes] + 4.5e-3 * step.rotations[nodes][:, :, 0]
     assert line == pytest.approx(holes, abs=1e-9)
     classical = dataclasses.replace(result, model=Model("continuous", "none"))
-    assert len(plots._tendon_line(classical, step, tendon)) == 120
+    assert len(geometry.tendon_line(classical, step, tendon)) == 120
 
 
 def test_many_steps_are_thinned_and_explained_by_a_bar_not_a_legend():
     figure = plots.shapes(arc_result(paper_robot(3), many_steps()))
     assert (
-        len(axes_by_title(figure)["Seen along y"].lines) < plots.DRAWN_STEPS + 3 * plots.DETAILED_STEPS + 10
+        len(axes_by_title(figure)["Seen along y"].lines)
+        < geometry.DRAWN_STEPS + 3 * geometry.DETAILED_STEPS + 10
     )
     (legend,) = figure.legends
     assert [t.get_text() for t in legend.get_texts()] == ["tendon t1", "tendon t2", "tendon t3"]
@@ -117,3 +119,102 @@ def test_nothing_is_drawn_of_nothing(tmp_path):
     assert plots.save_pictures(result, tmp_path) == []
     with pytest.raises(ValueError, match="no step was solved"):
         plots.shapes(result)
+
+
+def six_tendons(**rest):
+    """Two segments: three tendons end at the middle disk, three at the tip."""
+    one = paper_robot(6)
+    ends = [one.disks.positions[6]] * 3 + [None] * 3
+    tendons = tuple(
+        dataclasses.replace(t, name=f"{'proximal' if e else 'distal'}{k % 3 + 1}", end=e)
+        for k, (t, e) in enumerate(zip(one.tendons, ends, strict=True))
+    )
+    robot = dataclasses.replace(one, tendons=tendons, name="two segments, six tendons", **rest)
+    steps = [LoadStep("", {t.name: value for t in tendons}) for value in (0.2, 0.4, 0.6, 0.4, 0.2)]
+    return arc_result(robot, steps)
+
+
+@pytest.mark.parametrize("draw", [plots.shapes, plots.tensions, plots.hysteresis], ids=lambda f: f.__name__)
+def test_title_and_legend_of_six_tendons_lie_apart_from_the_axes(draw):
+    """In 0.1 the title lay on those of the axes, and the second row of the legend on their labels."""
+    figure = draw(six_tendons())
+
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    title = figure.texts[0].get_window_extent(renderer)
+    legend = figure.legends[0].get_window_extent(renderer)
+    for ax in figure.axes:
+        if not ax.get_visible():
+            continue
+        extent = ax.get_tightbbox(renderer)
+        assert not extent.overlaps(title) and not extent.overlaps(legend)
+    assert legend.x0 >= 0.0 and legend.x1 <= figure.bbox.width
+
+
+def with_actuation(result, by_displacement, loads=None):
+    """The same steps, with what acts in them."""
+    steps = tuple(
+        dataclasses.replace(
+            s,
+            actuation=Actuation(
+                np.full(len(s.base_tensions), by_displacement),
+                s.displacements if by_displacement else s.base_tensions,
+                loads or {},
+            ),
+        )
+        for s in result.steps
+    )
+    return dataclasses.replace(result, steps=steps)
+
+
+def test_a_robot_driven_by_displacement_has_displacement_axes():
+    """0.1 drew the tension that follows instead."""
+    result = with_actuation(arc_result(), True)
+    ax = axes_by_title(plots.hysteresis(result))["tendon t1"]
+    assert ax.get_xlabel() == "displacement of t1 at the base [mm]"
+    assert ax.lines[0].get_xdata() == pytest.approx([1e3 * s.displacements[0] for s in result.steps[:2]])
+
+
+def test_loads_and_gravity_are_drawn_as_arrows_to_scale():
+    """0.1 drew neither."""
+    loads = {
+        "tip": Load(0.25, force=(0.0, 0.05, 0.0)),
+        "mid": Load(0.125, force=(0.025, 0.0, 0.0), moment=(0.0, 0.0, 1e-3)),
+    }
+    bare = arc_result(steps=[LoadStep("", {"t1": 0.5})])
+    result = dataclasses.replace(with_actuation(bare, False, loads), model=Model(gravity=(0.0, 0.0, -9.81)))
+    step = result.steps[0]
+    (tip, force, moment) = geometry.load_vectors(step)
+    assert (tip.at == step.tip).all() and (tip.moment, force.moment, moment.moment) == (False, False, True)
+    scale = arrows.scale_of(result, [0])
+    lengths = [np.linalg.norm(end - start) for start, end in arrows.ends(step, scale)]
+    assert lengths == pytest.approx([0.2 * 250.0, 0.1 * 250.0, 0.2 * 250.0])
+    figure = plots.shapes(result)
+    text = [t.get_text().replace("\N{NO-BREAK SPACE}", " ") for t in figure.legends[0].get_texts()]
+    assert text[1:] == [
+        "force (longest arrow: 50 mN)", "moment (two heads; longest arrow: 1 mN m)", "gravity 9.81 m/s²"
+    ]  # fmt: skip
+    front = axes_by_title(figure)["Seen along x"]
+    heads = [t.arrow_patch for t in front.texts if getattr(t, "arrow_patch", None)]
+    # The force along y; the moment along z with two heads; gravity. The force along x is seen end on.
+    assert len(heads) == 4
+    limits = np.array([*front.get_xlim(), *front.get_ylim()])
+    assert limits[1] > 1e3 * step.tip[1] + 0.2 * 250.0
+
+
+def test_a_load_that_follows_the_section_is_turned_with_it():
+    result = with_actuation(arc_result(), False, {"tip": Load(0.25, force=(0.0, 0.0, 1.0), frame="section")})
+    for step in result.steps:
+        assert geometry.load_vectors(step)[0].vector == pytest.approx(step.tangent)
+
+
+def test_a_slack_tendon_is_called_slack():
+    """In 0.1 its holes were drawn as slipping or sticking."""
+    result = arc_result(paper_robot(2), [LoadStep("", {"t1": t}) for t in (0.5, 1.0)])
+    figure = plots.tensions(result)
+    assert [t.get_text() for t in axes_by_title(figure)["tendon t2"].texts] == ["slack in every step drawn"]
+    assert not axes_by_title(figure)["tendon t1"].texts
+    assert "tendon slack" in [t.get_text() for t in figure.legends[0].get_texts()]
+    assert set(plots._hole_states(result, 0, 1)) == {"slack"}
+    assert "slack" not in plots._hole_states(result, 0, 0)
