@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from tdcr_fe.effects.actuation import ActuatorBacklash, ActuatorGain, ActuatorLoss
-from tdcr_fe.effects.base import Effect, Observation, Parameter, Reach, Setup
+from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Observation, Parameter
 from tdcr_fe.effects.loads import Gravity, TipPayload
 from tdcr_fe.effects.material import (
     Creep,
@@ -53,15 +53,15 @@ def effect(name: str) -> Effect:
     raise KeyError(f"no effect {name!r}; there are {', '.join(e.name for e in EFFECTS)}")
 
 
-def with_effects(setup: Setup, effects: Mapping[str, Mapping[str, float]]) -> Setup:
-    """Add several effects to a setup.
+def with_effects(experiment: Experiment, effects: Mapping[str, Mapping[str, float]]) -> Experiment:
+    """Add several effects to a experiment.
 
     Parameters
     ----------
-    setup
+    experiment
         Robot, model, steps and observation.
     effects
-        By name of the effect, its values; parameters that are not named stay absent.
+        By name of the effect, its values; parameters that are not named keep their null values.
 
     Raises
     ------
@@ -73,22 +73,22 @@ def with_effects(setup: Setup, effects: Mapping[str, Mapping[str, float]]) -> Se
     for e in EFFECTS:
         if e.name in effects:
             e.check(effects[e.name])
-            setup = e.apply(setup, {**e.absent(setup), **effects[e.name]})
-    return setup
+            experiment = e.apply(experiment, {**e.null_values(experiment), **effects[e.name]})
+    return experiment
 
 
-def with_effect(setup: Setup, name: str, **values: float) -> Setup:
-    """Add one effect to a setup: ``with_effect(setup, "gravity", g_z=-9.81)``."""
-    return with_effects(setup, {name: values})
+def with_effect(experiment: Experiment, name: str, **values: float) -> Experiment:
+    """Add one effect to a experiment: ``with_effect(experiment, "gravity", g_z=-9.81)``."""
+    return with_effects(experiment, {name: values})
 
 
 __all__ = [
     "EFFECTS",
     "Effect",
+    "ExcitationRange",
+    "Experiment",
     "Observation",
     "Parameter",
-    "Reach",
-    "Setup",
     "effect",
     "with_effect",
     "with_effects",

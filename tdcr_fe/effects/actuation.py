@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tdcr_fe.effects.base import Effect, Parameter, Reach, Setup, Values
+from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Parameter, Values
 from tdcr_fe.model.loading import Load, LoadStep, resolve
 
 
@@ -101,11 +101,11 @@ def loads_between(old: Mapping[str, Load], new: Mapping[str, Load], share: float
 
 
 def pass_through(
-    setup: Setup,
+    experiment: Experiment,
     tension: Play | None = None,
     displacement: Callable[[list[float]], Play] | None = None,
     slack: float = 0.0,
-) -> Setup:
+) -> Experiment:
     """Replace the commands of every tendon by what arrives behind a play.
 
     Where several inputs change in one step, what arrives of one may begin to move on the way; the step is divided
@@ -113,7 +113,7 @@ def pass_through(
 
     Parameters
     ----------
-    setup
+    experiment
         With the commands.
     tension
         Play of tendons driven by tension; None leaves them alone.
@@ -122,8 +122,8 @@ def pass_through(
     slack
         Travel before which a tendon driven by displacement does not move at all [m].
     """
-    actions = resolve(setup.robot, setup.steps)
-    names = setup.robot.tendon_names
+    actions = resolve(experiment.robot, experiment.steps)
+    names = experiment.robot.tendon_names
     count = len(names)
     plays: list[Play | None] = []
     for i in range(count):
@@ -135,7 +135,7 @@ def pass_through(
     steps: list[LoadStep] = []
     ends: list[tuple[int, float]] = []
     begun: dict[int, float] = {}
-    for step, action, (commanded, done) in zip(setup.steps, actions, setup.step_ends, strict=True):
+    for step, action, (commanded, done) in zip(experiment.steps, actions, experiment.step_ends, strict=True):
         goal, before = action.values, begun.get(commanded, 0.0)
         play = [plays[i] if action.by_displacement[i] else tension for i in range(count)]
         changed = int(np.count_nonzero(goal != command)) + any(
@@ -169,19 +169,19 @@ def pass_through(
         begun[commanded] = done
         command, loads = goal.copy(), action.loads
         time = step.time if step.time is not None else time
-    divided = setup.ends is not None or len(steps) > len(setup.steps)
-    return replace(setup, steps=tuple(steps), ends=tuple(ends) if divided else None)
+    divided = experiment.ends is not None or len(steps) > len(experiment.steps)
+    return replace(experiment, steps=tuple(steps), ends=tuple(ends) if divided else None)
 
 
 class ActuatorGain(Effect):
     """Commanded displacement or tension off by a factor."""
 
     name = "actuator_gain"
-    sentence = "What is commanded and what is done differ by a factor: radius of a spool, scale of a load cell, a gear."
-    experiment = "measure tension or travel at the base plate itself"
+    description = "Command and action differ by a factor: radius of a spool, scale of a load cell, a gear."
+    separating_experiment = "measure tension or travel at the base plate itself"
     parameters = (Parameter("gain", "1", 0.05, 20.0, 1.0, 0.03, "what is done over what is commanded"),)
 
-    def apply(self, setup: Setup, values: Values) -> Setup:
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
         gain = values["gain"]
         steps = tuple(
@@ -190,37 +190,39 @@ class ActuatorGain(Effect):
                 tensions={n: gain * t for n, t in s.tensions.items()},
                 displacements={n: gain * d for n, d in s.displacements.items()},
             )
-            for s in setup.steps
+            for s in experiment.steps
         )
-        return replace(setup, steps=steps)
+        return replace(experiment, steps=steps)
 
 
 class ActuatorBacklash(Effect):
     """Displacement lost before the tendon follows."""
 
     name = "actuator_backlash"
-    sentence = "Gears, couplings and slack tendons lose some travel at the start and at every reversal."
-    experiment = "command small cycles about one place and measure travel at the base plate"
+    description = "Gears, couplings and slack tendons lose some travel at the start and at every reversal."
+    separating_experiment = "command small cycles about one place and measure travel at the base plate"
     parameters = (Parameter("backlash", "m", 0.0, 0.05, 0.0, 1e-4, "travel that is lost"),)
 
-    def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:
+    def probe_points(
+        self, experiment: Experiment, excitation: ExcitationRange
+    ) -> list[list[dict[str, float]]]:
         """A twentieth and a fifth of the largest displacement; nothing on data driven by tension."""
-        if not any(s.displacements for s in setup.steps):
+        if not any(s.displacements for s in experiment.steps):
             return []
-        return [[{"backlash": share * reach.displacement}] for share in (0.05, 0.2)]
+        return [[{"backlash": share * excitation.displacement}] for share in (0.05, 0.2)]
 
-    def bounds(self, setup: Setup) -> dict[str, tuple[float, float]]:
+    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
         """Up to the largest displacement."""
-        largest = max((abs(d) for s in setup.steps for d in s.displacements.values()), default=0.0)
+        largest = max((abs(d) for s in experiment.steps for d in s.displacements.values()), default=0.0)
         return {"backlash": (0.0, max(largest, 1e-6))}
 
-    def apply(self, setup: Setup, values: Values) -> Setup:
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
         backlash = values["backlash"]
         if backlash == 0.0:
-            return setup
+            return experiment
         return pass_through(
-            setup,
+            experiment,
             displacement=lambda commands: displacement_play(backlash, first_travel(commands, backlash)),
             slack=backlash,
         )
@@ -230,32 +232,36 @@ class ActuatorLoss(Effect):
     """Friction before the base plate."""
 
     name = "actuator_loss"
-    sentence = "Pulleys, sheaths and motor friction take part of the tension before the base plate, against the motion."
-    experiment = "measure the tension at the base plate while pulling and while letting out"
+    description = (
+        "Pulleys, sheaths and the motor lose part of the tension before the base plate, by friction."
+    )
+    separating_experiment = "measure the tension at the base plate while pulling and while letting out"
     parameters = (
         Parameter("dead_band", "N", 0.0, 20.0, 0.0, 0.02, "tension lost whatever the tension is"),
         Parameter("efficiency", "1", 0.3, 1.0, 1.0, 0.02, "share that arrives of the rest"),
     )
 
-    def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:
+    def probe_points(
+        self, experiment: Experiment, excitation: ExcitationRange
+    ) -> list[list[dict[str, float]]]:
         """Dead bands of a fiftieth and a tenth of the largest tension; nothing on data driven by displacement."""
-        if not any(s.tensions for s in setup.steps):
+        if not any(s.tensions for s in experiment.steps):
             return []
         return [
             [
-                {"dead_band": share * reach.tension, "efficiency": 1.0},
+                {"dead_band": share * excitation.tension, "efficiency": 1.0},
                 {"dead_band": 0.0, "efficiency": 1.0 - share},
             ]
             for share in (0.02, 0.1)
         ]
 
-    def bounds(self, setup: Setup) -> dict[str, tuple[float, float]]:
+    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
         """A dead band up to the largest tension."""
-        largest = max((t for s in setup.steps for t in s.tensions.values()), default=0.0)
+        largest = max((t for s in experiment.steps for t in s.tensions.values()), default=0.0)
         return {"dead_band": (0.0, max(largest, 1e-6)), "efficiency": (0.3, 1.0)}
 
-    def apply(self, setup: Setup, values: Values) -> Setup:
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
         if values["dead_band"] == 0.0 and values["efficiency"] == 1.0:
-            return setup
-        return pass_through(setup, tension_play(values["dead_band"], values["efficiency"]))
+            return experiment
+        return pass_through(experiment, tension_play(values["dead_band"], values["efficiency"]))

@@ -34,7 +34,7 @@ class Observation:
 
 
 @dataclass(frozen=True)
-class Setup:
+class Experiment:
     """Everything that an effect can act on: a robot, its model, what is done to it, and how it is measured.
 
     Attributes
@@ -60,7 +60,7 @@ class Setup:
         """For every step, the commanded step it belongs to and the share that is done at its end."""
         return self.ends if self.ends is not None else tuple((k, 1.0) for k in range(len(self.steps)))
 
-    def with_robot(self, **changes: object) -> Setup:
+    def with_robot(self, **changes: object) -> Experiment:
         """A copy with fields of the robot replaced."""
         return replace(self, robot=replace(self.robot, **changes))  # type: ignore[arg-type]
 
@@ -74,20 +74,20 @@ class Parameter:
     name, unit : str
     lower, upper : float
         Bounds.
-    absent : float
-        Where the effect is absent; an effect may take it from the declared robot instead.
+    null_value : float
+        Where the effect changes nothing; an effect may take it from the declared robot instead.
     scale : float
         A change that one would notice: the natural size of a step of this number.
     meaning : str
     inverse : bool
-        Fitted through its inverse, because it is absent at infinity.
+        Fitted through its inverse, because its null value is infinite.
     """
 
     name: str
     unit: str
     lower: float
     upper: float
-    absent: float
+    null_value: float
     scale: float
     meaning: str
     inverse: bool = False
@@ -104,7 +104,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Reach:
+class ExcitationRange:
     """How far the data go; tells an effect which sizes of its parameters can matter.
 
     Attributes
@@ -132,43 +132,46 @@ class Effect:
     ----------
     name : str
         As in `formats`.
-    sentence : str
+    description : str
         What it is, and where it comes from in a real robot.
-    experiment : str
+    separating_experiment : str
         What to measure so that it shows apart from its mimics.
     parameters : tuple of Parameter
-    shapes : tuple of str
-        Parameters that mean nothing while the effect is absent; `starts` gives alternatives for them.
     """
 
     name: str = ""
-    sentence: str = ""
-    experiment: str = ""
+    description: str = ""
+    separating_experiment: str = ""
     parameters: tuple[Parameter, ...] = ()
-    shapes: tuple[str, ...] = ()
 
-    def absent(self, setup: Setup) -> dict[str, float]:
-        """Values at which it changes nothing in ``setup``."""
-        return {p.name: p.absent for p in self.parameters}
+    def null_values(self, experiment: Experiment) -> dict[str, float]:
+        """Values at which it changes nothing in ``experiment``."""
+        return {p.name: p.null_value for p in self.parameters}
 
-    def bounds(self, setup: Setup) -> dict[str, tuple[float, float]]:
+    def unidentifiable_at_null(self, experiment: Experiment) -> tuple[str, ...]:
+        """Parameters that change nothing while the others have their null values; `probe_points` has alternatives."""
+        return ()
+
+    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
         """Bounds of every parameter for this robot."""
         return {p.name: (p.lower, p.upper) for p in self.parameters}
 
-    def apply(self, setup: Setup, values: Values) -> Setup:
-        """The setup with the effect; all parameters are given."""
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """The experiment with the effect; all parameters are given."""
         raise NotImplementedError
 
-    def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:
-        """Points from which its signature is taken, none too strong.
+    def probe_points(
+        self, experiment: Experiment, excitation: ExcitationRange
+    ) -> list[list[dict[str, float]]]:
+        """Points whose difference from the null values gives the sensitivities, none too strong.
 
         Returns
         -------
         list of list of dict
-            Alternatives; each is a set of changes against the absent values, one a direction.
+            Alternatives; each is a set of points, one for each direction from the null values.
         """
-        absent = self.absent(setup)
-        return [[{**absent, p.name: absent[p.name] + p.scale} for p in self.parameters]]
+        null = self.null_values(experiment)
+        return [[{**null, p.name: null[p.name] + p.scale} for p in self.parameters]]
 
     def check(self, values: Values) -> None:
         """Refuse unknown, missing and impossible values.

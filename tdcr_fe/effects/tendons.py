@@ -3,153 +3,219 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
-from tdcr_fe.effects.base import Effect, Parameter, Reach, Setup, Values
+from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Parameter, Values
+from tdcr_fe.model.robot import Tendon
 from tdcr_fe.model.routing import TwistedRouting
 
 
-def _with_friction(setup: Setup) -> Setup:
+def _mean(declared: Sequence[float]) -> float:
+    """Mean of what the tendons declare; exactly their value where all declare the same."""
+    return declared[0] if len(set(declared)) == 1 else sum(declared) / max(1, len(declared))
+
+
+def _shifted(declared: float, null: float, value: float) -> float:
+    """A tendon's own value when the mean goes from ``null`` to ``value``: in proportion, or uniform from zero."""
+    return declared * value / null if null > 0.0 and declared != null else value
+
+
+def _with_friction(experiment: Experiment) -> Experiment:
     """Friction switched on, where the declared model has none and can have it."""
-    if setup.model.friction == "none" and setup.model.tendon_path == "straight":
-        return replace(setup, model=replace(setup.model, friction="per-hole"))
-    return setup
+    if experiment.model.friction == "none" and experiment.model.tendon_path == "straight":
+        return replace(experiment, model=replace(experiment.model, friction="per-hole"))
+    return experiment
 
 
 class FrictionCoefficient(Effect):
     """Hole friction other than declared."""
 
     name = "friction_coefficient"
-    sentence = "Tendon and holes rub more or less than declared: another tendon, a burr, wear, oil."
-    experiment = "measure the tension at the far end of a tendon while pulling and while letting out"
+    description = "Tendon and holes rub more or less than declared: another tendon, a burr, wear, oil."
+    separating_experiment = (
+        "measure the tension at the far end of a tendon while pulling and while letting out"
+    )
     parameters = (Parameter("mu", "1", 0.0, 3.0, 0.0, 0.03, "coefficient of friction at the holes"),)
 
-    def absent(self, setup: Setup) -> dict[str, float]:
+    def null_values(self, experiment: Experiment) -> dict[str, float]:
         """The mean of the tendons' declared coefficients; zero where the model has no friction."""
-        tendons = setup.robot.tendons
-        if setup.model.friction == "none" or not tendons:
+        tendons = experiment.robot.tendons
+        if experiment.model.friction == "none" or not tendons:
             return {"mu": 0.0}
         return {"mu": sum(t.friction_coefficient for t in tendons) / len(tendons)}
 
-    def apply(self, setup: Setup, values: Values) -> Setup:
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`; coefficients that differ keep their proportions."""
-        if not setup.robot.tendons:
-            return setup
-        mu, declared = values["mu"], self.absent(setup)["mu"]
+        if not experiment.robot.tendons:
+            return experiment
+        mu, declared = values["mu"], self.null_values(experiment)["mu"]
         if mu == declared:
-            return setup
+            return experiment
         tendons = tuple(
             replace(t, friction_coefficient=mu * t.friction_coefficient / declared if declared > 0.0 else mu)
-            for t in setup.robot.tendons
+            for t in experiment.robot.tendons
         )
-        return _with_friction(setup.with_robot(tendons=tendons))
+        return _with_friction(experiment.with_robot(tendons=tendons))
 
 
 class HoleAdhesion(Effect):
     """A tension drop at every hole that does not grow with the tension."""
 
     name = "hole_adhesion"
-    sentence = (
+    description = (
         "Every hole takes a fixed piece of tension: a tight fit, dirt, a sheath that pinches, glue that ran."
     )
-    experiment = "measure the tension at the far end of a tendon in the straight robot, at several tensions"
+    separating_experiment = (
+        "measure the tension at the far end of a tendon in the straight robot, at several tensions"
+    )
     parameters = (Parameter("drop", "N", 0.0, 10.0, 0.0, 5e-3, "tension that one hole takes"),)
 
-    def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:
+    def null_values(self, experiment: Experiment) -> dict[str, float]:
+        """The mean of what the tendons declare; zero where the model has no friction."""
+        tendons = experiment.robot.tendons
+        if experiment.model.friction == "none" or not tendons:
+            return {"drop": 0.0}
+        return {"drop": _mean([t.adhesion for t in tendons])}
+
+    def probe_points(
+        self, experiment: Experiment, excitation: ExcitationRange
+    ) -> list[list[dict[str, float]]]:
         """All holes together take a twentieth, or a fifth, of the largest tension."""
-        holes = max((len(setup.robot.hole_arc_lengths(t)) - 2 for t in setup.robot.tendons), default=0)
+        holes = max(
+            (len(experiment.robot.hole_arc_lengths(t)) - 2 for t in experiment.robot.tendons), default=0
+        )
         if holes < 1:
             return []
-        return [[{"drop": share * reach.tension / holes}] for share in (0.05, 0.2)]
+        declared = self.null_values(experiment)["drop"]
+        return [[{"drop": declared + share * excitation.tension / holes}] for share in (0.05, 0.2)]
 
-    def apply(self, setup: Setup, values: Values) -> Setup:
-        """See `Effect.apply`."""
-        if values["drop"] == 0.0:
-            return setup
-        return _with_friction(replace(setup, robot=setup.robot.with_tendons(adhesion=values["drop"])))
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`; drops that differ between tendons keep their proportions."""
+        drop, null = values["drop"], self.null_values(experiment)["drop"]
+        if drop == null:
+            return experiment
+        tendons = tuple(
+            replace(t, adhesion=_shifted(t.adhesion, null, drop)) for t in experiment.robot.tendons
+        )
+        return _with_friction(experiment.with_robot(tendons=tendons))
 
 
 class RoutingTwist(Effect):
     """Holes rotated about the backbone, growing linearly with arc length."""
 
     name = "routing_twist"
-    sentence = (
+    description = (
         "Disks were mounted turned against each other, or the backbone was twisted when they were fixed."
     )
-    experiment = "look along the straight robot and measure the angle of the tip disk against the base"
+    separating_experiment = (
+        "look along the straight robot and measure the angle of the tip disk against the base"
+    )
     parameters = (Parameter("angle_tip", "rad", -6.3, 6.3, 0.0, 0.03, "rotation of the holes at the tip"),)
 
-    def apply(self, setup: Setup, values: Values) -> Setup:
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
         angle = values["angle_tip"]
         if angle == 0.0:
-            return setup
-        rate = angle / setup.robot.backbone.length
-        tendons = tuple(replace(t, routing=TwistedRouting(t.routing, rate)) for t in setup.robot.tendons)
-        return setup.with_robot(tendons=tendons)
+            return experiment
+        rate = angle / experiment.robot.backbone.length
+        tendons = tuple(replace(t, routing=TwistedRouting(t.routing, rate)) for t in experiment.robot.tendons)
+        return experiment.with_robot(tendons=tendons)
 
 
 class HoleClearance(Effect):
     """The tendon shifts inside an oversized hole."""
 
     name = "hole_clearance"
-    sentence = (
+    description = (
         "Holes are wider than the tendon, so that where the robot bends the tendon shifts towards the inside of the "
         "bend, farther from the backbone."
     )
-    experiment = "repeat the measurement with a thicker tendon, or measure the holes"
+    separating_experiment = "repeat the measurement with a thicker tendon, or measure the holes"
     parameters = (Parameter("clearance", "m", 0.0, 5e-3, 0.0, 1e-4, "how far the tendon can shift sideways"),)
 
-    def bounds(self, setup: Setup) -> dict[str, tuple[float, float]]:
-        """At most half of the smallest offset."""
+    def null_values(self, experiment: Experiment) -> dict[str, float]:
+        """The mean of what the tendons declare."""
+        tendons = experiment.robot.tendons
+        return {"clearance": _mean([t.clearance for t in tendons]) if tendons else 0.0}
+
+    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
+        """At most half of the smallest offset, or what is declared."""
         offsets = [
             math.hypot(x, y)
-            for t in setup.robot.tendons
-            for x, y in setup.robot.holes(t)
+            for t in experiment.robot.tendons
+            for x, y in experiment.robot.holes(t)
             if math.hypot(x, y) > 0.0
         ]
-        return {"clearance": (0.0, min(5e-3, 0.5 * min(offsets, default=1e-2)))}
+        upper = min(5e-3, 0.5 * min(offsets, default=1e-2))
+        return {"clearance": (0.0, max(upper, self.null_values(experiment)["clearance"]))}
 
-    def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:
+    def probe_points(
+        self, experiment: Experiment, excitation: ExcitationRange
+    ) -> list[list[dict[str, float]]]:
         """A fiftieth and a twelfth of the smallest offset."""
-        upper = self.bounds(setup)["clearance"][1]
-        return [[{"clearance": 0.04 * upper}], [{"clearance": 0.16 * upper}]]
+        upper = self.bounds(experiment)["clearance"][1]
+        declared = self.null_values(experiment)["clearance"]
+        return [[{"clearance": declared + share * (upper - declared)}] for share in (0.04, 0.16)]
 
-    def apply(self, setup: Setup, values: Values) -> Setup:
-        """See `Effect.apply`."""
-        return replace(setup, robot=setup.robot.with_tendons(clearance=values["clearance"]))
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`; clearances that differ between tendons keep their proportions."""
+        null = self.null_values(experiment)["clearance"]
+        tendons = tuple(
+            replace(t, clearance=_shifted(t.clearance, null, values["clearance"]))
+            for t in experiment.robot.tendons
+        )
+        return experiment.with_robot(tendons=tendons)
 
 
 class TendonStretch(Effect):
     """Elastic tendons."""
 
     name = "tendon_stretch"
-    sentence = (
+    description = (
         "Tendons stretch, so that what is pulled in at the base does not all arrive: "
         "thin steel rope, nylon, aramid."
     )
-    experiment = "hold the robot straight by hand, pull, and measure displacement over tension"
+    separating_experiment = "hold the robot straight by hand, pull, and measure displacement over tension"
     parameters = (
         Parameter("axial_stiffness", "N", 1.0, math.inf, math.inf, 1e-3, "EA of the tendons", inverse=True),
     )
 
-    def absent(self, setup: Setup) -> dict[str, float]:
-        """What is declared."""
-        declared = [t.axial_stiffness for t in setup.robot.tendons if t.axial_stiffness is not None]
-        return {"axial_stiffness": declared[0] if declared else math.inf}
+    def null_values(self, experiment: Experiment) -> dict[str, float]:
+        """What is declared; where tendons differ, the stiffness of their mean compliance."""
+        tendons = experiment.robot.tendons
+        if len({t.axial_stiffness for t in tendons}) == 1:
+            declared = tendons[0].axial_stiffness
+            return {"axial_stiffness": math.inf if declared is None else declared}
+        compliance = _mean([_compliance(t) for t in tendons]) if tendons else 0.0
+        return {"axial_stiffness": self.parameters[0].value(compliance)}
 
-    def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:
+    def probe_points(
+        self, experiment: Experiment, excitation: ExcitationRange
+    ) -> list[list[dict[str, float]]]:
         """Stretch by a tenth of what is pulled in at the largest tension."""
-        longest = max((setup.robot.end(t) for t in setup.robot.tendons), default=0.0)
+        longest = max((experiment.robot.end(t) for t in experiment.robot.tendons), default=0.0)
         if longest == 0.0:
             return []
-        share = max(0.1 * reach.displacement, 1e-5 * longest) / longest
-        compliance = self.parameters[0].coordinate(self.absent(setup)["axial_stiffness"])
-        return [[{"axial_stiffness": 1.0 / (compliance + share / max(reach.tension, 1e-6))}]]
+        share = max(0.1 * excitation.displacement, 1e-5 * longest) / longest
+        compliance = self.parameters[0].coordinate(self.null_values(experiment)["axial_stiffness"])
+        return [[{"axial_stiffness": 1.0 / (compliance + share / max(excitation.tension, 1e-6))}]]
 
-    def apply(self, setup: Setup, values: Values) -> Setup:
-        """See `Effect.apply`."""
-        ea = values["axial_stiffness"]
-        return replace(
-            setup, robot=setup.robot.with_tendons(axial_stiffness=None if math.isinf(ea) else float(ea))
-        )
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`; where declared stiffnesses differ, every compliance changes by the same amount."""
+        parameter = self.parameters[0]
+        null = parameter.coordinate(self.null_values(experiment)["axial_stiffness"])
+        compliance = parameter.coordinate(values["axial_stiffness"])
+        alike = len({t.axial_stiffness for t in experiment.robot.tendons}) == 1
+        tendons = []
+        for t in experiment.robot.tendons:
+            ea = values["axial_stiffness"]
+            if not alike:
+                ea = parameter.value(max(0.0, _compliance(t) + compliance - null))
+            tendons.append(replace(t, axial_stiffness=None if math.isinf(ea) else float(ea)))
+        return experiment.with_robot(tendons=tuple(tendons))
+
+
+def _compliance(tendon: Tendon) -> float:
+    """Inverse of EA [1/N], zero for an inextensible tendon."""
+    return 0.0 if tendon.axial_stiffness is None else 1.0 / tendon.axial_stiffness

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from tdcr_fe.effects import EFFECTS, Effect, Reach, Setup
+from tdcr_fe.effects import EFFECTS, Effect, ExcitationRange, Experiment
 from tdcr_fe.identify.forward import ForwardModel, Reader, Run, divide_steps
 from tdcr_fe.identify.outcome import Misfit
 from tdcr_fe.io.measured import MeasuredData
@@ -110,7 +110,7 @@ class Problem:
     held
         Which readings are held out, shape (n,).
     forward
-        Runs setups.
+        Runs experiments.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Problem:
         self.values = np.array([r.value for r in data.readings])
         self.sigma = sigma
         self.reader = Reader(data.readings, data.step_ids, data.robot.tendon_names)
-        self.declared = Setup(data.robot, replace(data.model, elements_per_bay=1), data.steps)
+        self.declared = Experiment(data.robot, replace(data.model, elements_per_bay=1), data.steps)
         #: What a finer mesh and path would add to the residual, over sigma, as last seen.
         self.correction = np.zeros_like(self.values)
         self.mesh_error = 0.0
@@ -139,13 +139,13 @@ class Problem:
 
     # ------------------------------------------------------------------ predicting
 
-    def setup(self, effects: Sequence[Effect], values: Point) -> Setup:
-        """The declared setup with effects, applied in the order of the catalogue, unlisted ones last."""
+    def setup(self, effects: Sequence[Effect], values: Point) -> Experiment:
+        """The declared experiment with effects, applied in the order of the catalogue, unlisted ones last."""
         order = {e.name: i for i, e in enumerate(EFFECTS)}
-        setup = self.declared
+        experiment = self.declared
         for e in sorted(effects, key=lambda e: order.get(e.name, len(order))):
-            setup = e.apply(setup, values[e.name])
-        return setup
+            experiment = e.apply(experiment, values[e.name])
+        return experiment
 
     def residuals(
         self,
@@ -155,13 +155,13 @@ class Problem:
         record: bool = False,
     ) -> tuple[list[Array], list[Run]]:
         """Reading less model over sigma at several points; NaN where the model does not get."""
-        setups = [self.setup(effects, p) for p in points]
-        runs = self.forward.run(setups, guide, record)
-        return [self.residual(s, run) for s, run in zip(setups, runs, strict=True)], runs
+        experiments = [self.setup(effects, p) for p in points]
+        runs = self.forward.run(experiments, guide, record)
+        return [self.residual(s, run) for s, run in zip(experiments, runs, strict=True)], runs
 
-    def residual(self, setup: Setup, run: Run) -> Array:
+    def residual(self, experiment: Experiment, run: Run) -> Array:
         """Reading less model over sigma."""
-        return (self.values - self.reader.read(run, setup)) / self.sigma + self.correction
+        return (self.values - self.reader.read(run, experiment)) / self.sigma + self.correction
 
     def sharpen(self, effects: Sequence[Effect], values: Point) -> bool:
         """Choose mesh and path so fine that their errors stay below the noise near a point.
@@ -244,14 +244,14 @@ class Problem:
             },
         )
 
-    def reach(self, run: Run) -> Reach:
+    def excitation_range(self, run: Run) -> ExcitationRange:
         """How far the data go."""
         bend = np.linalg.norm(run.curvature[..., :2], axis=-1)
         commanded = [t for s in self.data.steps for t in s.tensions.values()]
         needed = float(np.nanmax(run.base_tensions, initial=0.0))
         moved = [abs(d) for s in self.data.steps for d in s.displacements.values()]
         times = [s.time for s in self.data.steps if s.time is not None]
-        return Reach(
+        return ExcitationRange(
             max([*commanded, needed, 1e-6]),
             max([*moved, float(np.nanmax(np.abs(run.displacements), initial=0.0)), 1e-9]),
             float(np.nanmax(bend, initial=1e-6)),

@@ -1,4 +1,4 @@
-"""The forward model: from a setup to what would be read, many setups at a time, on several processes."""
+"""The forward model: from a experiment to what would be read, many experiments at a time, on several processes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.effects import Setup
+from tdcr_fe.effects import Experiment
 from tdcr_fe.effects.actuation import loads_between
 from tdcr_fe.io.measured import Reading
 from tdcr_fe.model.interpolation import interpolate_positions
@@ -54,7 +54,7 @@ class Run:
     trajectory : object
         Guide for neighbouring runs; None where none was recorded.
     ends : tuple of (int, float)
-        Of the steps of the trajectory, as in `Setup.step_ends`.
+        Of the steps of the trajectory, as in `Experiment.step_ends`.
     elements : int
         Per bay.
     """
@@ -82,26 +82,26 @@ class Run:
         return turn.reshape(*n, 3) / np.diff(self.s)[None, :, None]
 
 
-def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
-    """Simulate one setup; the only place where the finite-element model is called."""
+def _simulate(task: tuple[Experiment, Any, bool, float]) -> Run:
+    """Simulate one experiment; the only place where the finite-element model is called."""
     from tdcr_fe.solve.simulate import SolverSettings, simulate
 
-    setup, guide, record, path_tolerance = task
+    experiment, guide, record, path_tolerance = task
     trajectory: list[Any] | None = [] if record else None
-    ends = setup.step_ends
+    ends = experiment.step_ends
     # Where effects divide a step on the way, its parts are simulated and its end is kept.
     whole = [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
-    steps, m = len(whole), len(setup.robot.tendons)
+    steps, m = len(whole), len(experiment.robot.tendons)
     waypoints = None
-    if guide is not None and guide[2] != setup.model.starting_elements_per_bay:
+    if guide is not None and guide[2] != experiment.model.starting_elements_per_bay:
         guide = None
     if guide is not None:
         waypoints = guide[0] if guide[1] == ends else _divide(_join(*guide[:2]), ends)
     try:
         result = simulate(
-            setup.robot,
-            setup.model,
-            setup.steps,
+            experiment.robot,
+            experiment.model,
+            experiment.steps,
             SolverSettings(
                 path_tolerance=path_tolerance,
                 max_substeps=DIVISIONS,
@@ -116,10 +116,10 @@ def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
         IndexError,
     ) as error:  # a robot that cannot be, or a guide that does not fit
         if guide is not None:
-            return _simulate((setup, None, record, path_tolerance))
+            return _simulate((experiment, None, record, path_tolerance))
         nothing = np.full((steps, m), np.nan)
         return Run(
-            np.array([0.0, setup.robot.backbone.length]),
+            np.array([0.0, experiment.robot.backbone.length]),
             np.full((steps, 2, 3), np.nan),
             np.full((steps, 2, 3, 3), np.nan),
             nothing,
@@ -130,10 +130,10 @@ def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
         )
     # Along a fit, what cannot follow its neighbour is too far away and dear to solve: it counts as not solved.
     if not result.converged and guide is not None and not record:
-        return _simulate((setup, None, record, path_tolerance))
+        return _simulate((experiment, None, record, path_tolerance))
     kept = [result.steps[j] for j in whole if j < len(result.steps)]
     solved = len(kept)
-    s = result.steps[0].s if solved else np.array([0.0, setup.robot.backbone.length])
+    s = result.steps[0].s if solved else np.array([0.0, experiment.robot.backbone.length])
 
     def fill(values: list[Array], shape: tuple[int, ...]) -> Array:
         full = np.full((steps, *shape), np.nan)
@@ -152,7 +152,7 @@ def _simulate(task: tuple[Setup, Any, bool, float]) -> Run:
         result.message,
         trajectory,
         ends,
-        setup.model.starting_elements_per_bay,
+        experiment.model.starting_elements_per_bay,
     )
 
 
@@ -183,7 +183,7 @@ def _divide(joined: dict[int, list[Any]], ends: Sequence[tuple[int, float]]) -> 
     return divided
 
 
-def divide_steps(setup: Setup, which: set[int], parts: int) -> Setup:
+def divide_steps(experiment: Experiment, which: set[int], parts: int) -> Experiment:
     """Divide commanded steps into equal parts, so that what depends on the path is resolved.
 
     Steps already divided, of a fixed number of substeps, or in which a tendon changes from tension to displacement stay
@@ -191,7 +191,7 @@ def divide_steps(setup: Setup, which: set[int], parts: int) -> Setup:
 
     Parameters
     ----------
-    setup
+    experiment
         With the commands.
     which
         Commanded steps, from 0.
@@ -200,19 +200,19 @@ def divide_steps(setup: Setup, which: set[int], parts: int) -> Setup:
 
     Returns
     -------
-    Setup
+    Experiment
         The same one where nothing is to be divided.
     """
-    if setup.model.friction != "per-hole":
-        return setup
-    actions = resolve(setup.robot, setup.steps)
-    whole = [k for k, share in setup.step_ends if share == 1.0]
-    single = {k for k, _ in setup.step_ends if [x for x, _ in setup.step_ends].count(k) == 1}
+    if experiment.model.friction != "per-hole":
+        return experiment
+    actions = resolve(experiment.robot, experiment.steps)
+    whole = [k for k, share in experiment.step_ends if share == 1.0]
+    single = {k for k, _ in experiment.step_ends if [x for x, _ in experiment.step_ends].count(k) == 1}
     steps: list[LoadStep] = []
     ends: list[tuple[int, float]] = []
-    names = setup.robot.tendon_names
+    names = experiment.robot.tendon_names
     before = Actuation(actions[0].by_displacement, np.zeros(len(names)))
-    for step, action, (k, share) in zip(setup.steps, actions, setup.step_ends, strict=True):
+    for step, action, (k, share) in zip(experiment.steps, actions, experiment.step_ends, strict=True):
         same = bool(np.all(before.by_displacement == action.by_displacement))
         if k in which and k in single and k in whole and same and step.substeps is None:
             for i in range(1, parts):
@@ -232,9 +232,9 @@ def divide_steps(setup: Setup, which: set[int], parts: int) -> Setup:
         steps.append(step)
         ends.append((k, share))
         before = action
-    if len(steps) == len(setup.steps):
-        return setup
-    return replace(setup, steps=tuple(steps), ends=tuple(ends))
+    if len(steps) == len(experiment.steps):
+        return experiment
+    return replace(experiment, steps=tuple(steps), ends=tuple(ends))
 
 
 def _quiet_worker() -> None:
@@ -280,19 +280,19 @@ class Reader:
             for q in ("bending_angle", "chord_angle", "tip_offset", "tendon_displacement", "distal_tension")
         }
 
-    def read(self, run: Run, setup: Setup) -> Array:
+    def read(self, run: Run, experiment: Experiment) -> Array:
         """What would be read [m, rad, N], shape (n,); NaN where the run did not get.
 
         Parameters
         ----------
         run
-            Of the setup's robot, model and steps.
-        setup
+            Of the experiment's robot, model and steps.
+        experiment
             Whose observation map is used.
         """
         out = np.full(self.count, np.nan)
-        frame = Rotation.from_rotvec(np.array(setup.observation.rotation)).as_matrix()
-        offset = np.array([*setup.observation.offset, 0.0])
+        frame = Rotation.from_rotvec(np.array(experiment.observation.rotation)).as_matrix()
+        offset = np.array([*experiment.observation.offset, 0.0])
         n = run.positions.shape[0]
         if self._places.size:
             seen = np.full((n, self._places.size, 3), np.nan)
@@ -322,7 +322,7 @@ class Reader:
 
 
 class ForwardModel:
-    """Runs setups, each once, several at a time.
+    """Runs experiments, each once, several at a time.
 
     Parameters
     ----------
@@ -352,13 +352,15 @@ class ForwardModel:
             self._pool.shutdown(wait=True, cancel_futures=True)
             self._pool = None
 
-    def run(self, setups: Sequence[Setup], guide: Run | None = None, record: bool = False) -> list[Run]:
-        """Simulate setups, those that were simulated before from memory.
+    def run(
+        self, experiments: Sequence[Experiment], guide: Run | None = None, record: bool = False
+    ) -> list[Run]:
+        """Simulate experiments, those that were simulated before from memory.
 
         Parameters
         ----------
-        setups
-            What to simulate; setups that differ in the observation only share a run.
+        experiments
+            What to simulate; experiments that differ in the observation only share a run.
         guide
             A neighbour's run with its trajectory; makes a run three times as fast, for sensitivities.
         record
@@ -368,10 +370,10 @@ class ForwardModel:
         if guide is not None:
             self._guides[id(guide)] = guide  # kept, so that its id stays its own
             kind = f"guided{id(guide)}{record}"
-        keys = [_key(s, kind) for s in setups]
+        keys = [_key(s, kind) for s in experiments]
         if not record:  # a recorded run serves as well
             keys = [k[:-5] + "True" if k[:-5] + "True" in self._cache else k for k in keys]
-        todo = {k: s for k, s in zip(keys, setups, strict=True) if k not in self._cache}
+        todo = {k: s for k, s in zip(keys, experiments, strict=True) if k not in self._cache}
         trajectory = None if guide is None else (guide.trajectory, guide.ends, guide.elements)
         tasks = [(s, trajectory, record, self.path_tolerance) for s in todo.values()]
         for key, run in zip(todo, self._map(tasks), strict=True):
@@ -382,7 +384,7 @@ class ForwardModel:
             self._cache.pop(next(iter(self._cache)))
         return found
 
-    def _map(self, tasks: list[tuple[Setup, Any, bool, float]]) -> list[Run]:
+    def _map(self, tasks: list[tuple[Experiment, Any, bool, float]]) -> list[Run]:
         if self._pool is None or len(tasks) < 2:
             return [_simulate(t) for t in tasks]
         try:
@@ -392,6 +394,6 @@ class ForwardModel:
             return [_simulate(t) for t in tasks]
 
 
-def _key(setup: Setup, kind: str) -> str:
-    text = pickle.dumps((setup.robot, setup.model, setup.steps, setup.ends))
+def _key(experiment: Experiment, kind: str) -> str:
+    text = pickle.dumps((experiment.robot, experiment.model, experiment.steps, experiment.ends))
     return hashlib.sha256(text).hexdigest() + kind

@@ -673,8 +673,8 @@ def _added(problem: Problem, loop: _Loop, state: _State, deviation: Array) -> tu
         experiment = ""
         if rivals:
             others = [x for x in EFFECTS if x.name in rivals]
-            experiment = f"for {e.name}: {e.experiment}" + "".join(
-                f"; for {x.name}: {x.experiment}" for x in others
+            experiment = f"for {e.name}: {e.separating_experiment}" + "".join(
+                f"; for {x.name}: {x.separating_experiment}" for x in others
             )
         added.append(
             AddedEffect(

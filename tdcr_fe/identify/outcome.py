@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.effects import Setup
+from tdcr_fe.effects import Experiment
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.tables import plain, versions
 
@@ -148,7 +148,7 @@ class Estimate:
     ----------
     value : float
     std_error : float or None
-        None where the data do not determine it (it stays where the effect is absent) or it sits at a bound.
+        None where the data do not determine it (it keeps its null value) or it sits at a bound.
     unit : str
     note : str
         Such as "at its bound".
@@ -175,7 +175,7 @@ class AddedEffect:
         What spoke for it.
     indistinguishable_from : tuple of str
         Effects that explain these data as well.
-    experiment : str
+    separating_experiment : str
         What would tell them apart.
     """
 
@@ -185,7 +185,7 @@ class AddedEffect:
     after_held_out: Misfit
     evidence: Mapping[str, Any]
     indistinguishable_from: tuple[str, ...] = ()
-    experiment: str = ""
+    separating_experiment: str = ""
 
 
 @dataclass(frozen=True)
@@ -297,7 +297,7 @@ class IdentificationResult:
         Noise that the misfits are compared with.
     shapes : Shapes
         Measured and predicted positions, for pictures.
-    corrected : Setup
+    corrected : Experiment
         Robot, model, loading sequence and observation with the effects that were added.
     """
 
@@ -322,7 +322,7 @@ class IdentificationResult:
     mesh_error: float
     noise: Noise
     shapes: Shapes
-    corrected: Setup
+    corrected: Experiment
     left_out_candidates: Mapping[str, str] = field(default_factory=dict)
     runs: int = 0
     wall_time: float = 0.0
@@ -357,7 +357,7 @@ class IdentificationResult:
                     "evidence": dict(e.evidence),
                     "indistinguishable_from": list(e.indistinguishable_from),
                 }
-                | ({"separating_experiment": e.experiment} if e.experiment else {})
+                | ({"separating_experiment": e.separating_experiment} if e.separating_experiment else {})
                 for e in self.effects
             ],
             "after": {"fit": self.after_fit.to_json(), "held_out": self.after_held_out.to_json()},

@@ -63,14 +63,14 @@ def screen(problem: Problem, fit: Fit, effects: Sequence[Effect]) -> list[Score]
     effects
         Candidates that are not in it.
     """
-    setup = problem.setup(fit.effects, fit.values)
-    reach = problem.reach(fit.run)
-    absent = {e.name: e.absent(setup) for e in effects}
+    experiment = problem.setup(fit.effects, fit.values)
+    excitation = problem.excitation_range(fit.run)
+    null = {e.name: e.null_values(experiment) for e in effects}
     tasks: list[tuple[Effect, int, Point]] = []
     empty: list[Score] = []
     none = np.zeros((fit.residual.size, 0))
     for e in effects:
-        alternatives = e.starts(setup, reach)
+        alternatives = e.probe_points(experiment, excitation)
         if not alternatives:
             empty.append(Score(e, 0.0, 0.0, [], none, "these data cannot show it"))
         for i, points in enumerate(alternatives):
@@ -90,26 +90,27 @@ def screen(problem: Problem, fit: Fit, effects: Sequence[Effect]) -> list[Score]
     scores = list(empty)
     for e in effects:
         if e.name in residuals:
-            scores.append(_score(problem, fit, e, absent[e.name], points_of[e.name], residuals[e.name]))
+            scores.append(_score(problem, fit, e, null[e.name], points_of[e.name], residuals[e.name]))
     return sorted(scores, key=lambda s: -s.drop)
 
 
 def _residuals(problem: Problem, fit: Fit, tasks: Sequence[tuple[Effect, int, Point]]) -> list[Array]:
     """Residuals at every task's point, all runs at once."""
-    setups = [problem.setup((*fit.effects, e), point) for e, _, point in tasks]
-    runs = problem.forward.run(setups, guide=fit.run)
-    return [problem.residual(s, run) for s, run in zip(setups, runs, strict=True)]
+    experiments = [problem.setup((*fit.effects, e), point) for e, _, point in tasks]
+    runs = problem.forward.run(experiments, guide=fit.run)
+    return [problem.residual(s, run) for s, run in zip(experiments, runs, strict=True)]
 
 
 def _score(
     problem: Problem,
     fit: Fit,
     e: Effect,
-    absent: dict[str, float],
+    null: dict[str, float],
     sets: list[list[Point]],
     residuals: list[list[Array]],
 ) -> Score:
     fitted = ~problem.held
+    fixed = e.unidentifiable_at_null(problem.setup(fit.effects, fit.values))
     best: Score | None = None
     others: list[Point] = []
     for points, rows in zip(sets, residuals, strict=True):
@@ -119,8 +120,8 @@ def _score(
         strength = np.sqrt(np.mean(signature**2, axis=0))
         if np.all(strength < NOTHING):
             continue
-        directions = [_direction(e, absent, p[e.name]) for p in points]
-        low, high = np.array([_room(problem, e, absent, d) for d in directions]).T
+        directions = [_direction(e, fixed, null, p[e.name]) for p in points]
+        low, high = np.array([_room(problem, e, null, d) for d in directions]).T
         k = fit.jacobian.shape[1]
         a = np.concatenate((fit.jacobian, signature), axis=1)
         w = np.minimum(1.0, problem.threshold / np.maximum(np.abs(fit.residual), 1e-300)) ** 0.5
@@ -139,7 +140,7 @@ def _score(
             if j != 0.0:
                 problem.scales[(e.name, name)] = abs(j)
         starts = [
-            {**fit.values, e.name: _mix(problem, e, absent, directions, points, factor * amplitude[k:])}
+            {**fit.values, e.name: _mix(problem, e, null, directions, points, factor * amplitude[k:])}
             for factor in (1.0, 0.5)
         ]
         others.append(starts[0])
@@ -156,16 +157,18 @@ def _score(
     )
 
 
-def _direction(e: Effect, absent: dict[str, float], point: dict[str, float]) -> dict[str, float]:
-    """Change of the coordinates from absent to a point; a parameter that is meaningless when absent does not move."""
+def _direction(
+    e: Effect, fixed: Sequence[str], null: dict[str, float], point: dict[str, float]
+) -> dict[str, float]:
+    """Change of the coordinates from the null values to a point; fixed parameters do not move."""
     return {
-        p.name: 0.0 if p.name in e.shapes else p.coordinate(point[p.name]) - p.coordinate(absent[p.name])
+        p.name: 0.0 if p.name in fixed else p.coordinate(point[p.name]) - p.coordinate(null[p.name])
         for p in e.parameters
     }
 
 
 def _room(
-    problem: Problem, e: Effect, absent: dict[str, float], direction: dict[str, float]
+    problem: Problem, e: Effect, null: dict[str, float], direction: dict[str, float]
 ) -> tuple[float, float]:
     """How far an amplitude may go down and up before a parameter meets a bound."""
     low, high = -np.inf, np.inf
@@ -174,7 +177,7 @@ def _room(
         if d == 0.0:
             continue
         a, b = problem.bounds(e, p.name)
-        here = p.coordinate(absent[p.name])
+        here = p.coordinate(null[p.name])
         ends = sorted(((a - here) / d, (b - here) / d))
         low, high = max(low, ends[0]), min(high, ends[1])
     return low, high
@@ -183,7 +186,7 @@ def _room(
 def _mix(
     problem: Problem,
     e: Effect,
-    absent: dict[str, float],
+    null: dict[str, float],
     directions: list[dict[str, float]],
     points: list[Point],
     amplitudes: Array,
@@ -191,7 +194,7 @@ def _mix(
     """Values at the sum of amplitudes times directions, within bounds."""
     values = {}
     for p in e.parameters:
-        here = p.coordinate(absent[p.name])
+        here = p.coordinate(null[p.name])
         if all(d[p.name] == 0.0 for d in directions):
             values[p.name] = points[0][e.name][p.name]
             continue

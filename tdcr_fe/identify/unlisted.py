@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.effects import Effect, Parameter, Reach, Setup
+from tdcr_fe.effects import Effect, ExcitationRange, Experiment, Parameter
 from tdcr_fe.identify.fitting import Fit, Problem
 from tdcr_fe.identify.forward import Run
 from tdcr_fe.model.interpolation import interpolate_positions
@@ -25,7 +25,7 @@ class SoftBay(Effect):
     def __init__(self, number: int, start: float, end: float) -> None:
         self.number, self.start, self.end = number, start, end
         self.name = f"stiffness of bay {number}"
-        self.sentence = "The backbone is softer or stiffer in one place: a crack, a kink, glue."
+        self.description = "The backbone is softer or stiffer in one place: a crack, a kink, glue."
         self.parameters = (
             Parameter(
                 "bending", "1", 0.02, 50.0, 1.0, 0.2, "factor on the bending stiffness there", inverse=True
@@ -37,15 +37,15 @@ class SoftBay(Effect):
         """Bay and arc lengths."""
         return f"bay {self.number} (s = {self.start:.4g} to {self.end:.4g} m)"
 
-    def bounds(self, setup: Setup) -> dict[str, tuple[float, float]]:
+    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
         """See `Effect.bounds`."""
         return {"bending": (0.02, 50.0)}
 
-    def apply(self, setup: Setup, values: dict[str, float]) -> Setup:  # type: ignore[override]
+    def apply(self, experiment: Experiment, values: dict[str, float]) -> Experiment:  # type: ignore[override]
         """See `Effect.apply`."""
-        b = setup.robot.backbone
+        b = experiment.robot.backbone
         patch = StiffnessPatch(self.start, self.end, values["bending"], 1.0)
-        return setup.with_robot(backbone=replace(b, patches=(*b.patches, patch)))
+        return experiment.with_robot(backbone=replace(b, patches=(*b.patches, patch)))
 
 
 class SideSpring(Effect):
@@ -57,7 +57,7 @@ class SideSpring(Effect):
     def __init__(self, at: float, run: Run, rest: Array) -> None:
         self.at = at
         self.name = f"spring at s = {at:.4g} m"
-        self.sentence = "Something holds the robot at one place: a cable, a hose, a wall that gives."
+        self.description = "Something holds the robot at one place: a cable, a hose, a wall that gives."
         self.parameters = (Parameter("stiffness", "N/m", 0.0, 1e4, 0.0, 0.05, "of the spring"),)
         node = int(np.argmin(np.abs(run.s - at)))
         moved = run.positions[:, node] - rest
@@ -69,20 +69,22 @@ class SideSpring(Effect):
         """Arc length."""
         return f"at s = {self.at:.4g} m"
 
-    def starts(self, setup: Setup, reach: Reach) -> list[list[dict[str, float]]]:
+    def probe_points(
+        self, experiment: Experiment, excitation: ExcitationRange
+    ) -> list[list[dict[str, float]]]:
         """A spring that feels a few millinewtons."""
         largest = float(np.max(np.linalg.norm(self._moved, axis=1), initial=1e-6))
         return [[{"stiffness": 2e-3 / largest}]]
 
-    def apply(self, setup: Setup, values: dict[str, float]) -> Setup:  # type: ignore[override]
+    def apply(self, experiment: Experiment, values: dict[str, float]) -> Experiment:  # type: ignore[override]
         """See `Effect.apply`."""
         steps = []
-        for step, (k, share) in zip(setup.steps, setup.step_ends, strict=True):
+        for step, (k, share) in zip(experiment.steps, experiment.step_ends, strict=True):
             before = self._moved[k - 1] if k else np.zeros(3)
             f = -values["stiffness"] * (before + share * (self._moved[k] - before))
             load = Load(self.at, (float(f[0]), float(f[1]), float(f[2])))
             steps.append(replace(step, loads={**step.loads, f"spring {self.at:g}": load}))
-        return replace(setup, steps=tuple(steps))
+        return replace(experiment, steps=tuple(steps))
 
 
 def bay_edges(problem: Problem) -> Array:
@@ -121,9 +123,9 @@ def missing_moment(problem: Problem, fit: Fit) -> tuple[Array, Array]:
     edges = bay_edges(problem)
     bays = len(edges) - 1
     data, run = problem.data, fit.run
-    setup = problem.setup(fit.effects, fit.values)
+    experiment = problem.setup(fit.effects, fit.values)
     moment = np.zeros((len(data.steps), bays, 2))
-    stiffness = setup.robot.backbone.EI
+    stiffness = experiment.robot.backbone.EI
     difference = np.diff(np.eye(bays), n=1, axis=0)
     smooth = np.kron(difference, np.eye(2))
     width = np.diff(edges)

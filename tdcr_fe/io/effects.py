@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from typing import Any
 
-from tdcr_fe.effects import EFFECTS, Setup, effect, with_effects
+from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
 from tdcr_fe.io.toml import EXTRA_TABLES, Report
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.robot import Robot
@@ -19,13 +19,13 @@ def read_effects(
     Parameters
     ----------
     table
-        By name of the effect, a table of its parameters; those that are not named stay absent.
+        By name of the effect, a table of its parameters; those that are not named keep their null values.
     robot, model, steps
         As the files describe them.
     report
         Told every mistake: key, value, what is allowed.
     """
-    setup = Setup(robot, model, steps)
+    experiment = Experiment(robot, model, steps)
     if not isinstance(table, dict):
         report("effects", str(table), "must be a table of effects by name, each a table of numbers")
         return robot, model, steps
@@ -61,11 +61,11 @@ def read_effects(
                 numbers[key] = float(value)
         sound[name] = numbers
     try:
-        changed = with_effects(setup, sound)
+        changed = with_effects(experiment, sound)
     except ValueError as error:  # a robot that cannot be
         report("effects", "", str(error))
         return robot, model, steps
-    if changed.observation != setup.observation:
+    if changed.observation != experiment.observation:
         names = " and ".join(n for n in sound if n in ("frame_misalignment", "marker_offset"))
         report(
             "effects",

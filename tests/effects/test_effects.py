@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from robots import BACKBONE, LENGTH, paper, three
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.effects import EFFECTS, Setup, effect, with_effect, with_effects
+from tdcr_fe.effects import EFFECTS, ExcitationRange, Experiment, effect, with_effect, with_effects
 from tdcr_fe.effects.actuation import displacement_that_arrives, tension_that_arrives
 from tdcr_fe.identify.forward import Reader, _simulate
 from tdcr_fe.io.effects import register
 from tdcr_fe.io.measured import Reading
 from tdcr_fe.io.toml import InputError, read_scenario, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.robot import Backbone, Disks, Robot, Superelastic, Tendon
 from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
 from tdcr_fe.solve.simulate import simulate
 
@@ -38,7 +38,7 @@ def tip(setup):
 
 
 def setup(mu=0.0, steps=None, robot=None, **model):
-    return Setup(robot or paper(mu), replace(MODEL, **model), steps or pulled(0.5, 1.0))
+    return Experiment(robot or paper(mu), replace(MODEL, **model), steps or pulled(0.5, 1.0))
 
 
 # ----------------------------------------------------------------------------------------------- the contract
@@ -67,10 +67,72 @@ def test_the_list_has_every_effect_of_the_formats_page():
 
 
 @pytest.mark.parametrize("e", EFFECTS, ids=lambda e: e.name)
-def test_absent_values_change_nothing(e):
+def test_null_values_change_nothing(e):
     s = setup(0.2)
-    assert _same(e.apply(s, e.absent(s)), s)
-    assert e.sentence and e.experiment and all(p.unit and p.meaning for p in e.parameters)
+    assert _same(e.apply(s, e.null_values(s)), s)
+    assert e.description and e.separating_experiment and all(p.unit and p.meaning for p in e.parameters)
+
+
+#: A robot whose builder has declared whatever an effect can say of it.
+DECLARED = replace(
+    three(0.1)
+    .with_backbone(precurvature=(0.3, -0.2), superelastic=Superelastic(2e-4, 0.6), creep_rate=1e-3)
+    .with_disks(thickness=1e-3)
+    .with_tendons(adhesion=0.01, clearance=2e-4),
+    tip_mass=1e-3,
+)
+TIMED = (LoadStep(tensions={"t1": 0.5}, time=10.0), LoadStep(tensions={"t1": 1.0}, time=60.0))
+
+
+@pytest.mark.parametrize("e", EFFECTS, ids=lambda e: e.name)
+def test_null_values_keep_what_is_declared(e):
+    """e3bbe5d: superelastic, hole_adhesion, hole_clearance and creep erased what the robot declares."""
+    s = Experiment(DECLARED, replace(MODEL, gravity=(0.0, 0.0, -9.81)), TIMED)
+    changed = e.apply(s, e.null_values(s))
+    assert changed.robot.backbone.superelastic == s.robot.backbone.superelastic
+    assert changed.robot.backbone.creep_rate == s.robot.backbone.creep_rate
+    assert _same(changed, s)
+
+
+@pytest.mark.parametrize("e", EFFECTS, ids=lambda e: e.name)
+def test_probe_points_are_near_the_null_values_of_a_declared_robot(e):
+    s = Experiment(DECLARED, replace(MODEL, gravity=(0.0, 0.0, -9.81)), TIMED)
+    null = e.null_values(s)
+    for points in e.probe_points(s, ExcitationRange(1.0, 1e-3, 3.0, 60.0)):
+        for point in points:
+            e.check(point)
+            assert point != null
+
+
+def test_tendons_that_declare_different_values_keep_their_differences():
+    robot = three(0.1)
+    robot = replace(
+        robot,
+        tendons=tuple(
+            replace(t, adhesion=0.01 * k, clearance=1e-4 * k, axial_stiffness=100.0 * k)
+            for k, t in enumerate(robot.tendons, 1)
+        ),
+    )
+    s = Experiment(robot, MODEL, pulled(0.5))
+    for name in ("hole_adhesion", "hole_clearance", "tendon_stretch"):
+        e = effect(name)
+        assert _same(e.apply(s, e.null_values(s)), s)
+    doubled = with_effect(s, "hole_adhesion", drop=0.04).robot.tendons
+    assert [t.adhesion for t in doubled] == pytest.approx([0.02, 0.04, 0.06])
+    mean = (1.0 / 100.0 + 1.0 / 200.0 + 1.0 / 300.0) / 3.0
+    softer = with_effect(s, "tendon_stretch", axial_stiffness=1.0 / (mean + 1e-3)).robot.tendons
+    assert [1.0 / t.axial_stiffness for t in softer] == pytest.approx(
+        [1e-2 + 1e-3, 5e-3 + 1e-3, 1 / 300 + 1e-3]
+    )
+
+
+def test_values_replace_what_is_declared_or_come_on_top():
+    s = Experiment(DECLARED, MODEL, TIMED)
+    assert with_effect(s, "precurvature", kappa_x=1.0).robot.backbone.precurvature == (1.0, -0.2)
+    law = with_effect(s, "superelastic", plateau_ratio=0.3).robot.backbone.superelastic
+    assert (law.threshold_strain, law.plateau_ratio) == (2e-4, 0.3)
+    assert with_effect(s, "creep", rate=5e-3).robot.backbone.creep_rate == 5e-3
+    assert with_effect(s, "tip_payload", mass=2e-3).robot.tip_mass == pytest.approx(3e-3)
 
 
 def _same(a, b):
@@ -115,7 +177,7 @@ def test_play_of_displacement_by_hand():
 
 def test_a_step_is_divided_where_one_of_two_tensions_begins_to_move():
     steps = (LoadStep(tensions={"t1": 1.0, "t2": 0.0}), LoadStep(tensions={"t1": 0.5, "t2": 1.0}))
-    s = with_effect(Setup(three(0.1), MODEL, steps), "actuator_loss", dead_band=0.2)
+    s = with_effect(Experiment(three(0.1), MODEL, steps), "actuator_loss", dead_band=0.2)
     # t1 falls from 1.0 and lets go at 0.6, after 0.8 of the step; t2 arrives from 0.2 on.
     assert [k for k, _ in s.step_ends] == [0, 1, 1, 1]
     assert [share for _, share in s.step_ends] == pytest.approx([1.0, 0.2, 0.8, 1.0])
@@ -127,7 +189,7 @@ def test_a_step_is_divided_where_one_of_two_tensions_begins_to_move():
 
 def test_gain_of_tension_is_a_softer_robot_without_friction_and_load():
     assert tip(with_effect(setup(), "actuator_gain", gain=1.2)) == pytest.approx(
-        tip(Setup(paper(), MODEL, pulled(0.6, 1.2))), abs=1e-12
+        tip(Experiment(paper(), MODEL, pulled(0.6, 1.2))), abs=1e-12
     )
     softer = with_effect(setup(), "stiffness_scale", bending=1 / 1.2, torsion=1 / 1.2)
     assert tip(with_effect(setup(), "actuator_gain", gain=1.2)) == pytest.approx(tip(softer), abs=2e-6)
@@ -158,7 +220,7 @@ def test_stiffness_scale_is_another_modulus():
 
 def arc(moment, backbone=BACKBONE):
     robot = Robot(backbone, Disks.equally_spaced(5, LENGTH), ())
-    return Setup(robot, MODEL, (LoadStep(loads={"m": Load(LENGTH, moment=(moment, 0.0, 0.0))}),))
+    return Experiment(robot, MODEL, (LoadStep(loads={"m": Load(LENGTH, moment=(moment, 0.0, 0.0))}),))
 
 
 def angle(setup):
@@ -290,7 +352,7 @@ def test_effects_in_a_scenario_file_are_those_of_python(tmp_path):
     path.write_text(text + "\n[effects]\ngravity = { g_z = -9.81 }\nactuator_loss = { dead_band = 0.1 }\n")
     s = read_scenario(path)
     by_hand = with_effects(
-        Setup(paper(0.2), MODEL, pulled(1.0)),
+        Experiment(paper(0.2), MODEL, pulled(1.0)),
         {"gravity": {"g_z": -9.81}, "actuator_loss": {"dead_band": 0.1}},
     )
     assert (s.model, s.steps[0].tensions) == (by_hand.model, {"t1": 0.9})

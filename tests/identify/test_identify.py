@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tdcr_fe.cli import main
-from tdcr_fe.effects import Setup, effect, with_effects
+from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify import IdentifySettings, identify
 from tdcr_fe.identify.fitting import Problem
 from tdcr_fe.identify.forward import ForwardModel, Reader, _simulate
@@ -57,7 +57,7 @@ def measured(truth=None, sigma=1e-4, seed=0, robot=None, given=True):
     steps = sequence()
     ids = tuple(range(1, len(steps) + 1))
     readings = [Reading(n, f"position_{a}", s, 0.0, sigma) for n in ids for s in (0.1, LENGTH) for a in "xyz"]
-    true = with_effects(Setup(robot or ROBOT, replace(MODEL, elements_per_bay=4), steps), truth or {})
+    true = with_effects(Experiment(robot or ROBOT, replace(MODEL, elements_per_bay=4), steps), truth or {})
     run = _simulate((true, None, False, 2e-5))
     values = Reader(readings, ids, ROBOT.tendon_names).read(run, true)
     values = values + np.random.default_rng(seed).normal(0.0, sigma, values.size)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import tdcr_fe.validation.blind as blind
-from tdcr_fe.effects import EFFECTS, Observation, Setup
+from tdcr_fe.effects import EFFECTS, Experiment, Observation
 from tdcr_fe.io.measured import read_measured
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.validation.blind import OFF_LIST, Answer, Recipe, make_blind, plan
@@ -133,14 +133,14 @@ def test_a_turned_frame_and_markers_beside_the_backbone_are_read_as_declared():
         (0, "bending_angle", None),
         (0, "distal_tension", "t1"),
     ]
-    seen = read(result, Setup(robot, Model(), steps, look), marks)
+    seen = read(result, Experiment(robot, Model(), steps, look), marks)
     np.testing.assert_allclose(seen, (0.0, 2e-3, length, 0.0, 0.0), atol=1e-12)
 
 
 def test_a_divided_step_is_read_at_its_end():
     robot = draw_robot("single", np.random.default_rng(0))
     steps = tuple(LoadStep(tensions={robot.tendon_names[0]: t}) for t in (0.5, 0.7, 1.0))
-    setup = Setup(robot, Model(), steps, ends=((0, 1.0), (1, 0.5), (1, 1.0)))
+    setup = Experiment(robot, Model(), steps, ends=((0, 1.0), (1, 0.5), (1, 1.0)))
     result = SimpleNamespace(steps=[SimpleNamespace(displacements=(0.1 * k,)) for k in range(3)])
     marks = [(k, "tendon_displacement", robot.tendon_names[0]) for k in range(2)]
     assert read(result, setup, marks).tolist() == [0.0, 0.2]

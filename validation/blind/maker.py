@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.effects import Setup, effect, with_effects
+from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.io.measured import MeasuredData, Reading, write_measured
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.results import SequenceResult
@@ -123,7 +123,7 @@ def _make(recipe: Recipe, rng: np.random.Generator, substeps: int) -> tuple[Meas
         if "tip_payload" in recipe.effects:
             direction = np.array([0.0, 1.0, 0.0])
         gravity = (float(9.81 * direction[0]), float(9.81 * direction[1]), float(9.81 * direction[2]))
-    declared = Setup(robot, Model(gravity=gravity, elements_per_bay=2), steps)
+    declared = Experiment(robot, Model(gravity=gravity, elements_per_bay=2), steps)
     places = _markers(robot, rng)
     kinds = {"tendon_displacement": recipe.drive == "tension" and rng.random() < 0.5,
              "distal_tension": rng.random() < 0.2}  # fmt: skip
@@ -137,7 +137,7 @@ def _make(recipe: Recipe, rng: np.random.Generator, substeps: int) -> tuple[Meas
     values = _draw_effects(recipe, declared, base, rng)
     off_list, patches, extras = _draw_off_list(recipe, declared, rng)
 
-    def truth(values: Values) -> Setup:
+    def truth(values: Values) -> Experiment:
         setup = with_effects(declared, values)
         if patches:
             backbone = replace(setup.robot.backbone, patches=(*setup.robot.backbone.patches, *patches))
@@ -189,7 +189,7 @@ def _markers(robot: Robot, rng: np.random.Generator) -> tuple[float, ...]:
     return tuple(robot.disks.positions[min(max(k, 1), count) - 1] for k in sorted({*chosen, count}))
 
 
-def _what_is_read(setup: Setup, places: tuple[float, ...], more: list[str]) -> list[Mark]:
+def _what_is_read(setup: Experiment, places: tuple[float, ...], more: list[str]) -> list[Mark]:
     """Step from 0, quantity and place of every reading."""
     marks: list[Mark] = []
     for k in range(len(setup.steps)):
@@ -199,7 +199,7 @@ def _what_is_read(setup: Setup, places: tuple[float, ...], more: list[str]) -> l
     return marks
 
 
-def read(result: SequenceResult, setup: Setup, marks: list[Mark]) -> Array:
+def read(result: SequenceResult, setup: Experiment, marks: list[Mark]) -> Array:
     """What instruments without noise would show.
 
     Parameters
@@ -240,7 +240,7 @@ def read(result: SequenceResult, setup: Setup, marks: list[Mark]) -> Array:
     return np.array(values)
 
 
-def _solve(setup: Setup, extras: Extras, places: tuple[float, ...], substeps: int) -> SequenceResult:
+def _solve(setup: Experiment, extras: Extras, places: tuple[float, ...], substeps: int) -> SequenceResult:
     settings = ReferenceSettings(sample_at=places, substeps=substeps)
     result = solve_reference(setup.robot, setup.model, setup.steps, settings=settings, extras=extras)
     if not result.converged:
@@ -258,7 +258,9 @@ def _either(rng: np.random.Generator, low: float, high: float) -> float:
     return float(rng.choice([-1.0, 1.0]) * rng.uniform(low, high))
 
 
-def _draw_effects(recipe: Recipe, declared: Setup, base: SequenceResult, rng: np.random.Generator) -> Values:
+def _draw_effects(
+    recipe: Recipe, declared: Experiment, base: SequenceResult, rng: np.random.Generator
+) -> Values:
     """Values of the listed effects, as real robots have them."""
     robot, steps = declared.robot, declared.steps
     backbone, length = robot.backbone, robot.backbone.length
@@ -340,12 +342,12 @@ def _largest_curvature(step: Any) -> float:
     return float(np.max(np.linalg.norm(turn, axis=1) / np.diff(step.s)))
 
 
-def _stronger(declared: Setup, values: Values, factor: float) -> Values:
+def _stronger(declared: Experiment, values: Values, factor: float) -> Values:
     """All effects scaled about where they are absent, within their bounds; a softening section begins earlier."""
     result: Values = {}
     for name, own in values.items():
         e = effect(name)
-        absent, bounds = e.absent(declared), e.bounds(declared)
+        absent, bounds = e.null_values(declared), e.bounds(declared)
         new = dict(own)
         for p in e.parameters:
             if name == "superelastic" and p.name == "threshold_strain":
@@ -358,7 +360,7 @@ def _stronger(declared: Setup, values: Values, factor: float) -> Values:
     return result
 
 
-def _detectable(recipe: Recipe, declared: Setup, values: Values, off: Any) -> Values:
+def _detectable(recipe: Recipe, declared: Experiment, values: Values, off: Any) -> Values:
     """The effects made stronger until each shows by itself, or weaker until they hardly show."""
     result: Values = {}
     for name, own in values.items():
@@ -377,7 +379,7 @@ def _detectable(recipe: Recipe, declared: Setup, values: Values, off: Any) -> Va
 
 
 def _draw_off_list(
-    recipe: Recipe, declared: Setup, rng: np.random.Generator
+    recipe: Recipe, declared: Experiment, rng: np.random.Generator
 ) -> tuple[dict[str, Any], tuple[StiffnessPatch, ...], Extras]:
     """What is on no list, for the answer and for the truth."""
     wanted = [n for n in recipe.effects if n in OFF_LIST]
