@@ -15,11 +15,10 @@ from math import degrees
 import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
-from tdcr_fe.model.loading import LoadStep, Model, resolve
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
-from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.solve.simulate import Simulation, simulate
+from tdcr_fe import Backbone, Disks, LoadStep, Model, ParallelRouting, Robot, Simulation, Tendon, simulate
+from tdcr_fe.model.loading import resolve
 from tdcr_fe.solve.solver import StrainSpaceSolver
 from tdcr_fe.validation.reference import solve_reference
 
@@ -84,7 +83,7 @@ def load_steps(disks: int, repeats: int = 100) -> tuple[Array, Array, float]:
             begun = time.perf_counter()
             iterations[i] = simulation.advance(target)["iterations_total"]
             times[i] = min(times[i], time.perf_counter() - begun)
-        # In between, so that the machine's moods meet both alike.
+        # In between, so that other load on the machine affects both alike.
         unit = min(unit, exudyn_iteration(simulation, 5))
     return times, iterations, unit
 
@@ -147,4 +146,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with threadpool_limits(1):  # threads cost more than they gain on matrices of this size
+        main()

@@ -33,15 +33,8 @@ add_module_names = False
 toc_object_entries = False
 default_role = "code"
 
-html_theme = "alabaster"
-html_theme_options = {
-    "description": "Tendon-driven continuum robots in Exudyn",
-    "fixed_sidebar": True,
-    "page_width": "1080px",
-    "sidebar_width": "230px",
-    "show_powered_by": False,
-    "show_relbars": True,
-}
+html_theme = "furo"
+html_title = f"tdcr-fe {version}"
 html_static_path = ["_static"]
 html_css_files = ["page.css"]
 html_show_sourcelink = False

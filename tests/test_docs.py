@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+import tdcr_fe
 from tdcr_fe import cli
 
 ROOT = Path(__file__).parent.parent
@@ -25,6 +26,70 @@ def test_every_page_that_is_linked_is_there():
         for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8")):
             if "://" not in target:
                 assert (page.parent / target).exists(), f"{page.name} points to {target}"
+
+
+def sources() -> list[Path]:
+    return [
+        p for folder in ("tdcr_fe", "elements", "validation") for p in sorted((ROOT / folder).rglob("*.py"))
+    ]
+
+
+def messages() -> list[str]:
+    """Every text in the source, with an ellipsis where values go."""
+    found = []
+    for path in sources():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.JoinedStr):
+                found.append("".join(v.value if isinstance(v, ast.Constant) else "…" for v in node.values))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found.append(node.value)
+    return found
+
+
+#: Messages on the page "Troubleshooting" that Python itself gives.
+OF_PYTHON = {"No module named 'tdcr_fe.elements'", "has no attribute 'CreateTDCR'"}
+
+
+def test_every_message_on_the_page_troubleshooting_is_one_of_the_source():
+    page = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
+    quoted = set(re.findall(r"^### `(.+)`$", page, re.MULTILINE)) - OF_PYTHON
+    assert len(quoted) > 10
+    everything = "\n".join(messages())
+    assert not [q for q in quoted if q not in everything]
+
+
+def test_every_path_on_the_page_where_to_change_exists():
+    page = (ROOT / "docs" / "where_to_change.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`((?:elements|tdcr_fe|validation|tests|docs)/[\w./]*)`", page))
+    assert len(named) > 20
+    assert not [n for n in named if not (ROOT / n).exists()]
+
+
+def test_every_list_on_the_page_where_to_change_is_in_its_file():
+    """As in "a class in FILE, its name in LIST there", or "LIST of FILE"."""
+    page = (ROOT / "docs" / "where_to_change.md").read_text(encoding="utf-8")
+    there = re.findall(r"`([\w/]+\.py)` \| its name in `([A-Z_]+)` there", page)
+    other = [(file, name) for name, file in re.findall(r"`([A-Z_]+)` of `([\w/]+\.py)`", page)]
+    assert len(there + other) >= 3
+    for file, name in there + other:
+        assert re.search(rf"^{name}\b", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE), (file, name)
+
+
+def test_the_api_page_documents_every_public_name():
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    whole = set(re.findall(r"automodule:: ([\w.]+)\n(?!   :members:)", page))
+    single = set(re.findall(r"auto(?:function|class|exception):: ([\w.]+)", page))
+    single |= {
+        f"{module}.{name.strip()}"
+        for module, names in re.findall(r"automodule:: ([\w.]+)\n   :members: (.*)", page)
+        for name in names.split(",")
+    }
+    missing = []
+    for name in set(tdcr_fe.__all__) - {"__version__"}:
+        found = tdcr_fe.identify.identify if name == "identify" else getattr(tdcr_fe, name)
+        if found.__module__ not in whole and f"{found.__module__}.{name}" not in single:
+            missing.append(f"{found.__module__}.{name}")
+    assert not missing
 
 
 def test_readme_has_a_row_for_every_command():

@@ -25,7 +25,7 @@ STEPS = [LoadStep(tensions={"t1": 1.0})]
     ],
 )
 def test_simulate_names_the_argument_and_what_to_call(given, message):
-    """In 0.1: "AttributeError: 'str' object has no attribute 'tendons'"."""
+    """In 0.1: "AttributeError: 'str' object has no attribute 'tendon_names'"."""
     arguments = {"robot": paper_robot(), "model": Model(), "steps": STEPS, **given}
     with pytest.raises(TypeError, match=f"simulate: {message}"):
         simulate(**arguments)
