@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from typing import Any as _Any
 
 if TYPE_CHECKING:
+    from tdcr_fe.effects import Experiment as Experiment
     from tdcr_fe.effects import effect as effect
     from tdcr_fe.effects import with_effects as with_effects
     from tdcr_fe.identify import IdentificationResult as IdentificationResult
@@ -54,7 +55,7 @@ __version__ = "0.2.0.dev0"
 
 #: Where every public name is; the block above says the same to type checkers.
 _PUBLIC = {
-    "tdcr_fe.effects": ("effect", "with_effects"),
+    "tdcr_fe.effects": ("Experiment", "effect", "with_effects"),
     "tdcr_fe.identify": ("IdentificationResult", "IdentifySettings", "identify"),
     "tdcr_fe.io.measured": ("read_measured",),
     "tdcr_fe.io.tables": ("write_results",),
