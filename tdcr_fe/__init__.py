@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import os.path as _path
 from importlib import import_module as _import_module
-from pathlib import Path as _Path
 from typing import TYPE_CHECKING
 from typing import Any as _Any
 
@@ -93,9 +93,10 @@ _MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in name
 __all__ = ["__version__", *sorted(_MODULE_OF)]
 
 # In a clone, `elements/` and `validation/` lie beside this folder; in an installed copy they lie inside it.
-_here = _Path(__file__).resolve().parent
-if not (_here / "elements").is_dir() and (_here.parent / "elements").is_dir():
-    __path__.append(str(_here.parent))
+_here = _path.dirname(_path.realpath(__file__))
+_clone = _path.dirname(_here)
+if not _path.isdir(_path.join(_here, "elements")) and _path.isdir(_path.join(_clone, "elements")):
+    __path__.append(_clone)
 
 
 def __getattr__(name: str) -> _Any:
