@@ -1,0 +1,352 @@
+"""Pictures of the report on an identification, as SVG text: measured against predicted, and where the error lies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from tdcr_fe.identify.holdout import directions
+from tdcr_fe.identify.outcome import IdentificationResult
+from tdcr_fe.report.environment import shown_unit
+from tdcr_fe.report.style import CORRECTED, DECLARED, HELD_OUT, MEASURED, logarithmic, styled, svg
+
+Array = NDArray[np.float64]
+
+_MM = 1e3
+#: A run of steps shows a loop where it has at least as many.
+_LOOP_STEPS = 4
+
+
+# --------------------------------------------------------------------------------- measured against predicted
+
+
+def comparison(result: IdentificationResult) -> str:
+    """Tip path, shapes and a loop of loading and unloading: measured, and predicted before and after.
+
+    Without position readings, the readings of the most frequent quantity over the load steps.
+    """
+    drawers = [_tip_path, _shape_lines, _loop] if np.isfinite(result.shapes.measured).any() else [_readings]
+    with styled():
+        figure = Figure(figsize=(11.6, 3.7), layout="constrained")
+        axes = figure.subplots(1, len(drawers), squeeze=False)[0]
+        for ax, draw in zip(axes, drawers, strict=True):
+            if not draw(ax, result):
+                ax.set_visible(False)
+        handles = [
+            Line2D([], [], color=MEASURED, marker="o", ms=4, ls="none", label="measured"),
+            Line2D(
+                [], [], color=MEASURED, marker="o", ms=4, mfc="white", ls="none", label="measured, held out"
+            ),
+            Line2D([], [], color=DECLARED, lw=1.5, label="declared model"),
+            Line2D(
+                [], [], color=CORRECTED, lw=1.5, label="corrected model" if result.effects else "final model"
+            ),
+        ]
+        if not result.held_out_steps:
+            del handles[1]
+        figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    return svg(figure)
+
+
+def _tip(result: IdentificationResult) -> tuple[Array, Array, Array]:
+    """Measured, declared and corrected positions of the marker next to the tip [mm], shape (n_steps, 3) each."""
+    s = result.shapes
+    last = int(np.argmax(np.where(np.isfinite(s.measured).any(axis=(0, 2)), s.arc_lengths, -np.inf)))
+    return _MM * s.measured[:, last], _MM * s.before[:, last], _MM * s.after[:, last]
+
+
+def _dots(axes: Axes, x: Array, y: Array, held_out: NDArray[np.bool_]) -> None:
+    for chosen, fill in ((~held_out, MEASURED), (held_out, "white")):
+        axes.plot(x[chosen], y[chosen], "o", ms=3.8, mec=MEASURED, mfc=fill, mew=0.9, zorder=4)
+
+
+def _tip_path(axes: Axes, result: IdentificationResult) -> bool:
+    """The path of the marker next to the tip, from above, or from the side where it stays in a plane."""
+    measured, before, after = _tip(result)
+    if not np.isfinite(measured).any():
+        return False
+    low, high = np.nanmin(measured, axis=0), np.nanmax(measured, axis=0)
+    span = np.nan_to_num(high - low)
+    flat = min(span[0], span[1]) < 0.05 * max(span[0], span[1])
+    i, j = (int(np.argmax(span[:2])), 2) if flat else (0, 1)
+    for path, colour in ((before, DECLARED), (after, CORRECTED)):
+        axes.plot(path[:, i], path[:, j], color=colour, lw=1.1, alpha=0.9)
+    _dots(axes, measured[:, i], measured[:, j], result.shapes.held_out)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_title("Path of the tip, from the side" if flat else "Path of the tip, from above")
+    axes.set_xlabel(f"{'xyz'[i]} [mm]")
+    axes.set_ylabel(f"{'xyz'[j]} [mm]")
+    return True
+
+
+def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
+    """The shape in the step that bends most, and in the held-out step that bends most, each in its own plane."""
+    s = result.shapes
+    offset = np.linalg.norm(_tip(result)[0][:, :2], axis=1)
+    if not np.isfinite(offset).any():
+        return False
+    steps = [int(np.nanargmax(offset))]
+    other = np.where(s.held_out & ~s.held_out[steps[0]], offset, np.nan)
+    if np.isfinite(other).any():
+        steps.append(int(np.nanargmax(other)))
+    for side, k in zip((1.0, -1.0), steps, strict=False):
+        tip = _tip(result)[0][k, :2]
+        across = tip / max(float(np.linalg.norm(tip)), 1e-9)
+        for backbone, colour in ((s.backbone_before[k], DECLARED), (s.backbone_after[k], CORRECTED)):
+            axes.plot(side * _MM * backbone[:, :2] @ across, _MM * backbone[:, 2], color=colour, lw=1.4)
+        markers = _MM * s.measured[k]
+        held = np.full(len(markers), s.held_out[k])
+        _dots(axes, side * markers[:, :2] @ across, markers[:, 2], held)
+        axes.annotate(f"step {s.step_ids[k]}", (side * float(tip @ across), float(_tip(result)[0][k, 2])),
+                      xytext=(0, 7), textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_title("Shape, in the plane of the tip")
+    axes.set_xlabel("distance from the z axis [mm]" if len(steps) == 1 else "distance, to either side [mm]")
+    axes.set_ylabel("z [mm]")
+    return True
+
+
+def _inputs(result: IdentificationResult) -> tuple[Array, str]:
+    """Commanded tensions [N] or displacements [mm], shape (n_steps, n_tendons), and their unit."""
+    data = result.data
+    driven = data.driven_by_displacement
+    values = [
+        [(s.displacements if driven else s.tensions).get(n, 0.0) for n in data.robot.tendon_names]
+        for s in data.steps
+    ]
+    return np.array(values).reshape(len(data.steps), -1) * (_MM if driven else 1.0), "mm" if driven else "N"
+
+
+def loops(result: IdentificationResult) -> list[tuple[int, range]]:
+    """Runs of steps in which a single tendon is pulled and released: its number and the steps, the longest first."""
+    values, _ = _inputs(result)
+    loads = [tuple(load.force for load in s.loads.values()) for s in result.data.steps]
+    found = []
+    for j in range(values.shape[1]):
+        others = np.delete(values, j, axis=1)
+        same = 0.02 * max(float(np.ptp(values)), 1e-12)
+        begin = 0
+        for k in range(1, len(values) + 1):
+            if (
+                k < len(values)
+                and loads[k] == loads[begin]
+                and np.all(np.abs(others[k] - others[begin]) <= same)
+            ):
+                continue
+            change = np.diff(values[begin:k, j])
+            if k - begin >= _LOOP_STEPS and np.any(change > same) and np.any(change < -same):
+                found.append((j, range(begin, k)))
+            begin = k
+    return sorted(found, key=lambda x: -len(x[1]))
+
+
+def _loop(axes: Axes, result: IdentificationResult) -> bool:
+    """Travel of the tip over the input of one tendon that is pulled and released."""
+    measured, before, after = _tip(result)
+    for j, steps in loops(result):
+        chosen = np.array(steps)
+        points = measured[chosen]
+        if np.isfinite(points).all(axis=1).sum() < _LOOP_STEPS:
+            continue
+        start = points[np.isfinite(points).all(axis=1)][0]
+        path = np.nan_to_num(points - start)
+        along = np.linalg.svd(path, full_matrices=False)[2][0]
+        along = along * np.sign(path[int(np.argmax(np.linalg.norm(path, axis=1)))] @ along)
+        values, unit = _inputs(result)
+        x = values[chosen, j]
+        for tips, colour in ((before, DECLARED), (after, CORRECTED)):
+            axes.plot(x, (tips[chosen] - start) @ along, color=colour, lw=1.3)
+        _dots(axes, x, (points - start) @ along, result.shapes.held_out[chosen])
+        name = result.data.robot.tendon_names[j]
+        ids = result.data.step_ids
+        axes.set_title(f"Loading and unloading, steps {ids[steps[0]]} to {ids[steps[-1]]}")
+        axes.set_xlabel(f"{'displacement' if unit == 'mm' else 'tension'} of {name} [{unit}]")
+        axes.set_ylabel("travel of the tip [mm]")
+        return True
+    return False
+
+
+def _readings(axes: Axes, result: IdentificationResult) -> bool:
+    """Readings of the most frequent quantity over the steps."""
+    keys = [(r.quantity, r.location) for r in result.data.readings]
+    key = max(dict.fromkeys(keys), key=keys.count)
+    mask = np.array([k == key for k in keys])
+    value = np.array([r.value for r in result.data.readings])
+    unit = next(r.unit for r, m in zip(result.data.readings, mask, strict=True) if m)
+    factor, symbol = shown_unit(unit, float(np.max(np.abs(value[mask]))))
+    position = {n: k for k, n in enumerate(result.data.step_ids)}
+    k = np.array([position[r.step] for r, m in zip(result.data.readings, mask, strict=True) if m])
+    for residual, colour in ((result.residual_before, DECLARED), (result.residual_after, CORRECTED)):
+        axes.plot(k, factor * (value - residual)[mask], color=colour, lw=1.3)
+    _dots(axes, k, factor * value[mask], result.shapes.held_out[k])
+    _step_axis(axes, result)
+    where = "" if key[1] is None else f", {key[1]}"
+    axes.set_ylabel(f"{key[0].replace('_', ' ')}{where} [{symbol}]")
+    return True
+
+
+# ----------------------------------------------------------------------------------------- where the error lies
+
+
+def _errors(result: IdentificationResult, residual: Array) -> tuple[list[int], Array, str]:
+    """Readings by marker and step: index of a reading of each, its error, and the unit.
+
+    The error of a marker is the distance in space where positions were measured [mm]; without positions it is the
+    error of a reading of the most frequent unit.
+    """
+    readings = result.data.readings
+    space = [i for i, r in enumerate(readings) if r.quantity.startswith("position_")]
+    if space:
+        groups: dict[Any, list[int]] = {}
+        for i in space:
+            groups.setdefault((readings[i].step, readings[i].location), []).append(i)
+        size = np.array([np.sqrt(np.sum(residual[g] ** 2)) for g in groups.values()])
+        return [g[0] for g in groups.values()], size * _MM, "mm"
+    units = [r.unit for r in readings]
+    unit = max(dict.fromkeys(units), key=units.count)
+    chosen = [i for i, u in enumerate(units) if u == unit]
+    factor, symbol = shown_unit(unit, float(np.max(np.abs(residual[chosen]), initial=0.0)) or 1.0)
+    return chosen, np.abs(residual[chosen]) * factor, symbol
+
+
+def _noise(result: IdentificationResult) -> float:
+    """Noise in the measure of `_errors` of the declared model."""
+    if result.noise.rms_position is not None:
+        return _MM * result.noise.rms_position
+    chosen, _, _ = _errors(result, result.residual_before)
+    unit = result.data.readings[chosen[0]].unit
+    factor, _ = shown_unit(unit, float(np.max(np.abs(result.residual_before[chosen]), initial=0.0)) or 1.0)
+    return float(np.sqrt(np.mean(result.sigma[chosen] ** 2))) * factor
+
+
+def _rms_by(groups: Sequence[Any], values: Array) -> tuple[list[Any], Array]:
+    keys = list(dict.fromkeys(groups))
+    g = np.array([keys.index(x) for x in groups])
+    return keys, np.sqrt(np.bincount(g, values**2) / np.bincount(g))
+
+
+def _label(result: IdentificationResult, unit: str) -> str:
+    return (
+        f"rms distance in space [{unit}]" if result.noise.rms_position is not None else f"rms error [{unit}]"
+    )
+
+
+def _models(result: IdentificationResult) -> tuple[tuple[Array, str, str], ...]:
+    return (
+        (result.residual_before, DECLARED, "declared model"),
+        (result.residual_after, CORRECTED, "corrected model" if result.effects else "final model"),
+    )
+
+
+def _step_axis(axes: Axes, result: IdentificationResult) -> None:
+    ids = result.data.step_ids
+    ticks = range(0, len(ids), max(1, len(ids) // 20))
+    axes.set_xticks(list(ticks), [str(ids[k]) for k in ticks])
+    axes.set_xlabel("load step")
+
+
+def by_step(result: IdentificationResult) -> str:
+    """Error in every load step, before and after."""
+    position = {n: k for k, n in enumerate(result.data.step_ids)}
+    with styled():
+        figure = Figure(figsize=(11.6, 2.9), layout="constrained")
+        axes = figure.subplots()
+        for n in result.held_out_steps:
+            axes.axvspan(position[n] - 0.5, position[n] + 0.5, color=HELD_OUT, linewidth=0)
+        unit = ""
+        for residual, colour, label in _models(result):
+            chosen, size, unit = _errors(result, residual)
+            keys, rms = _rms_by([result.data.readings[i].step for i in chosen], size)
+            axes.plot([position[k] for k in keys], rms, "o-", color=colour, ms=3.5, lw=1.2, label=label)
+        axes.axhline(_noise(result), color=MEASURED, ls=":", lw=1.0, label="noise")
+        logarithmic(axes)
+        _step_axis(axes, result)
+        axes.set_ylabel(_label(result, unit))
+        handles, labels = axes.get_legend_handles_labels()
+        if result.held_out_steps:
+            handles, labels = [*handles, Patch(color=HELD_OUT)], [*labels, "held out"]
+        figure.legend(handles, labels, loc="outside upper center", ncols=4)
+    return svg(figure)
+
+
+def along(result: IdentificationResult) -> str:
+    """Error over the arc length; empty where fewer than two locations on the backbone were measured."""
+    chosen, _, _ = _errors(result, result.residual_before)
+    s = [result.data.readings[i].location for i in chosen]
+    if not all(isinstance(x, float) for x in s) or len(set(s)) < 2:
+        return ""
+    with styled():
+        figure = Figure(figsize=(5.4, 2.9), layout="constrained")
+        axes = figure.subplots()
+        unit = ""
+        for residual, colour, label in _models(result):
+            _, size, unit = _errors(result, residual)
+            keys, rms = _rms_by(s, size)
+            order = np.argsort(keys)
+            axes.plot(_MM * np.array(keys)[order], rms[order], "o-", color=colour, ms=4, label=label)
+        axes.axhline(_noise(result), color=MEASURED, ls=":", lw=1.0, label="noise")
+        logarithmic(axes)
+        axes.set_xlabel("arc length s [mm]")
+        axes.set_ylabel(_label(result, unit))
+        figure.legend(loc="outside upper center", ncols=3)
+    return svg(figure)
+
+
+def over_input(result: IdentificationResult) -> str:
+    """Error over the largest input: loading and unloading, tip loaded or not."""
+    data = result.data
+    position = {n: k for k, n in enumerate(data.step_ids)}
+    values, unit_in = _inputs(result)
+    size_in = np.max(np.abs(values), axis=1, initial=0.0)
+    moves = directions(data)[:, : len(data.robot.tendons)]
+    main = np.argmax(np.abs(moves) if data.driven_by_displacement else values, axis=1)
+    leading = np.sign(moves[np.arange(len(main)), main])
+    loaded = np.array([any(any(x.force) for x in s.loads.values()) for s in data.steps])
+    with styled():
+        figure = Figure(figsize=(11.6, 3.1), layout="constrained")
+        axes = figure.subplots(1, 2, sharey=True)
+        unit = ""
+        for ax, (residual, colour, title) in zip(axes, _models(result), strict=True):
+            chosen, size, unit = _errors(result, residual)
+            keys, rms = _rms_by([position[data.readings[i].step] for i in chosen], size)
+            for sign, marker in ((1, "^"), (-1, "v"), (0, "s")):
+                for tip, fill in ((False, colour), (True, "white")):
+                    at = [i for i, q in enumerate(keys) if leading[q] == sign and loaded[q] == tip]
+                    ax.plot(
+                        size_in[[keys[i] for i in at]], rms[at], marker, color=colour, mfc=fill, ms=5, ls=""
+                    )
+            ax.set_title(title)
+            ax.set_xlabel(f"largest {'displacement' if unit_in == 'mm' else 'tension'} [{unit_in}]")
+        logarithmic(axes[0])
+        axes[0].set_ylabel(_label(result, unit))
+        texts = {"^": "loading", "v": "unloading", "s": "tendons constant"}
+        handles = [Line2D([], [], color=MEASURED, marker=m, ms=5, ls="", label=t) for m, t in texts.items()]
+        handles.append(
+            Line2D([], [], color=MEASURED, marker="o", mfc="white", ms=5, ls="", label="open: tip loaded")
+        )
+        figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    return svg(figure)
+
+
+def missing_moment(result: IdentificationResult) -> str:
+    """Bending moment that the model lacks, by step and arc length; empty where it was not computed."""
+    rest = result.remaining
+    if rest.moment is None or rest.bays is None:
+        return ""
+    with styled():
+        size = 1e3 * np.sqrt(np.sum(rest.moment**2, axis=2)).T
+        figure = Figure(figsize=(11.6, 3.0), layout="constrained")
+        axes = figure.subplots()
+        axes.grid(False)
+        mesh = axes.pcolormesh(np.arange(size.shape[1] + 1) - 0.5, _MM * rest.bays, size, cmap="magma_r")
+        figure.colorbar(mesh, ax=axes, label="missing moment [N mm]")
+        _step_axis(axes, result)
+        axes.set_ylabel("arc length s [mm]")
+    return svg(figure)
