@@ -19,7 +19,9 @@ Array = NDArray[np.float64]
 
 #: The iteration ends at this change of a coefficient; above `ACCEPTED` it has failed [1].
 TOLERANCE, ACCEPTED = 1e-12, 1e-8
-MAX_ITERATIONS = 60
+MAX_ITERATIONS = 30
+#: Largest change of a coefficient in one iteration [1].
+MAX_STEP = 0.5
 
 
 class CoefficientLaw(Protocol):
@@ -148,12 +150,13 @@ def solve_coefficients(
             step = np.linalg.solve(now.matrix, (now.law.value - mu)[..., None])[..., 0]
         except np.linalg.LinAlgError:
             step = now.law.value - mu
-        factor = 1.0
+        factor = min(1.0, MAX_STEP / max(float(np.max(np.abs(step))), 1e-300))
+        smallest = factor / 16.0
         while True:
             trial = np.maximum(mu + factor * step, 0.0)
             there = linearise(trial)
             new = float(np.max(np.abs(there.law.value - trial)))
-            if new < error or factor < 0.01:
+            if new < error or factor <= smallest:
                 break
             factor *= 0.5
         if new >= error and error <= ACCEPTED:
