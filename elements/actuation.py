@@ -7,7 +7,7 @@ directly; both get the same forces, the same tangent and the same history.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import exudyn as exu
@@ -477,6 +477,10 @@ class TendonActuation:
     def set_prescribed(self, inputs: Array) -> None:
         """Take down what drives the tendons by displacement in the state that is being solved, shape (m,)."""
         self.prescribed = np.where(self.by_displacement, inputs, np.nan)
+
+    def restart_time(self, time: float) -> None:
+        """Count time from now on from another value [s]; slip rates stay as they are."""
+        self.state = replace(self.state, time=time)
 
     def commit(self) -> None:
         """Take the present holes' states as history."""

@@ -58,6 +58,7 @@ def SolveTDCR(
     goals: list[Any] = []
     starts: list[Array | None] = []
     for robot in solver.robots:
+        robot.restart_time(startTime)
         over_time = robot.inputs if callable(robot.inputs) else None
         if over_time is not None:
             goals.append(over_time)
