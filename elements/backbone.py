@@ -6,6 +6,7 @@ with the axes renamed: beam (x, y, z) = section (z, x, y).
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -114,7 +115,7 @@ def add_residual_flexibility(stiffness: Array, lengths: Array, share: float = 1.
 def subdivide(
     length: float,
     disks: Sequence[float],
-    elements_per_bay: int,
+    elements_per_bay: int | Sequence[int],
     thickness: float = 0.0,
     extra: Sequence[float] = (),
     tolerance: float = 1e-9,
@@ -128,7 +129,8 @@ def subdivide(
     disks
         Arc lengths of the disks [m].
     elements_per_bay
-        Elements between neighbouring disks (between their faces where they are thick).
+        Elements between neighbouring disks (between their faces where they are thick); one number, or one for every
+        bay, the stretch beyond the last disk included.
     thickness
         Of the rigid insert at every disk [m].
     extra
@@ -141,6 +143,8 @@ def subdivide(
     arc_lengths : ndarray, shape (N,)
     rigid : ndarray of bool, shape (N-1,)
     """
+    bays = len(disks) + 1
+    counts = list(elements_per_bay) if isinstance(elements_per_bay, Sequence) else [elements_per_bay] * bays
     faces = [0.0]
     inserts: list[tuple[float, float]] = []
     for s in disks:
@@ -154,7 +158,7 @@ def subdivide(
     nodes: list[float] = [0.0]
     for a, b in pairwise(bounds):
         rigid = any(lo - tolerance <= a and b <= hi + tolerance for lo, hi in inserts)
-        parts = 1 if rigid else elements_per_bay
+        parts = 1 if rigid else counts[bisect_left(disks, 0.5 * (a + b))]
         nodes += [float(a + (b - a) * i / parts) for i in range(1, parts + 1)]
     for s in extra:
         if min(abs(s - x) for x in nodes) > tolerance:

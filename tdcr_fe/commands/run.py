@@ -124,7 +124,7 @@ def _solve(scenario: Scenario, quiet: bool) -> SequenceResult:
 
         def progress(step: StepResult) -> None:
             bar.set_postfix_str(step.label, refresh=False)
-            bar.update(1)
+            bar.update(step.step - bar.n)  # refining the mesh begins again with the first step
 
         return simulate(scenario.robot, scenario.model, scenario.steps, progress=progress)
 

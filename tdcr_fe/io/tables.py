@@ -67,6 +67,7 @@ def summary(
             "elements_per_bay": model.elements_per_bay,
             "gravity": list(model.gravity),
         },
+        "mesh": {"elements_per_bay": list(result.elements_per_bay)},
         "settings": dict(result.settings),
         "wall_time": result.wall_time,
         "converged": result.converged,
@@ -83,6 +84,8 @@ def summary(
                 "iterations": s.iterations,
                 "substeps": s.substeps,
                 "residual": s.residual,
+                "discretisation_error": s.discretisation_error,
+                "buckling_load_fraction": s.buckling_load_fraction,
             }
             for s in result.steps
         ],

@@ -79,15 +79,16 @@ class Model:
         From hole to hole, or along the backbone (the classical model, paper Eq. 9).
     friction : "none", "per-tendon" or "per-hole"
         One sign per tendon from the rate of its length (paper, Eqs. 15-31), or a state at each hole.
-    elements_per_bay : int or "auto"
-        Beam elements between neighbouring disks; "auto" lets the solver choose.
+    elements_per_bay : int, tuple of int or "auto"
+        Beam elements between neighbouring disks: one number, or one for every bay from the base plate on, the stretch
+        beyond the last disk included. "auto" lets the solver choose by the estimated error.
     gravity : (float, float, float)
         [m/s^2].
     """
 
     tendon_path: TendonPath = "straight"
     friction: Friction = "per-hole"
-    elements_per_bay: int | Literal["auto"] = "auto"
+    elements_per_bay: int | tuple[int, ...] | Literal["auto"] = "auto"
     gravity: Vector = (0.0, 0.0, 0.0)
 
     @property
@@ -95,6 +96,8 @@ class Model:
         """Elements a bay of the first mesh: the number given, or that which "auto" starts from."""
         if self.elements_per_bay == "auto":
             return STARTING_ELEMENTS_PER_BAY
+        if isinstance(self.elements_per_bay, tuple):
+            return max(self.elements_per_bay)
         return self.elements_per_bay
 
 

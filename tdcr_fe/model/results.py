@@ -54,6 +54,11 @@ class StepResult:
         Largest unbalanced force or moment over its tolerance's scale [1].
     actuation : Actuation or None
         Tendon inputs and loads that act at the end of the step; None where a result was made without a loading.
+    discretisation_error : float or None
+        Estimated error of the mesh: largest displacement of a node from where exact elements would have it [m]. None
+        where it was not estimated.
+    buckling_load_fraction : float or None
+        Largest axial compression of a bay over its buckling load ``pi^2 EI / a^2`` [1].
     details : mapping
         Whatever else the solver tells: smallest eigenvalue, trials of signs, energies ...
     """
@@ -72,6 +77,8 @@ class StepResult:
     hole_states: tuple[tuple[str, ...], ...]
     residual: float = 0.0
     actuation: Actuation | None = None
+    discretisation_error: float | None = None
+    buckling_load_fraction: float | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -132,6 +139,8 @@ class SequenceResult:
     warnings : tuple of str
     settings : mapping
         Numerical settings that were used.
+    elements_per_bay : tuple of int
+        Of the mesh the steps were solved with.
     """
 
     robot: Robot
@@ -143,6 +152,7 @@ class SequenceResult:
     wall_time: float = 0.0
     warnings: tuple[str, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
+    elements_per_bay: tuple[int, ...] = ()
 
     @property
     def tips(self) -> Array:

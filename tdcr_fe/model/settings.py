@@ -33,6 +33,9 @@ class SolverSettings:
         long step may land on an equilibrium that the robot does not reach from where it is [rad].
     presliding : float
         Distance that a tendon creeps through a hole from rest to full friction [m].
+    mesh_tolerance : float
+        Largest estimated discretisation error, as a fraction of the backbone's length, which the automatic mesh has to
+        meet and above which a step carries a warning [1]. Infinity leaves the estimate out.
     """
 
     tolerance: float = 1e-8
@@ -44,3 +47,4 @@ class SolverSettings:
     min_substep: float = 1.0 / 256.0
     max_substep_turn: float = 0.7
     presliding: float = 1e-6
+    mesh_tolerance: float = 1e-4

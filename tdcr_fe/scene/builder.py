@@ -154,8 +154,6 @@ def check_model(model: Model) -> None:
         )
     if model.friction not in FRICTION_MODELS:
         raise ValueError(f"friction {model.friction!r}; must be one of {', '.join(FRICTION_MODELS)}")
-    if model.starting_elements_per_bay < 1:
-        raise ValueError(f"elements_per_bay {model.elements_per_bay}; must be 1 or more")
 
 
 def check_arc_lengths(arc_lengths: Sequence[float], length: float) -> None:

@@ -183,6 +183,11 @@ class TDCR:
             mode[names.index(name)] = by_displacement
         self.actuation.inputs, self.actuation.by_displacement = values, mode
 
+    @property
+    def compliance_factor(self) -> float:
+        """Factor on the backbone's compliance in bending and torsion [1]."""
+        return self._compliance
+
     def set_compliance_factor(self, factor: float) -> None:
         """Make the backbone softer in bending and torsion by a factor on its compliance [1].
 

@@ -17,6 +17,35 @@ from tdcr_fe.elements.backbone import (
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 
+#: Elements along the backbone that ``elements_per_bay = "auto"`` starts from, and the most in one bay.
+STARTING_ELEMENTS, MOST_STARTING_PER_BAY = 20, 8
+
+
+def elements_of_bays(robot: Robot, model: Model) -> tuple[int, ...]:
+    """Elements of every bay, the stretch beyond the last disk included, shape (disks + 1,).
+
+    With "auto" the first mesh follows from geometry: elements about a twentieth of the backbone long, and at most eight
+    in a bay. The paper's robot with 13 disks has two a bay, and an error of 3e-5 of the length at 98 degrees.
+
+    Raises
+    ------
+    ValueError
+        Not one number per bay, or a number below 1.
+    """
+    given, length = model.elements_per_bay, robot.backbone.length
+    edges = np.array([0.0, *robot.disks.positions, length])
+    bays = len(edges) - 1
+    if given == "auto":
+        wanted = np.ceil(np.diff(edges) * STARTING_ELEMENTS / length - 1e-6)
+        return tuple(int(n) for n in np.clip(wanted, 1, MOST_STARTING_PER_BAY))
+    counts = given if isinstance(given, tuple) else (int(given),) * bays
+    if len(counts) != bays or min(counts) < 1:
+        raise ValueError(
+            f'elements_per_bay {given}; must be "auto", a number of 1 or more, or {bays} such numbers: one for every '
+            "bay from the base plate on and one for the stretch beyond the last disk"
+        )
+    return counts
+
 
 def build_mesh(
     robot: Robot, model: Model, extra: Iterable[float] = ()
@@ -32,9 +61,8 @@ def build_mesh(
     """
     b, d = robot.backbone, robot.disks
     edges = [x for p in b.patches for x in (p.start, p.end) if 0.0 < x < b.length]
-    arc, rigid = subdivide(
-        b.length, d.positions, model.starting_elements_per_bay, d.thickness, [*extra, *edges]
-    )
+    counts = elements_of_bays(robot, model)
+    arc, rigid = subdivide(b.length, d.positions, counts, d.thickness, [*extra, *edges])
     middle = 0.5 * (arc[1:] + arc[:-1])
     bending, torsion = b.stiffness_factors(middle)
     one = np.ones_like(middle)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from itertools import zip_longest
+from math import isfinite
 from typing import Any
 
 import exudyn as exu
@@ -18,6 +20,15 @@ from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
+from tdcr_fe.scene.mesh import elements_of_bays
+from tdcr_fe.solve.mesh import (
+    MOST_MESHES,
+    MeshEstimate,
+    MeshMonitor,
+    error_order,
+    mesh_warnings,
+    refined,
+)
 from tdcr_fe.solve.solver import NotConverged, StrainSpaceSolver
 from tdcr_fe.solve.stepping import Applied, LoadStepper, StepFailed, Waypoint
 
@@ -200,7 +211,8 @@ def simulate(
     settings
         Numerics.
     progress
-        Called with every solved step.
+        Called with every solved step; once more from the first step on where the automatic mesh is refined. The
+        discretisation error is in the final result only.
     guide
         Trajectory of a similar run of the same number of steps, for sensitivities: the same substeps are taken,
         each from the guide's state, which costs about two iterations a substep.
@@ -226,41 +238,105 @@ def simulate(
     settings = settings or SolverSettings()
     begun = time.perf_counter()
     targets = resolve(robot, steps)
-    simulation = Simulation(robot, model, targets, settings)
-    solved: list[StepResult] = []
-    warnings: list[str] = []
-    failed, message = None, "all steps converged"
-    for number, (step, target) in enumerate(zip(steps, targets, strict=True), start=1):
-        try:
-            waypoints: list[Waypoint] = []
-            report = simulation.advance(
-                target, step.substeps, None if guide is None else guide[number - 1], waypoints
-            )
-            if record is not None:
-                record.append(waypoints)
-        except StepFailed as failure:
-            failed = number
-            label = f" ({step.label})" if step.label else ""
-            message = f"step {number}{label} did not converge: {failure}"
+    counts = elements_of_bays(robot, model)
+    automatic = model.elements_per_bay == "auto" and guide is None
+    for meshes in range(1, MOST_MESHES + 1):
+        if record is not None:
+            record.clear()
+        run = _Run(robot, replace(model, elements_per_bay=counts), steps, targets, settings, progress)
+        finer = run.take_steps(guide, record, automatic and meshes < MOST_MESHES)
+        if finer is None:
             break
-        except KeyboardInterrupt:
-            failed, message = number, "interrupted"
-            break
-        solved.append(simulation.result(number, step.label, report, target))
-        warnings += _warnings(number, report)
-        if progress is not None:
-            progress(solved[-1])
+        counts = finer
+    estimates = run.monitor.estimates
+    warnings = run.warnings + mesh_warnings(run.simulation.handle, model, estimates, settings.mesh_tolerance)
     return SequenceResult(
         robot=robot,
         model=model,
-        steps=tuple(solved),
-        converged=failed is None,
-        message=message,
-        failed_step=failed,
+        steps=tuple(_estimated(step, e) for step, e in zip_longest(run.solved, estimates)),
+        converged=run.failed is None,
+        message=run.message,
+        failed_step=run.failed,
         wall_time=time.perf_counter() - begun,
         warnings=tuple(warnings),
         settings=asdict(settings),
+        elements_per_bay=counts,
     )
+
+
+def _estimated(step: StepResult, estimate: MeshEstimate | None) -> StepResult:
+    """A step with its discretisation error, where that was estimated."""
+    if estimate is None:
+        return step
+    return replace(
+        step,
+        discretisation_error=estimate.largest,
+        buckling_load_fraction=float(estimate.bay_loads.max()),
+    )
+
+
+class _Run:
+    """One run through a loading sequence with one mesh."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        model: Model,
+        steps: Sequence[LoadStep],
+        targets: Sequence[Actuation],
+        settings: SolverSettings,
+        progress: Callable[[StepResult], None] | None,
+    ) -> None:
+        self.steps, self.targets, self.progress = steps, targets, progress
+        self.simulation = Simulation(robot, model, targets, settings)
+        self.tolerance = settings.mesh_tolerance
+        self.goal = self.tolerance * robot.backbone.length
+        self.monitor = MeshMonitor(self.simulation.handle, self.simulation.solver, self.goal)
+        self.solved: list[StepResult] = []
+        self.warnings: list[str] = []
+        self.failed: int | None = None
+        self.message = "all steps converged"
+
+    def take_steps(
+        self, guide: Trajectory | None, record: Trajectory | None, refine: bool
+    ) -> tuple[int, ...] | None:
+        """Solve all steps; or return the elements per bay of the finer mesh that they need."""
+        estimated = isfinite(self.tolerance)
+        for number, (step, target) in enumerate(zip(self.steps, self.targets, strict=True), start=1):
+            try:
+                waypoints: list[Waypoint] = []
+                report = self.simulation.advance(
+                    target, step.substeps, None if guide is None else guide[number - 1], waypoints
+                )
+                if record is not None:
+                    record.append(waypoints)
+            except StepFailed as failure:
+                label = f" ({step.label})" if step.label else ""
+                self.failed, self.message = number, f"step {number}{label} did not converge: {failure}"
+                break
+            except KeyboardInterrupt:
+                self.failed, self.message = number, "interrupted"
+                return None
+            if estimated and self.monitor.record() and refine and self._too_coarse():
+                return self._finer()
+            self.solved.append(self.simulation.result(number, step.label, report, target))
+            self.warnings += _warnings(number, report)
+            if self.progress is not None:
+                self.progress(self.solved[-1])
+        self.monitor.flush()
+        return self._finer() if refine and self._too_coarse() else None
+
+    def _too_coarse(self) -> bool:
+        """Whether any step estimated so far misses the tolerance."""
+        return any(not e.largest <= self.goal for e in self.monitor.estimates)
+
+    def _finer(self) -> tuple[int, ...] | None:
+        """Elements per bay of a finer mesh; None where the limit is reached."""
+        counts = self.simulation.handle.model.elements_per_bay
+        assert isinstance(counts, tuple)
+        order = error_order(self.simulation.handle)
+        finer = refined(counts, self.monitor.estimates, self.goal, order)
+        return None if finer == counts else finer
 
 
 __all__ = ["NotConverged", "Simulation", "SolverSettings", "Trajectory", "simulate"]

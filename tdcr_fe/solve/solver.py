@@ -439,6 +439,19 @@ class StrainSpaceSolver:
             self._sign = 1 if turned % 2 == 0 else -1
         return self._sign
 
+    @property
+    def clamped(self) -> list[int]:
+        """Numbers of the robots whose base is clamped to ground."""
+        return list(self._clamps)
+
+    def factorised(self) -> tuple[tuple[Array, Array], Sequence[ElementChain]]:
+        """Factors of the tangent used last, and the elements in whose frames it is; formed where there is none."""
+        if self._factors is None or len(self._factors[0]) != self._linear:
+            self._load_scale = 0.0
+            self._factorise(0.0, self._unbalanced(0.0))
+        assert self._factors is not None
+        return self._factors, self._then
+
     def _solve_linear(self, right: Array) -> Array:
         assert self._factors is not None
         solution, _ = dgetrs(*self._factors, right, trans=1)

@@ -1,0 +1,239 @@
+"""Discretisation error: the estimate against finer meshes, automatic refinement, and what a run says of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import BACKBONE, LENGTH, paper, pull, three
+
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.model.robot import Backbone, Disks, Robot, Superelastic, Tendon
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
+from tdcr_fe.scene.mesh import elements_of_bays
+from tdcr_fe.solve.mesh import POINTS, WEIGHTS, MeshEstimate, _collocation_matrix, refined
+from tdcr_fe.solve.simulate import SolverSettings, simulate
+
+#: Finer mesh that the estimate is held against: elements per element.
+FINER = 8
+
+
+def random_case(seed: int) -> tuple[Robot, Model, list[LoadStep]]:
+    """A robot with one or two segments and load steps, drawn over the options that change the error of the mesh."""
+    rng = np.random.default_rng([77, seed])
+    segments = int(rng.integers(1, 3))
+    disks = int(rng.integers(3, 21 if segments == 1 else 11))
+    length = float(rng.uniform(0.15, 0.3)) * segments
+    backbone = Backbone(
+        length,
+        float(rng.uniform(0.35e-3, 0.5e-3)),
+        85e9,
+        0.3,
+        5600.0,
+        precurvature=(0.0, 0.0) if rng.random() < 0.7 else tuple(rng.uniform(-2.0, 2.0, 2).tolist()),
+        superelastic=None if rng.random() < 0.75 else Superelastic(0.002, 0.4),
+    )
+    ends = [length * (k + 1) / segments for k in range(segments)]
+    tendons = []
+    for k, end in enumerate(ends):
+        for i in range(3):
+            angle = 120.0 * i + 60.0 * k
+            offset = float(rng.uniform(3e-3, 5e-3))
+            kind = rng.choice(["parallel", "parallel", "helical", "converging"])
+            routing = {
+                "parallel": ParallelRouting(offset, angle),
+                "helical": HelicalRouting(offset, float(rng.uniform(-1.0, 1.0)), angle),
+                "converging": ConvergingRouting(offset, 0.4 * offset, angle),
+            }[str(kind)]
+            tendons.append(Tendon(f"t{3 * k + i + 1}", routing, friction_coefficient=0.2, end=end))
+    robot = Robot(
+        backbone,
+        Disks.equally_spaced(disks * segments, length, mass=2e-4, thickness=float(rng.choice([0.0, 2e-3]))),
+        tuple(tendons),
+    )
+    path = str(rng.choice(["straight", "continuous"]))
+    friction = "none" if path == "continuous" else str(rng.choice(["none", "per-hole", "per-tendon"]))
+    gravity = (0.0, 0.0, 0.0) if rng.random() < 0.5 else tuple((9.81 * rng.standard_normal(3) / 2.0).tolist())
+    stiffness = backbone.EI / length**2
+    force = tuple((rng.uniform(0.0, 1.5) * stiffness * rng.standard_normal(3)).tolist())
+    largest = rng.uniform(0.5, 2.0) * backbone.EI / length / 4.5e-3
+    pulled = {f"t{3 * k + int(rng.integers(1, 4))}": float(largest / segments) for k in range(segments)}
+    steps = [
+        LoadStep(f"{share:g}", {n: share * x for n, x in pulled.items()}, loads={"tip": Load(length, force)})
+        for share in (0.5, 1.0)
+    ]
+    return robot, Model(path, friction, gravity=gravity), steps  # type: ignore[arg-type]
+
+
+def true_errors(coarse: SequenceResult, fine: SequenceResult) -> np.ndarray:
+    """Largest distance of a node from where the finer mesh has it, by step [m]."""
+    at = [int(np.argmin(np.abs(fine.steps[0].s - s))) for s in coarse.steps[0].s]
+    return np.array(
+        [
+            np.max(np.linalg.norm(c.positions - f.positions[at], axis=1))
+            for c, f in zip(coarse.steps, fine.steps, strict=True)
+        ]
+    )
+
+
+def ratios(seed: int, per_bay: int = 1) -> list[tuple[float, float]]:
+    """True error over the length, and estimate over true error, of the steps of a random case."""
+    robot, model, steps = random_case(seed)
+    settings = SolverSettings(presliding=1e-5)
+    coarse = simulate(robot, replace(model, elements_per_bay=per_bay), steps, settings)
+    fine = simulate(robot, replace(model, elements_per_bay=per_bay * FINER), steps, settings)
+    if not (coarse.converged and fine.converged) or any(
+        "snapped" in w for w in coarse.warnings + fine.warnings
+    ):
+        return []
+    true = true_errors(coarse, fine)
+    return [
+        (float(t) / robot.backbone.length, float(s.discretisation_error or 0.0) / float(t))
+        for s, t in zip(coarse.steps, true, strict=True)
+    ]
+
+
+def check(seed: int) -> None:
+    for error, ratio in ratios(seed):
+        # Above 3 % of the length the error is no small change any more: it must still be seen to be large.
+        if 1e-6 < error < 0.03:
+            assert 0.5 < ratio < 2.0, (seed, error, ratio)
+        elif error >= 0.03:
+            assert error * ratio > 0.01, (seed, error, ratio)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_estimate_lies_within_a_factor_of_two_of_the_true_error(seed: int) -> None:
+    """True: against a mesh eight times as fine."""
+    check(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(12, 80))
+def test_the_estimate_lies_within_a_factor_of_two_of_the_true_error_of_many_robots(seed: int) -> None:
+    """The same with more robots."""
+    check(seed)
+
+
+@pytest.mark.parametrize(
+    ("robot", "model", "load"),
+    [
+        (paper(), Model(friction="none"), (0.0, 0.0, 0.0)),
+        (paper(), Model(friction="none"), (0.0, 0.05, 0.0)),
+        (paper(0.3), Model(), (0.0, 0.05, 0.0)),
+        (paper(), Model("continuous", "none"), (0.0, 0.05, 0.0)),
+        (
+            paper(backbone=replace(BACKBONE, density=5e4)),
+            Model(friction="none", gravity=(9.81, 0, 0)),
+            (0, 0, 0),
+        ),
+    ],
+    ids=["in plane", "out of plane", "friction", "continuous", "weight"],
+)
+def test_the_estimate_tends_to_the_true_error(
+    robot: Robot, model: Model, load: tuple[float, float, float]
+) -> None:
+    """With two elements a bay it is within 5 % of the distance to a mesh eight times as fine."""
+    steps = [LoadStep("", {"t1": 1.5}, loads={"tip": Load(LENGTH, load)})]
+    coarse = simulate(robot, replace(model, elements_per_bay=2), steps)
+    fine = simulate(robot, replace(model, elements_per_bay=16), steps)
+    assert coarse.steps[0].discretisation_error == pytest.approx(true_errors(coarse, fine)[0], rel=0.08)
+
+
+def test_a_driven_tendon_keeps_its_length_in_the_estimate() -> None:
+    """With displacements the taut tendons are a constraint of the tangent."""
+    steps = [LoadStep("", displacements={"t1": 4e-3, "t2": -2e-3, "t3": -2e-3})]
+    robot = three(0.0, disks=Disks.equally_spaced(5, LENGTH))
+    coarse = simulate(robot, Model(friction="none", elements_per_bay=2), steps)
+    fine = simulate(robot, Model(friction="none", elements_per_bay=16), steps)
+    true = true_errors(coarse, fine)[0]
+    assert true > 1e-7 * LENGTH
+    assert coarse.steps[0].discretisation_error == pytest.approx(true, rel=0.3)
+
+
+def test_a_pure_moment_has_no_discretisation_error() -> None:
+    """A continuous parallel tendon bends the backbone into an arc, which one element follows exactly."""
+    result = simulate(paper(), Model("continuous", "none", 1), pull(2.5))
+    assert result.steps[0].discretisation_error < 1e-12
+
+
+def test_collocation_integrates_cubics_exactly() -> None:
+    for power in range(4):
+        np.testing.assert_allclose(
+            _collocation_matrix() @ POINTS**power, POINTS ** (power + 1) / (power + 1), atol=1e-14
+        )
+    assert WEIGHTS.sum() == pytest.approx(1.0)
+
+
+def test_the_automatic_mesh_meets_its_tolerance() -> None:
+    """Three disks a segment: 0.07 to 0.12 % of the length off with four elements a bay on e3bbe5d, unsaid."""
+    robot = paper()
+    robot = replace(robot, disks=Disks.equally_spaced(3, LENGTH))
+    steps = [LoadStep("", {"t1": 2.5}, loads={"tip": Load(LENGTH, (0.0, 0.05, 0.0))})]
+    result = simulate(robot, Model(friction="none"), steps)
+    fine = simulate(robot, Model(friction="none", elements_per_bay=32), steps)
+    assert np.linalg.norm(result.steps[0].tip - fine.steps[0].tip) < 1e-4 * LENGTH
+    assert result.steps[0].discretisation_error < 1e-4 * LENGTH
+    assert not any("too coarse" in w for w in result.warnings)
+
+
+def test_refinement_begins_where_a_coarse_start_is_not_enough() -> None:
+    """A tolerance below the error of the first mesh makes it finer, and the result keeps the user's model."""
+    model = Model(friction="none")
+    settings = SolverSettings(mesh_tolerance=1e-6)
+    result = simulate(paper(), model, pull(1.0, 2.5), settings)
+    assert max(result.elements_per_bay) > max(elements_of_bays(paper(), model))
+    assert all(s.discretisation_error < 1e-6 * LENGTH for s in result.steps)
+    assert result.model == model
+    assert len(result.steps) == 2
+
+
+def test_a_number_of_ones_own_is_kept_and_its_error_reported() -> None:
+    """Three disks with one element a bay are far off; the run says so and how much."""
+    robot = replace(paper(), disks=Disks.equally_spaced(3, LENGTH))
+    result = simulate(robot, Model(friction="none", elements_per_bay=1), pull(2.5))
+    assert result.elements_per_bay == (1, 1, 1, 1)
+    assert result.steps[0].discretisation_error > 1e-4 * LENGTH
+    assert any("too coarse" in w and "step 1" in w for w in result.warnings)
+
+
+def test_steep_displacements_are_reported() -> None:
+    """(0, 5, -2.5) mm on three tendons, steep: e3bbe5d said nothing of 1.9 % between two meshes."""
+    steps = [LoadStep("", displacements={"t1": 0.0, "t2": 5e-3, "t3": -2.5e-3}, substeps=4)]
+    coarse = simulate(three(0.3), Model(elements_per_bay=2), steps)
+    assert any("too coarse" in w for w in coarse.warnings)
+    assert any("buckling load" in w and "bay 13" in w for w in coarse.warnings)
+    assert coarse.steps[0].buckling_load_fraction > 0.7
+
+
+def test_a_bay_under_a_known_force_has_the_fraction_of_eulers_load() -> None:
+    """A straight column between two disks under an axial force N: N a^2 / (pi^2 EI)."""
+    backbone = replace(BACKBONE, length=0.02)
+    robot = Robot(backbone, Disks((0.02,)), ())
+    force = 0.3 * np.pi**2 * backbone.EI / 0.02**2
+    step = LoadStep("", loads={"tip": Load(0.02, (0.0, 0.0, -force))})
+    result = simulate(robot, Model(friction="none"), [step])
+    assert result.steps[0].buckling_load_fraction == pytest.approx(0.3, rel=1e-3)
+
+
+def test_refinement_gives_elements_to_the_bays_that_need_them() -> None:
+    estimate = MeshEstimate(np.zeros((4, 3)), np.array([1e-5, 0.0, 16e-5]), np.zeros(3))
+    counts = refined((2, 2, 2), [estimate], 1e-6, 4)
+    assert counts[1] == 2
+    assert counts[2] > counts[0] > 2
+
+
+def test_elements_per_bay_can_be_given_for_every_bay() -> None:
+    counts = (3, 1, 2, 4)
+    robot = replace(paper(), disks=Disks((0.05, 0.1, 0.2)), tendons=())
+    result = simulate(robot, Model(friction="none", elements_per_bay=counts), [LoadStep()])
+    assert len(result.steps[0].s) == 1 + sum(counts)
+    with pytest.raises(ValueError, match="elements_per_bay"):
+        simulate(robot, Model(friction="none", elements_per_bay=(1, 2)), [LoadStep()])
+
+
+def test_no_estimate_is_made_where_the_tolerance_is_infinite() -> None:
+    result = simulate(paper(), Model(friction="none"), pull(1.0), SolverSettings(mesh_tolerance=np.inf))
+    assert result.steps[0].discretisation_error is None
