@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment
 from tdcr_fe.effects.actuation import loads_between
 from tdcr_fe.io.measured import Reading
-from tdcr_fe.model.interpolation import interpolate_positions
+from tdcr_fe.model.channels import Channel, Location, ObservedStep, channel
 from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 
 Array = NDArray[np.float64]
@@ -246,7 +246,7 @@ def _quiet_worker() -> None:
 
 
 class Reader:
-    """Reads off a run what the instruments would show.
+    """Predicts readings from a run, by the channels of `tdcr_fe.model.channels`.
 
     Parameters
     ----------
@@ -263,25 +263,18 @@ class Reader:
     ) -> None:
         index = {n: i for i, n in enumerate(step_ids)}
         self.count = len(readings)
-        self.step = np.array([index[r.step] for r in readings])
-        quantity = np.array([r.quantity for r in readings])
-        self._axes = {a: np.flatnonzero(quantity == f"position_{a}") for a in "xyz"}
-        self._places = np.unique([r.location for r in readings if isinstance(r.location, float)])
-        self._place = np.array(
-            [
-                int(np.searchsorted(self._places, r.location)) if isinstance(r.location, float) else 0
-                for r in readings
-            ]
-        )
-        tendon = {n: i for i, n in enumerate(tendon_names)}
-        self._tendon = np.array([tendon[r.location] if isinstance(r.location, str) else 0 for r in readings])
-        self._of = {
-            q: np.flatnonzero(quantity == q)
-            for q in ("bending_angle", "chord_angle", "tip_offset", "tendon_displacement", "distal_tension")
-        }
+        self.step = np.array([index[r.step] for r in readings], dtype=int)
+        self.tendon_names = tuple(tendon_names)
+        groups: dict[tuple[int, str], list[int]] = {}
+        for i, r in enumerate(readings):
+            groups.setdefault((index[r.step], r.quantity), []).append(i)
+        self._groups: dict[int, list[tuple[Channel, Array, list[Location]]]] = {}
+        for (k, quantity), which in groups.items():
+            locations = [readings[i].location for i in which]
+            self._groups.setdefault(k, []).append((channel(quantity), np.array(which), locations))
 
     def read(self, run: Run, experiment: Experiment) -> Array:
-        """What would be read [m, rad, N], shape (n,); NaN where the run did not get.
+        """What would be read, in the readings' units, shape (n,); NaN for steps that were not solved.
 
         Parameters
         ----------
@@ -293,31 +286,19 @@ class Reader:
         out = np.full(self.count, np.nan)
         frame = Rotation.from_rotvec(np.array(experiment.observation.rotation)).as_matrix()
         offset = np.array([*experiment.observation.offset, 0.0])
-        n = run.positions.shape[0]
-        if self._places.size:
-            seen = np.full((n, self._places.size, 3), np.nan)
-            nodes = np.argmin(np.abs(self._places[:, None] - run.s), axis=1)
-            exact = np.max(np.abs(run.s[nodes] - self._places)) < 2e-6
-            for k in range(run.solved):
-                p, r = run.positions[k], run.rotations[k]
-                at = p[nodes] if exact else interpolate_positions(run.s, p, r, self._places)
-                seen[k] = at + r[nodes] @ offset
-            seen = seen @ frame.T
-            for axis, which in enumerate("xyz"):
-                i = self._axes[which]
-                out[i] = seen[self.step[i], self._place[i], axis]
-        tip = (run.positions[:, -1] + run.rotations[:, -1] @ offset) @ frame.T
-        tangent = run.rotations[:, -1, :, 2] @ frame.T
-        angles = {
-            "bending_angle": np.arctan2(np.hypot(tangent[:, 0], tangent[:, 1]), tangent[:, 2]),
-            "chord_angle": np.arctan2(np.hypot(tip[:, 0], tip[:, 1]), tip[:, 2]),
-            "tip_offset": np.hypot(tip[:, 0], tip[:, 1]),
-        }
-        for q, values in angles.items():
-            out[self._of[q]] = values[self.step[self._of[q]]]
-        for q, table in (("tendon_displacement", run.displacements), ("distal_tension", run.distal_tensions)):
-            i = self._of[q]
-            out[i] = table[self.step[i], self._tendon[i]]
+        for k in range(run.solved):
+            step = ObservedStep(
+                run.s,
+                run.positions[k],
+                run.rotations[k],
+                run.displacements[k],
+                run.distal_tensions[k],
+                self.tendon_names,
+                frame,
+                offset,
+            )
+            for known, which, locations in self._groups.get(k, ()):
+                out[which] = known.predict(step, locations)
         return out
 
 

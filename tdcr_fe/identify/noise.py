@@ -53,9 +53,7 @@ def estimate_sigma(data: MeasuredData, residual: Array) -> tuple[Array, bool]:
     missing = np.isnan(sigma)
     if not np.any(missing):
         return sigma, False
-    kinds = np.array([r.quantity for r in data.readings])
-    families = {q: "position" if q.startswith("position_") else q for q in set(kinds.tolist())}
-    family = np.array([families[q] for q in kinds])
+    family = np.array([r.channel.family for r in data.readings])
     for kind in set(family[missing].tolist()):
         seconds = []
         for i in series(data.readings):
@@ -67,8 +65,8 @@ def estimate_sigma(data: MeasuredData, residual: Array) -> tuple[Array, bool]:
         scatter = (
             1.4826 * float(np.median(values)) / (math.sqrt(6.0) if seconds else 1.0) if values.size else 0.0
         )
-        unit = data.readings[int(np.flatnonzero(family == kind)[0])].unit
-        floor = {"m": 2e-5 * data.robot.backbone.length, "rad": 2e-5, "N": 1e-5}[unit]
+        known = data.readings[int(np.flatnonzero(family == kind)[0])].channel
+        floor = known.resolution(data.robot.backbone.length)
         sigma[missing & (family == kind)] = max(scatter, floor)
     return sigma, True
 

@@ -12,7 +12,6 @@ from tdcr_fe.identify import figures
 from tdcr_fe.identify.next_step import effects_block, observation_effects, scenario_text
 from tdcr_fe.identify.outcome import IdentificationResult, Misfit
 from tdcr_fe.identify.remarks import half_width, remarks
-from tdcr_fe.io.measured import QUANTITIES
 from tdcr_fe.io.tables import versions
 from tdcr_fe.report import page as kit
 from tdcr_fe.report.environment import SPACE, estimate, fixed, quantity, shown_unit, significant, words
@@ -273,7 +272,7 @@ def _data_section(result: IdentificationResult) -> Section:
             "step": readings[i].step,
             "quantity": words(readings[i].quantity),
             "location": "" if readings[i].location is None else readings[i].location,
-            "value": f"{readings[i].value:.6g} {QUANTITIES[readings[i].quantity][1]}",
+            "value": f"{readings[i].value:.6g} {readings[i].unit}",
             "sigma": f"{r:+.1f}",
         }
         for i, r in result.outliers

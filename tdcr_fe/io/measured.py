@@ -6,7 +6,7 @@ import difflib
 import io
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,25 +15,17 @@ import numpy as np
 import pandas as pd
 
 from tdcr_fe.io.toml import InputError, Problem, digest, model_to_toml, read_model, read_robot, robot_to_toml
+from tdcr_fe.model.channels import QUANTITIES, Channel, channel
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import ARC_TOLERANCE, Robot
 
-#: Every quantity that can be measured: what its location is, and the unit of value and sigma.
-QUANTITIES: dict[str, tuple[str, str]] = {
-    "position_x": ("arc length", "m"),
-    "position_y": ("arc length", "m"),
-    "position_z": ("arc length", "m"),
-    "bending_angle": ("", "rad"),
-    "chord_angle": ("", "rad"),
-    "tip_offset": ("", "m"),
-    "tendon_displacement": ("tendon", "m"),
-    "distal_tension": ("tendon", "N"),
-}
-
 OBSERVATION_COLUMNS = ("step", "quantity", "location", "value", "sigma")
 
-#: A position or displacement beyond this many lengths of the backbone is not one of this robot [1].
-REACH = 1.5
+#: Share of rows left out above which the rest is not trusted [1].
+MOST_LEFT_OUT = 0.5
+
+#: Share of values that look like another unit above which all values are doubted [1].
+MANY_IN_ANOTHER_UNIT = 0.1
 
 
 @dataclass(frozen=True)
@@ -45,11 +37,11 @@ class Reading:
     step : int
         Of the loading sequence, as the file numbers it.
     quantity : str
-        A key of `QUANTITIES`.
+        Of a channel in `tdcr_fe.model.channels.CHANNELS`.
     location : float, str or None
         Arc length [m], tendon name, or None where the quantity has no location.
     value : float
-        [m, rad or N].
+        In the unit of the quantity.
     sigma : float or None
         Standard uncertainty, in the unit of the value; None where it is not known.
     line : int
@@ -64,9 +56,14 @@ class Reading:
     line: int = 0
 
     @property
+    def channel(self) -> Channel:
+        """Unit, display and prediction of the quantity."""
+        return channel(self.quantity)
+
+    @property
     def unit(self) -> str:
         """Of value and sigma."""
-        return QUANTITIES[self.quantity][1]
+        return self.channel.unit
 
 
 @dataclass(frozen=True)
@@ -82,6 +79,8 @@ class BadRow:
         Where the mistake is, and what stands there.
     allowed : str
         What is allowed there.
+    unit : str
+        The unit in which the value would be plausible, where it is not in the right one: "mm", "degrees".
     """
 
     file: str
@@ -89,6 +88,7 @@ class BadRow:
     column: str
     value: str
     allowed: str
+    unit: str = ""
 
     def __str__(self) -> str:
         """One line."""
@@ -168,7 +168,8 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
     Raises
     ------
     InputError
-        A file or column is missing, a load step is not sound (its history would be lost), or no reading is sound.
+        A file or column is missing, a load step is not sound (its history would be lost), no reading is sound, or
+        so many had to be left out that the rest cannot be trusted.
     """
     folder = Path(folder)
     problems: list[Problem] = []
@@ -204,10 +205,11 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
     if problems:
         raise InputError(problems)
     readings, bad = _observations(observed, robot, set(step_ids), file)
-    if bad and (strict or not readings):
+    if bad and strict:
         raise InputError(
             [Problem(b.file, f"line {b.line}, {b.column}", b.value or "empty", b.allowed) for b in bad]
         )
+    _refuse_if_doubtful(bad, len(readings) + len(bad), robot, file)
     if not readings:
         raise InputError([Problem(file, "", "", "has no readings")])
     names = [
@@ -371,7 +373,7 @@ def _observations(
             place = reading.location
             key = (reading.step, reading.quantity, round(place, 7) if isinstance(place, float) else place)
             if key in seen:
-                fault = (
+                fault = _Fault(
                     "step",
                     f"the same quantity at the same place and step stands in line {seen[key]}; that one is kept",
                 )
@@ -379,61 +381,130 @@ def _observations(
                 seen[key] = line
                 readings.append(reading)
         if fault is not None:
-            bad.append(BadRow(name, line, fault[0], str(row[fault[0]]), fault[1]))
+            bad.append(BadRow(name, line, fault.column, str(row[fault.column]), fault.allowed, fault.unit))
     return readings, bad
+
+
+@dataclass(frozen=True)
+class _Fault:
+    """What is wrong with a row: the column, what is allowed there, and the unit that was probably meant."""
+
+    column: str
+    allowed: str
+    unit: str = ""
 
 
 def _reading(
     row: Mapping[Any, Any], robot: Robot, steps: set[int], line: int
-) -> tuple[tuple[str, str] | None, Reading | None]:
+) -> tuple[_Fault | None, Reading | None]:
     """A reading, or the column and what is allowed there."""
-    length = robot.backbone.length
     step = _whole(row["step"])
     if step is None or step not in steps:
-        return ("step", "must be a step of loading.csv"), None
+        return _Fault("step", "must be a step of loading.csv"), None
     quantity = row["quantity"]
     if quantity not in QUANTITIES:
         near = difflib.get_close_matches(quantity, QUANTITIES, n=1)
         hint = f"; did you mean {near[0]}?" if near else ""
-        return ("quantity", f"must be one of {', '.join(QUANTITIES)}{hint}"), None
-    kind, unit = QUANTITIES[quantity]
-    location: float | str | None = None
-    if kind == "arc length":
-        place = _number(row["location"])
-        if not 0.0 <= place <= length + 10 * ARC_TOLERANCE:
-            hint = _millimetres(place, length) if math.isfinite(place) else ""
-            return ("location", f"must be an arc length from 0 to {length:g} m{hint}"), None
-        location = min(place, length)
-    elif kind == "tendon":
-        location = row["location"]
-        if location not in robot.tendon_names:
-            return ("location", f"must be a tendon: {', '.join(robot.tendon_names)}"), None
-    elif row["location"] != "":
-        return ("location", f"must be empty for {quantity}"), None
+        return _Fault("quantity", f"must be one of {', '.join(QUANTITIES)}{hint}"), None
+    known = channel(quantity)
+    fault, location = _location(known, row["location"], robot)
     value = _number(row["value"])
-    if math.isnan(value):
-        return ("value", f"must be a finite number [{unit}]"), None
-    limit = {"m": REACH * length, "rad": math.pi + 0.2, "N": math.inf}[unit]
-    if abs(value) > limit:
-        if unit == "rad":
-            fits = math.radians(abs(value)) <= limit
-            hint = f"; {math.radians(value):.4g} would fit, are these degrees?" if fits else ""
-            return ("value", f"must be an angle from 0 to pi rad{hint}"), None
-        return (
-            "value",
-            f"out of the reach of a robot of {length:g} m; must be in m{_millimetres(value, limit)}",
-        ), None
-    if unit == "rad" and value < -0.2:
-        return ("value", f"{quantity} is an angle from the z axis, from 0 to pi rad"), None
+    fault = fault or _value_fault(known, value, robot.backbone.length)
     sigma: float | None = None
-    if row["sigma"] != "":
+    if fault is None and row["sigma"] != "":
         sigma = _number(row["sigma"])
-        if not sigma > 0.0:
-            return ("sigma", f"must be positive and finite [{unit}], or empty where it is not known"), None
-        if sigma > {"m": 0.5 * length, "rad": 1.6, "N": math.inf}[unit]:
-            slip = "degrees" if unit == "rad" else "mm"
-            return ("sigma", f"larger than the robot allows; must be in {unit}, is this {slip}?"), None
+        fault = _sigma_fault(known, sigma, robot.backbone.length)
+    if fault is not None:
+        return fault, None
     return None, Reading(step, quantity, location, value, sigma, line)
+
+
+def _location(known: Channel, text: str, robot: Robot) -> tuple[_Fault | None, float | str | None]:
+    """The location of a reading, or what is wrong with it."""
+    length = robot.backbone.length
+    if known.location == "arc length":
+        s = _number(text)
+        if not 0.0 <= s <= length + 10 * ARC_TOLERANCE:
+            hint = _millimetres(s, length) if math.isfinite(s) else ""
+            fault = _Fault(
+                "location", f"must be an arc length from 0 to {length:g} m{hint}", "mm" if hint else ""
+            )
+            return fault, None
+        return None, min(s, length)
+    if known.location == "tendon":
+        if text not in robot.tendon_names:
+            return _Fault("location", f"must be a tendon: {', '.join(robot.tendon_names)}"), None
+        return None, text
+    if text != "":
+        return _Fault("location", f"must be empty for {known.quantity}"), None
+    return None, None
+
+
+def _value_fault(known: Channel, value: float, length: float) -> _Fault | None:
+    """What is wrong with a value."""
+    if math.isnan(value):
+        return _Fault("value", f"must be a finite number [{known.unit}]")
+    low, high = known.limits(length)
+    if low <= value <= high:
+        return None
+    converted = value * known.mistaken_factor
+    beyond = abs(value) > max(abs(low), abs(high))
+    unit = known.mistaken_unit if beyond and low <= converted <= high else ""
+    hint = f"; {converted:.4g} would fit, are these {unit}?" if unit else ""
+    return _Fault(
+        "value",
+        f"{known.quantity} of a robot of {length:g} m lies between {low:.4g} and {high:.4g} {known.unit}{hint}",
+        unit,
+    )
+
+
+def _sigma_fault(known: Channel, sigma: float, length: float) -> _Fault | None:
+    """What is wrong with a standard uncertainty."""
+    if not sigma > 0.0:
+        return _Fault("sigma", f"must be positive and finite [{known.unit}], or empty where it is not known")
+    if sigma <= known.largest_sigma(length):
+        return None
+    hint = f", is this {known.mistaken_unit}?" if known.mistaken_unit else ""
+    return _Fault(
+        "sigma", f"larger than the robot allows; must be in {known.unit}{hint}", known.mistaken_unit
+    )
+
+
+def _refuse_if_doubtful(bad: Sequence[BadRow], total: int, robot: Robot, file: str) -> None:
+    """Stop where so much was left out that the rest cannot be trusted.
+
+    Raises
+    ------
+    InputError
+        Says how many rows, why, and which unit was probably meant.
+    """
+    in_unit = [b for b in bad if b.unit and b.column == "value"]
+    several_units = len(in_unit) > MANY_IN_ANOTHER_UNIT * total and len(in_unit) > 2
+    if len(bad) <= MOST_LEFT_OUT * total and not several_units:
+        return
+    problems = []
+    for unit in dict.fromkeys(b.unit for b in in_unit):
+        largest = max((abs(float(b.value)) for b in in_unit if b.unit == unit), default=0.0)
+        count = sum(b.unit == unit for b in in_unit)
+        problems.append(
+            Problem(
+                file,
+                "value",
+                f"{count} of {total} rows",
+                f"values up to {largest:g} for a robot of {robot.backbone.length:g} m: are they in {unit}? "
+                "All numbers must be in SI units (m, rad, N)",
+            )
+        )
+    reasons: dict[tuple[str, str], list[BadRow]] = {}
+    for b in bad:
+        if b not in in_unit:
+            reasons.setdefault((b.column, b.allowed), []).append(b)
+    for (column, allowed), rows in sorted(reasons.items(), key=lambda x: -len(x[1]))[:5]:
+        first = rows[0]
+        what = f"{len(rows)} of {total} rows, the first in line {first.line}"
+        problems.append(Problem(file, column, what, f"{first.value or 'empty'}: {allowed}"))
+    left = f"{total - len(bad)} of {total} rows would be left, too few to trust"
+    raise InputError([*problems, Problem(file, "", "", left)])
 
 
 # ------------------------------------------------------------------------------------------------- writing

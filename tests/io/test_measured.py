@@ -1,12 +1,14 @@
 """Measured data: what is read is what was written, and every bad row is named."""
 
 import math
+from pathlib import Path
 
 import pytest
 from robots import three
 
 from tdcr_fe.io.measured import MeasuredData, Reading, read_measured, write_measured
 from tdcr_fe.io.toml import InputError
+from tdcr_fe.model.channels import CHANNELS
 from tdcr_fe.model.loading import Load, LoadStep, Model
 
 
@@ -55,7 +57,7 @@ def test_what_is_written_is_read(folder):
         ("2,chord_angle,0.25,0.1,1e-4", "location", "empty"),
         ("2,position_x,0.2,85.3,1e-4", "value", "mm"),
         ("2,chord_angle,,41.5,1e-4", "value", "degrees"),
-        ("2,chord_angle,,-1.0,1e-4", "value", "0 to pi"),
+        ("2,chord_angle,,-1.0,1e-4", "value", "between -0.2 and"),
         ("2,position_x,0.2,0.1,0", "sigma", "positive"),
         ("2,position_x,0.2,0.1,-1e-4", "sigma", "positive"),
         ("2,position_x,0.2,0.1,inf", "sigma", "positive"),
@@ -106,7 +108,39 @@ def test_a_table_in_millimetres_altogether_is_refused(folder):
     path.write_text("\n".join([lines[0], *(r.replace(",0.1,", ",100.0,") for r in lines[1:10])]) + "\n")
     with pytest.raises(InputError) as caught:
         read_measured(folder)
-    assert len(caught.value.problems) == 9 and all("mm" in p.allowed for p in caught.value.problems)
+    text = str(caught.value)
+    assert "9 of 9 rows" in text and "values up to 100 for a robot of 0.25 m: are they in mm?" in text
+
+
+def test_readings_of_which_many_are_in_another_unit_are_refused(folder):
+    """e3bbe5d: those that happen to be small enough in metres were taken, the rest left out."""
+    path = folder / "observations.csv"
+    lines = path.read_text().splitlines()
+    mixed = [r.replace(",0.1,", ",100.0," if "position_z" in r else ",0.05,") for r in lines[1:10]]
+    path.write_text("\n".join([lines[0], *mixed]) + "\n")
+    with pytest.raises(InputError, match=r"3 of 9 rows.*are they in mm"):
+        read_measured(folder)
+
+
+def test_readings_that_are_left_out_for_the_most_part_are_refused(folder):
+    path = folder / "observations.csv"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:4], *(r.replace(",0.1,", ",nan,") for r in lines[4:10])]) + "\n")
+    with pytest.raises(InputError, match=r"6 of 9 rows, the first in line 5") as caught:
+        read_measured(folder)
+    assert "3 of 9 rows would be left, too few to trust" in str(caught.value)
+
+
+def test_every_channel_can_be_read_and_is_in_the_page_on_files(folder):
+    page = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
+    locations = {"arc length": "0.125", "tendon": "t2", "": ""}
+    path = folder / "observations.csv"
+    head = path.read_text().splitlines()[0]
+    rows = [f"1,{c.quantity},{locations[c.location]},0.01,1e-3" for c in CHANNELS]
+    path.write_text("\n".join([head, *rows]) + "\n")
+    assert [r.quantity for r in read_measured(folder).readings] == [c.quantity for c in CHANNELS]
+    for c in CHANNELS:
+        assert f"| `{c.quantity}` | {c.unit} |" in page
 
 
 def test_missing_columns_and_empty_files_are_named(folder):

@@ -141,7 +141,10 @@ def test_a_divided_step_is_read_at_its_end():
     robot = draw_robot("single", np.random.default_rng(0))
     steps = tuple(LoadStep(tensions={robot.tendon_names[0]: t}) for t in (0.5, 0.7, 1.0))
     setup = Experiment(robot, Model(), steps, ends=((0, 1.0), (1, 0.5), (1, 1.0)))
-    result = SimpleNamespace(steps=[SimpleNamespace(displacements=(0.1 * k,)) for k in range(3)])
+    result = solve_reference(robot, Model(friction="none"), steps, settings=ReferenceSettings())
+    result = replace(
+        result, steps=tuple(replace(x, displacements=np.array([0.1 * k])) for k, x in enumerate(result.steps))
+    )
     marks = [(k, "tendon_displacement", robot.tendon_names[0]) for k in range(2)]
     assert read(result, setup, marks).tolist() == [0.0, 0.2]
 

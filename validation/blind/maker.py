@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.io.measured import MeasuredData, Reading, write_measured
+from tdcr_fe.model.channels import ObservedStep, channel
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Robot, StiffnessPatch
@@ -129,7 +130,7 @@ def _make(recipe: Recipe, rng: np.random.Generator, substeps: int) -> tuple[Meas
              "distal_tension": rng.random() < 0.2}  # fmt: skip
     marks = _what_is_read(declared, places, [k for k, wanted in kinds.items() if wanted])
     sigma = {"m": recipe.sigma, "rad": recipe.sigma / 0.06, "N": 5e-3}
-    scale = np.array([5e-5 if m[1] == "tendon_displacement" else sigma[_UNITS[m[1]]] for m in marks])
+    scale = np.array([5e-5 if m[1] == "tendon_displacement" else sigma[channel(m[1]).unit] for m in marks])
 
     coarse = min(2, substeps)
     base = _solve(declared, Extras(), places, coarse)
@@ -176,9 +177,6 @@ def _make(recipe: Recipe, rng: np.random.Generator, substeps: int) -> tuple[Meas
 
 # ------------------------------------------------------------------------------------------- what is read
 
-_UNITS = {"position_x": "m", "position_y": "m", "position_z": "m", "bending_angle": "rad",
-          "tendon_displacement": "m", "distal_tension": "N"}  # fmt: skip
-
 Mark = tuple[int, str, float | str | None]
 
 
@@ -216,28 +214,14 @@ def read(result: SequenceResult, setup: Experiment, marks: list[Mark]) -> Array:
     numpy.ndarray
         In the order of the marks [m, rad, N].
     """
-    frame = Rotation.from_rotvec(setup.observation.rotation).as_matrix()
-    offset = np.array([*setup.observation.offset, 0.0])
-    names = setup.robot.tendon_names
+    names = tuple(setup.robot.tendon_names)
+    look = setup.observation
     # Where effects divide a step on the way, its end is read.
     end = {k: j for j, (k, _) in enumerate(setup.step_ends)}
-    values = []
-    for k, quantity, place in marks:
-        step = result.steps[end[k]]
-        if quantity.startswith("position_"):
-            assert isinstance(place, float)
-            node = int(np.argmin(np.abs(step.s - place)))
-            seen = frame @ (step.positions[node] + step.rotations[node] @ offset)
-            values.append(float(seen["xyz".index(quantity[-1])]))
-        elif quantity == "bending_angle":
-            x, y, z = frame @ step.tangent
-            values.append(float(np.arctan2(np.hypot(x, y), z)))
-        else:
-            i = names.index(str(place))
-            values.append(
-                float(step.displacements[i] if quantity == "tendon_displacement" else step.tensions[i][-1])
-            )
-    return np.array(values)
+    observed = {
+        k: ObservedStep.of(result.steps[end[k]], names, look.rotation, look.offset) for k, _, _ in marks
+    }
+    return np.array([float(channel(q).predict(observed[k], [location])[0]) for k, q, location in marks])
 
 
 def _solve(setup: Experiment, extras: Extras, places: tuple[float, ...], substeps: int) -> SequenceResult:
