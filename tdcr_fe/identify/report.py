@@ -13,6 +13,7 @@ from tdcr_fe.identify.next_step import effects_block, observation_effects, scena
 from tdcr_fe.identify.outcome import IdentificationResult, Misfit
 from tdcr_fe.identify.remarks import half_width, remarks
 from tdcr_fe.io.tables import versions
+from tdcr_fe.model.channels import channel
 from tdcr_fe.report import page as kit
 from tdcr_fe.report.environment import SPACE, estimate, fixed, quantity, shown_unit, significant, words
 from tdcr_fe.report.page import Card, Level, Page, Picture, Section
@@ -285,7 +286,7 @@ def _data_section(result: IdentificationResult) -> Section:
         "held_out": result.held_out_steps,
         "sigma_estimated": result.sigma_estimated,
         "noise": [
-            (words(name), quantity(value, QUANTITIES[name][1]))
+            (words(name), quantity(value, channel(name).unit))
             for name, value in result.noise.rms_by_quantity.items()
         ],
         "mesh_error": result.mesh_error,
