@@ -40,15 +40,15 @@ def add_disk(
     mbs
         The system.
     node
-        Number of the backbone node.
+        Number of its backbone node.
     mass, radius, thickness
-        [kg], [m], [m].
+        Of the disk [kg], [m], [m].
     name
-        Of the item.
+        Name of the item.
     color
         RGBA.
     draw_thickness
-        Thickness to draw, where the disk itself is thin [m].
+        Smallest drawn thickness [m].
     """
     half = 0.5 * max(thickness, draw_thickness)
     cylinder = graphics.Cylinder(
@@ -72,14 +72,14 @@ def base_plate(
     thickness: float,
     color: Sequence[float],
 ) -> Any:
-    """Graphics of a base plate, for a body that stays where it is.
+    """Graphics of a base plate, for a ground object.
 
     Parameters
     ----------
     position, rotation
-        Of the base; the plate lies below, along the third axis; shapes (3,) and (3, 3).
+        Pose of the base; the plate is below it along the third axis; shapes (3,) and (3, 3).
     radius, thickness
-        [m].
+        Of the plate [m].
     color
         RGBA.
     """

@@ -1,4 +1,4 @@
-"""Every example of the documentation runs, and asserts a number; what pages show of output is what comes out."""
+"""Every example of the documentation runs and asserts a number; printed output on pages agrees with the program."""
 
 import argparse
 import ast
@@ -132,7 +132,7 @@ def test_example_draws_its_picture_without_a_display(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
-def test_page_says_what_happens(page, monkeypatch, tmp_path, capsys):
+def test_commands_and_code_of_a_page_give_what_it_shows(page, monkeypatch, tmp_path, capsys):
     """From top to bottom: input files are written, commands run, Python blocks run in one namespace."""
     monkeypatch.chdir(tmp_path)
     namespace = {}
@@ -156,7 +156,7 @@ def test_page_says_what_happens(page, monkeypatch, tmp_path, capsys):
 
 
 def compare_tables(shown, printed):
-    """Every row of a table of steps is printed so, but for the last digit and the number of iterations."""
+    """Rows of a shown table agree with the printed ones, but for the last digit and the number of iterations."""
     rows = [line.rsplit(None, 1)[0] for line in shown.splitlines() if re.match(r"\s*\d+  ", line)]
     there = {line.split()[0]: line for line in printed.splitlines() if re.match(r"\s*\d+  ", line)}
     for row in rows:

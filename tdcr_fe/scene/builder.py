@@ -39,7 +39,7 @@ from tdcr_fe.scene.tendons import (
 
 #: Colour of the backbone (RGBA).
 BACKBONE_COLOR = (0.20, 0.25, 0.35, 1.0)
-#: Under which ``mbs.variables`` holds the robots of the system.
+#: Key of the robots of a system in ``mbs.variables``.
 ROBOTS = "tdcr_fe.robots"
 
 
@@ -58,7 +58,7 @@ def CreateTDCR(
 ) -> TDCR:
     """Add a tendon-driven continuum robot to a system.
 
-    Call before ``mbs.Assemble()``. The system, its assembly, the settings and the solver call stay yours; the
+    Call before ``mbs.Assemble()``. The system, its assembly, the settings and the solver call remain the user's; the
     renderer never starts by itself.
 
     Parameters
@@ -74,27 +74,27 @@ def CreateTDCR(
     basePosition, baseRotationMatrix
         Pose of the base plate in the world [m], shapes (3,) and (3, 3); the robot points along the third axis.
     baseMarker
-        A rigid marker of yours that carries the base plate; its pose in the reference configuration must be
+        Rigid marker that carries the base plate; its pose in the reference configuration must be
         the one above. None puts the robot on ground.
     loadPositions
-        Arc lengths where you will add loads or markers between nodes [m].
+        Arc lengths of further nodes, for loads or markers between disks [m].
     presliding
-        Distance a tendon creeps through a hole from rest to full friction [m].
+        Slip within which the friction at a hole goes from zero to full [m].
     show
-        Draw it.
+        Whether tendons are drawn.
 
     Returns
     -------
     TDCR
-        Everything that was made, and a handle to set and read.
+        The handle: all items, and methods that set and read the state.
 
     Raises
     ------
     TypeError
         ``mbs``, ``robot`` or ``model`` is something else; the message says what to call.
     ValueError
-        The classical model was asked for with friction, two robots have one name, an argument is no rotation, or
-        a load lies beyond the tip.
+        The continuous path was given with friction, two robots have one name, an argument is no rotation, or
+        a load position is not on the backbone.
     """
     model = Model() if model is None else model
     check_types(mbs, robot, model)
@@ -149,9 +149,7 @@ def check_model(model: Model) -> None:
     if model.tendon_path not in ("straight", "continuous"):
         raise ValueError(f"tendon_path {model.tendon_path!r}; must be 'straight' or 'continuous'")
     if model.tendon_path == "continuous" and model.friction != "none":
-        raise ValueError(
-            "the classical model (tendon_path 'continuous') has no friction; set friction to 'none'"
-        )
+        raise ValueError("tendon_path 'continuous' has no friction; set friction to 'none'")
     if model.friction not in FRICTION_MODELS:
         raise ValueError(f"friction {model.friction!r}; must be one of {', '.join(FRICTION_MODELS)}")
 
@@ -183,7 +181,7 @@ def add_actuation(
     name: str,
     presliding: float,
 ) -> TendonActuation:
-    """Make the forces of tendons and section, and hook them into Exudyn's solvers."""
+    """Make the forces of tendons and section, and connect them to Exudyn's solvers."""
     hole_nodes = np.array([0, *(mesh.node_at(s) for s in robot.disks.positions)])
     section = section_forces(robot, model, mesh, rigid)
     continuous = model.tendon_path == "continuous"

@@ -1,4 +1,4 @@
-"""The handle of a robot in a scene: the items that were made, what one can set and read."""
+"""The handle of a robot in a scene: its items, and methods that set and read its state."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class TDCR:
-    """A robot in a scene: the items that were made, and what one can set and read.
+    """A robot in a scene: its Exudyn items, and methods that set and read its state.
 
     Attributes
     ----------
@@ -43,23 +43,25 @@ class TDCR:
     bDisks : list
         Bodies of the disks.
     mNodes : dict
-        Rigid markers on backbone nodes, by node, made when first asked for.
+        Rigid markers on backbone nodes by node, added when first used.
     mHoles : list of list
         By tendon, markers of its holes, base plate first.
     oTendons : list of list
-        By tendon, the connector of every segment. Classical tendons carry no force here; they are drawn.
+        By tendon, the connector of every segment. Those of continuous tendons are only drawn and carry no force.
     oBaseJoint
-        The joint that holds the base.
+        The joint of the base plate to its support.
+    mBase
+        Rigid marker on the base node.
     lGravity : list
-        Loads of gravity.
+        Gravity loads, one for each body with mass.
     loads : dict of str to PointLoad
         Concentrated loads by name.
     sensors : dict of str
-        Sensors made by `add_sensors`.
+        Sensors added by `add_sensors`.
     rigid : ndarray of bool, shape (N-1,)
         Which elements are rigid inserts.
     actuation : TendonActuation
-        The numerics behind it.
+        Tendons, friction and section forces behind the items.
     """
 
     mbs: exu.MainSystem
@@ -90,7 +92,7 @@ class TDCR:
         Raises
         ------
         KeyError
-            There is no node; name the place in ``loadPositions`` of `CreateTDCR`.
+            There is no node; give the arc length in ``loadPositions`` of `CreateTDCR`.
         """
         k = self.mesh.node_at(s, 1e-6)
         if k not in self.mNodes:
@@ -108,7 +110,7 @@ class TDCR:
         Parameters
         ----------
         name
-            Of the load.
+            Name of the load.
         at
             Arc length [m]; a node must be there (see ``loadPositions`` of `CreateTDCR`).
         frame
@@ -146,22 +148,22 @@ class TDCR:
     # ------------------------------------------------------------------ actuation
 
     def set_tensions(self, tensions: Mapping[str, float] | Sequence[float]) -> None:
-        """Drive tendons by tension at the base [N]; tendons that are not named keep what drives them."""
+        """Prescribe tensions at the base [N]; tendons that are not named keep their inputs."""
         self._set_inputs(tensions, False)
 
     def set_displacements(self, displacements: Mapping[str, float] | Sequence[float]) -> None:
-        """Drive tendons by displacement: pulled in at the base since the unloaded, just taut state [m]."""
+        """Prescribe displacements: length pulled in at the base since the unloaded, just taut state [m]."""
         self._set_inputs(displacements, True)
 
     def set_inputs_over_time(self, inputs: Callable[[float], Sequence[float]]) -> None:
-        """Let the inputs follow time, for ``mbs.SolveStatic`` and ``mbs.SolveDynamic``.
+        """Prescribe the inputs as a function of time, for ``mbs.SolveStatic`` and ``mbs.SolveDynamic``.
 
         Parameters
         ----------
         inputs
-            Takes the time of the solver [s] (0 to 1 over the load steps of ``SolveStatic``), gives tension [N]
-            or displacement [m] of every tendon in order, shape (n_tendons,). What drives each tendon is what
-            `set_tensions` and `set_displacements` said last.
+            Function of the solver's time [s] (0 to 1 over the load steps of ``SolveStatic``) that returns tension [N]
+            or displacement [m] of every tendon in order, shape (n_tendons,). Whether a value is a tension or a
+            displacement was determined by the last `set_tensions` or `set_displacements`.
         """
         self.actuation.inputs = lambda t: np.asarray(inputs(t), dtype=float)
 
@@ -199,7 +201,7 @@ class TDCR:
             return
         self._compliance = factor
         softer = self.mesh.stiffness.copy()
-        # What the shear holds of the bending grows along.
+        # The residual bending flexibility in the shear grows by the same factor.
         add_residual_flexibility(softer, self.mesh.lengths, factor - 1.0)
         softer[:, 3:] /= factor
         for beam, stiffness, rigid in zip(self.oBeams, softer, self.rigid, strict=True):
@@ -216,14 +218,14 @@ class TDCR:
             self.actuation.section = replace(section_forces, superelastic=soft)
 
     def reset(self) -> None:
-        """Forget the history of all holes, as for a robot that was never loaded."""
+        """Reset the friction history of all holes to that of a robot that was never loaded."""
         self.actuation.reset()
 
     # ------------------------------------------------------------------ reading
 
     @property
     def arc_lengths(self) -> Array:
-        """Of the backbone nodes [m], shape (N,)."""
+        """Arc lengths of the backbone nodes [m], shape (N,)."""
         return self.mesh.arc_lengths
 
     def shape(self) -> tuple[Array, Array]:
@@ -253,16 +255,16 @@ class TDCR:
         return {t.name: self._segments(i, field_.tension[i]) for i, t in enumerate(self.robot.tendons)}
 
     def displacements(self) -> dict[str, float]:
-        """By tendon, what is pulled in at the base since the unloaded, just taut state [m].
+        """By tendon, length pulled in at the base since the unloaded, just taut state [m].
 
-        Of a tendon driven by displacement what was imposed, whether it is taut or slack.
+        For a tendon driven by displacement the prescribed value, whether it is taut or slack.
         """
         self._field()
         return dict(zip(self.robot.tendon_names, self.actuation.displacements.tolist(), strict=True))
 
     def hole_states(self) -> dict[str, tuple[str, ...]]:
         """By tendon, state of the hole at the distal end of every segment: stick, pull, release, anchor."""
-        if self.actuation.geometry is None:  # the classical model has one segment; no hole holds back
+        if self.actuation.geometry is None:  # the continuous path has one tension and no friction
             holes = np.zeros((len(self.robot.tendons), len(self.robot.disks.positions)))
         else:
             holes = self.actuation.law.at_holes(self._field().mobilisation)

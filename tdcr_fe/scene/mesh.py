@@ -57,7 +57,13 @@ def build_mesh(
     robot, model
         Description and number of elements per bay.
     extra
-        Further arc lengths where a node is wanted [m].
+        Arc lengths of further nodes [m].
+
+    Returns
+    -------
+    mesh : BackboneMesh
+    rigid : ndarray of bool, shape (N-1,)
+        Which elements are rigid inserts inside thick disks.
     """
     b, d = robot.backbone, robot.disks
     edges = [x for p in b.patches for x in (p.start, p.end) if 0.0 < x < b.length]

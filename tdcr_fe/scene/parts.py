@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 #: Colour of the disks (RGBA).
 DISK_COLOR = (0.55, 0.65, 0.80, 0.6)
-#: Disks are drawn at least this thick, base plates this wide and thick [disk radius].
+#: Smallest thickness of drawn disks, and radius and thickness of the drawn base plate [disk radius].
 DRAWN_DISK, DRAWN_PLATE_RADIUS, DRAWN_PLATE = 0.1, 1.2, 0.2
 
 
@@ -40,12 +40,12 @@ class BasePose:
 
     @classmethod
     def of(cls, position: Any, rotation: Any) -> BasePose:
-        """Pose from what the user gave; no rotation is the identity.
+        """Pose from the arguments of the user; None as rotation is the identity.
 
         Raises
         ------
         ValueError
-            The position has not three components, or the rotation is none.
+            The position does not have three finite components, or the rotation is no rotation matrix.
         """
         p = np.asarray(position, dtype=float)
         r = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)

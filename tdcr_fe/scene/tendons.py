@@ -1,4 +1,4 @@
-"""The tendons of a robot in a scene: markers at the holes, a connector per segment, geometry and friction."""
+"""The tendons of a robot in a scene: markers at holes, a connector per segment, geometry and friction."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TENDON_COLORS = (
 
 @dataclass(frozen=True)
 class TendonItems:
-    """Exudyn's numbers of what stands for the tendons.
+    """Exudyn's numbers of the items of the tendons.
 
     Attributes
     ----------
@@ -140,13 +140,13 @@ def tendon_law(
     Parameters
     ----------
     tendons
-        Of the robot.
+        Tendons of the robot.
     lengths, mask
         Unloaded length of every segment [m], and which segments exist; shapes (m, n).
     friction
         Name of the friction model, a key of `FRICTION_MODELS`.
     presliding
-        Distance a tendon creeps through a hole from rest to full friction [m].
+        Slip within which the friction at a hole goes from zero to full [m].
     """
     m, inner = len(tendons), mask[:, 1:]
     coefficient = np.array([t.friction_coefficient for t in tendons]).reshape(m, 1)

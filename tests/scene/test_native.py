@@ -1,4 +1,4 @@
-"""The same robot in Exudyn's own solvers, through the hooks: statics, dynamics, driven tendons, company."""
+"""A robot in Exudyn's own solvers, through the hooks: statics, dynamics, prescribed displacements, several robots."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def there_and_back(high: float, low: float):
 
 @pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
 def test_static_solver_of_exudyn_finds_the_same_tip(friction):
-    """To 2.5 N; asked for is 0.05 % of the length, found is a millionth."""
+    """To 2.5 N, within a millionth of the length."""
     _keep, mbs, handle = scene(paper(0.3), friction=friction)
     handle.set_inputs_over_time(lambda t: [2.5 * t])
     assert mbs.SolveStatic(static_settings())
@@ -57,8 +57,8 @@ def test_static_solver_of_exudyn_finds_the_same_tip(friction):
 
 
 @pytest.mark.parametrize("friction", ["per-tendon", "per-hole"])
-def test_static_solver_of_exudyn_knows_the_history(friction):
-    """To 1.2 N and back to 0.6 N: released holes, the tip where the strain-space solver has it."""
+def test_static_solver_of_exudyn_includes_the_friction_history(friction):
+    """To 1.2 N and back to 0.6 N: released holes, and the tip of the strain-space solver."""
     _keep, mbs, handle = scene(paper(0.3), friction=friction)
     handle.set_inputs_over_time(there_and_back(1.2, 0.6))
     assert mbs.SolveStatic(static_settings(50))
@@ -68,7 +68,7 @@ def test_static_solver_of_exudyn_knows_the_history(friction):
 
 
 def test_static_solver_with_numerical_differentiation():
-    """Fewer and larger steps, each dearer."""
+    """Fewer and larger steps, at a higher cost per step."""
     _keep, mbs, handle = scene(paper(0.3))
     handle.set_inputs_over_time(lambda t: [1.0 * t])
     settings = static_settings(20)
@@ -77,8 +77,8 @@ def test_static_solver_with_numerical_differentiation():
     assert distance(handle.tip_position, solve(paper(0.3), pull(1.0)).tips[-1]) < 5e-4
 
 
-def test_static_solver_drives_elastic_tendons_by_displacement():
-    """3 mm pulled in, with friction; slack tendons beside it."""
+def test_static_solver_with_prescribed_displacements_of_elastic_tendons():
+    """3 mm pulled in, with friction; the other tendons are slack."""
     robot = three(0.3, axial_stiffness=400.0)
     _keep, mbs, handle = scene(robot)
     handle.set_displacements([0.0, 0.0, 0.0])
@@ -113,7 +113,7 @@ def test_static_solver_with_two_robots_and_a_hook_of_the_user():
 
 
 def damped(robot, damping: float = 0.03, **rest):
-    """A robot whose tip is damped against ground, about critically [N s/m]."""
+    """A robot whose tip is damped against ground, near critical damping [N s/m]."""
     keep, mbs, handle = scene(robot, assemble=False, **rest)
     ground = mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=mbs.AddObject(eii.ObjectGround())))
     mbs.AddObject(
@@ -135,8 +135,8 @@ def test_dynamic_solver_of_exudyn_comes_to_rest_at_the_same_tip(friction):
     assert distance(handle.tip_position, expected) < 2e-3
 
 
-def test_dynamic_solver_of_exudyn_knows_the_history():
-    """To 1.5 N and back to 0.75 N; released, the tip lies elsewhere than pulled."""
+def test_dynamic_solver_of_exudyn_includes_the_friction_history():
+    """To 1.5 N and back to 0.75 N; after the release the tip differs from that of a pull to the same tension."""
     _keep, mbs, handle = damped(paper(0.3))
 
     def tension(t):

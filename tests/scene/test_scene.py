@@ -1,4 +1,4 @@
-"""A robot in anybody's scene: base, other bodies, several robots, hooks of the user, reading and setting."""
+"""A robot in an Exudyn scene: its base, other bodies, several robots, user hooks, setting and reading."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MODEL = Model(friction="per-hole", elements_per_bay=1)
 STRAIGHT = np.array([0.0, 0.0, LENGTH])
 
 
-def tip_alone(mu: float = 0.3, tension: float = 1.0, **load) -> np.ndarray:
+def single_tip(mu: float = 0.3, tension: float = 1.0, **load) -> np.ndarray:
     """Tip of the paper's robot on ground."""
     loads = {"tip": Load(LENGTH, **load)} if load else {}
     return solve(paper(mu), [LoadStep("", {"t1": tension}, loads=loads)]).tips[-1]
@@ -43,12 +43,12 @@ def test_plain_function_and_method_are_the_same():
     handle = mbs.CreateTDCR(paper(0.3), MODEL)
     mbs.Assemble()
     solved(mbs, handle, 1.0)
-    assert distance(handle.tip_position, tip_alone()) < 1e-9
+    assert distance(handle.tip_position, single_tip()) < 1e-9
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_moving_the_base_moves_the_answer(seed):
-    """Anywhere, and any way up."""
+def test_a_moved_base_moves_the_solution(seed):
+    """Random positions and rotations of the base."""
     turn = Rotation.random(random_state=seed).as_matrix()
     at = np.random.default_rng(seed).normal(size=3)
     _keep, mbs, handle = scene(paper(0.3), basePosition=at, baseRotationMatrix=turn)
@@ -59,7 +59,7 @@ def test_moving_the_base_moves_the_answer(seed):
     assert handle.tip_rotation == pytest.approx(turn @ expected.rotations[-1], abs=1e-8)
 
 
-def test_base_on_a_body_that_gives_way():
+def test_base_on_an_elastically_supported_body():
     """A robot on a platform on a spring that turns about y: the platform carries the robot's tip load.
 
     Moment at the hinge by the tip force F along x: F z_tip = k phi, with everything turned by phi.
@@ -85,11 +85,11 @@ def test_base_on_a_body_that_gives_way():
     phi = np.arctan2(r[0, 2], r[2, 2])
     assert stiffness * phi == pytest.approx(force * handle.tip_position[2], rel=1e-6)
     local = r.T @ [force, 0.0, 0.0]
-    assert distance(r.T @ handle.tip_position, tip_alone(force=tuple(local))) < 1e-8
+    assert distance(r.T @ handle.tip_position, single_tip(force=tuple(local))) < 1e-8
 
 
-def test_base_of_a_robot_at_the_tip_of_another():
-    """The second robot stands on the first one's tip; unloaded it only goes along."""
+def test_base_on_the_tip_of_another_robot():
+    """The second robot is joined to the first one's tip; unloaded it follows as a rigid body."""
     keep = exu.SystemContainer()
     mbs = keep.AddSystem()
     first = CreateTDCR(mbs, paper(0.3), MODEL, name="first")
@@ -97,19 +97,19 @@ def test_base_of_a_robot_at_the_tip_of_another():
     mbs.Assemble()
     first.set_tensions([1.0])
     mbs.SolveTDCR()
-    assert distance(first.tip_position, tip_alone()) < 1e-8
+    assert distance(first.tip_position, single_tip()) < 1e-8
     expected = first.tip_position + first.tip_rotation @ STRAIGHT
     assert distance(second.tip_position, expected) < 1e-7
     second.set_tensions([1.0])
     mbs.SolveTDCR()
-    assert distance(first.tip_position, tip_alone()) < 1e-8
-    assert distance(second.tip_position, first.tip_position + first.tip_rotation @ tip_alone()) < 1e-7
+    assert distance(first.tip_position, single_tip()) < 1e-8
+    assert distance(second.tip_position, first.tip_position + first.tip_rotation @ single_tip()) < 1e-7
 
 
 # ---------------------------------------------------------------- several robots
 
 
-def test_two_robots_do_not_disturb_each_other():
+def test_two_robots_in_one_system_are_independent():
     keep = exu.SystemContainer()
     mbs = keep.AddSystem()
     a = CreateTDCR(mbs, paper(0.3), MODEL, name="a")
@@ -124,9 +124,9 @@ def test_two_robots_do_not_disturb_each_other():
     a.set_tensions([1.0])
     b.set_tensions({"t2": 0.7})
     mbs.SolveTDCR()
-    assert distance(a.tip_position, tip_alone()) < 1e-8
-    alone = solve(three(0.3), [LoadStep("", {"t2": 0.7})], friction="per-tendon", elements_per_bay=2)
-    assert distance(b.tip_position - [1.0, 0.0, 0.0], alone.tips[-1]) < 1e-8
+    assert distance(a.tip_position, single_tip()) < 1e-8
+    single = solve(three(0.3), [LoadStep("", {"t2": 0.7})], friction="per-tendon", elements_per_bay=2)
+    assert distance(b.tip_position - [1.0, 0.0, 0.0], single.tips[-1]) < 1e-8
 
 
 def test_two_robots_coupled_by_a_spring_pull_each_other():
@@ -145,10 +145,10 @@ def test_two_robots_coupled_by_a_spring_pull_each_other():
     assert distance(pa * [-1, 1, 1] + [gap, 0, 0], pb) < 1e-7
     force = k * (np.linalg.norm(pb - pa) - gap)
     assert force > 0.01
-    alone = solve(
+    single = solve(
         paper(0.3, 0.0), [LoadStep("", {"t1": 1.0}, loads={"tip": Load(LENGTH, (-force, 0.0, 0.0))})]
     ).tips[-1]
-    assert distance(pb - [gap, 0, 0], alone) < 1e-4
+    assert distance(pb - [gap, 0, 0], single) < 1e-4
 
 
 def test_two_robots_of_one_name_are_refused():
@@ -173,7 +173,7 @@ def test_scene_without_robot_or_assembly_is_refused():
 
 
 @pytest.mark.parametrize("when", ["before", "after"])
-def test_hooks_of_the_user_live_beside_ours(when):
+def test_user_hooks_are_called_beside_those_of_the_robot(when):
     """A spring that the user sets from a hook, with its Jacobian, acts in `SolveTDCR` as a spring item does."""
     k = 3.0
     keep = exu.SystemContainer()
@@ -215,14 +215,14 @@ def test_hooks_of_the_user_live_beside_ours(when):
     solved(mbs, handle, 1.0)
     assert calls["residual"] > 0 and calls["jacobian"] > 0
     x = handle.tip_position[0]
-    assert distance(handle.tip_position, tip_alone(force=(-k * x, 0.0, 0.0))) < 1e-7
+    assert distance(handle.tip_position, single_tip(force=(-k * x, 0.0, 0.0))) < 1e-7
     assert handle.tensions()["t1"][-1] < 0.99
 
 
 # ---------------------------------------------------------------- handle
 
 
-def test_what_was_made_is_there():
+def test_the_handle_lists_all_items_and_holes_are_at_their_positions():
     _keep, mbs, handle = scene(three(0.3), assemble=False)
     assert len(handle.nNodes) == 14 and len(handle.oBeams) == 13 and len(handle.bDisks) == 13
     assert [len(m) for m in handle.mHoles] == [14] * 3
@@ -238,7 +238,7 @@ def test_what_was_made_is_there():
             assert at == pytest.approx([*hole, s], abs=1e-12)
 
 
-def test_setting_and_reading():
+def test_inputs_are_set_and_results_read_by_tendon():
     _keep, mbs, handle = scene(three(0.3))
     handle.set_tensions({"t1": 1.0})
     handle.set_displacements({"t2": 1e-3})
@@ -249,7 +249,7 @@ def test_setting_and_reading():
     assert handle.displacements()["t2"] == pytest.approx(1e-3, abs=1e-9)
     handle.set_displacements({"t2": -8e-3})
     mbs.SolveTDCR()
-    assert handle.tensions()["t2"][0] == 0.0  # let out: slack, and what was let out is what is told
+    assert handle.tensions()["t2"][0] == 0.0  # let out: slack, and the prescribed length is reported
     assert handle.displacements()["t2"] == -8e-3
     handle.set_displacements({"t2": 1e-3})
     mbs.SolveTDCR()
@@ -263,7 +263,7 @@ def test_setting_and_reading():
 
 
 def test_drawn_connectors_carry_the_tensions():
-    """What Exudyn's own items say: the force of every segment, and the sensors."""
+    """Values of Exudyn's items: the force of every segment, and the sensors."""
     _keep, mbs, handle = scene(paper(0.3), assemble=False)
     sensors = handle.add_sensors()
     mbs.Assemble()
@@ -331,7 +331,7 @@ def test_wrong_arguments_are_refused(argument, words):
         CreateTDCR(keep.AddSystem(), paper(), MODEL, **argument)
 
 
-def test_reading_before_assembly_says_what_to_do_and_before_solving_tells_the_unloaded_state():
+def test_reading_before_assembly_is_refused_and_before_solving_gives_the_unloaded_state():
     _keep, mbs, handle = scene(three(0.3), assemble=False)
     for read in (lambda: handle.tip_position, handle.tensions, handle.hole_states, handle.displacements):
         with pytest.raises(ValueError, match=r"mbs\.Assemble"):
@@ -350,7 +350,7 @@ def test_a_system_that_was_reset_can_be_used_again():
     again = CreateTDCR(mbs, paper(0.3), MODEL)
     mbs.Assemble()
     solved(mbs, again, 1.0)
-    assert distance(again.tip_position, tip_alone()) < 1e-9
+    assert distance(again.tip_position, single_tip()) < 1e-9
 
 
 def test_a_robot_added_later_joins_the_first():
@@ -361,11 +361,11 @@ def test_a_robot_added_later_joins_the_first():
     mbs.Assemble()
     second.set_tensions([0.5])
     mbs.SolveTDCR()
-    assert distance(second.tip_position - [0.1, 0.0, 0.0], tip_alone(tension=0.5)) < 1e-7
-    assert distance(handle.tip_position, tip_alone()) < 1e-3
+    assert distance(second.tip_position - [0.1, 0.0, 0.0], single_tip(tension=0.5)) < 1e-7
+    assert distance(handle.tip_position, single_tip()) < 1e-3
 
 
-def test_history_goes_on_from_call_to_call_and_can_be_forgotten():
+def test_friction_history_continues_between_calls_and_can_be_reset():
     _keep, mbs, handle = scene(paper(0.3))
     solved(mbs, handle, 2.0, 1.0)
     expected = solve(paper(0.3), pull(2.0, 1.0)).tips
@@ -375,7 +375,7 @@ def test_history_goes_on_from_call_to_call_and_can_be_forgotten():
     assert np.all(handle.actuation.state.mobilisation == 0.0)
 
 
-def test_payload_disks_and_backbone_weigh_what_they_should():
+def test_weight_of_tip_mass_disks_and_backbone_at_the_base():
     """Reaction of the base to gravity along the backbone: shortening of the lowest element is weight / EA."""
     robot = replace(three(), tip_mass=0.01)
     g = 9.81
@@ -395,8 +395,8 @@ def test_robot_without_tendons_in_a_scene():
     assert handle.tip_position[1] > 0.1
 
 
-def test_joint_of_the_base_bears_the_load_and_the_robot_follows_what_it_sits_on():
-    """Force of the base joint against the tip force; the ground moved between two solves takes everything along."""
+def test_the_base_joint_carries_the_load_and_the_robot_follows_its_support():
+    """Force of the base joint against the tip force; the robot follows the ground moved between two solves."""
     _keep, mbs, handle = scene(paper(0.3), assemble=False)
     push = handle.add_load("push", LENGTH)
     mbs.Assemble()
@@ -404,9 +404,9 @@ def test_joint_of_the_base_bears_the_load_and_the_robot_follows_what_it_sits_on(
     force = np.array([0.01, 0.02, -0.03])
     push.set(force.tolist())
     mbs.SolveTDCR()
-    # Tendons pull between base node and anchor: inside the robot.
-    born = np.array(mbs.GetObjectOutput(handle.oBaseJoint, exu.OutputVariableType.ForceLocal))
-    assert np.sign(born @ force) * born == pytest.approx(force, abs=1e-8)
+    # The forces of tendons between base node and anchor are internal.
+    reaction = np.array(mbs.GetObjectOutput(handle.oBaseJoint, exu.OutputVariableType.ForceLocal))
+    assert np.sign(reaction @ force) * reaction == pytest.approx(force, abs=1e-8)
     before = handle.tip_position.copy()
     ground = mbs.GetObjectNumber(f"{handle.name}.ground")
     mbs.SetObjectParameter(ground, "referencePosition", [0.01, 0.02, 0.0])

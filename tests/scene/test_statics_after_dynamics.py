@@ -1,4 +1,4 @@
-"""Exudyn's dynamics and `SolveTDCR` on one scene go on from each other."""
+"""`SolveTDCR` continues from the state that Exudyn's dynamics ended with."""
 
 import exudyn as exu
 import exudyn.itemInterface as eii
@@ -31,7 +31,7 @@ def scene():
     return container, mbs, arm
 
 
-def test_statics_after_dynamics_begin_at_the_tension_that_the_dynamics_ended_with(scene):
+def test_statics_after_dynamics_begin_at_the_last_tension_of_the_dynamics(scene):
     _, mbs, arm = scene
     arm.set_tensions([2.0])
     mbs.SolveTDCR()
@@ -54,7 +54,7 @@ def test_statics_after_dynamics_begin_at_the_tension_that_the_dynamics_ended_wit
     mbs.SetPreStepUserFunction(lambda mbs, t: bool(seen.append(arm.tensions()["t"][0])) or True)
     mbs.SolveTDCR(substeps=4)
     np.testing.assert_allclose(seen, 0.8, rtol=0, atol=1e-12)
-    # Friction holds a released robot back: it stays more bent than one that was never pulled farther.
+    # Friction opposes the release: the robot stays more bent than one that was never pulled farther.
     released = arm.tip_position
     arm.set_tensions([0.0])
     mbs.SolveTDCR()
