@@ -3,15 +3,17 @@
 A tendon is pulled at the base plate, runs through holes ``k = 1 .. n-1`` and is anchored at hole ``n``.
 Segment ``k`` lies between hole ``k-1`` and hole ``k``; it has length ``l_k`` and tension ``T_k``; the tendon turns
 by ``theta_k`` at hole ``k``. Tendon material that has passed hole ``k`` towards the base is the slip ``u_k``.
-The mobilisation ``s_k`` in [-1, 1] says how much of the friction a hole gives: +1 is pulling, -1 is releasing,
-between lies sticking. It follows the slip over the presliding distance ``delta`` (an elastic-plastic law),
+The mobilisation ``s_k`` in [-1, 1] is the part of the available friction that acts at a hole: +1 where the tendon is
+pulled, -1 where it is released, between where it sticks. It follows the slip over the presliding distance ``delta``
+(an elastic-plastic law),
 
     s_k = clip(s_k,before + (u_k - u_k,before) / delta, -1, 1),
     T_k+1 = max(0, T_k exp(-s_k mu theta_k) - s_k a)            for s_k >= 0,
     T_k+1 = (T_k + |s_k| a) exp(|s_k| mu theta_k)               for s_k < 0,
 
-which is the Capstan equation (paper, Eqs. 28-31) where the hole slips, with an adhesion ``a`` beside it.
-The derivation is in the documentation, page "Theory".
+which is the Capstan equation (paper, Eqs. 28-31) where the hole slips, with an adhesion ``a`` beside it. The
+coefficient ``mu`` is a number, or depends on slip rate and normal force (`tdcr_fe.elements.coefficients`). The
+derivation is in the documentation, pages "Theory" and "Friction laws".
 """
 
 from __future__ import annotations
@@ -438,26 +440,6 @@ class TendonLaw:
         released, d_length, d_tension = self._released(tension, lengths)
         slip = self.slips(released)
 
-        def derive() -> TensionDerivatives:
-            # Implicit function theorem: dT = E + B dmu and dmu = G dT + ..., with E the change at kept coefficients.
-            chain, by_hole, by_angle, _ = solved.slopes()
-            beyond = chain[:, :, 1:]
-            by_mobilisation = (beyond * by_hole[:, None, :]) @ self._hole_incidence
-            kept = np.concatenate((beyond * by_angle[:, None, :], by_mobilisation, chain[:, :, :1]), axis=2)
-            change = solved.by_tension @ kept
-            hole = np.arange(half.shape[1])
-            change[:, hole, hole] += (
-                solved.law.by_normal * 0.5 * (tension[:, :-1] + tension[:, 1:]) * np.cos(half)
-            )
-            by_length = (solved.law.by_rate[:, :, None] * pace) * d_length[:, None, :]
-            d_coefficient = np.linalg.solve(solved.matrix, np.concatenate((by_length, change), axis=2))
-            total = solved.by_coefficient @ d_coefficient
-            n, h, g = self.shape[1], half.shape[1], self.groups
-            total[:, :, n:] += kept
-            return TensionDerivatives(
-                total[:, :, :n], total[:, :, n : n + h], total[:, :, -1], total[:, :, n + h : n + h + g]
-            )
-
         return TensionField(
             tension,
             released,
@@ -468,8 +450,41 @@ class TendonLaw:
             self._slip_rate(slip, state, elapsed),
             time,
             elapsed > 0.0 and bool(np.any(solved.law.by_rate)),
-            derive,
+            lambda: self._derivatives_with_laws(solved, angles, pace[None] * d_length[:, None, :]),
         )
+
+    def _derivatives_with_laws(
+        self, solved: Linearisation, angles: Array, rate_by_length: Array
+    ) -> TensionDerivatives:
+        """Derivatives of the tensions, the coefficients of friction following their laws.
+
+        Parameters
+        ----------
+        solved
+            Where the laws are met.
+        angles
+            Turning angles [rad], shape (m, n-1).
+        rate_by_length
+            Of the slip rates at the holes by the segments' lengths at kept tensions [1/s], shape (m, n-1, n).
+        """
+        n, h, g = self.shape[1], angles.shape[1], self.groups
+        tension = solved.tension
+        # Implicit function theorem: dT = E + B dmu, (I - G B) dmu = G E + ..., with E the change at kept coefficients.
+        chain, by_hole, by_angle, _ = solved.slopes()
+        beyond = chain[:, :, 1:]
+        by_mobilisation = (beyond * by_hole[:, None, :]) @ self._hole_incidence
+        kept = np.concatenate((beyond * by_angle[:, None, :], by_mobilisation, chain[:, :, :1]), axis=2)
+        change = solved.by_tension @ kept
+        hole = np.arange(h)
+        force_by_angle = 0.5 * (tension[:, :-1] + tension[:, 1:]) * np.cos(0.5 * angles)
+        change[:, hole, hole] += solved.law.by_normal * force_by_angle
+        by_length = solved.law.by_rate[:, :, None] * rate_by_length
+        total = solved.by_coefficient @ np.linalg.solve(
+            solved.matrix, np.concatenate((by_length, change), axis=2)
+        )
+        total[:, :, n:] += kept
+        d_length, d_angle, by_mobilisation, d_base = np.split(total, (n, n + h, n + h + g), axis=2)
+        return TensionDerivatives(d_length, d_angle, d_base[:, :, 0], by_mobilisation)
 
     def evaluate(
         self,

@@ -40,20 +40,24 @@ class FrictionCoefficient(Effect):
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
         """The mean of the tendons' declared coefficients; zero where the model has no friction."""
-        tendons = experiment.robot.tendons
+        tendons = [t for t in experiment.robot.tendons if t.friction is None]
         if experiment.model.friction == "none" or not tendons:
             return {"mu": 0.0}
         return {"mu": sum(t.friction_coefficient for t in tendons) / len(tendons)}
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`; coefficients that differ keep their proportions."""
+        """See `Effect.apply`; coefficients that differ keep their proportions, laws of the coefficient are kept."""
         if not experiment.robot.tendons:
             return experiment
         mu, declared = values["mu"], self.null_values(experiment)["mu"]
         if mu == declared:
             return experiment
         tendons = tuple(
-            replace(t, friction_coefficient=mu * t.friction_coefficient / declared if declared > 0.0 else mu)
+            t
+            if t.friction is not None
+            else replace(
+                t, friction_coefficient=mu * t.friction_coefficient / declared if declared > 0.0 else mu
+            )
             for t in experiment.robot.tendons
         )
         return _with_friction(experiment.with_robot(tendons=tendons))

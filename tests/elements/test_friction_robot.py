@@ -11,6 +11,7 @@ import pytest
 from balance import cables
 from robots import BACKBONE, DISKS, distance, scene, solve, tendon, three
 
+from tdcr_fe.effects import Experiment, with_effect
 from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
 from tdcr_fe.model.loading import LoadStep, Model
@@ -223,6 +224,15 @@ def test_a_scene_begins_its_time_anew_with_every_call():
         handle.set_tensions([tension])
         SolveTDCR(mbs, startTime=0.0, endTime=1.0, substeps=1)
     assert distance(handle.tip_position, expected) < 1e-7
+
+
+def test_the_effect_of_another_coefficient_keeps_laws():
+    """A tendon with a law keeps it, one with a number gets the other number; nothing is refused."""
+    law = replace(tendon("t2", mu=0.0), friction=STRIBECK)
+    robot = Robot(BACKBONE, DISKS, (tendon("t1", mu=0.2), law), name="two")
+    changed = with_effect(Experiment(robot, Model(), ()), "friction_coefficient", mu=0.4).robot
+    assert changed.tendons[0].friction_coefficient == pytest.approx(0.4, rel=1e-14)
+    assert changed.tendons[1] == law
 
 
 def test_the_reference_refuses_a_law_that_it_does_not_know():
