@@ -1,9 +1,9 @@
-"""A robot on a carriage: a spring holds the carriage on its rail, and the robot carries a ball at its tip.
+"""A robot on a carriage: a spring acts on the carriage along its rail, and the robot carries a ball at its tip.
 
 First the scene is solved at rest, step by step, with ``mbs.SolveTDCR``; then the carriage is pushed along
-the rail and the tendon released in ``mbs.SolveDynamic``. Friction remembers through both.
+the rail and the tendon released in ``mbs.SolveDynamic``. The friction history continues through both.
 
-Run it with the name of a picture to have one drawn: ``python robot_on_carriage.py picture.png``.
+With the name of a picture it draws one: ``python robot_on_carriage.py picture.png``.
 """
 
 import sys
@@ -58,7 +58,7 @@ robot = Robot(
 )
 arm = mbs.CreateTDCR(robot, Model(friction="per-hole", elements_per_bay=1, gravity=GRAVITY), baseMarker=top)
 
-# The ball, its centre 10 mm beyond the tip, held by an ordinary joint; and the air's drag on it.
+# The ball, its centre 10 mm beyond the tip, joined to it; and the drag of air on it.
 ball = mbs.CreateRigidBody(
     name="ball",
     referencePosition=[0.0, 0.0, 0.26],
@@ -75,7 +75,7 @@ mbs.Assemble()
 
 
 def carriage_at() -> float:
-    """Where the carriage is on its rail [m]."""
+    """Position of the carriage on its rail [m]."""
     return float(mbs.GetObjectOutputBody(carriage, exu.OutputVariableType.Position)[0])
 
 
@@ -85,7 +85,7 @@ mbs.SetLoadParameter(push, "loadVector", [0.12, 0.0, 0.0])
 mbs.SolveTDCR()
 rest = arm.tip_position
 print(f"at rest: carriage at {1e3 * carriage_at():.4f} mm, tip at {np.round(1e3 * rest, 3)} mm")
-# At rest the spring alone takes the push.
+# At rest the spring alone balances the push.
 assert abs(carriage_at() - 0.12 / STIFFNESS) < 1e-9
 if len(sys.argv) > 1:
     from picture import save_picture
@@ -93,7 +93,7 @@ if len(sys.argv) > 1:
     save_picture(SC, sys.argv[1], center=[0.06, 0.0, 0.1], height=0.32, azimuth=-1.2)
 
 
-# Now in time: within two seconds the push goes from 0.12 N to -0.12 N, the right tendon from 1.5 N to 0.8 N.
+# Dynamics: within two seconds the push goes from 0.12 N to -0.12 N, the right tendon from 1.5 N to 0.8 N.
 def share(t: float) -> float:
     """A smooth step from 0 to 1 in two seconds."""
     x = min(t / 2.0, 1.0)
@@ -117,7 +117,7 @@ mbs.SolveDynamic(settings)
 moved = arm.tip_position
 print(f"after the motion: carriage at {1e3 * carriage_at():.3f} mm, tip at {np.round(1e3 * moved, 3)} mm")
 
-# Where the dynamics ended, equilibrium is a few hundredths of a millimetre away.
+# The equilibrium is a few hundredths of a millimetre from the end of the dynamics.
 mbs.SolveTDCR(startTime=3.0, endTime=3.0)
 again = arm.tip_position
 print(f"at rest again: carriage at {1e3 * carriage_at():.4f} mm, tip at {np.round(1e3 * again, 3)} mm")

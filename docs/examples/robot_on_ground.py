@@ -1,6 +1,6 @@
-"""A robot on ground: pull a tendon, load the tip, read what came out.
+"""A robot on ground: pull a tendon, load the tip, read the results.
 
-Run it with the name of a picture to have one drawn: ``python robot_on_ground.py picture.png``.
+With the name of a picture it draws one: ``python robot_on_ground.py picture.png``.
 """
 
 import sys

@@ -61,17 +61,21 @@ def _steps(result: SequenceResult) -> str:
 
 
 def _last_step(result: SequenceResult, step: StepResult) -> list[tuple[str, str]]:
-    x, y, z = (1e3 * c for c in step.tip)
+    x, y, z = (_millimetres(c) for c in step.tip)
     names = result.robot.tendon_names
     at_base = (f"{n} {t:.4g}" for n, t in zip(names, step.base_tensions, strict=True))
     at_anchor = (f"{n} {t[-1]:.4g}" for n, t in zip(names, step.tensions, strict=True))
-    pulled = (f"{n} {1e3 * d:.4g}" for n, d in zip(names, step.displacements, strict=True))
+    pulled = (f"{n} {_millimetres(d)}" for n, d in zip(names, step.displacements, strict=True))
     return [
         ("last step", f"{step.step}" + (f": {step.label}" if step.label else "")),
-        ("tip [mm]", f"({x:.3f}, {y:.3f}, {z:.3f}), bending angle {degrees(step.bending_angle):.3f} deg"),
+        ("tip [mm]", f"({x}, {y}, {z}), bending angle {degrees(step.bending_angle):.3f} deg"),
         ("tension [N]", f"at the base: {_some(at_base)}; at the anchor: {_some(at_anchor)}"),
         ("pulled [mm]", _some(pulled)),
     ]
+
+
+def _millimetres(metres: float) -> str:
+    return f"{round(1e3 * float(metres), 3) + 0.0:.3f}"  # no negative zero
 
 
 def _some(texts: Iterable[str]) -> str:

@@ -27,6 +27,7 @@ def test_a_result_prints_in_ten_lines():
         f"{len(result.steps)} solved;",
         f"({1e3 * last.tip[0]:.3f}, {1e3 * last.tip[1]:.3f}, {1e3 * last.tip[2]:.3f})",
         f"t2 {last.base_tensions[1]:.4g}",
+        f"t1 {1e3 * last.displacements[0]:.3f}",
         f"t1 {last.tensions[0][-1]:.4g}",
         "2, the first: step 2: first",
     ):
