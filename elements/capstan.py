@@ -74,7 +74,7 @@ def capstan_with_adhesion(
     s, a, mu = mobilisation, adhesion, coefficient
     m, h = angles.shape
     tension = np.empty((m, h + 1))
-    slope, d_s, d_exponent = np.empty((m, h)), np.empty((m, h)), np.empty((m, h))
+    slope, d_s, after = np.empty((m, h)), np.empty((m, h)), np.empty((m, h))
     tension[:, 0] = base_tension
     factor = np.exp(s * (-mu * angles))
     for k in range(h):
@@ -88,10 +88,10 @@ def capstan_with_adhesion(
         slope[:, k] = np.where(open_, f, 0.0)
         mt = mu[:, k] * angles[:, k]
         d_s[:, k] = np.where(pulling, np.where(taut, -mt * t * f - ak, 0.0), -mt * released - ak * f)
-        d_exponent[:, k] = np.where(open_, sk * np.where(pulling, t * f, released), 0.0)
+        after[:, k] = np.where(open_, np.where(pulling, t * f, released), 0.0)
     chain = np.zeros((m, h + 1, h + 1))
     chain[:, 0, 0] = 1.0
     for k in range(1, h + 1):
         chain[:, k, :k] = slope[:, k - 1, None] * chain[:, k - 1, :k]
         chain[:, k, k] = 1.0
-    return tension, lambda: (chain, d_s, -mu * d_exponent, lambda: -angles * d_exponent)
+    return tension, lambda: (chain, d_s, -mu * s * after, lambda: -angles * s * after)

@@ -155,7 +155,7 @@ class FrictionState:
     slip : ndarray, shape (m, g)
         Slip that drives each mobilisation [m].
     mobilisation : ndarray, shape (m, g)
-        Share of friction that is given, in [-1, 1].
+        Part of the available friction that acts, in [-1, 1].
     slip_rate : ndarray, shape (m, g), or None
         Rate of the slip over the last step that took time [m/s]; None is zero.
     time : float
@@ -191,7 +191,7 @@ class TensionDerivatives(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class TensionField:
-    """Tensions along all tendons, and their derivatives, which are formed when first asked for.
+    """Tensions along all tendons, and their derivatives, which are computed when first used.
 
     Attributes
     ----------
@@ -288,18 +288,18 @@ class TendonLaw:
         #: Laws of the coefficients, by tendon; empty where all are constant.
         self._laws = parameters.laws if law.active and any(x is not None for x in parameters.laws) else ()
         self._holes = parameters.mask[:, 1:]
-        holds = (self._mu > 0.0) | (self._adhesion > 0.0)
+        acts = (self._mu > 0.0) | (self._adhesion > 0.0)
         for i, coefficient in enumerate(self._laws):
             if coefficient is not None:
-                holds[i] = self._holes[i]
-        #: Which mobilisations hold anything back, shape (m, g).
-        self.frictional: NDArray[np.bool_] = (holds.astype(float) @ np.abs(self._hole_incidence)) > 0.0
+                acts[i] = self._holes[i]
+        #: For which mobilisations there is friction, shape (m, g).
+        self.frictional: NDArray[np.bool_] = (acts.astype(float) @ np.abs(self._hole_incidence)) > 0.0
         self.has_friction = bool(np.any(self.frictional))
         #: Whether any tendon stretches.
         self.elastic = bool(np.any(parameters.compliance > 0.0))
         self._masked = parameters.mask.astype(float)
         self._each_hole = self.groups == n - 1 and bool(np.all(self._hole_incidence == np.eye(n - 1)))
-        # Results that never change, made once.
+        # Arrays that never change.
         self._negative, self._nothing, self._constant = -self._masked, np.zeros((m, n)), np.zeros((m, n, n))
 
     def initial_state(self) -> FrictionState:
@@ -518,7 +518,7 @@ class TendonLaw:
         for _ in range(20):
             field = self.field(base_tension, lengths, angles, mobilisation, state, time)
             by_mobilisation = field.by_mobilisation
-            # What the slips lack, and how they change with the mobilisations: own = 1 - ds(slip)/ds.
+            # Trial state, and how it changes with the mobilisations: own = 1 - d trial / ds.
             trial = self.trial_mobilisation(field.slip, state, delta)
             drive = self.slip_operator / delta
             own = np.eye(self.groups) - (drive * field.released_d_tension[:, None, :]) @ by_mobilisation
@@ -530,7 +530,7 @@ class TendonLaw:
                 continue
             right = trial - mobilisation + (own @ mobilisation[..., None])[..., 0]
             mobilisation = np.stack([solve_box(*x)[0] for x in zip(own, right, mobilisation, strict=True)])
-        # Only a hole that sticks changes what it gives.
+        # Only the mobilisation of a hole that sticks changes.
         sticks = np.abs(trial) < 1.0
         drive = sticks[:, :, None] * drive
         own = np.where(sticks[:, :, None], own, np.eye(self.groups))
