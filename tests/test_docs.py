@@ -9,6 +9,7 @@ import shlex
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import tdcr_fe
@@ -129,6 +130,25 @@ def test_example_draws_its_picture_without_a_display(monkeypatch, tmp_path):
     red, green, blue = drawn[..., 0], drawn[..., 1], drawn[..., 2]
     for seen in (red > blue + 0.4, blue > red + 0.4, (green > red + 0.3) & (green > blue + 0.1)):
         assert seen.sum() > 100
+
+
+def test_pictures_of_the_pages_are_those_of_the_demo(monkeypatch, tmp_path):
+    """Small grey copies differ by less than half of what is drawn; those of 0.1 showed an older run."""
+    from PIL import Image
+
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    drawing = importlib.import_module("draw_pictures")
+    drawing.draw_demo(tmp_path)
+
+    def thumbnail(path: Path) -> np.ndarray:
+        with Image.open(path) as picture:
+            return np.asarray(picture.convert("L").resize((80, 50)), dtype=float) / 255.0
+
+    for name in drawing.OF_THE_DEMO:
+        stored, drawn = (
+            thumbnail(folder / f"{name}.png") for folder in (ROOT / "docs" / "pictures", tmp_path)
+        )
+        assert np.mean(np.abs(stored - drawn)) < 0.5 * np.mean(1.0 - drawn), name
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)

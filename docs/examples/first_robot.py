@@ -1,8 +1,6 @@
-"""The paper's robot pulled to 2.5 N and released, in Python; with a folder's name, three pictures."""
+"""The paper's robot pulled to 2.5 N and released, in Python."""
 
-import sys
 from math import degrees
-from pathlib import Path
 
 import tdcr_fe as tdcr
 
@@ -20,21 +18,3 @@ for step in result.steps:
     print(f"{step.label:18} {degrees(step.bending_angle):7.3f} deg   {step.tensions[0][-1]:.4f} N at the tip")
 print(result)
 assert abs(degrees(result.steps[4].bending_angle) - 80.243) < 0.001
-
-
-def draw(result: tdcr.SequenceResult, folder: Path) -> None:
-    """Write the pictures of a result, small enough for a page."""
-    from matplotlib.figure import Figure
-    from PIL import Image
-
-    from tdcr_fe.report import plots
-
-    for name in ("shapes", "tensions", "hysteresis"):
-        figure: Figure | None = getattr(plots, name)(result)
-        if figure is not None:
-            figure.savefig(folder / f"{name}.png", dpi=100)
-            Image.open(folder / f"{name}.png").convert("RGB").quantize(128).save(folder / f"{name}.png")
-
-
-if len(sys.argv) > 1:
-    draw(result, Path(sys.argv[1]))
