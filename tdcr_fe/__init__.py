@@ -14,15 +14,16 @@ if TYPE_CHECKING:
     from tdcr_fe.identify import IdentificationResult as IdentificationResult
     from tdcr_fe.identify import IdentifySettings as IdentifySettings
     from tdcr_fe.identify import identify as identify
+    from tdcr_fe.io.json_schema import json_schema as json_schema
     from tdcr_fe.io.measured import read_measured as read_measured
+    from tdcr_fe.io.problems import InputError as InputError
     from tdcr_fe.io.tables import write_results as write_results
-    from tdcr_fe.io.toml import InputError as InputError
-    from tdcr_fe.io.toml import model_to_toml as model_to_toml
     from tdcr_fe.io.toml import read_model as read_model
     from tdcr_fe.io.toml import read_robot as read_robot
     from tdcr_fe.io.toml import read_scenario as read_scenario
-    from tdcr_fe.io.toml import robot_to_toml as robot_to_toml
-    from tdcr_fe.io.toml import scenario_to_toml as scenario_to_toml
+    from tdcr_fe.io.write_toml import model_to_toml as model_to_toml
+    from tdcr_fe.io.write_toml import robot_to_toml as robot_to_toml
+    from tdcr_fe.io.write_toml import scenario_to_toml as scenario_to_toml
     from tdcr_fe.model.loading import Load as Load
     from tdcr_fe.model.loading import LoadStep as LoadStep
     from tdcr_fe.model.loading import Model as Model
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from tdcr_fe.model.routing import ParallelRouting as ParallelRouting
     from tdcr_fe.model.routing import PointsRouting as PointsRouting
     from tdcr_fe.model.routing import TwistedRouting as TwistedRouting
+    from tdcr_fe.model.routing import VaryingHelicalRouting as VaryingHelicalRouting
     from tdcr_fe.model.settings import SolverSettings as SolverSettings
     from tdcr_fe.native import register as register
     from tdcr_fe.scene.builder import CreateTDCR as CreateTDCR
@@ -59,15 +61,10 @@ _PUBLIC = {
     "tdcr_fe.identify": ("IdentificationResult", "IdentifySettings", "identify"),
     "tdcr_fe.io.measured": ("read_measured",),
     "tdcr_fe.io.tables": ("write_results",),
-    "tdcr_fe.io.toml": (
-        "InputError",
-        "model_to_toml",
-        "read_model",
-        "read_robot",
-        "read_scenario",
-        "robot_to_toml",
-        "scenario_to_toml",
-    ),
+    "tdcr_fe.io.json_schema": ("json_schema",),
+    "tdcr_fe.io.problems": ("InputError",),
+    "tdcr_fe.io.toml": ("read_model", "read_robot", "read_scenario"),
+    "tdcr_fe.io.write_toml": ("model_to_toml", "robot_to_toml", "scenario_to_toml"),
     "tdcr_fe.model.loading": ("Load", "LoadStep", "Model"),
     "tdcr_fe.model.results": ("SequenceResult", "StepResult"),
     "tdcr_fe.model.robot": ("Backbone", "Disks", "Robot", "StiffnessPatch", "Superelastic", "Tendon"),
@@ -77,6 +74,7 @@ _PUBLIC = {
         "ParallelRouting",
         "PointsRouting",
         "TwistedRouting",
+        "VaryingHelicalRouting",
     ),
     "tdcr_fe.model.settings": ("SolverSettings",),
     "tdcr_fe.native": ("register",),

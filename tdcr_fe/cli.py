@@ -70,7 +70,7 @@ def _run(argv: Sequence[str] | None) -> int:
         complain(f"cannot go on: {error}")
         return WRONG_INPUT
     except Exception as error:
-        from tdcr_fe.io.toml import InputError
+        from tdcr_fe.io.problems import InputError
 
         if not isinstance(error, InputError):
             raise

@@ -6,7 +6,8 @@ import copy
 import tomllib
 from pathlib import Path
 
-from tdcr_fe.io import toml as files
+from tdcr_fe.io.write_toml import value_to_toml
+from tdcr_fe.model.wording import bare
 
 ROBOT = """
 name = "single-segment"
@@ -89,4 +90,4 @@ def changed(text: str, changes: dict[str, object]) -> str:
 
 def document(data: dict) -> str:
     """Any data as TOML, tables inline."""
-    return "".join(f"{files._key(k)} = {files._toml(v)}\n" for k, v in data.items())
+    return "".join(f"{bare(k)} = {value_to_toml(v)}\n" for k, v in data.items())

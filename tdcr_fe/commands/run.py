@@ -37,11 +37,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Solve a scenario and write what came out."""
-    from tdcr_fe.io.effects import register
     from tdcr_fe.io.tables import check_place
     from tdcr_fe.io.toml import read_scenario
 
-    register()
     problems: list[Any] = []
     scenario = _or_note(problems, lambda: read_scenario(args.scenario))
     out = _or_note(problems, lambda: check_place(args.out))
@@ -51,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _or_note(problems: list[Any], read: Callable[[], Any]) -> Any:
     """What ``read`` returns; where the input is wrong, its problems are noted instead."""
-    from tdcr_fe.io.toml import InputError
+    from tdcr_fe.io.problems import InputError
 
     try:
         return read()
@@ -61,7 +59,7 @@ def _or_note(problems: list[Any], read: Callable[[], Any]) -> Any:
 
 
 def _refuse(problems: list[Any]) -> None:
-    from tdcr_fe.io.toml import InputError
+    from tdcr_fe.io.problems import InputError
 
     if problems:
         raise InputError(problems)
@@ -69,8 +67,8 @@ def _refuse(problems: list[Any]) -> None:
 
 def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> int:
     """Solve a scenario, write its results, and return the exit status."""
+    from tdcr_fe.io.problems import InputError, Problem
     from tdcr_fe.io.tables import write_results
-    from tdcr_fe.io.toml import InputError, Problem
 
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
@@ -126,7 +124,7 @@ def _solve(scenario: Scenario, quiet: bool) -> SequenceResult:
             bar.set_postfix_str(step.label, refresh=False)
             bar.update(step.step - bar.n)  # refining the mesh begins again with the first step
 
-        return simulate(scenario.robot, scenario.model, scenario.steps, progress=progress)
+        return simulate(scenario.robot, scenario.model, scenario.steps, scenario.settings, progress)
 
 
 def format_table(result: SequenceResult) -> str:

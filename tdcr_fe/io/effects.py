@@ -6,7 +6,7 @@ import difflib
 from typing import Any
 
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
-from tdcr_fe.io.toml import EXTRA_TABLES, Report
+from tdcr_fe.io.problems import Report
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.robot import Robot
 
@@ -73,8 +73,3 @@ def read_effects(
             "acts on the measurement only; the results of a run are those of the robot itself",
         )
     return changed.robot, changed.model, changed.steps
-
-
-def register() -> None:
-    """Let `tdcr_fe.io.toml.read_scenario` know the table."""
-    EXTRA_TABLES["effects"] = read_effects

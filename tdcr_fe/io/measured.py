@@ -7,17 +7,20 @@ import io
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.io.toml import InputError, Problem, digest, model_to_toml, read_model, read_robot, robot_to_toml
+from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.toml import digest, read_model_file, read_robot
+from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
 from tdcr_fe.model.channels import QUANTITIES, Channel, channel
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import ARC_TOLERANCE, Robot
+from tdcr_fe.model.settings import SolverSettings
 
 OBSERVATION_COLUMNS = ("step", "quantity", "location", "value", "sigma")
 
@@ -117,6 +120,8 @@ class MeasuredData:
         Readings that are not sound.
     digests : mapping of str to str
         SHA-256 of the files, by name.
+    settings : SolverSettings
+        The ``[solver]`` table of ``model.toml``.
     """
 
     name: str
@@ -128,6 +133,7 @@ class MeasuredData:
     readings: tuple[Reading, ...]
     left_out: tuple[BadRow, ...] = ()
     digests: Mapping[str, str] | None = None
+    settings: SolverSettings = field(default_factory=SolverSettings)
 
     def __post_init__(self) -> None:
         if not len(self.step_ids) == len(self.steps) == len(self.branches):
@@ -181,14 +187,14 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
                 )
             ]
         )
-    robot, model = None, Model()
+    robot, model, settings = None, Model(), SolverSettings()
     try:
         robot = read_robot(folder / "robot.toml")
     except InputError as error:
         problems += error.problems
     if (folder / "model.toml").exists():
         try:
-            model = read_model(folder / "model.toml")
+            model, settings = read_model_file(folder / "model.toml")
         except InputError as error:
             problems += error.problems
     loading = _table(folder / "loading.csv", problems)
@@ -225,6 +231,7 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
         tuple(readings),
         tuple(bad),
         {n: digest(folder / n) for n in names},
+        settings,
     )
 
 
@@ -306,6 +313,7 @@ def _loading(
     last = 0.0
     for row in table.to_dict("records"):
         line = row["line"]
+        noted = len(problems)
 
         def refuse(column: str, allowed: str, row: Mapping[Any, Any] = row, line: int = line) -> None:
             problems.append(Problem(file, f"line {line}, {column}", str(row[column]) or "empty", allowed))
@@ -335,11 +343,13 @@ def _loading(
             if values["time"] < last:
                 refuse("time", f"must not be before the step before, at {last:g} s")
             last = max(last, values["time"])
+        ids.append(number)
+        if len(problems) > noted:
+            continue
         loads = {}
         if forces:
             force = tuple(values[c] for c in forces)
             loads["tip"] = Load(length, (force[0], force[1], force[2]))
-        ids.append(number)
         branches.append(str(row.get("branch", "")))
         steps.append(
             LoadStep(

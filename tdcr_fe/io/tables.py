@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe import __version__
-from tdcr_fe.io.toml import InputError, Problem
+from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.model.results import SequenceResult
 
 Array = NDArray[np.float64]

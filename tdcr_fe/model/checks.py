@@ -1,31 +1,39 @@
-"""What a description must satisfy across its parts; used for files and for Python alike."""
+"""What must hold between the fields of a description; used for files and for Python alike.
+
+What a single field may hold stands at the field itself, see `tdcr_fe.model.schema`.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from tdcr_fe.model.routing import hole_count_text
+from tdcr_fe.model.wording import join, meant, shown
+
 if TYPE_CHECKING:
+    from tdcr_fe.model.loading import Model
     from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
 
-#: A key (dotted, as in the file) and a sentence: the value, and what is allowed.
-Problem = tuple[str, str]
+#: Arc lengths are the same within this distance [m].
+ARC_TOLERANCE = 1e-6
 
-_POSITIVE = "must be positive and finite"
-_NOT_NEGATIVE = "must be finite, zero or more"
+
+#: Memory that a model may need [bytes].
+MEMORY_LIMIT = 4e9
 
 
 class Contradiction(NamedTuple):
-    """One thing that does not fit.
+    """Values that do not fit together.
 
     Attributes
     ----------
     key : str
-        Dotted, as in ``robot.toml``.
+        Dotted, as in the files.
     value : str
         What was given, as text.
     allowed : str
@@ -38,22 +46,8 @@ class Contradiction(NamedTuple):
 
 
 def backbone_contradictions(backbone: Backbone) -> list[Contradiction]:
-    """What is wrong with the numbers of the backbone."""
-    found = []
-    for name in ("length", "radius", "youngs_modulus"):
-        value = getattr(backbone, name)
-        if not 0.0 < value < math.inf:
-            found.append(Contradiction(f"backbone.{name}", f"{value:g}", _POSITIVE))
-    if not -1.0 < backbone.poisson_ratio <= 0.5:
-        found.append(
-            Contradiction(
-                "backbone.poisson_ratio", f"{backbone.poisson_ratio:g}", "must be above -1, up to 0.5"
-            )
-        )
-    if not 0.0 <= backbone.density < math.inf:
-        found.append(Contradiction("backbone.density", f"{backbone.density:g}", _NOT_NEGATIVE))
-    if found:
-        return found
+    """Stiffnesses that overflow or vanish, and patches that do not lie on the backbone."""
+    found: list[Contradiction] = []
     overrides = {
         "EI": "bending_stiffness",
         "GJ": "torsional_stiffness",
@@ -70,17 +64,20 @@ def backbone_contradictions(backbone: Backbone) -> list[Contradiction]:
             given = f"{getattr(backbone, source):g}"
             sentence = f"must give a stiffness {name} that is positive and finite, not {value:g}"
             found.append(Contradiction(f"backbone.{source}", given, sentence))
+    for i, patch in enumerate(backbone.patches):
+        if patch.end > backbone.length + ARC_TOLERANCE:
+            sentence = f"beyond the tip; at most {backbone.length:.9g} m"
+            found.append(Contradiction(f"backbone.patches[{i}].end", f"{patch.end:.9g}", sentence))
+        elif patch.end <= patch.start:
+            sentence = f"must be above start, which is {patch.start:.9g} m"
+            found.append(Contradiction(f"backbone.patches[{i}].end", f"{patch.end:.9g}", sentence))
     return found
 
 
 def disk_contradictions(disks: Disks, length: float) -> list[Contradiction]:
     """What is wrong with the disks on a backbone of that length [m]."""
-    from tdcr_fe.model.robot import ARC_TOLERANCE
-
     s = np.asarray(disks.positions, dtype=float)
-    if s.size == 0:
-        return [Contradiction("disks.positions", "[]", "at least one disk is needed")]
-    if not np.all(np.isfinite(s)) or np.any(np.diff(s) <= ARC_TOLERANCE) or s[0] <= ARC_TOLERANCE:
+    if np.any(np.diff(s) <= ARC_TOLERANCE) or s[0] <= ARC_TOLERANCE:
         return [
             Contradiction(
                 "disks.positions",
@@ -95,17 +92,11 @@ def disk_contradictions(disks: Disks, length: float) -> list[Contradiction]:
                 f"disks.positions[{s.size - 1}]", f"{s[-1]:.9g}", f"beyond the tip; at most {length:.9g} m"
             )
         )
-    if not 0.0 <= disks.thickness < math.inf:
-        found.append(Contradiction("disks.thickness", f"{disks.thickness:g}", _NOT_NEGATIVE))
-    elif disks.thickness > 0.0:
+    if disks.thickness > 0.0:
         limit = min([2.0 * s[0], *np.diff(s)])
         if disks.thickness >= limit:
             sentence = f"must leave flexible backbone between the disks, so less than {limit:g} m"
             found.append(Contradiction("disks.thickness", f"{disks.thickness:g}", sentence))
-    if not 0.0 <= disks.mass < math.inf:
-        found.append(Contradiction("disks.mass", f"{disks.mass:g}", _NOT_NEGATIVE))
-    if not disks.radius > 0.0:
-        found.append(Contradiction("disks.radius", f"{disks.radius:g}", "must be positive"))
     return found
 
 
@@ -124,23 +115,14 @@ def name_contradictions(names: Sequence[str]) -> list[Contradiction]:
 
 def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: float) -> list[Contradiction]:
     """What is wrong with one tendon among sound disks on a backbone of that length [m]."""
-    from tdcr_fe.model.robot import ARC_TOLERANCE
-
     key = f"tendons[{index}]"
     found = []
-    if not 0.0 <= tendon.friction_coefficient < math.inf:
-        found.append(
-            Contradiction(f"{key}.friction_coefficient", f"{tendon.friction_coefficient:g}", _NOT_NEGATIVE)
-        )
-    elif tendon.friction is not None and tendon.friction_coefficient != 0.0:
+    if tendon.friction is not None and tendon.friction_coefficient != 0.0:
         sentence = (
             f"must be left out beside the friction law {tendon.friction.kind!r}, which gives the coefficient"
         )
-        found.append(
-            Contradiction(f"{key}.friction_coefficient", f"{tendon.friction_coefficient:g}", sentence)
-        )
-    if tendon.axial_stiffness is not None and not 0.0 < tendon.axial_stiffness < math.inf:
-        found.append(Contradiction(f"{key}.axial_stiffness", f"{tendon.axial_stiffness:g}", _POSITIVE))
+        value = f"{tendon.friction_coefficient:g}"
+        found.append(Contradiction(f"{key}.friction_coefficient", value, sentence))
     s = np.asarray(disks.positions, dtype=float)
     end = length if tendon.end is None else tendon.end
     if not np.min(np.abs(s - end)) <= ARC_TOLERANCE:
@@ -152,45 +134,30 @@ def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: floa
             Contradiction(f"{key}.end", value, f"no disk is there; the nearest {are} at {nearest} m")
         )
         end = float(s[np.argmin(np.abs(s - end))])
-        if tendon.routing.kind == "points":
+        if tendon.routing.fixed_arc_lengths is not None:
             return found
     holes_at = np.concatenate(([0.0], s[s <= end + ARC_TOLERANCE]))
-    arcs = getattr(tendon.routing, "arc_lengths", None)
+    arcs = tendon.routing.fixed_arc_lengths
     if arcs is not None and (
         len(arcs) != len(holes_at) or np.max(np.abs(np.asarray(arcs) - holes_at)) > ARC_TOLERANCE
     ):
-        found.append(hole_count_contradiction(index, len(arcs), len(holes_at)))
-        return found
+        return [*found, Contradiction(f"{key}.holes", *hole_count_text(len(arcs), len(holes_at)))]
     with np.errstate(all="ignore"):  # a hole at infinity is outside, too
-        holes = getattr(tendon.routing, "holes", None)
-        xy = tendon.routing.position(holes_at, end) if holes is None else np.asarray(holes, dtype=float)
-        distance = np.linalg.norm(xy, axis=1)
+        distance = np.linalg.norm(tendon.routing.position(holes_at, end), axis=1)
     outside = np.flatnonzero(~(distance <= disks.radius * (1.0 + 1e-9)))
     if outside.size:
         k = int(outside[0])
-        where = "base plate" if k == 0 else f"disk {k}"
-        if tendon.routing.kind == "points":
-            name = f"holes[{k}]"
-        else:
-            name = "end_offset" if k > 0 and hasattr(tendon.routing, "end_offset") else "offset"
+        hole = "base plate" if k == 0 else f"disk {k}"
+        name = tendon.routing.deciding_field(k)
         offset = getattr(tendon.routing, name, None)
         found.append(
             Contradiction(
                 f"{key}.{name}",
                 f"{offset:g}" if offset is not None else f"{distance[k]:g} m from the backbone",
-                f"the hole in the {where} must not lie outside the disk of radius {disks.radius:g} m",
+                f"the hole in the {hole} must not lie outside the disk of radius {disks.radius:g} m",
             )
         )
     return found
-
-
-def hole_count_contradiction(index: int, count: int, needed: int) -> Contradiction:
-    """A free list of ``count`` holes where ``needed`` are."""
-    return Contradiction(
-        f"tendons[{index}].holes",
-        f"{count} hole{'s' * (count != 1)}",
-        f"{needed} are needed at their places: the base plate and every disk up to the tendon's end",
-    )
 
 
 def robot_contradictions(robot: Robot) -> list[Contradiction]:
@@ -205,9 +172,113 @@ def robot_contradictions(robot: Robot) -> list[Contradiction]:
     return found
 
 
-def robot_problems(robot: Robot) -> list[Problem]:
-    """Every contradiction between the parts of a robot, as keys and sentences."""
-    return [(c.key, f"{c.value}; {c.allowed}") for c in robot_contradictions(robot)]
+def model_contradictions(tendon_path: Any, friction: Any) -> list[Contradiction]:
+    """The classical model with friction, which it does not have."""
+    if tendon_path != "continuous" or friction == "none":
+        return []
+    sentence = (
+        'tendon_path = "continuous" is the classical model, which has no friction; set friction = "none"'
+    )
+    return [Contradiction("model.friction", shown(friction), sentence)]
+
+
+def step_contradictions(
+    index: int,
+    tensions: Mapping[str, Any],
+    displacements: Mapping[str, Any],
+    loads: Mapping[str, Any],
+    names: Sequence[str] | None,
+    length: float | None,
+) -> list[Contradiction]:
+    """What is wrong with one load step of a robot.
+
+    Parameters
+    ----------
+    index
+        Of the step, from 0.
+    tensions, displacements
+        By tendon.
+    loads
+        Arc length of each load [m], by its name.
+    names
+        Tendons of the robot; None where they are not known.
+    length
+        Of the backbone [m]; None where it is not known.
+    """
+    key = f"steps[{index}]"
+    found = []
+    for kind, values in (("tensions", tensions), ("displacements", displacements)):
+        for name, value in values.items():
+            if names is not None and name not in names:
+                there = ", ".join(dict.fromkeys(names)) or "none"
+                sentence = f"unknown tendon{meant(name, names)}; the robot has {there}"
+                found.append(Contradiction(join(key, kind, name), shown(value), sentence))
+    for name in [n for n in tensions if n in displacements]:
+        sentence = f"tendon {name} has a tension in the same step; exactly one of the two is allowed"
+        found.append(Contradiction(join(key, "displacements", name), shown(displacements[name]), sentence))
+    for name, at in loads.items():
+        if length is not None and at > length + ARC_TOLERANCE:
+            sentence = f"lies beyond the tip; must be an arc length from 0 to {length:g} m"
+            found.append(Contradiction(join(key, "loads", name, "at"), shown(at), sentence))
+    return found
+
+
+def backbone_elements(robot: Robot, model: Model) -> int:
+    """Beam elements of the first mesh, without those of rigid inserts and load points."""
+    if isinstance(model.elements_per_bay, tuple):
+        return sum(model.elements_per_bay)
+    if model.elements_per_bay == "auto":
+        return len(robot.disks.positions)
+    return len(robot.disks.positions) * model.starting_elements_per_bay
+
+
+def size_contradictions(robot: Robot, model: Model, steps: int = 1) -> list[Contradiction]:
+    """A mesh whose dense tangent and its factors, or results of all load steps that exceed `MEMORY_LIMIT`.
+
+    Six matrices of ``6 (elements + 1)`` unknowns are counted for the tangent, and 500 bytes a node and step for the
+    results and their tables.
+
+    Parameters
+    ----------
+    robot, model
+        Description.
+    steps
+        Number of load steps.
+    """
+    given, bays = model.elements_per_bay, len(robot.disks.positions) + 1
+    if isinstance(given, tuple) and len(given) != bays:
+        sentence = (
+            f"{bays} numbers are needed: one for every bay, and one for the stretch beyond the last disk"
+        )
+        return [Contradiction("model.elements_per_bay", f"{len(given)} numbers", sentence)]
+    elements = backbone_elements(robot, model)
+    nodes = elements + 1
+    most = int(math.sqrt(MEMORY_LIMIT / (6 * 8)) / 6) - 1
+    if elements > most:
+        disks, per_bay = len(robot.disks.positions), model.starting_elements_per_bay
+        sentence = (
+            f"{disks} disks with {per_bay} elements a bay are {elements} elements; at most {most} fit into "
+            f"{MEMORY_LIMIT / 1e9:g} GB"
+        )
+        if disks > most:
+            return [Contradiction("disks", f"{disks} disks", sentence)]
+        return [Contradiction("model.elements_per_bay", shown(model.elements_per_bay), sentence)]
+    limit = int(MEMORY_LIMIT / (500 * nodes))
+    if steps > limit:
+        sentence = f"at most {limit} steps with {nodes} nodes fit into {MEMORY_LIMIT / 1e9:g} GB"
+        return [Contradiction("steps", f"{steps} steps", sentence)]
+    return []
+
+
+def time_contradictions(times: Sequence[float | None]) -> list[Contradiction]:
+    """Times of the load steps that run backwards; None where a step has none."""
+    found, last = [], 0.0
+    for i, time in enumerate(times):
+        if time is not None and time < last:
+            sentence = f"must not be before the step before, at {last:g} s"
+            found.append(Contradiction(f"steps[{i}].time", shown(time), sentence))
+        last = last if time is None else max(last, time)
+    return found
 
 
 def _short(values: Sequence[float], keep: int = 6) -> str:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.model.checks import model_contradictions, step_contradictions
+from tdcr_fe.model.quantity import Quantity
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.schema import check_fields
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -36,10 +39,24 @@ class Load:
         The frame of both; "section" follows the section.
     """
 
-    at: float
-    force: Vector = (0.0, 0.0, 0.0)
-    moment: Vector = (0.0, 0.0, 0.0)
-    frame: Literal["world", "section"] = "world"
+    at: Annotated[
+        float,
+        Quantity(
+            "arc length, also between disks",
+            unit="m",
+            ge=0.0,
+            allowed="an arc length [m], from 0 to the length of the backbone",
+        ),
+    ]
+    force: Annotated[Vector, Quantity("force", unit="N", note="such as [0.0, 0.05, 0.0]")] = (0.0, 0.0, 0.0)
+    moment: Annotated[Vector, Quantity("moment", unit="N m")] = (0.0, 0.0, 0.0)
+    frame: Annotated[
+        Literal["world", "section"],
+        Quantity('frame of force and moment; "section" follows the section'),
+    ] = "world"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -61,12 +78,24 @@ class LoadStep:
         Time at the end of the step [s]; only creep asks for it.
     """
 
-    label: str = ""
-    tensions: Mapping[str, float] = field(default_factory=dict)
-    displacements: Mapping[str, float] = field(default_factory=dict)
-    loads: Mapping[str, Load] = field(default_factory=dict)
-    substeps: int | None = None
-    time: float | None = None
+    label: Annotated[str, Quantity("for tables and pictures")] = ""
+    tensions: Annotated[
+        Mapping[str, float],
+        Quantity("tension at the base, by tendon name", unit="N", ge=0.0),
+    ] = field(default_factory=dict)
+    displacements: Annotated[
+        Mapping[str, float],
+        Quantity("tendon pulled in at the base, by tendon name", unit="m"),
+    ] = field(default_factory=dict)
+    loads: Annotated[
+        Mapping[str, Load],
+        Quantity("concentrated loads, by a name of your choice"),
+    ] = field(default_factory=dict)
+    substeps: Annotated[int | None, Quantity("parts that the step is solved in", ge=1, le=100_000)] = None
+    time: Annotated[float | None, Quantity("at the end of the step", unit="s", ge=0.0)] = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -86,10 +115,23 @@ class Model:
         [m/s^2].
     """
 
-    tendon_path: TendonPath = "straight"
-    friction: Friction = "per-hole"
-    elements_per_bay: int | tuple[int, ...] | Literal["auto"] = "auto"
-    gravity: Vector = (0.0, 0.0, 0.0)
+    tendon_path: Annotated[TendonPath, Quantity("from hole to hole, or along the backbone")] = "straight"
+    friction: Annotated[
+        Friction, Quantity("none, one sign for each tendon, or stick and slip at each hole")
+    ] = "per-hole"
+    elements_per_bay: Annotated[
+        int | tuple[int, ...] | Literal["auto"],
+        Quantity("beam elements between neighbouring disks, or a list with one for every bay", ge=1, le=64),
+    ] = "auto"
+    gravity: Annotated[
+        Vector,
+        Quantity("acceleration of gravity, world frame", unit="m/s^2", note="such as [0.0, 0.0, -9.81]"),
+    ] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for c in model_contradictions(self.tendon_path, self.friction):
+            raise ValueError(f"Model.{c.key.removeprefix('model.')} = {c.value}: {c.allowed}")
 
     @property
     def starting_elements_per_bay(self) -> int:
@@ -150,32 +192,22 @@ def resolve(robot: Robot, steps: Iterable[LoadStep]) -> list[Actuation]:
     loads: dict[str, Load] = {}
     time = 0.0
     result = []
-    for number, step in enumerate(steps, start=1):
-        unknown = sorted((set(step.tensions) | set(step.displacements)) - set(index))
-        if unknown:
-            raise ValueError(
-                f"step {number}: no tendon {unknown[0]!r}; the robot has {', '.join(index) or 'none'}"
-            )
-        both = sorted(set(step.tensions) & set(step.displacements))
-        if both:
-            raise ValueError(
-                f"step {number}: tendon {both[0]!r} has a tension and a displacement; one is allowed"
-            )
+    for number, step in enumerate(steps):
+        found = step_contradictions(
+            number,
+            step.tensions,
+            step.displacements,
+            {name: load.at for name, load in step.loads.items()},
+            robot.tendon_names,
+            robot.backbone.length,
+        )
+        if found:
+            raise ValueError("\n".join(f"{c.key} = {c.value}: {c.allowed}" for c in found))
         by_displacement, values = by_displacement.copy(), values.copy()
         for mapping, mode in ((step.tensions, False), (step.displacements, True)):
             for name, value in mapping.items():
-                if not np.isfinite(value) or (not mode and value < 0.0):
-                    raise ValueError(
-                        f"step {number}: {value} for tendon {name!r}; must be finite, a tension >= 0"
-                    )
                 by_displacement[index[name]] = mode
                 values[index[name]] = value
-        for name, load in step.loads.items():
-            if not 0.0 <= load.at <= robot.backbone.length + 1e-6:
-                raise ValueError(
-                    f"step {number}: load {name!r} at {load.at:g} m; the backbone spans 0 to "
-                    f"{robot.backbone.length:g} m"
-                )
         loads = {**loads, **step.loads}
         time = step.time if step.time is not None else time
         result.append(Actuation(by_displacement, values, loads, time))

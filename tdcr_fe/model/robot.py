@@ -7,19 +7,19 @@ in the straight state; the tangent is the third axis of the section frame.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.friction import FrictionCoefficient
+from tdcr_fe.model.checks import ARC_TOLERANCE, robot_contradictions
+from tdcr_fe.model.friction import FRICTION_COEFFICIENTS, FrictionCoefficient
+from tdcr_fe.model.quantity import Quantity
 from tdcr_fe.model.routing import Routing
+from tdcr_fe.model.schema import check_fields
 
 Array = NDArray[np.float64]
-
-#: Arc lengths are the same place within this distance [m].
-ARC_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,15 @@ class Superelastic:
         Slope beyond it over the slope before it [1].
     """
 
-    threshold_strain: float
-    plateau_ratio: float
+    threshold_strain: Annotated[
+        float, Quantity("strain of the outer fibre where the plateau begins", gt=0.0, le=1.0)
+    ]
+    plateau_ratio: Annotated[
+        float, Quantity("slope beyond the threshold over the slope before it", gt=0.0, le=1.0)
+    ]
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -53,10 +60,13 @@ class StiffnessPatch:
         Factors on the stiffness there [1].
     """
 
-    start: float
-    end: float
-    bending: float = 1.0
-    torsion: float = 1.0
+    start: Annotated[float, Quantity("arc length where it begins", unit="m", ge=0.0)]
+    end: Annotated[float, Quantity("arc length where it ends", unit="m", gt=0.0)]
+    bending: Annotated[float, Quantity("factor on the bending stiffness", gt=0.0)] = 1.0
+    torsion: Annotated[float, Quantity("factor on the torsional stiffness", gt=0.0)] = 1.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -85,19 +95,38 @@ class Backbone:
         Growth of bending and torsional compliance per time under load, relative to the declared one [1/s].
     """
 
-    length: float
-    radius: float
-    youngs_modulus: float
-    poisson_ratio: float
-    density: float = 0.0
-    bending_stiffness: float | None = None
-    torsional_stiffness: float | None = None
-    axial_stiffness: float | None = None
-    shear_stiffness: float | None = None
-    precurvature: tuple[float, float] = (0.0, 0.0)
-    superelastic: Superelastic | None = None
-    patches: tuple[StiffnessPatch, ...] = ()
-    creep_rate: float = 0.0
+    length: Annotated[float, Quantity("from base plate to tip", unit="m", gt=0.0, le=1000.0)]
+    radius: Annotated[float, Quantity("of the round section", unit="m", gt=0.0)]
+    youngs_modulus: Annotated[float, Quantity("E", unit="Pa", gt=0.0)]
+    poisson_ratio: Annotated[float, Quantity("nu, gives G = E / (2 (1 + nu))", gt=-1.0, le=0.5)]
+    density: Annotated[float, Quantity("for gravity and dynamics", unit="kg/m^3", ge=0.0)] = 0.0
+    bending_stiffness: Annotated[
+        float | None, Quantity("EI, in place of E pi r^4 / 4", unit="N m^2", gt=0.0)
+    ] = None
+    torsional_stiffness: Annotated[
+        float | None, Quantity("GJ, in place of G pi r^4 / 2", unit="N m^2", gt=0.0)
+    ] = None
+    axial_stiffness: Annotated[float | None, Quantity("EA, in place of E pi r^2", unit="N", gt=0.0)] = None
+    shear_stiffness: Annotated[float | None, Quantity("GA, in place of G pi r^2", unit="N", gt=0.0)] = None
+    precurvature: Annotated[
+        tuple[float, float],
+        Quantity(
+            "turning rate of the section about its x and y axes in the unloaded state",
+            unit="1/m",
+            note="such as [0.0, 2.5]",
+        ),
+    ] = (0.0, 0.0)
+    superelastic: Annotated[Superelastic | None, Quantity("softening of the bending moment (NiTi)")] = None
+    patches: Annotated[
+        tuple[StiffnessPatch, ...], Quantity("stretches of other bending and torsional stiffness")
+    ] = ()
+    creep_rate: Annotated[
+        float,
+        Quantity("growth of bending and torsional compliance per time under load", unit="1/s", ge=0.0),
+    ] = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def compliance_factor(self, time: float) -> float:
         """By how much bending and torsional compliance have grown at a time [s]: ``1 + creep_rate time``."""
@@ -156,6 +185,10 @@ class Backbone:
         return bending, torsion
 
 
+#: Number of disks at equal distances; in files it may stand in place of their positions.
+DiskCount = Annotated[int, Quantity("disks at equal distances, the last at the tip", ge=1, le=10_000)]
+
+
 @dataclass(frozen=True)
 class Disks:
     """Rigid disks on the backbone; the base plate at s = 0 is not one of them.
@@ -172,13 +205,29 @@ class Disks:
         [m].
     """
 
-    positions: tuple[float, ...]
-    mass: float = 0.0
-    thickness: float = 0.0
-    radius: float = 5e-3
+    positions: Annotated[
+        tuple[float, ...],
+        Quantity(
+            "arc lengths of the disks",
+            unit="m",
+            gt=0.0,
+            min_items=1,
+            allowed="arc lengths of the disks [m], at least one, ascending from above 0 to at most the length",
+        ),
+    ]
+    mass: Annotated[float, Quantity("of each disk", unit="kg", ge=0.0)] = 0.0
+    thickness: Annotated[
+        float, Quantity("length of backbone made rigid, centred on the disk", unit="m", ge=0.0)
+    ] = 0.0
+    radius: Annotated[float, Quantity("of the disks and of the base plate", unit="m", gt=0.0, le=1000.0)] = (
+        5e-3
+    )
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     @classmethod
-    def equally_spaced(cls, count: int, length: float, **rest: float) -> Disks:
+    def equally_spaced(cls, count: DiskCount, length: float, **rest: float) -> Disks:
         """``count`` disks at equal distances, the last at the tip."""
         positions = tuple(float(x) for x in length * np.arange(1, count + 1) / count)
         return cls(positions=positions, **rest)
@@ -207,14 +256,30 @@ class Tendon:
         How far the tendon can shift sideways in an oversized hole [m].
     """
 
-    name: str
-    routing: Routing
-    friction_coefficient: float = 0.0
-    end: float | None = None
-    axial_stiffness: float | None = None
-    adhesion: float = 0.0
-    clearance: float = 0.0
-    friction: FrictionCoefficient | None = None
+    name: Annotated[str, Quantity("by which steps and tables call it", name=True)]
+    routing: Annotated[Routing, Quantity("where its holes lie", in_file=False)]
+    friction_coefficient: Annotated[float, Quantity("mu of tendon and hole", ge=0.0)] = 0.0
+    end: Annotated[
+        float | None,
+        Quantity("arc length of the disk it is anchored to", unit="m", gt=0.0, note="where a disk is"),
+    ] = None
+    axial_stiffness: Annotated[float | None, Quantity("EA of the tendon", unit="N", gt=0.0)] = None
+    adhesion: Annotated[
+        float, Quantity("tension drop per hole that does not grow with the tension", unit="N", ge=0.0)
+    ] = 0.0
+    clearance: Annotated[
+        float, Quantity("how far the tendon can shift sideways in an oversized hole", unit="m", ge=0.0)
+    ] = 0.0
+    friction: Annotated[
+        FrictionCoefficient | None,
+        Quantity(
+            "law of a coefficient that depends on slip rate or normal force",
+            variants=FRICTION_COEFFICIENTS,
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -236,21 +301,18 @@ class Robot:
         With every contradiction found between the parts.
     """
 
-    backbone: Backbone
-    disks: Disks
-    tendons: tuple[Tendon, ...] = ()
-    name: str = "robot"
-    tip_mass: float = 0.0
-    metadata: dict[str, Any] = field(default_factory=dict, compare=False)
+    backbone: Annotated[Backbone, Quantity("the elastic rod")]
+    disks: Annotated[Disks, Quantity("the rigid disks on it")]
+    tendons: Annotated[tuple[Tendon, ...], Quantity("one table a tendon", in_file=False)] = ()
+    name: Annotated[str, Quantity("of the robot", name=True)] = "robot"
+    tip_mass: Annotated[float, Quantity("point mass at the tip besides the disk", unit="kg", ge=0.0)] = 0.0
 
     def __post_init__(self) -> None:
-        from tdcr_fe.model.checks import robot_problems
-
-        problems = robot_problems(self)
-        if problems:
-            raise ValueError(
-                f"robot {self.name!r}:\n" + "\n".join(f"  {key}: {text}" for key, text in problems)
-            )
+        check_fields(self)
+        found = robot_contradictions(self)
+        if found:
+            lines = "\n".join(f"  {c.key}: {c.value}; {c.allowed}" for c in found)
+            raise ValueError(f"robot {self.name!r}:\n{lines}")
 
     @property
     def tendon_names(self) -> tuple[str, ...]:

@@ -1,30 +1,46 @@
 """Where a tendon's holes lie: routings as functions of arc length.
 
 A routing gives the hole position (x, y) [m] in the section frame at arc length ``s`` and its first two
-derivatives. Adding one takes a class here and a line in `ROUTINGS`.
+derivatives. Its annotated fields are the keys of its tables in ``robot.toml``. Adding a routing takes a class here
+and its name in `ROUTINGS`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Protocol
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
+from tdcr_fe.model.quantity import FieldError, Quantity
+from tdcr_fe.model.schema import check_fields
+
 Array = NDArray[np.float64]
 
+Offset = Annotated[
+    float, Quantity("distance of the holes from the backbone", unit="m", ge=0.0, note="not outside the disk")
+]
+Angle = Annotated[float, Quantity("angle at the base plate, from +x towards +y", unit="deg")]
+Turns = Annotated[
+    float,
+    Quantity("turns from base plate to end", ge=-1000.0, le=1000.0, note="negative for left-handed"),
+]
 
-class Routing(Protocol):
-    """What every routing offers; ``end`` [m] is the arc length of the disk that the tendon is anchored to."""
 
-    @property
-    def kind(self) -> str:
-        """Name of the routing in ``robot.toml``."""
-        ...
+class Routing:
+    """What every routing offers; its classes are frozen dataclasses.
+
+    Attributes
+    ----------
+    kind : str
+        Name of the routing in ``robot.toml``.
+    """
+
+    kind: ClassVar[str]
 
     def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
         """Hole position or its derivative with respect to arc length.
@@ -43,7 +59,40 @@ class Routing(Protocol):
         numpy.ndarray
             x and y in the section frame [m, 1, 1/m], shape (n, 2).
         """
-        ...
+        raise NotImplementedError
+
+    @property
+    def fixed_arc_lengths(self) -> tuple[float, ...] | None:
+        """Arc lengths of the only holes that it is made for [m]; None where it is made for any."""
+        return None
+
+    def deciding_field(self, hole: int) -> str:
+        """The field that decides how far a hole lies from the backbone; hole 0 is in the base plate."""
+        return "offset"
+
+    @classmethod
+    def from_table(cls, values: Mapping[str, Any], hole_arc_lengths: tuple[float, ...]) -> Routing:
+        """The routing that sound values of a table of ``robot.toml`` describe.
+
+        Parameters
+        ----------
+        values
+            By field.
+        hole_arc_lengths
+            Of base plate and disks up to the tendon's end [m].
+
+        Raises
+        ------
+        FieldError
+            A value does not fit the holes.
+        """
+        return cls(**values)
+
+    def to_table(self) -> dict[str, Any]:
+        """Values of its fields for ``robot.toml``, in which `from_table` finds an equal routing."""
+        from tdcr_fe.model.schema import fields_of
+
+        return {name: getattr(self, name) for name in fields_of(type(self))}
 
 
 def _polar(radius: list[Array], angle: list[Array], derivative: int) -> Array:
@@ -62,7 +111,7 @@ def _polar(radius: list[Array], angle: list[Array], derivative: int) -> Array:
 
 
 @dataclass(frozen=True)
-class ParallelRouting:
+class ParallelRouting(Routing):
     """Holes at constant offset and angle: the tendon runs parallel to the backbone.
 
     Attributes
@@ -73,9 +122,12 @@ class ParallelRouting:
         Angle from +x towards +y [deg].
     """
 
-    offset: float
-    angle_deg: float = 0.0
+    offset: Offset
+    angle_deg: Angle = 0.0
     kind: ClassVar[str] = "parallel"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
         """See `Routing.position`."""
@@ -86,7 +138,7 @@ class ParallelRouting:
 
 
 @dataclass(frozen=True)
-class HelicalRouting:
+class HelicalRouting(Routing):
     """Holes that wind about the backbone at constant offset.
 
     Attributes
@@ -99,10 +151,13 @@ class HelicalRouting:
         Angle at the base plate from +x towards +y [deg].
     """
 
-    offset: float
-    turns: float
-    angle_deg: float = 0.0
+    offset: Offset
+    turns: Turns
+    angle_deg: Angle = 0.0
     kind: ClassVar[str] = "helical"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
         """See `Routing.position`."""
@@ -114,7 +169,50 @@ class HelicalRouting:
 
 
 @dataclass(frozen=True)
-class ConvergingRouting:
+class VaryingHelicalRouting(Routing):
+    """Holes that wind about the backbone at constant offset, with a rate that changes linearly with arc length.
+
+    At ``x = s / end`` the angle is ``angle + 2 pi (turns_base x + (turns_end - turns_base) x^2 / 2)``: the rate of
+    turning is that of a helix of ``turns_base`` turns at the base plate and of ``turns_end`` turns at the end,
+    and the tendon makes their mean in all.
+
+    Attributes
+    ----------
+    offset : float
+        Distance of the holes from the backbone [m].
+    turns_base, turns_end : float
+        Rate of turning at the base plate and at the end, in turns per length from base to end; positive is
+        right-handed about +z.
+    angle_deg : float
+        Angle at the base plate from +x towards +y [deg].
+    """
+
+    offset: Offset
+    turns_base: Annotated[
+        float,
+        Quantity("rate of turning at the base plate, in turns per length to the end", ge=-1000.0, le=1000.0),
+    ]
+    turns_end: Annotated[
+        float, Quantity("rate of turning at the end, in turns per length to the end", ge=-1000.0, le=1000.0)
+    ]
+    angle_deg: Angle = 0.0
+    kind: ClassVar[str] = "helical-varying"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
+        """See `Routing.position`."""
+        s = np.asarray(s, dtype=float)
+        zero = np.zeros_like(s)
+        rate = 2.0 * np.pi * self.turns_base / end
+        growth = 2.0 * np.pi * (self.turns_end - self.turns_base) / end**2
+        angle = np.deg2rad(self.angle_deg) + (rate + 0.5 * growth * s) * s
+        return _polar([zero + self.offset, zero, zero], [angle, rate + growth * s, zero + growth], derivative)
+
+
+@dataclass(frozen=True)
+class ConvergingRouting(Routing):
     """Holes whose offset changes linearly with arc length.
 
     Attributes
@@ -125,10 +223,20 @@ class ConvergingRouting:
         Angle from +x towards +y [deg].
     """
 
-    offset: float
-    end_offset: float
-    angle_deg: float = 0.0
+    offset: Offset
+    end_offset: Annotated[
+        float,
+        Quantity("offset at the end; linear in between", unit="m", ge=0.0, note="not outside the disk"),
+    ]
+    angle_deg: Angle = 0.0
     kind: ClassVar[str] = "converging"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    def deciding_field(self, hole: int) -> str:
+        """See `Routing.deciding_field`."""
+        return "end_offset" if hole > 0 else "offset"
 
     def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
         """See `Routing.position`."""
@@ -140,7 +248,7 @@ class ConvergingRouting:
 
 
 @dataclass(frozen=True)
-class PointsRouting:
+class PointsRouting(Routing):
     """A free list of holes.
 
     Between the holes, which only the classical model asks for, the path is the natural cubic spline
@@ -154,16 +262,43 @@ class PointsRouting:
         x and y of every hole in the section frame [m].
     """
 
-    arc_lengths: tuple[float, ...]
-    holes: tuple[tuple[float, float], ...]
+    arc_lengths: Annotated[
+        tuple[float, ...], Quantity("arc length of every hole", unit="m", ge=0.0, in_file=False)
+    ]
+    holes: Annotated[
+        tuple[tuple[float, float], ...],
+        Quantity(
+            "[x, y] of every hole",
+            unit="m",
+            allowed="pairs [x, y] in m, one a hole: base plate first, then every disk up to the end",
+        ),
+    ]
     kind: ClassVar[str] = "points"
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if len(self.arc_lengths) != len(self.holes) or len(self.holes) < 2:
             raise ValueError(
-                f"a points routing needs one hole per arc length and at least two, got "
-                f"{len(self.holes)} holes and {len(self.arc_lengths)} arc lengths"
+                f"PointsRouting: {len(self.holes)} holes and {len(self.arc_lengths)} arc lengths; must be one hole "
+                "per arc length, and at least two"
             )
+
+    @property
+    def fixed_arc_lengths(self) -> tuple[float, ...] | None:
+        """See `Routing.fixed_arc_lengths`."""
+        return self.arc_lengths
+
+    def deciding_field(self, hole: int) -> str:
+        """See `Routing.deciding_field`."""
+        return f"holes[{hole}]"
+
+    @classmethod
+    def from_table(cls, values: Mapping[str, Any], hole_arc_lengths: tuple[float, ...]) -> Routing:
+        """See `Routing.from_table`."""
+        holes = values["holes"]
+        if len(holes) != len(hole_arc_lengths):
+            raise FieldError("holes", *hole_count_text(len(holes), len(hole_arc_lengths)))
+        return cls(hole_arc_lengths, holes)
 
     @cached_property
     def _path(self) -> CubicSpline:
@@ -177,7 +312,7 @@ class PointsRouting:
 
 
 @dataclass(frozen=True)
-class TwistedRouting:
+class TwistedRouting(Routing):
     """Another routing whose holes are rotated about the backbone, growing linearly with arc length.
 
     Attributes
@@ -188,9 +323,21 @@ class TwistedRouting:
         Rotation per arc length [rad/m].
     """
 
-    base: Routing
-    rate: float
+    base: Annotated[Routing, Quantity("the routing as designed", in_file=False)]
+    rate: Annotated[float, Quantity("rotation per arc length", unit="rad/m", in_file=False)]
     kind: ClassVar[str] = "twisted"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    @property
+    def fixed_arc_lengths(self) -> tuple[float, ...] | None:
+        """See `Routing.fixed_arc_lengths`."""
+        return self.base.fixed_arc_lengths
+
+    def deciding_field(self, hole: int) -> str:
+        """See `Routing.deciding_field`."""
+        return self.base.deciding_field(hole)
 
     def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
         """See `Routing.position`."""
@@ -209,7 +356,16 @@ class TwistedRouting:
         return np.stack((w.real, w.imag), axis=-1)
 
 
+def hole_count_text(count: int, needed: int) -> tuple[str, str]:
+    """What was given and what is allowed, where a list of ``count`` holes stands for ``needed``."""
+    return (
+        f"{count} hole{'s' * (count != 1)}",
+        f"{needed} are needed: one in the base plate and one in every disk up to the tendon's end",
+    )
+
+
 #: Every routing that ``robot.toml`` may name.
-ROUTINGS: dict[str, type] = {
-    r.kind: r for r in (ParallelRouting, HelicalRouting, ConvergingRouting, PointsRouting)
+ROUTINGS: dict[str, type[Routing]] = {
+    r.kind: r
+    for r in (ParallelRouting, HelicalRouting, VaryingHelicalRouting, ConvergingRouting, PointsRouting)
 }

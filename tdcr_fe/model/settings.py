@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
+
+from tdcr_fe.model.quantity import Quantity
+from tdcr_fe.model.schema import check_fields
 
 
 @dataclass(frozen=True)
@@ -38,13 +42,63 @@ class SolverSettings:
         meet and above which a step carries a warning [1]. Infinity leaves the estimate out.
     """
 
-    tolerance: float = 1e-8
-    step_tolerance: float = 1e-10
-    max_iterations: int = 20
-    max_turn: float = 0.5
-    path_tolerance: float = 1e-4
-    max_substeps: int = 64
-    min_substep: float = 1.0 / 256.0
-    max_substep_turn: float = 0.7
-    presliding: float = 1e-6
-    mesh_tolerance: float = 1e-4
+    tolerance: Annotated[
+        float,
+        Quantity("largest unbalanced force, relative to the scale of the forces at work", ge=1e-13, le=1e-2),
+    ] = 1e-8
+    step_tolerance: Annotated[
+        float,
+        Quantity(
+            "a Newton step that moves no node by more than this fraction of the length ends the iteration",
+            ge=1e-15,
+            le=1e-4,
+        ),
+    ] = 1e-10
+    max_iterations: Annotated[int, Quantity("Newton iterations of one attempt", ge=1, le=1000)] = 20
+    max_turn: Annotated[
+        float,
+        Quantity("largest change of an element's rotation in one iteration", unit="rad", gt=0.0, le=3.0),
+    ] = 0.5
+    path_tolerance: Annotated[
+        float,
+        Quantity(
+            "a load step with friction is refined until no node moves by more than this fraction of the length",
+            ge=1e-9,
+            le=1.0,
+        ),
+    ] = 1e-4
+    max_substeps: Annotated[
+        int, Quantity("maximum substeps used to resolve path dependence", ge=1, le=100_000)
+    ] = 64
+    min_substep: Annotated[
+        float,
+        Quantity(
+            "smallest substep tried where Newton does not converge, as a fraction of the load step",
+            ge=1e-6,
+            le=1.0,
+        ),
+    ] = 1.0 / 256.0
+    max_substep_turn: Annotated[
+        float,
+        Quantity(
+            "a substep that turns a section by more is checked against its halves",
+            unit="rad",
+            gt=0.0,
+            le=10.0,
+        ),
+    ] = 0.7
+    presliding: Annotated[
+        float,
+        Quantity("tendon travel through a hole from rest to full friction", unit="m", ge=1e-9, le=1e-2),
+    ] = 1e-6
+    mesh_tolerance: Annotated[
+        float,
+        Quantity(
+            "largest estimated discretisation error, as a fraction of the length; inf leaves the estimate out",
+            gt=0.0,
+            infinite=True,
+        ),
+    ] = 1e-4
+
+    def __post_init__(self) -> None:
+        check_fields(self)

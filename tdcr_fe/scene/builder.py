@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import Clamp, Connectors, TendonActuation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, add_backbone
-from tdcr_fe.elements.friction import FRICTION_MODELS
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model import arguments
+from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.handle import TDCR
@@ -93,12 +93,12 @@ def CreateTDCR(
     TypeError
         ``mbs``, ``robot`` or ``model`` is something else; the message says what to call.
     ValueError
-        The continuous path was given with friction, two robots have one name, an argument is no rotation, or
-        a load position is not on the backbone.
+        The model needs too much memory, two robots have one name, an argument is no rotation, or a load lies beyond
+        the tip.
     """
     model = Model() if model is None else model
     check_types(mbs, robot, model)
-    check_model(model)
+    check_size(robot, model)
     check_arc_lengths(loadPositions, robot.backbone.length)
     pose = BasePose.of(basePosition, baseRotationMatrix)
     name = name or robot.name
@@ -138,20 +138,16 @@ def check_types(mbs: Any, robot: Any, model: Any) -> None:
     arguments.check_model("CreateTDCR", model)
 
 
-def check_model(model: Model) -> None:
-    """Refuse a model that contradicts itself.
+def check_size(robot: Robot, model: Model) -> None:
+    """Refuse a model that needs too much memory.
 
     Raises
     ------
     ValueError
         Names the field, its value and what is allowed.
     """
-    if model.tendon_path not in ("straight", "continuous"):
-        raise ValueError(f"tendon_path {model.tendon_path!r}; must be 'straight' or 'continuous'")
-    if model.tendon_path == "continuous" and model.friction != "none":
-        raise ValueError("tendon_path 'continuous' has no friction; set friction to 'none'")
-    if model.friction not in FRICTION_MODELS:
-        raise ValueError(f"friction {model.friction!r}; must be one of {', '.join(FRICTION_MODELS)}")
+    for c in size_contradictions(robot, model):
+        raise ValueError(f"{c.key} = {c.value}: {c.allowed}")
 
 
 def check_arc_lengths(arc_lengths: Sequence[float], length: float) -> None:

@@ -13,9 +13,10 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import EFFECTS, ExcitationRange, Experiment, effect, with_effect, with_effects
 from tdcr_fe.effects.actuation import displacement_that_arrives, tension_that_arrives
 from tdcr_fe.identify.forward import Reader, _simulate
-from tdcr_fe.io.effects import register
 from tdcr_fe.io.measured import Reading
-from tdcr_fe.io.toml import InputError, read_scenario, robot_to_toml, scenario_to_toml
+from tdcr_fe.io.problems import InputError
+from tdcr_fe.io.toml import read_scenario
+from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Backbone, Disks, Robot, Superelastic, Tendon
 from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
@@ -345,7 +346,6 @@ def test_every_quantity_is_read_off():
 
 
 def test_effects_in_a_scenario_file_are_those_of_python(tmp_path):
-    register()
     (tmp_path / "robot.toml").write_text(robot_to_toml(paper(0.2)))
     text = scenario_to_toml(MODEL, pulled(1.0))
     path = tmp_path / "scenario.toml"

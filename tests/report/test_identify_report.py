@@ -23,7 +23,6 @@ from tdcr_fe.identify.outcome import (
 )
 from tdcr_fe.identify.remarks import largest_strain, remarks
 from tdcr_fe.identify.report import render, summary
-from tdcr_fe.io.effects import register
 from tdcr_fe.io.measured import MeasuredData, Reading
 from tdcr_fe.io.toml import read_scenario, robot_to_toml
 from tdcr_fe.model.loading import Load, LoadStep, Model
@@ -137,7 +136,6 @@ def test_the_next_step_runs(tmp_path):
     found = result(GRAVITY)
     (tmp_path / "robot.toml").write_text(robot_to_toml(ROBOT), encoding="utf-8")
     (tmp_path / "scenario.toml").write_text(scenario_text(found), encoding="utf-8")
-    register()
     scenario = read_scenario(tmp_path / "scenario.toml")
     assert scenario.model.gravity == pytest.approx((0.0, 6.95, -6.91))
     assert [dict(s.tensions) for s in scenario.steps] == [dict(s.tensions) for s in STEPS]
@@ -149,7 +147,6 @@ def test_an_effect_on_the_measurement_is_not_part_of_the_scenario(tmp_path):
     assert "# acts on the measurement only: marker_offset" in effects_block(found)
     (tmp_path / "robot.toml").write_text(robot_to_toml(ROBOT), encoding="utf-8")
     (tmp_path / "scenario.toml").write_text(scenario_text(found), encoding="utf-8")
-    register()
     assert read_scenario(tmp_path / "scenario.toml").model.gravity[1] == pytest.approx(6.95)
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tdcr_fe.io.toml import read_robot, robot_to_toml
+from tdcr_fe.io.toml import read_robot
+from tdcr_fe.io.write_toml import robot_to_toml
 from tdcr_fe.validation.paper.cases import prototype
 from tdcr_fe.validation.paper.run import made_experiments
 from tdcr_fe.validation.paper.stiffness import (

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from tdcr_fe.io.toml import read_robot, read_scenario, robot_to_toml, scenario_to_toml
+from tdcr_fe.io.toml import read_robot, read_scenario
+from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.robot import Robot
 

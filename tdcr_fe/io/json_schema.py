@@ -1,0 +1,53 @@
+"""JSON schema of the input files, for editors that check and complete them."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from tdcr_fe.effects import EFFECTS
+from tdcr_fe.io.keys import MODEL_FILE, ROBOT, SCENARIO
+from tdcr_fe.model.schema import table_schema
+
+_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def _effects_schema() -> dict[str, Any]:
+    """Of the table ``[effects]``: by name of the effect, a table of its parameters."""
+    properties = {}
+    for effect in EFFECTS:
+        numbers = {}
+        for p in effect.parameters:
+            bounds = {"minimum": p.lower, "maximum": p.upper}
+            finite = {k: v for k, v in bounds.items() if abs(v) != float("inf")}
+            numbers[p.name] = {"type": "number", "description": f"{p.meaning} [{p.unit}]", **finite}
+        properties[effect.name] = {
+            "type": "object",
+            "description": effect.description,
+            "properties": numbers,
+            "additionalProperties": False,
+        }
+    return {
+        "type": "object",
+        "description": "effects by hand, by name",
+        "properties": properties,
+        "additionalProperties": False,
+    }
+
+
+def json_schema(file: Literal["robot", "scenario", "model"]) -> dict[str, Any]:
+    """JSON schema (draft 2020-12) of ``robot.toml``, ``scenario.toml`` or ``model.toml``.
+
+    What must hold between keys, such as holes within the disks, is checked by reading the file alone.
+
+    Raises
+    ------
+    ValueError
+        There is no such file.
+    """
+    keys = {"robot": ROBOT, "scenario": SCENARIO, "model": MODEL_FILE}
+    if file not in keys:
+        raise ValueError(f"no schema of {file!r}; there are {', '.join(keys)}")
+    schema = {"$schema": _DIALECT, "title": f"{file}.toml of tdcr_fe", **table_schema(keys[file])}
+    if file == "scenario":
+        schema["properties"]["effects"] = _effects_schema()
+    return schema

@@ -1,0 +1,86 @@
+"""Mistakes in the input: which file, which key, what stands there and what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+from tdcr_fe.model.checks import Contradiction
+from tdcr_fe.model.quantity import Mistake
+from tdcr_fe.model.schema import REQUIRED
+from tdcr_fe.model.wording import shown
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One mistake in the input.
+
+    Attributes
+    ----------
+    file : str
+        As the user named it.
+    key : str
+        Dotted path in the file, such as ``tendons[0].offset``; empty where the whole file is meant.
+    value : str
+        What was found there, as text; empty where nothing was.
+    allowed : str
+        What is allowed there.
+    """
+
+    file: str
+    key: str
+    value: str
+    allowed: str
+
+    def __str__(self) -> str:
+        """One line: file, key, value, what is allowed."""
+        where = f"{self.file}: {self.key}" if self.key else self.file
+        return f"{where} = {self.value}: {self.allowed}" if self.value else f"{where}: {self.allowed}"
+
+
+class InputError(Exception):
+    """The input is wrong.
+
+    Attributes
+    ----------
+    problems : tuple of Problem
+        Every mistake found, at least one.
+    """
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(str(p) for p in self.problems))
+
+
+#: Takes key, value and what is allowed of one mistake.
+Report = Callable[[str, str, str], None]
+
+
+@dataclass(frozen=True)
+class Reporter:
+    """Collects the mistakes of one file.
+
+    Attributes
+    ----------
+    file : str
+        As the user named it.
+    problems : list of Problem
+        Where they go; several files may share it.
+    """
+
+    file: str
+    problems: list[Problem] = field(default_factory=list)
+
+    def __call__(self, key: str, value: str, allowed: str) -> None:
+        """Take one mistake."""
+        self.problems.append(Problem(self.file, key, value, allowed))
+
+    def mistake(self, mistake: Mistake) -> None:
+        """Take a value that its field does not allow."""
+        value = "" if mistake.value is REQUIRED else shown(mistake.value)
+        self(mistake.key, value, mistake.allowed)
+
+    def contradictions(self, found: Iterable[Contradiction]) -> None:
+        """Take values that do not fit together."""
+        for c in found:
+            self(c.key, c.value, c.allowed)

@@ -1,0 +1,121 @@
+"""Write `robot.toml`, `scenario.toml` and `model.toml`; nothing of the description is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import is_dataclass
+from typing import Any
+
+from tdcr_fe.model.friction import FRICTION_COEFFICIENTS
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.routing import ROUTINGS
+from tdcr_fe.model.schema import fields_of
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.wording import bare, quoted
+
+
+def value_to_toml(value: Any) -> str:
+    """A number, text, list, flat mapping or object of the description as TOML."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return quoted(value)
+    if isinstance(value, Mapping):
+        pairs = ", ".join(f"{bare(k)} = {value_to_toml(v)}" for k, v in value.items())
+        return f"{{ {pairs} }}" if pairs else "{}"
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(value_to_toml(v) for v in value) + "]"
+    if is_dataclass(value):
+        kind = getattr(value, "kind", None)
+        return value_to_toml({**({} if kind is None else {"kind": kind}), **_table(value)})
+    return repr(int(value)) if isinstance(value, int) else repr(float(value))
+
+
+def _table(instance: Any) -> dict[str, Any]:
+    """Fields of an object that stand in a file, without those that are None or empty."""
+    values = {name: getattr(instance, name) for name in fields_of(type(instance))}
+    return {name: v for name, v in values.items() if v is not None and not _is_empty(v)}
+
+
+def _is_empty(value: Any) -> bool:
+    return isinstance(value, tuple | Mapping | str) and len(value) == 0
+
+
+def _lines(table: Mapping[str, Any]) -> list[str]:
+    return [f"{bare(k)} = {value_to_toml(v)}" for k, v in table.items() if v is not None]
+
+
+def robot_to_toml(robot: Robot) -> str:
+    """A robot as the text of a `robot.toml`, from which `tdcr_fe.io.toml.read_robot` makes an equal one.
+
+    Raises
+    ------
+    ValueError
+        The robot has what the file format cannot express, such as a routing of one's own; all of it is named.
+    """
+    foreign = [
+        f"tendons[{i}].routing ({t.routing.kind})"
+        for i, t in enumerate(robot.tendons)
+        if ROUTINGS.get(t.routing.kind) is not type(t.routing)
+    ]
+    foreign += [
+        f"tendons[{i}].friction ({t.friction.kind})"
+        for i, t in enumerate(robot.tendons)
+        if t.friction is not None and FRICTION_COEFFICIENTS.get(t.friction.kind) is not type(t.friction)
+    ]
+    if foreign:
+        raise ValueError(f"robot {robot.name!r}: robot.toml cannot express {', '.join(foreign)}")
+    disks = _table(robot.disks)
+    count = len(robot.disks.positions)
+    if Disks.equally_spaced(count, robot.backbone.length).positions == robot.disks.positions:
+        disks = {"count": count, **{k: v for k, v in disks.items() if k != "positions"}}
+    lines = _lines({"name": robot.name, "tip_mass": robot.tip_mass})
+    lines += ["", "[backbone]", *_lines(_table(robot.backbone)), "", "[disks]", *_lines(disks)]
+    for tendon in robot.tendons:
+        own = _table(tendon)
+        first = {"name": own.pop("name"), "routing": tendon.routing.kind}
+        lines += ["", "[[tendons]]", *_lines({**first, **tendon.routing.to_table(), **own})]
+    return "\n".join(lines) + "\n"
+
+
+def model_to_toml(model: Model, settings: SolverSettings | None = None) -> str:
+    """A model, and solver settings, as the text of a `model.toml`; `tdcr_fe.io.toml.read_model` gives equal ones.
+
+    Parameters
+    ----------
+    model, settings
+        What is written; None leaves out the table `[solver]`.
+    """
+    lines = ["[model]", *_lines(_table(model))]
+    if settings is not None:
+        lines += ["", "[solver]", *_lines(_table(settings))]
+    return "\n".join(lines) + "\n"
+
+
+def scenario_to_toml(
+    model: Model,
+    steps: Iterable[LoadStep],
+    robot: str = "robot.toml",
+    settings: SolverSettings | None = None,
+    effects: Mapping[str, Mapping[str, float]] | None = None,
+) -> str:
+    """Model, solver settings, effects and loading sequence as the text of a `scenario.toml`.
+
+    Parameters
+    ----------
+    model, steps
+        What is written.
+    robot
+        Path of the `robot.toml`, relative to where the scenario will lie.
+    settings
+        None leaves out the table `[solver]`.
+    effects
+        By name, values of their parameters; None leaves out the table `[effects]`.
+    """
+    lines = [f"robot = {value_to_toml(robot)}", "", model_to_toml(model, settings).rstrip()]
+    if effects is not None:
+        lines += ["", "[effects]", *_lines(effects)]
+    for step in steps:
+        lines += ["", "[[steps]]", *_lines(_table(step))]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,201 @@
+"""Warnings of values that hardly any robot has: unit slips, missing masses, loads far beyond the elastic range.
+
+Such values are allowed. Each warning names the key as it stands in the files, the value and, where a factor of a usual
+unit explains it, the unit that was probably meant.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.results import StepResult
+from tdcr_fe.model.robot import Robot
+
+#: Longest robot [m], and range of its length over its radius [1].
+LONGEST, SLENDERNESS = 10.0, (5.0, 1e5)
+#: Range of Young's modulus [Pa], of silicone to diamond, and of density [kg/m^3], of foam to iridium.
+MODULUS, DENSITY = (1e4, 1e12), (10.0, 25_000.0)
+#: Largest strain that is not warned of [1].
+LARGEST_STRAIN = 0.2
+#: Largest load times length squared over bending stiffness [1]: an elastica under 100 is bent nearly straight along it.
+LARGEST_LOAD = 100.0
+
+
+@dataclass(frozen=True)
+class _Unit:
+    """A unit that a number may have been given in: its name, and its size in SI."""
+
+    name: str
+    size: float
+
+
+_LENGTHS = (_Unit("mm", 1e-3), _Unit("cm", 1e-2), _Unit("um", 1e-6))
+_MODULI = (_Unit("GPa", 1e9), _Unit("MPa", 1e6), _Unit("kPa", 1e3))
+_DENSITIES = (_Unit("g/cm^3", 1e3),)
+_FORCES = (_Unit("mN", 1e-3), _Unit("g", 9.81e-3))
+
+
+def _meant(value: float, units: Sequence[_Unit], low: float, high: float) -> str:
+    """A question that names the unit in which the value would be usual, or nothing."""
+    fitting = [u for u in units if low <= value * u.size <= high]
+    return f"; was it meant in {fitting[0].name}?" if fitting else ""
+
+
+def robot_warnings(robot: Robot) -> list[str]:
+    """What is unusual about a robot, by key."""
+    b, d = robot.backbone, robot.disks
+    found = []
+    if b.length > LONGEST:
+        found.append(
+            f"backbone.length = {b.length:g} m: longer than {LONGEST:g} m"
+            + _meant(b.length, _LENGTHS, 0.01, LONGEST)
+        )
+    usual_radius = (b.length / SLENDERNESS[1], min(d.radius, b.length / SLENDERNESS[0]))
+    if b.radius >= d.radius:
+        found.append(
+            f"backbone.radius = {b.radius:g} m: not thinner than its disks (radius {d.radius:g} m)"
+            + _meant(b.radius, _LENGTHS, *usual_radius)
+        )
+    elif b.radius > b.length / SLENDERNESS[0]:
+        found.append(
+            f"backbone.radius = {b.radius:g} m: larger than a fifth of the length; rod theory needs a slender backbone"
+            + _meant(b.radius, _LENGTHS, *usual_radius)
+        )
+    elif b.radius < b.length / SLENDERNESS[1]:
+        found.append(
+            f"backbone.radius = {b.radius:g} m: the length is {b.length / b.radius:.0f} times as large"
+        )
+    if not MODULUS[0] <= b.youngs_modulus <= MODULUS[1]:
+        side = "below" if b.youngs_modulus < MODULUS[0] else "above"
+        bound = MODULUS[0] if side == "below" else MODULUS[1]
+        found.append(
+            f"backbone.youngs_modulus = {b.youngs_modulus:g} Pa: {side} {bound:g} Pa"
+            + _meant(b.youngs_modulus, _MODULI, *MODULUS)
+        )
+    if b.density and not DENSITY[0] <= b.density <= DENSITY[1]:
+        found.append(
+            f"backbone.density = {b.density:g} kg/m^3: outside {DENSITY[0]:g} to {DENSITY[1]:g} kg/m^3"
+            + _meant(b.density, _DENSITIES, *DENSITY)
+        )
+    if d.radius > 0.5 * b.length:
+        found.append(
+            f"disks.radius = {d.radius:g} m: larger than half the length"
+            + _meant(d.radius, _LENGTHS, b.radius, 0.5 * b.length)
+        )
+    return found
+
+
+def _gravity_warnings(robot: Robot, model: Model) -> list[str]:
+    if not any(model.gravity):
+        return []
+    found = []
+    if robot.backbone.density == 0.0 and robot.disks.mass == 0.0 and robot.tip_mass == 0.0:
+        found.append(
+            f"model.gravity = {list(model.gravity)}: nothing has mass, so it does nothing; give "
+            "backbone.density, disks.mass or tip_mass"
+        )
+    size = float(np.linalg.norm(model.gravity))
+    if size > 100.0:
+        found.append(
+            f"model.gravity = {list(model.gravity)}: {size:g} m/s^2 is {size / 9.81:.0f} times that of the earth"
+        )
+    return found
+
+
+def _largest(pairs: Iterable[tuple[float, int]]) -> tuple[float, int]:
+    """The largest value with the step where it is first reached."""
+    return max(pairs, key=lambda p: (p[0], -p[1]), default=(0.0, 0))
+
+
+def loading_warnings(robot: Robot, steps: Sequence[LoadStep]) -> list[str]:
+    """What is unusual about a loading sequence for this robot, by key; needs no solution."""
+    b = robot.backbone
+    found = []
+    softness = b.length**2 / b.EI
+    for tendon in robot.tendons:
+        force, k = _largest((s.tensions.get(tendon.name, 0.0), i) for i, s in enumerate(steps))
+        key = f"steps[{k}].tensions.{tendon.name} = {force:g} N"
+        strains = {"the backbone": force / b.EA}
+        if tendon.axial_stiffness is not None:
+            strains["the tendon"] = force / tendon.axial_stiffness
+        for what, strain in strains.items():
+            if strain > LARGEST_STRAIN:
+                found.append(f"{key}: by itself it strains {what} by {100 * strain:.3g} %")
+        # A parallel tendon bends the backbone to the curvature T a / EI (pure moment).
+        offset = float(np.max(np.linalg.norm(robot.holes(tendon), axis=1)))
+        bending = force * offset / b.EI * b.radius
+        if bending > LARGEST_STRAIN and not any(w.startswith(key) for w in found):
+            found.append(
+                f"{key}: its moment bends the backbone by a strain of {100 * bending:.3g} % at the surface"
+                + _meant(force, _FORCES, 0.0, LARGEST_STRAIN * b.EI / (offset * b.radius))
+            )
+        far, k = _largest((abs(s.displacements.get(tendon.name, 0.0)), i) for i, s in enumerate(steps))
+        if far > robot.end(tendon):
+            found.append(
+                f"steps[{k}].displacements.{tendon.name} = {far:g} m: more than the tendon's length in the robot, "
+                f"{robot.end(tendon):g} m" + _meant(far, _LENGTHS, 0.0, robot.end(tendon))
+            )
+    for i, step in enumerate(steps):
+        for name, load in step.loads.items():
+            force, moment = float(np.linalg.norm(load.force)), float(np.linalg.norm(load.moment))
+            if force * softness > LARGEST_LOAD:
+                found.append(
+                    f"steps[{i}].loads.{name}.force: {force:g} N is {force * softness:.3g} EI/L^2, far beyond what the "
+                    "backbone can carry elastically" + _meant(force, _FORCES, 0.0, LARGEST_LOAD / softness)
+                )
+            if moment / b.EI * b.radius > LARGEST_STRAIN:
+                strain = 100 * moment / b.EI * b.radius
+                found.append(
+                    f"steps[{i}].loads.{name}.moment: {moment:g} N m bends the backbone by a strain of {strain:.3g} % "
+                    "at the surface"
+                )
+    return found
+
+
+def plausibility_warnings(robot: Robot, model: Model, steps: Sequence[LoadStep]) -> list[str]:
+    """What is unusual about a scenario, known before solving; one sentence each.
+
+    Parameters
+    ----------
+    robot, model, steps
+        Description.
+    """
+    return [*robot_warnings(robot), *_gravity_warnings(robot, model), *loading_warnings(robot, steps)]
+
+
+def strain_warnings(robot: Robot, steps: Sequence[StepResult]) -> list[str]:
+    """Steps in which bending strains the surface of the backbone by more than `LARGEST_STRAIN`.
+
+    Parameters
+    ----------
+    robot
+        Description.
+    steps
+        Solved steps; the strain is the turn of the tangent between neighbouring nodes over their distance, times the
+        radius, beyond that of the precurved backbone.
+
+    Returns
+    -------
+    list of str
+        One sentence for the step with the largest strain, or nothing.
+    """
+    unloaded = math.hypot(*robot.backbone.precurvature)
+    worst, number, where = 0.0, 0, 0.0
+    for step in steps:
+        tangents = step.rotations[:, :, 2]
+        turn = np.arccos(np.clip(np.einsum("ij,ij->i", tangents[1:], tangents[:-1]), -1.0, 1.0))
+        strain = (turn / np.diff(step.s) - unloaded) * robot.backbone.radius
+        k = int(np.argmax(strain))
+        if strain[k] > worst:
+            worst, number, where = float(strain[k]), step.step, float(0.5 * (step.s[k] + step.s[k + 1]))
+    if worst <= LARGEST_STRAIN:
+        return []
+    return [
+        f"step {number}: bending strains the surface of the backbone by {100 * worst:.3g} % at s = {where:.4g} m, "
+        f"beyond {100 * LARGEST_STRAIN:g} %; no backbone stays elastic there"
+    ]
