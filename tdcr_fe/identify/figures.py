@@ -68,21 +68,28 @@ def _dots(axes: Axes, x: Array, y: Array, held_out: NDArray[np.bool_]) -> None:
 
 
 def _tip_path(axes: Axes, result: IdentificationResult) -> bool:
-    """The path of the marker next to the tip, from above, or from the side where it stays in a plane."""
+    """The path of the marker next to the tip, from above, or from the side where it stays in an upright plane."""
     measured, before, after = _tip(result)
-    if not np.isfinite(measured).any():
+    known = measured[np.isfinite(measured).all(axis=1)]
+    if len(known) < 2:
         return False
-    low, high = np.nanmin(measured, axis=0), np.nanmax(measured, axis=0)
-    span = np.nan_to_num(high - low)
-    flat = min(span[0], span[1]) < 0.05 * max(span[0], span[1])
-    i, j = (int(np.argmax(span[:2])), 2) if flat else (0, 1)
+    across = np.linalg.svd(known[:, :2] - known[:, :2].mean(axis=0))[2]
+    spread = np.ptp(known[:, :2] @ across.T, axis=0)
+    flat = spread[1] < 0.08 * spread[0]
+    towards = across[0] * (np.sign(across[0][int(np.argmax(np.abs(across[0])))]) or 1.0)
+    if flat:
+        project = np.array([[*towards, 0.0], [0.0, 0.0, 1.0]])
+        angle = float(np.degrees(np.arctan2(towards[1], towards[0])))
+        axes.set_xlabel(f"horizontal, at {angle:.0f} deg from x [mm]")
+    else:
+        project = np.eye(3)[:2]
+        axes.set_xlabel("x [mm]")
     for path, colour in ((before, DECLARED), (after, CORRECTED)):
-        axes.plot(path[:, i], path[:, j], color=colour, lw=1.1, alpha=0.9)
-    _dots(axes, measured[:, i], measured[:, j], result.shapes.held_out)
+        axes.plot(*(path @ project.T).T, color=colour, lw=1.1, alpha=0.9)
+    _dots(axes, *(measured @ project.T).T, result.shapes.held_out)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title("Path of the tip, from the side" if flat else "Path of the tip, from above")
-    axes.set_xlabel(f"{'xyz'[i]} [mm]")
-    axes.set_ylabel(f"{'xyz'[j]} [mm]")
+    axes.set_ylabel("z [mm]" if flat else "y [mm]")
     return True
 
 
@@ -107,6 +114,7 @@ def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
         axes.annotate(f"step {s.step_ids[k]}", (side * float(tip @ across), float(_tip(result)[0][k, 2])),
                       xytext=(0, 7), textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(y=0.1)
     axes.set_title("Shape, in the plane of the tip")
     axes.set_xlabel("distance from the z axis [mm]" if len(steps) == 1 else "distance, to either side [mm]")
     axes.set_ylabel("z [mm]")
@@ -125,26 +133,40 @@ def _inputs(result: IdentificationResult) -> tuple[Array, str]:
 
 
 def loops(result: IdentificationResult) -> list[tuple[int, range]]:
-    """Runs of steps in which a single tendon is pulled and released: its number and the steps, the longest first."""
+    """Runs of steps in which the inputs go along one line and back under the same loads, the longest first.
+
+    Returns
+    -------
+    list of (int, range)
+        Number of the tendon whose input changes most, and the steps.
+    """
     values, _ = _inputs(result)
     loads = [tuple(load.force for load in s.loads.values()) for s in result.data.steps]
-    found = []
-    for j in range(values.shape[1]):
-        others = np.delete(values, j, axis=1)
-        same = 0.02 * max(float(np.ptp(values)), 1e-12)
-        begin = 0
-        for k in range(1, len(values) + 1):
-            if (
-                k < len(values)
-                and loads[k] == loads[begin]
-                and np.all(np.abs(others[k] - others[begin]) <= same)
-            ):
-                continue
-            change = np.diff(values[begin:k, j])
-            if k - begin >= _LOOP_STEPS and np.any(change > same) and np.any(change < -same):
-                found.append((j, range(begin, k)))
-            begin = k
+    same = 0.02 * max(float(np.ptp(values)) if values.size else 0.0, 1e-12)
+    found: list[tuple[int, range]] = []
+    begin = 0
+    while begin < len(values) - 1:
+        end = begin + 2
+        while (
+            end < len(values) and loads[end] == loads[begin] and _off_a_line(values[begin : end + 1]) <= same
+        ):
+            end += 1
+        j = int(np.argmax(np.ptp(values[begin:end], axis=0)))
+        change = np.diff(values[begin:end, j])
+        if end - begin >= _LOOP_STEPS and np.any(change > same) and np.any(change < -same):
+            found.append((j, range(begin, end)))
+        begin = end - 1
     return sorted(found, key=lambda x: -len(x[1]))
+
+
+def _off_a_line(points: Array) -> float:
+    """Largest distance of points from the line through the first and the farthest, shape (n, k)."""
+    path = points - points[0]
+    far = path[int(np.argmax(np.linalg.norm(path, axis=1)))]
+    length = float(np.linalg.norm(far))
+    if length == 0.0:
+        return 0.0
+    return float(np.max(np.linalg.norm(path - np.outer(path @ far, far) / length**2, axis=1)))
 
 
 def _loop(axes: Axes, result: IdentificationResult) -> bool:

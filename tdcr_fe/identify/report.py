@@ -103,17 +103,20 @@ def sentences(result: IdentificationResult) -> list[str]:
             f"On them it goes from {size(result.before_held_out)} to {size(result.after_held_out)}"
             + (
                 ": the corrected model predicts steps that it was not fitted to."
-                if result.after_held_out.chi2_per_dof < 0.5 * result.before_held_out.chi2_per_dof
+                if result.after_held_out.chi2_per_dof < min(2.0, 0.5 * result.before_held_out.chi2_per_dof)
                 else "."
             )
         )
-    for e in result.effects:
-        if e.indistinguishable_from:
-            others = " or ".join(words(n) for n in e.indistinguishable_from)
-            found.append(
-                f"On these data {words(e.name)} is indistinguishable from {others}; the experiment that separates them "
-                "is given below."
-            )
+    alike = [
+        f"{words(e.name)} from {' or '.join(words(n) for n in e.indistinguishable_from)}"
+        for e in result.effects
+        if e.indistinguishable_from
+    ]
+    if alike:
+        found.append(
+            f"Indistinguishable on these data: {'; '.join(alike)}. Experiments that separate them are listed with the "
+            "effects below."
+        )
     if result.verdict in ("partly explained", "unexplained"):
         # What is known of the location; the size of the moment and the tests are in the section on the rest.
         first = result.remaining.description.split("; ")[0]

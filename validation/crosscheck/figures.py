@@ -2,57 +2,20 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from tdcr_fe.report.style import BAD, COLOURS, INK, PALE, REFERENCE, SOFT, no_axes, styled, svg
 from tdcr_fe.validation.crosscheck.cases import LOADS, ROUTINGS
 
 Record = dict[str, Any]
-
-INK, SOFT, PALE, RULE = "#1f2933", "#66727f", "#b8c0c8", "#dfe3e7"
-REFERENCE, BAD = "#1f2933", "#c0392b"
-#: One colour each, by routing and by load (Okabe and Ito, told apart by colour-blind readers too).
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b")
-_STYLE: Any = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["Helvetica", "Arial", "Liberation Sans", "DejaVu Sans"],
-    "font.size": 9,
-    "axes.titlesize": 9.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.labelcolor": SOFT,
-    "axes.edgecolor": PALE,
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": RULE,
-    "grid.linewidth": 0.6,
-    "xtick.color": SOFT,
-    "ytick.color": SOFT,
-    "text.color": INK,
-    "legend.frameon": False,
-    "legend.fontsize": 8.5,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "tdcr-fe",
-}
-
-
-def _svg(figure: Figure) -> str:
-    buffer = io.StringIO()
-    with rc_context(_STYLE):
-        figure.savefig(buffer, format="svg", bbox_inches="tight", pad_inches=0.04, metadata={"Date": None})
-    return buffer.getvalue()
 
 
 _MODEL_NAMES = {
@@ -69,7 +32,7 @@ def _routing_colour(routing: str) -> str:
 
 def deviations(cases: Sequence[Record], tolerance: float, median: float) -> str:
     """Every case by its tip deviation, one row per routing, with tolerance and median."""
-    with rc_context(_STYLE):
+    with styled():
         figure = Figure(figsize=(9.2, 2.5))
         axes = figure.add_subplot()
         rows = [r for r in ROUTINGS if any(c["routing"] == r for c in cases)]
@@ -92,7 +55,7 @@ def deviations(cases: Sequence[Record], tolerance: float, median: float) -> str:
         axes.tick_params(axis="y", length=0, labelcolor=INK)
         axes.grid(axis="y", visible=False)
         axes.set_xlabel("deviation of the tip, worst step of each case [% of the length]")
-    return _svg(figure)
+    return svg(figure)
 
 
 def _project(points: np.ndarray, azimuth: float = -60.0, elevation: float = 22.0) -> np.ndarray:
@@ -105,19 +68,24 @@ def _project(points: np.ndarray, azimuth: float = -60.0, elevation: float = 22.0
 
 def group(cases: Sequence[Record]) -> str:
     """Shapes of both solvers at every load step, and tensions along the pulled tendons, by load."""
-    with rc_context(_STYLE):
-        figure = Figure(figsize=(12.0, 4.6))
+    return svg(draw_group(cases))
+
+
+def draw_group(cases: Sequence[Record]) -> Figure:
+    """The figure of `group`: one column for each case."""
+    with styled():
+        figure = Figure(figsize=(12.0, 5.0), layout="constrained")
         order = sorted(cases, key=lambda c: LOADS.index(c["load"]) if c["load"] in LOADS else 99)
         for k, case in enumerate(order):
             shape = figure.add_subplot(2, len(order), k + 1)
             tension = figure.add_subplot(2, len(order), len(order) + k + 1)
             _draw_shapes(shape, case, COLOURS[k % 5])
             _draw_tensions(tension, case, COLOURS[k % 5])
-            shape.set_title(f"{case['load']}, {case['disks']} disks")
+            # Two lines: columns are too narrow for one.
+            shape.set_title(f"{case['load']}\n{case['disks']} disks")
             if k == 0:
                 tension.set_ylabel("tension [N]")
-        figure.subplots_adjust(wspace=0.28, hspace=0.2)
-    return _svg(figure)
+    return figure
 
 
 def _draw_shapes(axes: Axes, case: Record, colour: str) -> None:
@@ -130,11 +98,7 @@ def _draw_shapes(axes: Axes, case: Record, colour: str) -> None:
         axes.plot(*line.T, color=REFERENCE, lw=0.8, alpha=strength)
         stride = max(1, len(nodes) // 20)
         axes.plot(*nodes[::stride].T, ls="", marker="o", ms=2.6, color=colour, alpha=strength, mew=0)
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.grid(visible=False)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
+    no_axes(axes)
     points = 1e3 * np.concatenate([_project(np.array(step["shape_reference"])) for step in case["steps"]])
     (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
     right = max(right, left + 60.0)
@@ -161,7 +125,7 @@ def _draw_tensions(axes: Axes, case: Record, colour: str) -> None:
 def mesh(studies: Sequence[Record]) -> str:
     """Deviation over elements per bay, one panel per routing."""
     names = {"continuous": "o", "none": "s", "per-tendon": "^", "per-hole": "D"}
-    with rc_context(_STYLE):
+    with styled():
         figure = Figure(figsize=(12.0, 2.7))
         rows = [r for r in ROUTINGS if any(s["routing"] == r for s in studies)]
         first = None
@@ -196,12 +160,12 @@ def mesh(studies: Sequence[Record]) -> str:
         ]
         figure.legend(handles=handles, loc="upper center", ncols=4, bbox_to_anchor=(0.5, 1.12))
         figure.subplots_adjust(wspace=0.2)
-    return _svg(figure)
+    return svg(figure)
 
 
 def disks(studies: Sequence[Record]) -> str:
     """Distance between the straight and the classical model over the number of disks."""
-    with rc_context(_STYLE):
+    with styled():
         figure = Figure(figsize=(5.6, 3.0))
         axes = figure.add_subplot()
         for study in studies:
@@ -217,12 +181,12 @@ def disks(studies: Sequence[Record]) -> str:
         axes.set_xlabel("disks")
         axes.set_ylabel("straight against continuous [%]")
         axes.legend(loc="lower left")
-    return _svg(figure)
+    return svg(figure)
 
 
 def history(case: Record) -> str:
     """Hysteresis of one tendon, tension over displacement, and what every hole does at every step."""
-    with rc_context(_STYLE):
+    with styled():
         figure = Figure(figsize=(12.0, 2.9))
         grid = figure.add_gridspec(1, 4, width_ratios=(1.1, 1.1, 1.2, 1.2), wspace=0.32)
         steps = case["steps"]
@@ -262,7 +226,7 @@ def history(case: Record) -> str:
             bar = figure.colorbar(image, ax=figure.axes[2:], shrink=0.85, pad=0.015, ticks=[-1, 0, 1])
             bar.ax.set_yticklabels(["release", "stick", "pull"])
             bar.outline.set_visible(False)
-    return _svg(figure)
+    return svg(figure)
 
 
 _DOTS: Any = {"color": COLOURS[1], "ls": "", "marker": "o", "ms": 4.0, "mew": 0}
@@ -277,7 +241,7 @@ _MOBILISATION = ListedColormap(
 
 def times(cases: Sequence[Record]) -> str:
     """Wall time per substep of both solvers over disks."""
-    with rc_context(_STYLE):
+    with styled():
         figure = Figure(figsize=(5.6, 3.0))
         axes = figure.add_subplot()
         draw = np.random.default_rng(1)
@@ -292,12 +256,12 @@ def times(cases: Sequence[Record]) -> str:
         axes.set_xlabel("disks")
         axes.set_ylabel("time per substep [ms]")
         axes.legend(loc="upper left", markerscale=2)
-    return _svg(figure)
+    return svg(figure)
 
 
 def bounds(case: Record) -> str:
     """Tension ratio at every hole within its Capstan bounds, around the reversal of a history."""
-    with rc_context(_STYLE):
+    with styled():
         figure = Figure(figsize=(12.0, 2.4))
         chosen = [n for n in (2, 3, 4, 5, 7) if n < len(case["steps"])]
         first = None
@@ -311,11 +275,11 @@ def bounds(case: Record) -> str:
             axes.axhline(1.0, color=BAD, lw=0.9)
             axes.axhline(-1.0, color=BAD, lw=0.9)
             axes.set_ylim(-1.25, 1.25)
-            axes.set_title(f"step {n + 1}: {step['base_tensions'][0] + 0.0:.1f} N")
+            axes.set_title(f"step {n + 1}: {step['base_tensions'][0] + 0.0:.1f} N", fontsize=9)
             axes.set_xlabel("hole from the base")
             axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
             axes.tick_params(labelleft=k == 0)
             if k == 0:
                 axes.set_ylabel(r"$\ln(T_{k+1}/T_k)\,/\,\mu\theta_k$")
         figure.subplots_adjust(wspace=0.12)
-    return _svg(figure)
+    return svg(figure)

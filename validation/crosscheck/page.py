@@ -1,0 +1,277 @@
+"""The HTML page of a cross-validation: its first screen, and a section for every kind of evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tdcr_fe.report.environment import short
+from tdcr_fe.report.page import Card, Page, Picture, Section, render
+from tdcr_fe.validation.crosscheck import figures
+from tdcr_fe.validation.crosscheck.cases import (
+    ELEMENTS_PER_BAY,
+    LOADS,
+    MEDIAN_TOLERANCE,
+    MODELS,
+    MOST_COMPRESSION,
+    MOST_TENSION,
+    PRESLIDING,
+    ROUTINGS,
+    TENSION_TOLERANCE,
+    TIP_TOLERANCE,
+    all_cases,
+)
+from tdcr_fe.validation.crosscheck.compare import VERGE_MOBILISATION, VERGE_SLIP
+
+Record = dict[str, Any]
+
+#: Largest deviation of the reference's shape from the independent integration [% of the length].
+INTEGRATION_TOLERANCE = 1e-4
+
+
+def to_html(outcome: Record) -> str:
+    """The report as one file that needs nothing else."""
+    return render(page(outcome), "tdcr_fe.validation.crosscheck")
+
+
+def page(outcome: Record) -> Page:
+    """What the report shows."""
+    counts, time = outcome["counts"], outcome["time"]
+    made = ", ".join(f"{name} {number}" for name, number in outcome["versions"].items())
+    recalled = f", {time['recalled']} records from an earlier run" if time["recalled"] else ""
+    full = " --full" if outcome["set"] == "full" else ""
+    if outcome["passed"]:
+        verdict = f"All {counts['cases']} cases hold."
+    elif counts["failing"]:
+        verdict = f"{counts['failing']} of {counts['cases']} cases fail."
+    else:
+        verdict = f"All {counts['cases']} cases hold; a requirement does not."
+    return Page(
+        title=f"Cross-validation, {outcome['set']} set, {outcome['date']}",
+        verdict=verdict,
+        level="good" if outcome["passed"] else "bad",
+        sentences=(
+            f"Finite elements (Exudyn, {ELEMENTS_PER_BAY} elements per bay) against an independent Cosserat shooting "
+            "reference (numpy and scipy): the same robots, loads and histories, "
+            f"{counts['steps']} load steps, {counts['holes']} hole states.",
+        ),
+        cards=_cards(outcome),
+        pictures=_deviations(outcome),
+        summary=Section(
+            "summary",
+            "",
+            "requirements.html.j2",
+            {key: outcome[key] for key in ("requirements", "worst", "failures")},
+        ),
+        sections=tuple(_sections(outcome)),
+        notes=(
+            f"{made}. {time['processes']} processes, {time['wall']:.0f} s{recalled}.",
+            f"Repeat with: tdcr-fe validate -o OUT{full}",
+        ),
+    )
+
+
+def _cards(outcome: Record) -> tuple[Card, ...]:
+    worst, counts = outcome["worst"], outcome["counts"]
+    off = counts["holes_differing_off_the_verge"]
+    return (
+        Card(
+            f"{short(worst['tip_percent'])} %",
+            f"of the length: tip, worst case (must be below {TIP_TOLERANCE:g})",
+        ),
+        Card(
+            f"{short(worst['median_tip_percent'])} %",
+            f"of the length: tip, median (must be below {MEDIAN_TOLERANCE:g})",
+        ),
+        Card(
+            f"{short(worst['tension_percent'])} %",
+            f"tension at a hole, worst (must be below {TENSION_TOLERANCE:g})",
+        ),
+        Card(
+            f"{off} of {counts['holes']}",
+            f"hole states differ; {counts['holes_differing'] - off} more at the stick-slip threshold",
+        ),
+    )
+
+
+def _deviations(outcome: Record) -> tuple[Picture, ...]:
+    if not any(c["converged"] for c in outcome["cases"]):
+        return ()
+    svg = figures.deviations(outcome["cases"], TIP_TOLERANCE, outcome["worst"]["median_tip_percent"])
+    return (Picture(svg, "Deviation of the tip in every case", "One dot for each case; crosses fail."),)
+
+
+def _sections(outcome: Record) -> list[Section]:
+    """A section for every kind of evidence that there is."""
+    studies = outcome["studies"]
+    cases = [c for c in outcome["cases"] if c["converged"]]
+    found = [
+        _arbitration(studies["dispute"], studies["closed"]),
+        Section("shapes", "Shapes and tensions", "shapes.html.j2", {"groups": _groups(cases)}),
+    ]
+    if studies["mesh"]:
+        picture = Picture(figures.mesh(studies["mesh"]), "Mesh convergence")
+        context = {"studies": studies["mesh"], "picture": picture}
+        found.append(Section("mesh", "Mesh convergence", "mesh.html.j2", context))
+    if studies["buckling"]:
+        found.append(_buckling(studies["buckling"]))
+    if studies["disks"]:
+        picture = Picture(figures.disks(studies["disks"]), "Straight model against the continuous one")
+        found.append(
+            Section(
+                "disks", "Number of disks: from straight to continuous", "disks.html.j2", {"picture": picture}
+            )
+        )
+    found += [
+        _histories(outcome, cases),
+        Section("bounds", "Friction bounds at every hole", "bounds.html.j2", {"bounds": _bounds(cases)}),
+        Section(
+            "literature", "Results of other codes", "literature.html.j2", {"studies": studies["literature"]}
+        ),
+        Section(
+            "time",
+            "Time",
+            "time.html.j2",
+            {
+                "time": outcome["time"],
+                "studies": studies["time"],
+                "picture": Picture(figures.times(cases), "Time per substep over the number of disks")
+                if cases
+                else None,
+            },
+        ),
+        Section("all", "All cases", "cases.html.j2", {"cases": outcome["cases"]}),
+        _method(outcome),
+    ]
+    return found
+
+
+def _arbitration(studies: Sequence[Record], closed: Sequence[Record]) -> Section:
+    right = all(
+        d["third_shape_percent"] < INTEGRATION_TOLERANCE
+        and d["deviation_percent"][-1] < 0.2 * d["deviation_percent"][0]
+        for d in studies
+    )
+    context = {
+        "studies": sorted(studies, key=lambda d: d["deviation_percent"], reverse=True),
+        "count": len(studies),
+        "closed": closed,
+        "reference_right": right and bool(studies),
+    }
+    return Section(
+        "arbitration",
+        "Arbitration: the cases that differ most, integrated independently",
+        "arbitration.html.j2",
+        context,
+    )
+
+
+def _buckling(studies: Sequence[Record]) -> Section:
+    context = {
+        "studies": studies,
+        "load": studies[0]["tension"][0] / studies[0]["shares"][0],
+        "most_compression": MOST_COMPRESSION,
+        "tip_tolerance": TIP_TOLERANCE,
+    }
+    return Section("buckling", "Bays near buckling", "buckling.html.j2", context)
+
+
+def _groups(cases: Sequence[Record]) -> list[Record]:
+    """One picture for each routing and model: a case of each load, with different numbers of disks."""
+    found = []
+    for routing in ROUTINGS:
+        for path, friction in MODELS:
+            of_model = [
+                c for c in cases
+                if c["group"] == "grid" and (c["routing"], c["tendon_path"], c["friction"]) == (routing, path, friction)
+            ]  # fmt: skip
+            chosen = []
+            for k, load in enumerate(LOADS):
+                of_load = sorted((c for c in of_model if c["load"] == load), key=lambda c: c["disks"])
+                if of_load:
+                    chosen.append(of_load[k % len(of_load)])
+            if not chosen:
+                continue
+            friction_text = "no" if friction == "none" else friction
+            model = path if path == "continuous" else f"{path}, {friction_text} friction"
+            worst = max(of_model, key=lambda c: c["deviation_percent"])
+            found.append(
+                {
+                    "title": f"{routing}: {model}",
+                    "count": len(of_model),
+                    "worst": short(worst["deviation_percent"]),
+                    "where": f"{worst['load']}, {worst['disks']} disks",
+                    "picture": Picture(figures.group(chosen), f"Shapes and tensions, {routing}, {model}"),
+                }
+            )
+    return found
+
+
+def _histories(outcome: Record, cases: Sequence[Record]) -> Section:
+    differing = [
+        {**h, "case": c["id"], "step": n + 1, "at_threshold": h["verge"]}
+        for c in outcome["cases"]
+        for n, s in enumerate(c["steps"])
+        for h in s["holes_differing"]
+    ]
+    histories = [
+        {"case": c, "energy": _energy(c), "picture": Picture(figures.history(c), f"Hysteresis of {c['id']}")}
+        for c in cases
+        if c["group"] == "history" and c["friction"] == "per-hole"
+    ]
+    context = {
+        "histories": histories,
+        "differing": differing,
+        "holes": outcome["counts"]["holes"],
+        "presliding": PRESLIDING,
+        "threshold_mobilisation": VERGE_MOBILISATION,
+        "threshold_slip": VERGE_SLIP,
+    }
+    return Section("histories", "Loading, unloading, reloading; hole states", "histories.html.j2", context)
+
+
+def _bounds(cases: Sequence[Record]) -> list[Record]:
+    found = []
+    for routing in ("parallel", "helical"):
+        for case in cases:
+            single = (
+                case["group"] == "history" and case["friction"] == "per-hole" and len(case["tendons"]) == 1
+            )
+            if single and case["routing"] == routing:
+                picture = Picture(figures.bounds(case), f"Friction bounds, {routing}")
+                found.append({"title": f"{routing}, {case['disks']} disks", "picture": picture})
+                break
+    return found
+
+
+def _method(outcome: Record) -> Section:
+    """How it is done; its numbers come from the cases themselves."""
+    large = [
+        max(step.tensions.values())
+        for case in all_cases()
+        if case.group == "large bending"
+        for step in case.steps
+        if step.tensions
+    ]
+    context = {
+        "presliding": PRESLIDING,
+        "most_tension": MOST_TENSION,
+        "most_compression": MOST_COMPRESSION,
+        "largest_tension": max(large, default=0.0),
+        "other_paths": outcome["counts"]["other_paths"],
+    }
+    return Section("method", "Method", "method.html.j2", context)
+
+
+def _energy(case: Record) -> Record:
+    """Work of the actuators by the trapezoidal rule on both sides, and the dissipation at the holes [mJ]."""
+    result: Record = {}
+    for side, tension in (("finite_element", "base_tensions_finite_element"), ("reference", "base_tensions")):
+        pull = np.array([s[tension] for s in case["steps"]])
+        moved = np.array([s[f"displacements_{side}"] for s in case["steps"]])
+        pull, moved = (np.concatenate((np.zeros((1, pull.shape[1])), x)) for x in (pull, moved))
+        result[side] = 1e3 * float(np.sum(0.5 * (pull[1:] + pull[:-1]) * np.diff(moved, axis=0)))
+    result["dissipated"] = 1e3 * case["steps"][-1]["dissipation_reference"]
+    return result
