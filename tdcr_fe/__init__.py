@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from tdcr_fe.io.write_toml import model_to_toml as model_to_toml
     from tdcr_fe.io.write_toml import robot_to_toml as robot_to_toml
     from tdcr_fe.io.write_toml import scenario_to_toml as scenario_to_toml
+    from tdcr_fe.model.friction import ConstantFriction as ConstantFriction
+    from tdcr_fe.model.friction import ForceDependentFriction as ForceDependentFriction
+    from tdcr_fe.model.friction import StribeckFriction as StribeckFriction
     from tdcr_fe.model.loading import Load as Load
     from tdcr_fe.model.loading import LoadStep as LoadStep
     from tdcr_fe.model.loading import Model as Model
@@ -65,6 +68,7 @@ _PUBLIC = {
     "tdcr_fe.io.problems": ("InputError",),
     "tdcr_fe.io.toml": ("read_model", "read_robot", "read_scenario"),
     "tdcr_fe.io.write_toml": ("model_to_toml", "robot_to_toml", "scenario_to_toml"),
+    "tdcr_fe.model.friction": ("ConstantFriction", "ForceDependentFriction", "StribeckFriction"),
     "tdcr_fe.model.loading": ("Load", "LoadStep", "Model"),
     "tdcr_fe.model.results": ("SequenceResult", "StepResult"),
     "tdcr_fe.model.robot": ("Backbone", "Disks", "Robot", "StiffnessPatch", "Superelastic", "Tendon"),

@@ -71,7 +71,7 @@ def test_every_path_that_a_page_names_exists(page):
 def test_every_list_on_the_page_where_to_change_is_in_its_file():
     """As in "a class in FILE, its name in LIST there", or "LIST of FILE"."""
     page = (ROOT / "docs" / "where_to_change.md").read_text(encoding="utf-8")
-    there = re.findall(r"`([\w/]+\.py)` \| its name in `([A-Z_]+)` there", page)
+    there = re.findall(r"`([\w/]+\.py)` \| its (?:name|object) in `([A-Z_]+)` there", page)
     other = [(file, name) for name, file in re.findall(r"`([A-Z_]+)` of `([\w/]+\.py)`", page)]
     assert len(there + other) >= 3
     for file, name in there + other:
