@@ -157,9 +157,9 @@ def test_two_sources_of_the_coefficient_are_refused():
 # ---------------------------------------------------------------- scenes
 
 
-def damped(robot, damping: float):
+def damped(robot, damping: float, presliding: float):
     """A robot whose tip is damped against ground [N s/m]."""
-    keep, mbs, handle = scene(robot, assemble=False)
+    keep, mbs, handle = scene(robot, assemble=False, presliding=presliding)
     ground = mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=mbs.AddObject(eii.ObjectGround())))
     markers = [ground, handle.mTip]
     mbs.AddObject(
@@ -181,37 +181,66 @@ def settings(end: float, step: float) -> exu.SimulationSettings:
     return s
 
 
-def sampled(law, end, step, top):
-    """A pull to ``top`` [N] with a smooth beginning: by step, coefficient and law at the first and last hole."""
-    _keep, mbs, handle = damped(with_law(law), 0.3)
-    handle.set_inputs_over_time(lambda t: [top * (t / end) ** 2])
+def sampled(law, end, step, tension, presliding=1e-6):
+    """Solve with a tension over time [N]; by time step, arrays of shape (steps, holes).
+
+    Returns
+    -------
+    mu, law : ndarray
+        Coefficient from the tensions, and the law's at the normal force and slip rate of the step.
+    rate, mobilisation : ndarray
+        Slip rates [m/s] and mobilisations.
+    """
+    _keep, mbs, handle = damped(with_law(law), 0.3, presliding)
+    handle.set_inputs_over_time(lambda t: [tension(t)])
     found = []
 
     def sample(mbs_, t):
         if t > 0.0:
-            field = handle.actuation.field
-            if np.all(field.mobilisation == 1.0):
-                tension, angles = field.tension[0], handle.actuation.shape.angles[0]
-                mu = np.log(tension[:-1] / tension[1:]) / angles
-                force = normal_forces(tension[None], angles[None])[0]
-                found.append((mu, law.coefficient(force, field.slip_rate[0])[0], field.slip_rate[0]))
+            field, angles = handle.actuation.field, handle.actuation.shape.angles
+            used = np.log(field.tension[0, :-1] / field.tension[0, 1:]) / angles[0]
+            force = normal_forces(field.tension, angles)[0]
+            rate = field.slip_rate[0]
+            found.append((used, law.coefficient(force, rate)[0], rate, field.mobilisation[0]))
         return True
 
     mbs.SetPostStepUserFunction(sample)
     assert mbs.SolveDynamic(settings(end, step))
-    assert len(found) > 20
     return tuple(np.array(x) for x in zip(*found, strict=True))
 
 
 def test_dynamics_have_the_coefficient_of_their_slip_rate():
     """A slow pull in 2 s has nearly the static coefficient, a fast one in 0.1 s reaches the kinetic; all its own."""
     law = StribeckFriction(static=0.3, kinetic=0.15, stribeck_rate=2e-3)
-    slow, at_slow, rate = sampled(law, 2.0, 2e-2, 0.2)
-    assert slow == pytest.approx(at_slow, abs=1e-6)
-    assert np.max(np.abs(rate)) < 0.6e-3 and np.min(slow) > 0.28
-    fast, at_fast, rate = sampled(law, 0.1, 1e-3, 1.0)
-    assert fast == pytest.approx(at_fast, abs=1e-6)
-    assert np.max(rate) > 1e-2 and np.min(fast) < 0.151
+    for end, step, top in ((2.0, 2e-2, 0.2), (0.1, 1e-3, 1.0)):
+        mu, expected, rate, mobilisation = sampled(law, end, step, lambda t, c=top / end**2: c * t**2)
+        slips = np.all(mobilisation == 1.0, axis=1)
+        assert np.count_nonzero(slips) > 20
+        assert mu[slips] == pytest.approx(expected[slips], abs=1e-6)
+        if top < 0.5:
+            assert np.max(np.abs(rate)) < 0.6e-3 and np.min(mu[slips]) > 0.28
+        else:
+            assert np.max(rate) > 1e-2 and np.min(mu[slips]) < 0.151
+
+
+def test_a_pull_that_stops_goes_from_kinetic_friction_through_stick_slip():
+    """0.5 N within 0.1 s, then held: static and kinetic coefficient, holes that stick and holes that slip again.
+
+    At every hole and time the friction is the part ``s`` of the law's coefficient, and never more.
+    """
+    law = StribeckFriction(static=0.4, kinetic=0.2, stribeck_rate=2e-3)
+    mu, expected, rate, mobilisation = sampled(
+        law, 0.16, 1e-3, lambda t: 0.25 * (1.0 - np.cos(np.pi * min(t / 0.1, 1.0))), presliding=1e-5
+    )
+    # The first steps hardly bend the robot: their angles are too small to divide by.
+    assert mu[5:] == pytest.approx((mobilisation * expected)[5:], abs=1e-6)
+    assert np.all(np.abs(mu) <= 0.4 + 1e-9)
+    middle, last = len(mu) // 3, slice(2 * len(mu) // 3, None)
+    assert np.max(mu[middle]) < 0.201 and np.min(rate[middle]) > 5e-3
+    sticks = np.abs(mobilisation[last]) < 1.0
+    slips = mobilisation[last] == 1.0
+    assert np.any(sticks & ~np.roll(sticks, -1, axis=0)) and np.any(slips)
+    assert np.max(mu[last]) > 0.38
 
 
 def test_a_scene_begins_its_time_anew_with_every_call():
