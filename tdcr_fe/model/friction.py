@@ -1,15 +1,19 @@
 """Coefficients of friction at the holes: constant, Stribeck, dependent on the normal force.
 
-Adding one takes a class here and a line in `FRICTION_COEFFICIENTS`; the page "Friction laws" shows how.
+The annotated fields of a law are the keys of its table in ``robot.toml``. Adding one takes a class here and its name in
+`FRICTION_COEFFICIENTS`; the page "Friction laws" shows how.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Annotated, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tdcr_fe.model.quantity import Quantity
+from tdcr_fe.model.schema import check_fields
 
 Array = NDArray[np.float64]
 
@@ -50,8 +54,11 @@ class ConstantFriction:
         [1].
     """
 
-    mu: float
+    mu: Annotated[float, Quantity("coefficient of friction", ge=0.0, le=100.0)]
     kind: ClassVar[str] = "constant"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
         """See `FrictionCoefficient.coefficient`."""
@@ -79,12 +86,19 @@ class StribeckFriction:
         Rise of the coefficient with the slip rate [s/m].
     """
 
-    static: float
-    kinetic: float
-    stribeck_rate: float
-    exponent: float = 2.0
-    viscous: float = 0.0
+    static: Annotated[float, Quantity("coefficient at rest", ge=0.0, le=100.0)]
+    kinetic: Annotated[float, Quantity("coefficient of fast slip, without viscosity", ge=0.0, le=100.0)]
+    stribeck_rate: Annotated[
+        float, Quantity("slip rate at which the fall is done to 1/e", unit="m/s", gt=0.0)
+    ]
+    exponent: Annotated[float, Quantity("shape of the fall, 2 is Gaussian", ge=1.0, le=10.0)] = 2.0
+    viscous: Annotated[float, Quantity("rise of the coefficient with the slip rate", unit="s/m", ge=0.0)] = (
+        0.0
+    )
     kind: ClassVar[str] = "stribeck"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
         """See `FrictionCoefficient.coefficient`."""
@@ -116,11 +130,18 @@ class ForceDependentFriction:
         Below this normal force the coefficient becomes constant [N].
     """
 
-    mu: float
-    reference_force: float
-    exponent: float = -1.0 / 3.0
-    smallest_force: float = 1e-3
+    mu: Annotated[float, Quantity("coefficient at the reference force", ge=0.0, le=100.0)]
+    reference_force: Annotated[float, Quantity("normal force", unit="N", gt=0.0)]
+    exponent: Annotated[
+        float, Quantity("power of the normal force; -1/3 is an elastic contact of Hertz", ge=-1.0, le=1.0)
+    ] = -1.0 / 3.0
+    smallest_force: Annotated[
+        float, Quantity("normal force below which the coefficient becomes constant", unit="N", gt=0.0)
+    ] = 1e-3
     kind: ClassVar[str] = "force-dependent"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
         """See `FrictionCoefficient.coefficient`."""
