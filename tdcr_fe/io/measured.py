@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import io
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,10 +10,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.spreadsheet import read_table
 from tdcr_fe.io.toml import digest, read_model_file, read_robot
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
 from tdcr_fe.model.channels import QUANTITIES, Channel, channel
@@ -236,29 +235,14 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
 
 
 def _table(path: Path, problems: list[Problem]) -> pd.DataFrame | None:
-    """A CSV file as texts; None where it cannot be read."""
-    if not path.is_file():
-        problems.append(Problem(str(path), "", "", "no such file"))
-        return None
+    """A table as texts, with the column ``line``; None where it cannot be read."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        # Without pandas' header, which renames columns of the same name.
-        rows = pd.read_csv(
-            io.StringIO(text), dtype=str, keep_default_na=False, skip_blank_lines=False, header=None
-        ).fillna("")
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        problems.append(Problem(str(path), "", "", f"not a table of comma-separated values: {error}"))
+        table = read_table(path)
+    except InputError as error:
+        problems += error.problems
         return None
-    table = rows.iloc[1:].copy()
-    names = [str(c).strip() for c in rows.iloc[0]]
-    table.columns = pd.Index(names)
-    twice = [c for c in names if names.count(c) > 1]
-    if twice:
-        problems.append(Problem(str(path), twice[0], "", "the column is there more than once"))
-        return None
-    table.insert(0, "line", np.arange(2, len(table) + 2))
-    empty = (table.drop(columns="line").fillna("").map(str.strip) == "").all(axis=1)
-    return table[~empty].fillna("").map(lambda x: x.strip() if isinstance(x, str) else x)
+    table.insert(0, "line", table.index)
+    return table
 
 
 def _number(text: str) -> float:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 import pandas as pd
 import pytest
 
 from tdcr_fe import cli
+from tdcr_fe.commands.run import LONG_RUN, long_run
+from tdcr_fe.io.toml import read_scenario
 
 ROBOT = """
 [backbone]
@@ -66,3 +70,69 @@ def test_tension_of_every_segment_is_written_whatever_the_path_and_the_ends(
             if friction == "none":
                 assert rows.tension.nunique() == 1
     assert (tmp_path / "out" / "tensions.png").exists()
+
+
+def test_odd_values_are_warned_of_before_solving_and_in_the_summary(tmp_path, capsys, monkeypatch):
+    """In 0.1 gravity without mass ended with exit status 0 and no word."""
+    path = write_robot(tmp_path, "straight", "none")
+    robot = (tmp_path / "robot.toml").read_text()
+    (tmp_path / "robot.toml").write_text(
+        robot.replace("density = 5600.0\n", "").replace("mass = 0.17e-3\n", "")
+    )
+    path.write_text(path.read_text().replace("[model]", "[model]\ngravity = [0.0, 0.0, -9.81]"))
+    said = []
+    from tdcr_fe.solve import simulate as module
+
+    solve = module.simulate
+    monkeypatch.setattr(module, "simulate", lambda *a: (said.append(capsys.readouterr().err), solve(*a))[1])
+    assert cli.main(["run", str(path), "-o", str(tmp_path / "out"), "--no-pictures"]) == 0
+    assert "warning: model.gravity = [0.0, 0.0, -9.81]: nothing has mass" in said[0]
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert any("nothing has mass" in w for w in summary["warnings"])
+    assert "nothing has mass" not in capsys.readouterr().err  # once is enough
+
+
+def test_settings_of_the_file_are_those_of_the_run(tmp_path):
+    path = write_robot(tmp_path, "straight", "none")
+    path.write_text(path.read_text() + "\n[solver]\ntolerance = 1e-10\nmax_iterations = 33\n")
+    assert cli.main(["run", str(path), "-o", str(tmp_path / "out"), "-q", "--no-pictures"]) == 0
+    settings = json.loads((tmp_path / "out" / "summary.json").read_text())["settings"]
+    assert (settings["tolerance"], settings["max_iterations"]) == (1e-10, 33)
+
+
+def test_long_run_is_announced(tmp_path):
+    """In 0.1 ten thousand disks or a hundred thousand steps were silent for minutes."""
+    path = write_robot(tmp_path, "straight", "none")
+    scenario = read_scenario(path)
+    assert long_run(scenario) == ""
+    many = scenario.steps * 5000
+    text = long_run(type(scenario)(scenario.robot, scenario.model, many, path, path))
+    assert text.startswith("10000 load steps on 6 elements: about ") and text.endswith("minutes")
+    assert LONG_RUN == 60.0
+
+
+def test_model_beyond_the_memory_is_refused_by_name(tmp_path, capsys):
+    """In 0.1 a thousand elements a bay were allowed and ended in a MemoryError traceback."""
+    path = write_robot(tmp_path, "straight", "none")
+    robot = (tmp_path / "robot.toml").read_text()
+    (tmp_path / "robot.toml").write_text(robot.split("[[tendons]]")[0].replace("count = 6", "count = 2000"))
+    text = path.read_text().split("[[steps]]")[0]
+    path.write_text(text + '[[steps]]\nlabel = "rest"\n')
+    assert cli.main(["run", str(path), "-o", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert "disks = 2000 disks: 2000 disks with 1 elements a bay are 2000 elements; at most 15" in error
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("file", ["robot", "scenario", "model"])
+def test_schema_is_printed_as_json(capsys, file):
+    assert cli.main(["run", "--schema", file]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    assert schema["title"] == f"{file}.toml of tdcr_fe" and schema["properties"]
+
+
+def test_scenario_and_directory_are_needed_without_a_schema(capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run"])
+    assert ended.value.code == 2
+    assert "required: scenario, -o/--out" in capsys.readouterr().err

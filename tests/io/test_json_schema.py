@@ -1,0 +1,129 @@
+"""JSON schema for editors: what the reader takes it takes, and single wrong values it refuses, too."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from inputs import REMOVED, ROBOT, SCENARIO, changed
+
+import tdcr_fe
+from tdcr_fe.io.json_schema import json_schema
+from tdcr_fe.io.write_toml import model_to_toml
+from tdcr_fe.model.loading import Model
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.validation.paper import cases
+
+FOLDERS = [Path(tdcr_fe.__file__).parent / "data" / "demo", *(Path(cases.__file__).parent / "data").iterdir()]
+TYPES = {"object": dict, "array": list, "string": str, "number": (int, float), "integer": int}
+
+
+def errors(schema, value, key=""):
+    """Keys that a schema refuses; the part of draft 2020-12 that our schemas use, written from its text."""
+    unknown = set(schema) - {
+        "$schema", "title", "description", "default", "type", "properties", "required", "additionalProperties",
+        "items", "minItems", "maxItems", "enum", "const", "anyOf", "oneOf", "minimum", "maximum",
+        "exclusiveMinimum", "exclusiveMaximum", "minLength",
+    }  # fmt: skip
+    assert not unknown, unknown
+    kind = schema.get("type")
+    if kind and (not isinstance(value, TYPES[kind]) or (isinstance(value, bool) and kind != "boolean")):
+        return [key]
+    found = []
+    if ("enum" in schema and value not in schema["enum"]) or ("const" in schema and value != schema["const"]):
+        found.append(key)
+    if isinstance(value, (int, float)):
+        low, high = schema.get("minimum", value), schema.get("maximum", value)
+        above, below = schema.get("exclusiveMinimum"), schema.get("exclusiveMaximum")
+        inside = (
+            low <= value <= high and (above is None or value > above) and (below is None or value < below)
+        )
+        found += [] if inside else [key]
+    if isinstance(value, str) and len(value) < schema.get("minLength", 0):
+        found.append(key)
+    if isinstance(value, list):
+        if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
+            found.append(key)
+        for i, item in enumerate(value):
+            found += errors(schema.get("items", {}), item, f"{key}[{i}]")
+    if isinstance(value, dict):
+        found += [f"{key}.{name}" for name in schema.get("required", []) if name not in value]
+        for name, item in value.items():
+            rest = schema.get("additionalProperties", True)
+            sub = schema.get("properties", {}).get(name, rest)
+            found += (
+                [f"{key}.{name}"]
+                if sub is False
+                else errors(sub if sub is not True else {}, item, f"{key}.{name}")
+            )
+    for word, wanted in (("anyOf", lambda n: n >= 1), ("oneOf", lambda n: n == 1)):
+        if word in schema and not wanted(sum(not errors(s, value, key) for s in schema[word])):
+            found.append(key)
+    return found
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: f.name)
+def test_files_of_the_demo_and_the_paper_fit_the_schema(folder):
+    for name in ("robot", "scenario"):
+        path = folder / f"{name}.toml"
+        if path.exists():
+            assert errors(json_schema(name), tomllib.loads(path.read_text("utf-8"))) == []
+
+
+def test_files_of_the_reader_tests_fit_the_schema():
+    assert errors(json_schema("robot"), tomllib.loads(ROBOT)) == []
+    assert errors(json_schema("scenario"), tomllib.loads(SCENARIO)) == []
+    model = model_to_toml(Model(elements_per_bay=3), SolverSettings())
+    assert errors(json_schema("model"), tomllib.loads(model)) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "change"),
+    [
+        ("robot", {"backbone.length": -1}),
+        ("robot", {"backbone.length": "long"}),
+        ("robot", {"backbone.radius": REMOVED}),
+        ("robot", {"backbone.lenght": 1.0}),
+        ("robot", {"backbone.superelastic": {"threshold_strain": 0.01}}),
+        ("robot", {"backbone.precurvature": [1.0]}),
+        ("robot", {"disks.count": REMOVED}),
+        ("robot", {"disks.positions": [0.25]}),
+        ("robot", {"tendons.0.routing": "paralel"}),
+        ("robot", {"tendons.0.turns": 1.0}),
+        ("robot", {"tendons.0.friction": {"kind": "strybeck"}}),
+        ("scenario", {"robot": REMOVED}),
+        ("scenario", {"model.friction": "per_hole"}),
+        ("scenario", {"model.elements_per_bay": 0}),
+        ("scenario", {"model.elements_per_bay": 1.5}),
+        ("scenario", {"solver": {"tolerance": 1.0}}),
+        ("scenario", {"effects": {"gravty": {}}}),
+        ("scenario", {"effects": {"gravity": {"g_z": -100.0}}}),
+        ("scenario", {"steps": []}),
+        ("scenario", {"steps.0.tensions.t1": -1.0}),
+        ("scenario", {"steps.0.loads.tip.frame": "body"}),
+    ],
+)
+def test_wrong_value_does_not_fit_the_schema(file, change):
+    text = {"robot": ROBOT, "scenario": SCENARIO}[file]
+    assert errors(json_schema(file), tomllib.loads(changed(text, change)))
+
+
+@pytest.mark.parametrize(
+    ("file", "change"),
+    [
+        ("robot", {"tip_mass": 0.01, "backbone.patches": [{"start": 0.0, "end": 0.1, "bending": 2}]}),
+        ("robot", {"backbone.superelastic": {"threshold_strain": 0.01, "plateau_ratio": 0.3}}),
+        ("robot", {"tendons.0.friction": {"kind": "constant", "mu": 0.2}, "tendons.0.adhesion": 0.1}),
+        ("scenario", {"model.elements_per_bay": "auto", "solver": {"max_substeps": 128}}),
+        ("scenario", {"effects": {"gravity": {"g_z": -9.81}}}),
+    ],
+)
+def test_optional_keys_fit_the_schema(file, change):
+    text = {"robot": ROBOT, "scenario": SCENARIO}[file]
+    assert errors(json_schema(file), tomllib.loads(changed(text, change))) == []
+
+
+def test_no_schema_of_another_file():
+    with pytest.raises(ValueError, match="robot, scenario, model"):
+        json_schema("loading")

@@ -1,0 +1,126 @@
+"""Tables of any spreadsheet are read alike; where a file leaves a choice open, one word says which."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import pytest
+
+from tdcr_fe.io.measured import read_measured
+from tdcr_fe.io.problems import InputError
+from tdcr_fe.io.spreadsheet import read_table
+
+HEADER = ["step", "quantity", "location", "value", "sigma"]
+ROWS = [
+    ["1", "position_x", "0.25", "-1.5e-3", "0.0001"],
+    ["1", "tendon_displacement", "t, left", "0.125", ""],
+    ["2", "bending_angle", "", "1", "0.5"],
+]
+
+
+def text(delimiter=",", decimal=".", quoting=csv.QUOTE_MINIMAL, end="\n"):
+    out = io.StringIO()
+    writer = csv.writer(out, delimiter=delimiter, quoting=quoting, lineterminator=end)
+    writer.writerow(HEADER)
+    for row in ROWS:
+        writer.writerow([x.replace(".", decimal) for x in row])
+    return out.getvalue()
+
+
+def problem(path):
+    with pytest.raises(InputError) as caught:
+        read_table(path)
+    (found,) = caught.value.problems
+    return found
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("quoting", [csv.QUOTE_MINIMAL, csv.QUOTE_ALL], ids=["few quotes", "all quoted"])
+@pytest.mark.parametrize(
+    ("delimiter", "decimal"), [(",", "."), (";", ","), (";", "."), ("\t", ","), ("\t", ".")]
+)
+def test_every_dialect_gives_the_same_table(tmp_path, delimiter, decimal, quoting, end, encoding):
+    """In 0.1 semicolons gave "missing column" five times, and UTF-16 the error of pandas."""
+    path = tmp_path / "t.csv"
+    path.write_bytes(text(delimiter, decimal, quoting, end).encode(encoding))
+    table = read_table(path)
+    assert list(table.columns) == HEADER
+    assert table.to_numpy().tolist() == ROWS
+    assert list(table.index) == [2, 3, 4]
+
+
+def test_decimal_commas_in_quotes_are_taken(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text('step,value\n1,"0,5"\n2,"-1,25e-3"\n')
+    assert read_table(path).value.tolist() == ["0.5", "-1.25e-3"]
+
+
+def test_hint_of_excel_blank_rows_and_empty_columns_at_the_end_are_skipped(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("sep=;\nstep;value;;\n\n1;0,5;;\n;;;\n2;1,5;;\n")
+    table = read_table(path)
+    assert (list(table.columns), table.value.tolist(), list(table.index)) == (
+        ["step", "value"],
+        ["0.5", "1.5"],
+        [4, 6],
+    )
+
+
+def test_text_with_a_comma_is_no_number(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("step;branch;value\n1;a,5;0,5\n2;1,2,3;0,25\n")
+    table = read_table(path)
+    assert table.branch.tolist() == ["a,5", "1,2,3"]
+
+
+@pytest.mark.parametrize(
+    ("content", "key", "word"),
+    [
+        ("step;value\n1;0,5\n2;0.5\n", "line 2, value", "decimal: line 3, value has 0.5"),
+        ("step;value\n1;1,234\n2;5,678\n", "line 2, value", "decimal: may be a decimal comma or a thousands"),
+        ("step;value\n1;1.234,5\n", "line 2, value", "decimal: remove the thousands separators"),
+        ("step;value,sigma\n1;0,5\n", "line 1", "delimiter: the header has comma and semicolon"),
+        ("step,value\n1,0,5\n", "line 2", "has 3 cells; the header has 2"),
+        ("step,value,value\n1,2,3\n", "value", "the column is there more than once"),
+        ('step,value\n1,"2\n', "line 2", "not a table"),
+        ("", "", "is empty"),
+        (b"PK\x03\x04rest", "", "is a workbook; save it as CSV"),
+        (b"step,branch\n1,gr\xfcn\n", "line 2", 'encoding: must be UTF-8 or UTF-16; save as "CSV UTF-8"'),
+    ],
+)  # fmt: skip
+def test_what_a_file_leaves_open_is_asked_with_one_word(tmp_path, content, key, word):
+    path = tmp_path / "t.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    found = problem(path)
+    assert (found.file, found.key) == (str(path), key)
+    assert word in found.allowed
+
+
+def test_file_that_is_not_there_is_named(tmp_path):
+    assert problem(tmp_path / "t.csv").allowed == "no such file"
+
+
+def test_a_decimal_comma_among_thousands_is_no_question(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("step;value\n1;1,234\n2;0,5\n")
+    assert read_table(path).value.tolist() == ["1.234", "0.5"]
+
+
+def test_folder_of_a_german_spreadsheet_is_read_as_measured_data(tmp_path):
+    """Semicolons, decimal commas, UTF-16 and CRLF in both tables of a folder."""
+    (tmp_path / "robot.toml").write_text(
+        "[backbone]\nlength = 0.25\nradius = 0.4e-3\nyoungs_modulus = 85e9\npoisson_ratio = 0.3\n"
+        '[disks]\ncount = 5\n[[tendons]]\nname = "t1"\nrouting = "parallel"\noffset = 4e-3\n'
+    )
+    (tmp_path / "loading.csv").write_bytes("step;tension_t1\r\n1;0,5\r\n2;1,5\r\n".encode("utf-16"))
+    rows = [
+        "step;quantity;location;value;sigma",
+        "1;position_x;0,25;0,02;0,0005",
+        "2;position_x;0,25;0,05;0,0005",
+    ]
+    (tmp_path / "observations.csv").write_bytes("\r\n".join(rows).encode("utf-16"))
+    data = read_measured(tmp_path)
+    assert [s.tensions["t1"] for s in data.steps] == [0.5, 1.5]
+    assert [(r.location, r.value, r.sigma) for r in data.readings] == [(0.25, 0.02, 5e-4), (0.25, 0.05, 5e-4)]
