@@ -27,7 +27,7 @@ from tdcr_fe.validation.paper.limitations import (
     disk_thickness,
     pressure_dependent_friction,
 )
-from tdcr_fe.validation.paper.report import to_json, write_docs, write_report
+from tdcr_fe.validation.paper.report import html, to_json, write_docs, write_report
 from tdcr_fe.validation.paper.run import CaseStudy, PaperRun, run_model, run_paper
 from tdcr_fe.validation.reference.sequence import solve_reference
 
@@ -145,13 +145,26 @@ def test_report_is_one_page_and_json_without_nan(figures, tmp_path):
     parts.cases = figures.cases
     page, numbers = write_report(parts, tmp_path, 1.0)
     text = page.read_text(encoding="utf-8")
-    assert "<svg" in text and "src=" not in text and "<link" not in text and "<script" not in text
+    assert "data:image/svg+xml" in text and "<link" not in text and "<script src" not in text
+    assert all(s.startswith(("data:", "#")) for s in re.findall(r'(?:src|href)="([^"]*)"', text))
     data = json.loads(numbers.read_text(encoding="utf-8"))
     assert len(data["verdicts"]) >= 5
     assert data["stiffness"]["new_load_error"] < 0.02
     assert data == to_json(parts, 1.0)
     written = write_docs(parts, tmp_path / "docs", 1.0)
     assert written[0].name == "paper.md" and (tmp_path / "docs" / "pictures" / "paper_fig3.svg").exists()
+
+
+def test_the_first_screen_has_a_verdict_line_for_each_claim(figures):
+    """The first screen of 0.1 was the full text of all evidence; now it unfolds."""
+    found = PaperRun()
+    found.cases = figures.cases
+    text = html(found, to_json(found, 1.0))
+    first = text[: text.index("<nav")]
+    claims = verdicts(found)
+    assert first.count('class="mark ') == first.count("<details>") == len(claims)
+    assert re.search(r"<h1>Of the paper&#39;s claims \d", first)
+    assert "<details open" not in first
 
 
 def test_what_was_finished_is_kept_where_the_user_interrupts(tmp_path, monkeypatch, capsys):
@@ -167,8 +180,12 @@ def test_what_was_finished_is_kept_where_the_user_interrupts(tmp_path, monkeypat
     data = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert data["interrupted"] == "limitations" and len(data["signs"]) == 7 and not data["missing"]
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "Interrupted in" in page
-    assert set(re.findall(r'href="#(\w+)"', page)) == set(re.findall(r' id="(\w+)"', page)) == {"signs"}
+    assert "Unfinished: interrupted in" in page
+    assert (
+        set(re.findall(r'href="#(\w+)"', page))
+        == set(re.findall(r'class="section" id="(\w+)"', page))
+        == {"signs"}
+    )
     assert not docs.exists()
     monkeypatch.setattr("tdcr_fe.validation.paper.run.PARTS", ("limitations", "signs"))
     assert main(["paper", "-o", str(tmp_path / "nothing")]) == 130

@@ -2,51 +2,30 @@
 
 from __future__ import annotations
 
-import io
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tdcr_fe.model.results import StepResult
+from tdcr_fe.report.style import COLOURS, styled
 from tdcr_fe.validation.paper.cases import MODEL_NAMES
 from tdcr_fe.validation.paper.claims import deformation
 from tdcr_fe.validation.paper.run import CaseStudy, PaperRun, TableStudy
 
 Array = NDArray[np.float64]
 
-COLORS = {"classical": "#777777", "discrete": "#0072B2", "per-tendon": "#D55E00", "per-hole": "#009E73"}
+COLORS = {"classical": "#777777", "discrete": COLOURS[0], "per-tendon": COLOURS[1], "per-hole": COLOURS[2]}
 LINES = {"classical": (0, (1, 1)), "discrete": "-", "per-tendon": (0, (5, 1.5)), "per-hole": "-"}
 WIDTHS = {"classical": 2.4, "discrete": 1.3, "per-tendon": 1.8, "per-hole": 1.0}
 
-_STYLE: Any = {
-    "font.size": 8.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlesize": 9,
-    "legend.frameon": False,
-    "svg.fonttype": "none",
-    # The same drawing twice is the same text.
-    "svg.hashsalt": "tdcr-fe",
-    "font.family": "sans-serif",
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-}
 
-
-def svg(figure: Figure) -> str:
-    """The figure as SVG text, without the lines that belong in a file of its own."""
-    text = io.StringIO()
-    with plt.rc_context(_STYLE):
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    plt.close(figure)
-    whole = text.getvalue()
-    return whole[whole.index("<svg") :]
+def _subplots(count: int, width: float, height: float, **options: Any) -> tuple[Figure, Any]:
+    """A figure with so many axes beside each other; its size in inches."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(1, count, **options)
 
 
 def _dense(step: StepResult) -> Array:
@@ -56,10 +35,8 @@ def _dense(step: StepResult) -> Array:
 
 def draw_case(study: CaseStudy) -> Figure:
     """Three views of every marked state with every model, and how the tip and its stability follow the load."""
-    with plt.rc_context(_STYLE):
-        figure, axes = plt.subplots(
-            1, 4, figsize=(13.2, 3.5), width_ratios=(1, 1, 1, 1.25), layout="constrained"
-        )
+    with styled():
+        figure, axes = _subplots(4, 13.2, 3.5, width_ratios=(1, 1, 1, 1.25))
         views = (
             (
                 "isometric",
@@ -147,8 +124,8 @@ def _side_labels(study: CaseStudy) -> tuple[str, str]:
 
 def draw_tables(run: PaperRun) -> Figure:
     """Chord angles of all tables: measured, as declared, with what was fitted."""
-    with plt.rc_context(_STYLE):
-        figure, axes = plt.subplots(1, len(run.tables), figsize=(13.2, 3.2), layout="constrained")
+    with styled():
+        figure, axes = _subplots(len(run.tables), 13.2, 3.2)
         for axis, study in zip(np.atleast_1d(axes), run.tables.values(), strict=True):
             _draw_table(axis, study)
         handles, labels = np.atleast_1d(axes)[0].get_legend_handles_labels()
@@ -208,8 +185,8 @@ def draw_missing(run: PaperRun) -> Figure:
         ("#0072B2", "^", "one stiffness"),
         ("#009E73", "v", "with effects"),
     )
-    with plt.rc_context(_STYLE):
-        figure, axes = plt.subplots(1, len(run.missing), figsize=(13.2, 3.2), layout="constrained")
+    with styled():
+        figure, axes = _subplots(len(run.missing), 13.2, 3.2)
         legend: dict[str, Any] = {}
         for axis, study in zip(np.atleast_1d(axes), run.missing.values(), strict=True):
             data = study.table.data
@@ -227,26 +204,24 @@ def draw_missing(run: PaperRun) -> Figure:
             axis.set(title=study.table.title, xlabel="row", ylabel="chord angle at the tip [deg]")
             axis.set_xticks(sorted(set(rows)))
             axis.set_ylim(0.0, min(1.9 * measured.max(), axis.get_ylim()[1]))
-            axis.title.set_fontsize(8)
+            axis.set_title(study.table.title, fontsize=8)
         figure.legend(
             list(legend.values()),
             list(legend),
             loc="outside lower center",
             ncols=4,
-            title="grey: rows held out; what lies beyond a frame is not drawn",
+            title="grey: rows held out; values beyond a frame are not drawn",
         )
     return figure
 
 
 def draw_searches(run: PaperRun) -> Figure:
     """Smallest eigenvalue against load, for every direction and tension searched."""
-    with plt.rc_context(_STYLE):
+    with styled():
         directions = list(dict.fromkeys(k[1] for k in run.searches))
-        figure, axes = plt.subplots(
-            1, len(directions), figsize=(13.2, 2.9), sharey=True, layout="constrained"
-        )
+        figure, axes = _subplots(len(directions), 13.2, 2.9, sharey=True)
         tensions = sorted({k[0] for k in run.searches})
-        colors = plt.get_cmap("viridis")(np.linspace(0.0, 0.85, len(tensions)))
+        colors = colormaps["viridis"](np.linspace(0.0, 0.85, len(tensions)))
         for axis, direction in zip(np.atleast_1d(axes), directions, strict=True):
             for (tension, d, model), search in run.searches.items():
                 if d == direction:
@@ -274,10 +249,10 @@ def draw_searches(run: PaperRun) -> Figure:
 
 def draw_dynamics(run: PaperRun) -> Figure:
     """Tip against time."""
-    with plt.rc_context(_STYLE):
-        figure, axis = plt.subplots(figsize=(6.4, 2.7), layout="constrained")
+    with styled():
+        figure, axis = _subplots(1, 6.4, 2.7)
         for d, color in zip(run.dynamics, ("#D55E00", "#0072B2", "#009E73"), strict=False):
-            axis.plot(d.times, 1e3 * d.tips[:, 0], color=color, lw=1.2, label=f"pulled in {d.ramp:g} s")
+            axis.plot(d.times, 1e3 * d.tips[:, 0], color=color, lw=1.2, label=f"ramp of {d.ramp:g} s")
         still = run.cases["fig3"].runs["per-hole"].at("pull 1.5 N").tip[0] if "fig3" in run.cases else None
         if still is not None:
             axis.axhline(1e3 * still, color="k", lw=0.8, ls="--", label="quasi-static")

@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from tdcr_fe.io.measured import write_measured
 from tdcr_fe.io.tables import plain, versions, write_json
-from tdcr_fe.validation.paper.cases import MODEL_NAMES, packaged_text
+from tdcr_fe.report.environment import environment
+from tdcr_fe.report.page import Level, Page, Picture, Section, render
+from tdcr_fe.report.style import svg
+from tdcr_fe.validation.paper.cases import MODEL_NAMES
 from tdcr_fe.validation.paper.claims import case_table, orders, verdicts
 from tdcr_fe.validation.paper.comparison import Deviation, Reading
 from tdcr_fe.validation.paper.critical import CriticalSearch
@@ -20,13 +22,13 @@ from tdcr_fe.validation.paper.figures import (
     draw_missing,
     draw_searches,
     draw_tables,
-    svg,
 )
 from tdcr_fe.validation.paper.limitations import Influence
 from tdcr_fe.validation.paper.missing import MissingStudy, remarks, tried
 from tdcr_fe.validation.paper.run import PaperRun, euler_load, sign_steps
 from tdcr_fe.validation.paper.tables import table_remarks, table_title, typed_table
 
+_PACKAGE = "tdcr_fe.validation.paper"
 _PAPER = (
     "Wang, Du, Mao: Cosserat Rod-Based Tendon Friction Modeling, Simulation, and Experiments for Tendon-Driven "
     "Continuum Robots, Micromachines 2025, 16(3), 346"
@@ -232,26 +234,6 @@ def to_json(run: PaperRun, wall_time: float) -> dict[str, Any]:
     return dict(plain(out))
 
 
-def _number(value: Any, digits: int = 2) -> str:
-    """A number for people; a dash where there is none."""
-    if value is None or (isinstance(value, float) and not np.isfinite(value)):
-        return "–"
-    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
-
-
-def _environment() -> jinja2.Environment:
-    loader = jinja2.FunctionLoader(lambda name: packaged_text("templates", name))
-    environment = jinja2.Environment(
-        loader=loader,
-        autoescape=lambda name: bool(name and name.endswith(".html.j2")),
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    environment.filters["n"] = _number
-    return environment
-
-
 def _row_by_row(readings: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Offset and angle of one place and state beside each other."""
     lines: dict[tuple[int, bool, str], dict[str, Any]] = {}
@@ -264,7 +246,18 @@ def _row_by_row(readings: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [lines[k] for k in sorted(lines)]
 
 
-def _context(run: PaperRun, data: dict[str, Any]) -> dict[str, Any]:
+#: Level of a mark, by verdict.
+_LEVELS: dict[str, Level] = {
+    "holds": "good",
+    "holds in part": "part",
+    "does not hold": "bad",
+    "not found": "bad",
+    "matters": "part",
+    "matters little": "good",
+}
+
+
+def _context(data: dict[str, Any]) -> dict[str, Any]:
     return {
         "data": data,
         "models": MODEL_NAMES,
@@ -272,14 +265,6 @@ def _context(run: PaperRun, data: dict[str, Any]) -> dict[str, Any]:
         "lines": {k: _row_by_row(t["readings"]["declared"]) for k, t in data["tables"].items()},
         "sign_steps": {s.label: s for s in sign_steps()},
         "paper": _PAPER,
-        "mark": {
-            "holds": "good",
-            "holds in part": "part",
-            "does not hold": "bad",
-            "not found": "bad",
-            "matters": "part",
-            "matters little": "good",
-        },
     }
 
 
@@ -297,9 +282,95 @@ def drawings(run: PaperRun) -> dict[str, str]:
     return found
 
 
+def _headline(data: dict[str, Any]) -> tuple[str, Level]:
+    """The verdict line over all claims, and its level."""
+    found = [v["verdict"] for v in data["verdicts"]]
+    counts = {name: found.count(name) for name in _LEVELS if name in found}
+    judged = {n: c for n, c in counts.items() if not n.startswith("matters")}
+    text = ", ".join(
+        f"{count} {name.replace('holds', 'hold').replace('does not', 'do not') if count > 1 else name}"
+        for name, count in judged.items()
+    )
+    named = [
+        f"{c} limitations {n.replace('matters', 'matter') if c > 1 else n}"
+        for n, c in counts.items()
+        if n not in judged
+    ]
+    line = f"Of the paper's claims {text}." if judged else "No claim was judged."
+    if data["interrupted"]:
+        return f"Unfinished: interrupted in {data['interrupted']}. {line}", "open"
+    level: Level = (
+        "good"
+        if set(judged) <= {"holds"} and judged
+        else "part"
+        if "holds" in judged or "holds in part" in judged
+        else "bad"
+    )
+    return line + (f" {'; '.join(named)}." if named else ""), level
+
+
+#: Sections: the part of the data that must be there, title, template.
+_SECTIONS = (
+    ("figures", "Figures 3 to 6", "figures"),
+    ("tables", "Tables 1 to 4, row by row", "tables"),
+    ("missing", "What the declared robots lack: identification on the tables", "missing"),
+    ("critical_loads", "Critical loads in the helical case", "critical"),
+    ("signs", "The algorithm of Fig. 2", "signs"),
+    ("stiffness", "Stiffness from loads and displacements (section 3.4, Eqs. 36 to 40)", "stiffness"),
+    ("disk_thickness", "Limitations that the paper names", "limits"),
+)
+
+
+def page(run: PaperRun, data: dict[str, Any]) -> Page:
+    """What the report shows."""
+    verdict, level = _headline(data)
+    pictures = {
+        name: Picture(text, _ALT.get(name, f"Shapes and loading sequence of {name}"))
+        for name, text in drawings(run).items()
+    }
+    context = {**_context(data), "drawings": pictures}
+    interrupted = (
+        f"Interrupted in “{data['interrupted']}”: this part and all later parts are missing."
+        if data["interrupted"]
+        else ""
+    )
+    return Page(
+        title="Reproduction of the paper",
+        verdict=verdict,
+        level=level,
+        sentences=tuple(
+            filter(
+                None,
+                (
+                    interrupted,
+                    f"{_PAPER}, doi:10.3390/mi16030346. Evidence and reason unfold under each claim.",
+                ),
+            )
+        ),
+        summary=Section("verdicts", "", "verdicts.html.j2", {"verdicts": data["verdicts"], "mark": _LEVELS}),
+        sections=tuple(
+            Section(name, title, f"{name}.html.j2", context)
+            for key, title, name in _SECTIONS
+            if data.get(key)
+        ),
+        notes=(
+            f"tdcr-fe {data['versions']['tdcr_fe']}, Exudyn {data['versions']['exudyn']}, {data['wall_time_s']:.0f} s. "
+            "Repeat with: tdcr-fe paper -o OUT",
+        ),
+    )
+
+
+_ALT = {
+    "tables": "Chord angles of the tables, measured and computed",
+    "missing": "Chord angles, measured, as declared, and after each stage",
+    "critical": "Smallest eigenvalue against load",
+    "dynamics": "Tip against time",
+}
+
+
 def html(run: PaperRun, data: dict[str, Any]) -> str:
     """The page: one file, nothing fetched from elsewhere."""
-    return _environment().get_template("report.html.j2").render(**_context(run, data), drawings=drawings(run))
+    return render(page(run, data), _PACKAGE)
 
 
 def write_report(run: PaperRun, out: Path, wall_time: float) -> list[Path]:
@@ -315,10 +386,10 @@ def write_report(run: PaperRun, out: Path, wall_time: float) -> list[Path]:
         Of the run [s].
     """
     data = to_json(run, wall_time)
-    page, numbers = out / "report.html", out / "report.json"
+    html_file, numbers = out / "report.html", out / "report.json"
     write_json(data, numbers)
-    page.write_text(html(run, data), encoding="utf-8")
-    return [page, numbers]
+    html_file.write_text(html(run, data), encoding="utf-8")
+    return [html_file, numbers]
 
 
 def write_datasets(run: PaperRun, folder: Path) -> list[Path]:
@@ -351,8 +422,8 @@ def write_docs(run: PaperRun, folder: Path, wall_time: float) -> list[Path]:
         path = pictures / f"paper_{name}.svg"
         path.write_text(text, encoding="utf-8")
         written.append(path)
-    page = folder / "paper.md"
-    page.write_text(
-        _environment().get_template("paper.md.j2").render(**_context(run, data)), encoding="utf-8"
+    markdown = folder / "paper.md"
+    markdown.write_text(
+        environment(_PACKAGE).get_template("paper.md.j2").render(**_context(data)), encoding="utf-8"
     )
-    return [page, *written]
+    return [markdown, *written]
