@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     """Close the loop on a folder."""
     from tqdm import tqdm
 
-    from tdcr_fe.identify.loop import NotSolved, identify
+    from tdcr_fe.identify.identification import NotSolved, identify
     from tdcr_fe.identify.outcome import IdentifySettings
     from tdcr_fe.identify.report import summary, write_report
     from tdcr_fe.io.measured import read_measured

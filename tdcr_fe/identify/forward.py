@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import pickle
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment
 from tdcr_fe.effects.actuation import loads_between
 from tdcr_fe.io.measured import Reading
+from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.model.channels import Channel, Location, ObservedStep, channel
 from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 
@@ -29,6 +30,9 @@ SMALLEST, GUIDED = 1.0 / 256.0, 1.0 / 16.0
 
 #: Into how many substeps a load step is divided at most for the sake of its path.
 DIVISIONS = 16
+
+#: How a simulation that was interrupted says so.
+INTERRUPTED = "interrupted"
 
 #: Runs kept in memory.
 CACHE = 400
@@ -128,6 +132,8 @@ def _simulate(task: tuple[Experiment, Any, bool, float]) -> Run:
             0,
             str(error),
         )
+    if result.message == INTERRUPTED:
+        raise KeyboardInterrupt
     # Along a fit, what cannot follow its neighbour is too far away and dear to solve: it counts as not solved.
     if not result.converged and guide is not None and not record:
         return _simulate((experiment, None, record, path_tolerance))
@@ -237,14 +243,6 @@ def divide_steps(experiment: Experiment, which: set[int], parts: int) -> Experim
     return replace(experiment, steps=tuple(steps), ends=tuple(ends))
 
 
-def _quiet_worker() -> None:
-    """A worker leaves interruptions to the process that started it."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
-
 class Reader:
     """Predicts readings from a run, by the channels of `tdcr_fe.model.channels`.
 
@@ -303,38 +301,42 @@ class Reader:
 
 
 class ForwardModel:
-    """Runs experiments, each once, several at a time.
+    """Simulates experiments, each once, several at a time. Use as a context manager; leaving it ends the workers.
 
     Parameters
     ----------
     processes
         Worker processes; 1 stays in this one.
-    path_tolerance
-        Of the solver.
     """
 
-    def __init__(self, processes: int = 1, path_tolerance: float = 5e-5) -> None:
+    def __init__(self, processes: int = 1) -> None:
         self.processes = max(1, processes)
-        self.path_tolerance = path_tolerance
         self.runs = 0
         self._cache: dict[str, Run] = {}
         self._guides: dict[int, Run] = {}
         self._pool: ProcessPoolExecutor | None = None
+        self._stack = ExitStack()
 
     def __enter__(self) -> ForwardModel:
         if self.processes > 1:
-            self._pool = ProcessPoolExecutor(
-                self.processes, mp_context=get_context("forkserver"), initializer=_quiet_worker
-            )
+            self._pool = self._stack.enter_context(worker_pool(self.processes))
         return self
 
-    def __exit__(self, *_: object) -> None:
-        if self._pool is not None:
-            self._pool.shutdown(wait=True, cancel_futures=True)
-            self._pool = None
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._pool = None
+        self._stack.__exit__(kind, error, traceback)
 
     def run(
-        self, experiments: Sequence[Experiment], guide: Run | None = None, record: bool = False
+        self,
+        experiments: Sequence[Experiment],
+        path_tolerance: float,
+        guide: Run | None = None,
+        record: bool = False,
     ) -> list[Run]:
         """Simulate experiments, those that were simulated before from memory.
 
@@ -342,6 +344,8 @@ class ForwardModel:
         ----------
         experiments
             What to simulate; experiments that differ in the observation only share a run.
+        path_tolerance
+            Of the solver. Not part of a run's identity: it grows once, and earlier, more accurate runs serve as well.
         guide
             A neighbour's run with its trajectory; makes a run three times as fast, for sensitivities.
         record
@@ -356,7 +360,7 @@ class ForwardModel:
             keys = [k[:-5] + "True" if k[:-5] + "True" in self._cache else k for k in keys]
         todo = {k: s for k, s in zip(keys, experiments, strict=True) if k not in self._cache}
         trajectory = None if guide is None else (guide.trajectory, guide.ends, guide.elements)
-        tasks = [(s, trajectory, record, self.path_tolerance) for s in todo.values()]
+        tasks = [(s, trajectory, record, path_tolerance) for s in todo.values()]
         for key, run in zip(todo, self._map(tasks), strict=True):
             self._cache[key] = run
         self.runs += len(tasks)

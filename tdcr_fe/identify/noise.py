@@ -1,4 +1,4 @@
-"""Is a residual noise? Its size, its structure, single readings that stand out, and sigma where none was given."""
+"""Is a residual noise? Its size, its structure, outliers, and sigma where none was given."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ OUTLIER = 5.0
 
 
 def series(readings: Sequence[Reading]) -> list[NDArray[np.int_]]:
-    """Indices of the readings of each quantity and place, in their order."""
+    """Indices of the readings of each quantity and location, in their order."""
     found: dict[tuple[str, float | str | None], list[int]] = {}
     for i, r in enumerate(readings):
         found.setdefault((r.quantity, r.location), []).append(i)
@@ -76,22 +76,22 @@ def clipped(r: Array) -> Array:
     return np.clip(r, -CLIP, CLIP)
 
 
-def excess(r: Array, parameters: int = 0) -> float:
-    """How far the sum of squares lies above noise, in its standard deviations."""
+def chi_square_z_score(r: Array, parameters: int = 0) -> float:
+    """Sum of squares against noise of unit variance, as a z-score (robust: residuals are clipped)."""
     dof = max(1, r.size - parameters)
     p = float(chi2_distribution.sf(np.sum(clipped(r) ** 2), dof))
     return float(norm.isf(max(p, 1e-300)))
 
 
-def alike(data: MeasuredData, r: Array) -> float:
-    """Correlation of the residuals of neighbouring steps, over all quantities and places."""
+def lag1_autocorrelation(data: MeasuredData, r: Array) -> float:
+    """Autocorrelation of the residual between neighbouring steps, over all quantities and locations [1]."""
     parts = [r[i] for i in series(data.readings) if i.size >= 2]
     size = sum(float(np.sum(x[1:] ** 2 + x[:-1] ** 2)) for x in parts) / 2.0
     return sum(float(np.sum(x[1:] * x[:-1])) for x in parts) / size if size > 0.0 else 0.0
 
 
 def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Structure, ...]:
-    """Tests of a residual over sigma: by quantity, place, tendon, branch, load, step; signs and neighbours.
+    """Tests of a residual over sigma: by quantity, location, tendon, branch, load, step; autocorrelation and signs.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Struct
     Returns
     -------
     tuple of Structure
-        The most telling first.
+        The most significant first.
     """
     c = clipped(r)
     readings = data.readings
@@ -123,8 +123,8 @@ def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Struct
     size("all readings", np.ones(r.size, dtype=bool))
     for q in dict.fromkeys(x.quantity for x in readings):
         size(f"quantity {q}", np.array([x.quantity == q for x in readings]))
-    for place in sorted({x.location for x in readings if isinstance(x.location, float)}):
-        size(f"at s = {place:g} m", np.array([x.location == place for x in readings]))
+    for location in sorted({x.location for x in readings if isinstance(x.location, float)}):
+        size(f"at s = {location:g} m", np.array([x.location == location for x in readings]))
     table, moves = inputs(data), directions(data)
     m = len(data.robot.tendons)
     for i, name in enumerate(data.robot.tendon_names):
@@ -144,10 +144,10 @@ def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Struct
     if products:
         together = np.concatenate(products)
         z = float(np.sum(together) / math.sqrt(together.size))
-        tests.append(Structure("neighbouring steps alike", z, float(norm.sf(z))))
+        tests.append(Structure("lag-1 autocorrelation over the steps", z, float(norm.sf(z))))
         runs = np.sign(together)
         z = float(np.sum(runs) / math.sqrt(runs.size))
-        tests.append(Structure("signs of neighbouring steps alike", z, float(norm.sf(z))))
+        tests.append(Structure("equal signs in neighbouring steps", z, float(norm.sf(z))))
     for which, z in means:
         x = readings[int(which[0])]
         at = "" if x.location is None else f" at {x.location}"
@@ -156,11 +156,11 @@ def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Struct
 
 
 def is_noise(tests: Sequence[Structure], significance: float) -> bool:
-    """Whether no test tells, counted together."""
+    """Whether no test is significant, with Bonferroni's correction for their number."""
     return all(t.p_value * len(tests) > significance for t in tests)
 
 
 def outliers(r: Array) -> tuple[tuple[int, float], ...]:
-    """Readings that stand out from the rest, and by how many sigma."""
+    """Indices of outliers, and their residual over sigma."""
     scale = max(1.0, 1.4826 * float(np.median(np.abs(r))))
     return tuple((int(i), float(r[i])) for i in np.flatnonzero(np.abs(r) > OUTLIER * scale))

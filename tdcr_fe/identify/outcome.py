@@ -15,7 +15,9 @@ from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.tables import plain, versions
 
 Array = NDArray[np.float64]
-Verdict = Literal["explained", "partly explained", "unexplained", "nothing missing"]
+Verdict = Literal[
+    "explained", "partly explained", "unexplained", "nothing missing", "cannot tell", "unfinished"
+]
 
 
 @dataclass(frozen=True)
@@ -262,7 +264,8 @@ class IdentificationResult:
     ----------
     data : MeasuredData
     verdict : str
-        One of "explained", "partly explained", "unexplained", "nothing missing".
+        One of "explained", "partly explained", "unexplained", "nothing missing", "cannot tell" (too few or too noisy
+        data), "unfinished" (interrupted).
     effects : tuple of AddedEffect
         In the order of adding.
     before_fit, before_held_out, after_fit, after_held_out : Misfit

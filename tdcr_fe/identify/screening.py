@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from tdcr_fe.effects import Effect
-from tdcr_fe.identify.fitting import NOTHING, Fit, Point, Problem
+from tdcr_fe.identify.fitting import NOTHING
+from tdcr_fe.identify.problem import Fit, FitProblem, Point
 
 Array = NDArray[np.float64]
 
@@ -32,6 +33,8 @@ class Score:
         Change of the predictions over sigma, by direction.
     note : str
         Why it is refused; empty where it is not.
+    scales : mapping
+        Typical steps of its parameters in their fitted coordinates.
     """
 
     effect: Effect
@@ -40,6 +43,7 @@ class Score:
     starts: list[Point]
     signature: Array
     note: str = ""
+    scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
     @property
     def count(self) -> int:
@@ -47,12 +51,12 @@ class Score:
         return len(self.effect.parameters)
 
 
-def screen(problem: Problem, fit: Fit, effects: Sequence[Effect]) -> list[Score]:
-    """Score candidates beside a fitted model, the most telling first.
+def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> list[Score]:
+    """Score candidates beside a fitted model, largest fall first.
 
-    Every candidate is switched on a little in one run per direction, and the residual is projected on what that
-    changes, the fitted parameters left free to follow; amplitudes stay within bounds. The runs follow the path of
-    the fitted one, so that differences are smooth.
+    Every candidate is moved a little from its null values in one run per direction, and the residual is projected on
+    the change of the predictions, with the fitted parameters free; amplitudes stay within bounds. The runs follow the
+    path of the fitted one, so that differences are smooth.
 
     Parameters
     ----------
@@ -63,7 +67,7 @@ def screen(problem: Problem, fit: Fit, effects: Sequence[Effect]) -> list[Score]
     effects
         Candidates that are not in it.
     """
-    experiment = problem.setup(fit.effects, fit.values)
+    experiment = problem.with_effects(fit.effects, fit.values)
     excitation = problem.excitation_range(fit.run)
     null = {e.name: e.null_values(experiment) for e in effects}
     tasks: list[tuple[Effect, int, Point]] = []
@@ -94,25 +98,26 @@ def screen(problem: Problem, fit: Fit, effects: Sequence[Effect]) -> list[Score]
     return sorted(scores, key=lambda s: -s.drop)
 
 
-def _residuals(problem: Problem, fit: Fit, tasks: Sequence[tuple[Effect, int, Point]]) -> list[Array]:
+def _residuals(problem: FitProblem, fit: Fit, tasks: Sequence[tuple[Effect, int, Point]]) -> list[Array]:
     """Residuals at every task's point, all runs at once."""
-    experiments = [problem.setup((*fit.effects, e), point) for e, _, point in tasks]
-    runs = problem.forward.run(experiments, guide=fit.run)
+    experiments = [problem.with_effects((*fit.effects, e), point) for e, _, point in tasks]
+    runs = problem.solve(experiments, guide=fit.run)
     return [problem.residual(s, run) for s, run in zip(experiments, runs, strict=True)]
 
 
 def _score(
-    problem: Problem,
+    problem: FitProblem,
     fit: Fit,
     e: Effect,
     null: dict[str, float],
     sets: list[list[Point]],
     residuals: list[list[Array]],
 ) -> Score:
-    fitted = ~problem.held
-    fixed = e.unidentifiable_at_null(problem.setup(fit.effects, fit.values))
+    fitted = problem.fitted
+    fixed = e.unidentifiable_at_null(problem.with_effects(fit.effects, fit.values))
     best: Score | None = None
     others: list[Point] = []
+    scales: dict[tuple[str, str], float] = {}
     for points, rows in zip(sets, residuals, strict=True):
         signature = np.stack([fit.residual - r for r in rows], axis=1)
         if not np.all(np.isfinite(signature)):
@@ -124,7 +129,7 @@ def _score(
         low, high = np.array([_room(problem, e, null, d) for d in directions]).T
         k = fit.jacobian.shape[1]
         a = np.concatenate((fit.jacobian, signature), axis=1)
-        w = np.minimum(1.0, problem.threshold / np.maximum(np.abs(fit.residual), 1e-300)) ** 0.5
+        w = np.minimum(1.0, problem.robust_threshold / np.maximum(np.abs(fit.residual), 1e-300)) ** 0.5
         norm = np.maximum(np.linalg.norm(a[fitted] * w[fitted, None], axis=0), 1e-300)
         bounds = (
             np.concatenate((np.full(k, -np.inf), np.minimum(low, -1e-9) * norm[k:])),
@@ -135,10 +140,10 @@ def _score(
         left = (fit.residual - a @ amplitude) * w
         weighted = fit.residual * w
         drop = float(np.sum(weighted[fitted] ** 2) - np.sum(left[fitted] ** 2))
-        drop_held = float(np.sum(weighted[problem.held] ** 2) - np.sum(left[problem.held] ** 2))
+        drop_held = float(np.sum(weighted[problem.held_out] ** 2) - np.sum(left[problem.held_out] ** 2))
         for name, j in ((n, j) for d in directions for n, j in d.items()):
             if j != 0.0:
-                problem.scales[(e.name, name)] = abs(j)
+                scales[(e.name, name)] = abs(j)
         starts = [
             {**fit.values, e.name: _mix(problem, e, null, directions, points, factor * amplitude[k:])}
             for factor in (1.0, 0.5)
@@ -147,13 +152,16 @@ def _score(
         if best is None or drop > best.drop:
             best = Score(e, drop, drop_held, [*starts, points[0]], signature)
     if best is None:
-        return Score(e, 0.0, 0.0, [], np.zeros((fit.residual.size, 0)), "it changes nothing on these data")
+        return Score(
+            e, 0.0, 0.0, [], np.zeros((fit.residual.size, 0)), "it changes nothing on these data", scales
+        )
     return Score(
         e,
         best.drop,
         best.drop_held,
         best.starts + [o for o in others if o is not best.starts[0]],
         best.signature,
+        scales=scales,
     )
 
 
@@ -168,7 +176,7 @@ def _direction(
 
 
 def _room(
-    problem: Problem, e: Effect, null: dict[str, float], direction: dict[str, float]
+    problem: FitProblem, e: Effect, null: dict[str, float], direction: dict[str, float]
 ) -> tuple[float, float]:
     """How far an amplitude may go down and up before a parameter meets a bound."""
     low, high = -np.inf, np.inf
@@ -184,7 +192,7 @@ def _room(
 
 
 def _mix(
-    problem: Problem,
+    problem: FitProblem,
     e: Effect,
     null: dict[str, float],
     directions: list[dict[str, float]],

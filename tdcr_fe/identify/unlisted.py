@@ -1,4 +1,4 @@
-"""What is on no list: single soft bays, springs at one place, and the missing moment read off the shape itself."""
+"""Causes on no list: single soft bays, springs at one location, and the missing moment derived from the shape."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, ExcitationRange, Experiment, Parameter
-from tdcr_fe.identify.fitting import Fit, Problem
 from tdcr_fe.identify.forward import Run
+from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.robot import StiffnessPatch
@@ -20,12 +20,12 @@ Array = NDArray[np.float64]
 
 
 class SoftBay(Effect):
-    """Other bending stiffness in one bay; used to locate, never named as an effect."""
+    """Other bending stiffness in one bay; used to locate, not in the list of effects."""
 
     def __init__(self, number: int, start: float, end: float) -> None:
         self.number, self.start, self.end = number, start, end
         self.name = f"stiffness of bay {number}"
-        self.description = "The backbone is softer or stiffer in one place: a crack, a kink, glue."
+        self.description = "The backbone is softer or stiffer in one bay: a crack, a kink, glue."
         self.parameters = (
             Parameter(
                 "bending", "1", 0.02, 50.0, 1.0, 0.2, "factor on the bending stiffness there", inverse=True
@@ -49,7 +49,7 @@ class SoftBay(Effect):
 
 
 class SideSpring(Effect):
-    """A spring that holds one place of the backbone where it was; used to locate, never named as an effect.
+    """A spring from one location of the backbone to ground; used to locate, not in the list of effects.
 
     Its force follows the displacement of a solved run, step by step.
     """
@@ -57,7 +57,7 @@ class SideSpring(Effect):
     def __init__(self, at: float, run: Run, rest: Array) -> None:
         self.at = at
         self.name = f"spring at s = {at:.4g} m"
-        self.description = "Something holds the robot at one place: a cable, a hose, a wall that gives."
+        self.description = "Something holds the robot at one location: a cable, a hose, a compliant wall."
         self.parameters = (Parameter("stiffness", "N/m", 0.0, 1e4, 0.0, 0.05, "of the spring"),)
         node = int(np.argmin(np.abs(run.s - at)))
         moved = run.positions[:, node] - rest
@@ -72,7 +72,7 @@ class SideSpring(Effect):
     def probe_points(
         self, experiment: Experiment, excitation: ExcitationRange
     ) -> list[list[dict[str, float]]]:
-        """A spring that feels a few millinewtons."""
+        """A spring with a force of a few millinewtons."""
         largest = float(np.max(np.linalg.norm(self._moved, axis=1), initial=1e-6))
         return [[{"stiffness": 2e-3 / largest}]]
 
@@ -87,7 +87,7 @@ class SideSpring(Effect):
         return replace(experiment, steps=tuple(steps))
 
 
-def bay_edges(problem: Problem) -> Array:
+def bay_edges(problem: FitProblem) -> Array:
     """Arc lengths of base plate, disks and tip [m]."""
     robot = problem.data.robot
     edges = [0.0, *robot.disks.positions]
@@ -96,7 +96,7 @@ def bay_edges(problem: Problem) -> Array:
     return np.array(edges)
 
 
-def local_suspects(problem: Problem, fit: Fit) -> list[list[Effect]]:
+def local_candidates(problem: FitProblem, fit: Fit) -> list[list[Effect]]:
     """A soft bay for every bay, and a spring at every disk, each family from the base on."""
     edges = bay_edges(problem)
     bays: list[Effect] = [
@@ -106,7 +106,7 @@ def local_suspects(problem: Problem, fit: Fit) -> list[list[Effect]]:
     return [bays, springs]
 
 
-def missing_moment(problem: Problem, fit: Fit) -> tuple[Array, Array]:
+def missing_moment(problem: FitProblem, fit: Fit) -> tuple[Array, Array]:
     """Bending moment that would have to act besides the model's, per load step and bay, from the shape itself.
 
     An extra curvature in a bay turns everything beyond it; the extra curvatures that turn the model's shape into
@@ -123,7 +123,7 @@ def missing_moment(problem: Problem, fit: Fit) -> tuple[Array, Array]:
     edges = bay_edges(problem)
     bays = len(edges) - 1
     data, run = problem.data, fit.run
-    experiment = problem.setup(fit.effects, fit.values)
+    experiment = problem.with_effects(fit.effects, fit.values)
     moment = np.zeros((len(data.steps), bays, 2))
     stiffness = experiment.robot.backbone.EI
     difference = np.diff(np.eye(bays), n=1, axis=0)
@@ -132,7 +132,7 @@ def missing_moment(problem: Problem, fit: Fit) -> tuple[Array, Array]:
     middle = 0.5 * (edges[1:] + edges[:-1])
     prior = 1e-3 * np.eye(2 * bays)
     for k in range(run.solved):
-        mine = np.flatnonzero(problem.reader.step == k)
+        mine = np.flatnonzero(problem.readings.reader.step == k)
         mine = mine[np.isfinite(fit.residual[mine])]
         rows, right = [], []
         p, rot = run.positions[k], run.rotations[k]
@@ -155,6 +155,9 @@ def missing_moment(problem: Problem, fit: Fit) -> tuple[Array, Array]:
                     continue
                 hinge = np.cross(np.array([0.0, 0.0, 1.0]), out / np.linalg.norm(out))
                 row = np.einsum("bij,i->bj", axes, hinge) * width[:, None]
+            elif r.quantity.startswith("curvature_") and isinstance(r.location, float):
+                bay = int(np.clip(np.searchsorted(edges, r.location) - 1, 0, bays - 1))
+                row[bay, "xy".index(r.quantity[-1])] = 1.0
             else:
                 continue
             rows.append(row.ravel() / problem.sigma[i])
@@ -173,7 +176,7 @@ def missing_moment(problem: Problem, fit: Fit) -> tuple[Array, Array]:
     return moment, edges
 
 
-def describe_moment(problem: Problem, moment: Array, edges: Array) -> tuple[str, str]:
+def describe_moment(problem: FitProblem, moment: Array, edges: Array) -> tuple[str, str]:
     """Where along the backbone and at which loads the missing moment acts, as texts."""
     size = np.sqrt(np.sum(moment**2, axis=2))
     by_bay = np.sqrt(np.mean(size**2, axis=0))
@@ -192,7 +195,7 @@ def describe_moment(problem: Problem, moment: Array, edges: Array) -> tuple[str,
     return f"bay {b + 1} (s = {edges[b]:.4g} to {edges[b + 1]:.4g} m), steps {steps}", "; ".join(what)
 
 
-def _inputs_text(problem: Problem, k: int) -> str:
+def _inputs_text(problem: FitProblem, k: int) -> str:
     step = problem.data.steps[int(k)]
     parts = [f"{n} = {v:.3g} N" for n, v in step.tensions.items() if v > 0.0]
     parts += [f"{n} = {1e3 * v:.3g} mm" for n, v in step.displacements.items() if v != 0.0]
@@ -201,4 +204,4 @@ def _inputs_text(problem: Problem, k: int) -> str:
         for load in step.loads.values()
         if any(load.force)
     ]
-    return ", ".join(parts) or "nothing pulled"
+    return ", ".join(parts) or "no tendon pulled"

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.holdout import choose_held_out
-from tdcr_fe.identify.loop import NotSolved
+from tdcr_fe.identify.identification import NotSolved
 from tdcr_fe.identify.outcome import IdentificationResult, IdentifySettings
 from tdcr_fe.io.measured import MeasuredData, Reading
 from tdcr_fe.model.results import StepResult

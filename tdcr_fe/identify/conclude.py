@@ -1,0 +1,246 @@
+"""Conclusions from a finished or interrupted search: verdict, effects with their numbers, and what remains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tdcr_fe.effects import EFFECTS, Effect
+from tdcr_fe.identify.criteria import chi_square_threshold, reduced_chi_square, residual_is_noise
+from tdcr_fe.identify.fitting import covariance
+from tdcr_fe.identify.information import insufficient_data
+from tdcr_fe.identify.noise import outliers, structure
+from tdcr_fe.identify.outcome import (
+    AddedEffect,
+    Estimate,
+    IdentificationResult,
+    Noise,
+    Remainder,
+    Shapes,
+    Structure,
+    Verdict,
+)
+from tdcr_fe.identify.problem import Fit, FitProblem
+from tdcr_fe.identify.selection import Search, SearchState
+from tdcr_fe.identify.unlisted import SideSpring, SoftBay, describe_moment, missing_moment
+
+Array = NDArray[np.float64]
+
+
+def conclude(
+    search: Search, state: SearchState, sigma_estimated: bool, wall_time: float
+) -> IdentificationResult:
+    """What a search has found.
+
+    Parameters
+    ----------
+    search, state
+        The search and its last state.
+    sigma_estimated
+        Whether any sigma was not given.
+    wall_time
+        [s].
+    """
+    problem, best, declared = state.problem, state.best, state.declared
+    data, held_out, fitted = problem.data, problem.held_out, problem.fitted
+    explained = state.local is None and residual_is_noise(problem, best, search.significance)
+    doubt = insufficient_data(problem, state.declared, best, explained)
+    tests = structure(data, best.residual, len(best.free))
+    spread = covariance(problem, best)
+    deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    moment, edges = missing_moment(problem, best)
+    held_ids = sorted({data.readings[i].step for i in np.flatnonzero(held_out)}, key=data.step_ids.index)
+    corrected = problem.with_effects(best.effects, best.values)
+    declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
+    return IdentificationResult(
+        data=data,
+        verdict=_verdict(state, explained, doubt),
+        effects=_added(search, state, deviation),
+        before_fit=problem.misfit(declared.residual, fitted),
+        before_held_out=problem.misfit(declared.residual, held_out),
+        after_fit=problem.misfit(best.residual, fitted, len(best.free)),
+        after_held_out=problem.misfit(best.residual, held_out),
+        held_out_steps=tuple(held_ids),
+        remaining=_remaining(search, state, explained, doubt, tests, moment, edges),
+        candidates=state.candidates,
+        structure=tests[:12],
+        residual_before=declared.residual * problem.sigma,
+        residual_after=best.residual * problem.sigma,
+        sigma=problem.sigma,
+        sigma_estimated=sigma_estimated,
+        outliers=outliers(best.residual),
+        correlation=spread / np.maximum(np.outer(deviation, deviation), 1e-300),
+        parameter_names=tuple(f"{a}.{b}" for a, b in best.free),
+        mesh_error=problem.mesh_error,
+        noise=_noise(problem, sigma_estimated),
+        shapes=_shapes(problem, declared, best, set(held_ids)),
+        corrected=replace(corrected, model=declared_mesh),
+        left_out_candidates=dict(state.refused),
+        runs=problem.forward.runs,
+        wall_time=wall_time,
+        interrupted=state.interrupted,
+        history=state.history,
+    )
+
+
+def _verdict(state: SearchState, explained: bool, doubt: str) -> Verdict:
+    """The verdict; ``doubt`` says why the data do not suffice, and is empty where they do."""
+    if state.interrupted:
+        return "unfinished"
+    if doubt:
+        return "cannot tell"
+    if not explained:
+        return "partly explained" if state.best.effects else "unexplained"
+    return "explained" if state.best.effects else "nothing missing"
+
+
+def _noise(problem: FitProblem, estimated: bool) -> Noise:
+    """What sigma alone gives, in the measures of a misfit."""
+    all_readings = np.ones(len(problem.readings.values), dtype=bool)
+    size = problem.misfit(np.ones(len(problem.readings.values)), all_readings)
+    return Noise(size.rms_position, size.rms_coordinate, size.rms_angle, size.rms_by_quantity, estimated)
+
+
+def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Shapes:
+    """Measured and predicted positions by step, location and axis."""
+    data = problem.data
+    index = np.flatnonzero(problem.readings.is_position)
+    locations = np.unique([float(data.readings[i].location or 0.0) for i in index])
+    table = np.full((3, len(data.steps), locations.size, 3), np.nan)
+    for i in index:
+        r = data.readings[i]
+        at = (
+            problem.readings.reader.step[i],
+            int(np.searchsorted(locations, float(r.location or 0.0))),
+            "xyz".index(r.quantity[-1]),
+        )
+        for k, value in enumerate((0.0, base.residual[i], best.residual[i])):
+            table[(k, *at)] = r.value - value * problem.sigma[i]
+    backbones = []
+    for fit in (base, best):
+        observation = problem.with_effects(fit.effects, fit.values).observation
+        frame = Rotation.from_rotvec(np.array(observation.rotation)).as_matrix()
+        seen = np.full((len(data.steps), *fit.run.positions.shape[1:]), np.nan)
+        seen[: len(fit.run.positions)] = fit.run.positions @ frame.T
+        backbones.append(seen)
+    return Shapes(
+        step_ids=data.step_ids,
+        branches=data.branches,
+        held_out=np.array([n in held_out for n in data.step_ids]),
+        arc_lengths=locations,
+        measured=table[0],
+        before=table[1],
+        after=table[2],
+        backbone_before=backbones[0],
+        backbone_after=backbones[1],
+    )
+
+
+def _added(search: Search, state: SearchState, deviation: Array) -> tuple[AddedEffect, ...]:
+    """Effects in the order of adding, with the evidence for each."""
+    problem, best = state.problem, state.best
+    added = []
+    before = state.declared
+    for i, e in enumerate(best.effects):
+        after = best
+        if i < len(best.effects) - 1:
+            after = state.fits.get(frozenset(x.name for x in best.effects[: i + 1]), best)
+        rivals = tuple(state.rivals.get(e.name, ()))
+        threshold = chi_square_threshold(len(e.parameters), search.significance)
+        evidence = {
+            "chi2_drop_fit": before.cost - after.cost,
+            "chi2_drop_held_out": before.held_cost - after.held_cost,
+            "needed_drop": threshold * reduced_chi_square(problem, after),
+        }
+        experiment = ""
+        if rivals:
+            others = [x for x in EFFECTS if x.name in rivals]
+            experiment = f"for {e.name}: {e.separating_experiment}" + "".join(
+                f"; for {x.name}: {x.separating_experiment}" for x in others
+            )
+        added.append(
+            AddedEffect(
+                e.name,
+                _estimates(problem, best, e, deviation),
+                problem.misfit(after.residual, problem.fitted, len(after.free)),
+                problem.misfit(after.residual, problem.held_out),
+                evidence,
+                rivals,
+                experiment,
+            )
+        )
+        before = after
+    return tuple(added)
+
+
+def _estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> dict[str, Estimate]:
+    """Values of an effect's parameters with their standard errors."""
+    numbers = {}
+    for p in e.parameters:
+        value = best.values[e.name][p.name]
+        error, note = None, "not determined by these data; left at its null value"
+        if (e.name, p.name) in best.free:
+            note = ""
+            factor = value**2 if p.inverse and math.isfinite(value) else 1.0
+            error = float(deviation[best.free.index((e.name, p.name))]) * factor
+            low, high = problem.bounds(e, p.name)
+            z = p.coordinate(value)
+            if min(abs(z - low), abs(high - z)) < 1e-9 * max(1.0, abs(high - low)):
+                note = "at its bound"
+        numbers[p.name] = Estimate(float(value), error, p.unit, note)
+    return numbers
+
+
+def _remaining(
+    search: Search,
+    state: SearchState,
+    explained: bool,
+    doubt: str,
+    tests: Sequence[Structure],
+    moment: Array,
+    edges: Array,
+) -> Remainder:
+    """Where and what is left, as texts."""
+    problem = state.problem
+    if doubt:
+        return Remainder("not known", doubt, moment, edges)
+    if explained:
+        text = "what is left has the size and the structure of the noise"
+        return Remainder("nowhere", text, moment, edges)
+    where, text = describe_moment(problem, moment, edges)
+    if state.local is not None:
+        where, text = _local_text(search, state, state.local, text)
+        return Remainder(where, text, moment, edges)
+    significant = [t for t in tests if t.p_value < 1e-4][:3]
+    if significant:
+        text += "; the residual is largest in: " + ", ".join(t.group for t in significant)
+    return Remainder(where, text, moment, edges)
+
+
+def _local_text(search: Search, state: SearchState, local: Fit, moment_text: str) -> tuple[str, str]:
+    """Location and description of a local cause that is on no list."""
+    problem = state.problem
+    cause = local.effects[-1]
+    assert isinstance(cause, SoftBay | SideSpring)
+    (name, value), *_ = local.values[cause.name].items()
+    error = 0.0
+    if (cause.name, name) in local.free:
+        j = local.free.index((cause.name, name))
+        error = float(np.sqrt(covariance(problem, local)[j, j]))
+        error *= value**2 if cause.parameters[0].inverse else 1.0
+    what, unit = "a spring of", "N/m"
+    if isinstance(cause, SoftBay):
+        what, unit = "a bending stiffness of", "times the declared one"
+    ending = f"to {local.cost / max(1, int(np.count_nonzero(problem.fitted))):.3g} per reading"
+    if residual_is_noise(problem, local, search.significance):
+        ending = "to noise"
+    return (
+        cause.where,
+        f"not on the list: {what} {value:.3g} +- {1.96 * error:.2g} {unit}, {cause.where}, would bring the misfit "
+        f"{ending}; {moment_text}",
+    )

@@ -1,0 +1,80 @@
+"""Criteria by which models are compared: BIC, reduced chi-square, effective noise, thresholds, and what noise is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.stats import chi2 as chi2_distribution
+
+from tdcr_fe.effects import EFFECTS
+from tdcr_fe.identify.noise import chi_square_z_score, is_noise, lag1_autocorrelation, structure
+from tdcr_fe.identify.problem import Fit, FitProblem
+
+#: Smallest difference of BIC that tells two models apart (odds of about 20 to 1).
+BIC_DIFFERENCE = 6.0
+
+#: The sum of squares of the held-out readings must fall by this much, in units of the reduced chi-square.
+HELD_OUT_DROP = 4.0
+
+#: A sum of squares is that of noise up to this z-score.
+NOISE_Z_SCORE = 4.0
+
+
+def bic(problem: FitProblem, fit: Fit) -> float:
+    """Bayesian information criterion over all readings: sum of squares plus log(n) per parameter; smaller is better."""
+    return fit.cost + fit.held_cost + len(fit.free) * math.log(problem.count)
+
+
+def reduced_chi_square(problem: FitProblem, fit: Fit) -> float:
+    """Sum of squares of the fitted readings per degree of freedom, at least one."""
+    return max(1.0, fit.cost / max(1, int(np.count_nonzero(problem.fitted)) - len(fit.free)))
+
+
+def effective_noise(problem: FitProblem, fit: Fit, significance: float) -> float:
+    """Unit of a difference of BIC when models are compared: reduced chi-square, inflated by autocorrelation.
+
+    Where the residual is noise, the reduced chi-square. Elsewhere that of all readings times (1 + rho) / (1 - rho)
+    with the lag-1 autocorrelation rho over the steps (at most 0.9): neighbouring steps with the same error are not
+    independent evidence.
+    """
+    if residual_is_noise(problem, fit, significance):
+        return reduced_chi_square(problem, fit)
+    misfit = (fit.cost + fit.held_cost) / max(1, problem.count - len(fit.free))
+    rho = float(np.clip(lag1_autocorrelation(problem.data, fit.residual), 0.0, 0.9))
+    return max(1.0, misfit) * (1.0 + rho) / (1.0 - rho)
+
+
+def residual_is_noise(problem: FitProblem, fit: Fit, significance: float) -> bool:
+    """Whether a model leaves noise, on fitted and on held-out readings, in size and in structure."""
+    if not fit.solved:
+        return False
+    r, held_out = fit.residual, problem.held_out
+    if chi_square_z_score(r[~held_out], len(fit.free)) > NOISE_Z_SCORE:
+        return False
+    if np.any(held_out) and chi_square_z_score(r[held_out]) > NOISE_Z_SCORE:
+        return False
+    return is_noise(structure(problem.data, r, len(fit.free)), significance)
+
+
+def chi_square_threshold(parameters: int, significance: float) -> float:
+    """Fall of the sum of squares that so many parameters reach by chance, with Bonferroni's correction over effects."""
+    return float(chi2_distribution.isf(significance / len(EFFECTS), max(1, parameters)))
+
+
+def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float) -> bool:
+    """Whether a larger model is worth its parameters, on the fitted and on the held-out readings."""
+    if not new.solved:
+        return False
+    level = reduced_chi_square(problem, new)
+    extra = len(new.free) - len(old.free)
+    if old.cost - new.cost <= chi_square_threshold(extra, significance) * level:
+        return False
+    if not np.any(problem.held_out):
+        return True
+    return old.held_cost - new.held_cost > HELD_OUT_DROP * level
+
+
+def robust_threshold(residual: np.typing.NDArray[np.float64]) -> float:
+    """Residual over sigma up to which a reading counts in full: four sigma, or four robust scatters if larger."""
+    return 4.0 * max(1.0, 1.4826 * float(np.median(np.abs(residual))))

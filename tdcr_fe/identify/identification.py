@@ -1,0 +1,139 @@
+"""Identification: the residual of a declared robot is traced to effects that it lacks, until noise is left."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from tdcr_fe.identify.conclude import conclude
+from tdcr_fe.identify.criteria import robust_threshold
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.holdout import choose_held_out
+from tdcr_fe.identify.information import unusable_data
+from tdcr_fe.identify.noise import estimate_sigma
+from tdcr_fe.identify.outcome import IdentificationResult, IdentifySettings
+from tdcr_fe.identify.problem import FitProblem, evaluate, refine
+from tdcr_fe.identify.selection import (
+    Progress,
+    Search,
+    SearchState,
+    search_effects,
+    with_intermediate_models,
+)
+from tdcr_fe.io.measured import MeasuredData
+
+#: Tolerance of the loading path as a share of the noise of a position (a third of it is left), and its limit.
+PATH_SHARE, LOOSEST = 0.6, 3e-4
+
+
+class NotSolved(Exception):
+    """The declared model does not converge on this loading sequence; says where and why."""
+
+
+def identify(
+    data: MeasuredData, settings: IdentifySettings | None = None, progress: Progress | None = None
+) -> IdentificationResult:
+    """Trace what a declared model leaves unexplained to effects that it lacks.
+
+    Parameters
+    ----------
+    data
+        Robot as declared, loading sequence, readings; see `tdcr_fe.io.measured.read_measured`.
+    settings
+        How the search works.
+    progress
+        Called with a sentence on what is done, and about which share of the work is done.
+
+    Returns
+    -------
+    IdentificationResult
+        Where Ctrl-C or SIGTERM interrupts the search, with the verdict "unfinished" and what was found until then.
+
+    Raises
+    ------
+    NotSolved
+        The declared model does not converge.
+    KeyboardInterrupt
+        Interrupted before the declared model was solved.
+    """
+    settings = settings or IdentifySettings()
+    begun = time.perf_counter()
+    search = Search(settings, progress or (lambda text, share: None))
+    search.report("the declared model", 0.0)
+    try:
+        with ForwardModel(settings.processes) as forward:
+            problem, estimated = _pose(without_unread_steps(data), settings, forward)
+            state = _search(search, _declared(problem), estimated)
+            search.report("conclusions", 0.97)
+    except _Interrupted as interruption:  # the workers have ended
+        state, estimated = interruption.state, interruption.sigma_estimated
+    return conclude(search, state, estimated, time.perf_counter() - begun)
+
+
+class _Interrupted(KeyboardInterrupt):
+    """The search was interrupted; carries its last complete state out of the block that owns the workers."""
+
+    def __init__(self, state: SearchState, sigma_estimated: bool) -> None:
+        super().__init__()
+        self.state, self.sigma_estimated = state, sigma_estimated
+
+
+def _search(search: Search, state: SearchState, sigma_estimated: bool) -> SearchState:
+    """Run the search to its end; an interruption carries the last state."""
+    try:
+        if unusable_data(state.problem, state.declared):
+            return state
+        for latest in search_effects(search, state):
+            state = latest
+        return with_intermediate_models(state)
+    except KeyboardInterrupt:
+        last = replace(state, interrupted=True)
+        last = last.with_history("interrupted; what was found until then is reported")
+        raise _Interrupted(last, sigma_estimated) from None
+
+
+def without_unread_steps(data: MeasuredData) -> MeasuredData:
+    """The data without the steps after the last one with readings: they change no prediction."""
+    read = {r.step for r in data.readings}
+    last = max(k for k, n in enumerate(data.step_ids) if n in read)
+    return replace(
+        data,
+        step_ids=data.step_ids[: last + 1],
+        steps=data.steps[: last + 1],
+        branches=data.branches[: last + 1],
+    )
+
+
+def _pose(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> tuple[FitProblem, bool]:
+    """The problem with sigma known, steps held out, mesh and path fine enough; and whether sigma was estimated."""
+    positions = set(choose_held_out(data, settings.hold_out))
+    at = {n: k for k, n in enumerate(data.step_ids)}
+    held_out = np.array([at[r.step] in positions for r in data.readings])
+    problem = FitProblem.of(data, np.ones(len(data.readings)), held_out, forward, settings.path_tolerance)
+    (residual,), _ = problem.residuals((), [{}], record=True)
+    sigma, estimated = estimate_sigma(data, residual)
+    problem = replace(problem, sigma=sigma)
+    is_position = problem.readings.is_position
+    if np.any(is_position):
+        share = PATH_SHARE * float(np.median(sigma[is_position])) / data.robot.backbone.length
+        tolerance = float(np.clip(share, problem.path_tolerance, LOOSEST))
+        problem = replace(problem, path_tolerance=tolerance)
+    problem, _ = refine(problem, (), {})
+    return problem, estimated
+
+
+def _declared(problem: FitProblem) -> SearchState:
+    """The state with the declared model alone.
+
+    Raises
+    ------
+    NotSolved
+    """
+    declared = evaluate(problem, (), {})
+    if not declared.solved:
+        message = declared.run.message
+        raise NotSolved(f"the declared model does not follow the loading sequence: {message}")
+    problem = replace(problem, robust_threshold=robust_threshold(declared.residual))
+    return SearchState.start(problem, evaluate(problem, (), {}))

@@ -1,0 +1,360 @@
+"""The frozen problem of an identification: readings, noise, held-out rows, discretisation; and what a model leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import EFFECTS, Effect, ExcitationRange, Experiment
+from tdcr_fe.identify.forward import ForwardModel, Reader, Run, divide_steps
+from tdcr_fe.identify.outcome import Misfit
+from tdcr_fe.io.measured import MeasuredData
+
+Array = NDArray[np.float64]
+
+#: Values of parameters, by effect and parameter name.
+Point = dict[str, dict[str, float]]
+
+#: A single reading counts in full up to this many of its sigma (of the present misfit, where that is larger).
+ROBUST = 4.0
+
+#: Tolerated discretisation error, rms over sigma: hundreds of readings do not turn it into a signal.
+MESH = 0.1
+
+#: Elements per bay, at most.
+FINEST = 6
+
+#: Order of the discretisation error that is counted on; four where bending is small.
+ORDER = 3.2
+
+#: A step that moves a reading by more than this, over sigma, when it is divided, stays divided.
+PATH = 0.4
+
+#: Into how many parts steps are divided to see whether that matters; twice as many where it does.
+PARTS = 4
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What follows from the readings alone: arrays in their order, and how they are predicted.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n,)
+        In the unit of each.
+    quantities : ndarray of str, shape (n,)
+    is_position, is_angle : ndarray of bool, shape (n,)
+    markers : ndarray of int, shape (n,)
+        Which marker in which step a reading belongs to.
+    reader : Reader
+    """
+
+    values: Array
+    quantities: NDArray[np.str_]
+    is_position: NDArray[np.bool_]
+    is_angle: NDArray[np.bool_]
+    markers: NDArray[np.int_]
+    reader: Reader
+
+    @classmethod
+    def of(cls, data: MeasuredData) -> Readings:
+        """Of a data set."""
+        locations: dict[tuple[int, float | str | None], int] = {}
+        return cls(
+            np.array([r.value for r in data.readings]),
+            np.array([r.quantity for r in data.readings]),
+            np.array([r.channel.family == "position" for r in data.readings]),
+            np.array([r.unit == "rad" for r in data.readings]),
+            np.array([locations.setdefault((r.step, r.location), len(locations)) for r in data.readings]),
+            Reader(data.readings, data.step_ids, data.robot.tendon_names),
+        )
+
+
+@dataclass(frozen=True)
+class FitProblem:
+    """Readings, their sigma, and the forward model that predicts them. Never written to: `refine` gives a new one.
+
+    Attributes
+    ----------
+    data : MeasuredData
+    readings : Readings
+    forward : ForwardModel
+        Solves experiments; remembers what it has solved.
+    sigma : ndarray, shape (n,)
+        Standard uncertainty of every reading, in its unit.
+    held_out : ndarray of bool, shape (n,)
+    experiment : Experiment
+        The declared one, with the mesh and the divided steps that are used.
+    path_tolerance : float
+        Of the solver, over the length [1].
+    robust_threshold : float
+        Residuals over sigma count in full up to this [1].
+    correction : ndarray, shape (n,)
+        Extrapolated discretisation error, added to the residual over sigma.
+    mesh_error : float
+        Estimated discretisation error, rms over sigma [1].
+    scales : mapping
+        Typical step of a parameter in its fitted coordinate, by effect and parameter; learnt from score tests.
+    """
+
+    data: MeasuredData
+    readings: Readings
+    forward: ForwardModel
+    sigma: Array
+    held_out: NDArray[np.bool_]
+    experiment: Experiment
+    path_tolerance: float
+    robust_threshold: float
+    correction: Array
+    mesh_error: float = 0.0
+    scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        data: MeasuredData,
+        sigma: Array,
+        held_out: NDArray[np.bool_],
+        forward: ForwardModel,
+        path_tolerance: float = 5e-5,
+    ) -> FitProblem:
+        """Of a data set, with one element per bay and all steps whole."""
+        return cls(
+            data=data,
+            readings=Readings.of(data),
+            forward=forward,
+            sigma=sigma,
+            held_out=held_out,
+            experiment=Experiment(data.robot, replace(data.model, elements_per_bay=1), data.steps),
+            path_tolerance=path_tolerance,
+            robust_threshold=ROBUST,
+            correction=np.zeros(len(data.readings)),
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of readings."""
+        return len(self.data.readings)
+
+    @property
+    def fitted(self) -> NDArray[np.bool_]:
+        """Readings that are fitted, shape (n,)."""
+        return ~self.held_out
+
+    # ------------------------------------------------------------------ predictions
+
+    def with_effects(self, effects: Sequence[Effect], values: Point) -> Experiment:
+        """The experiment with effects, applied in the order of the catalogue, unlisted ones last."""
+        order = {e.name: i for i, e in enumerate(EFFECTS)}
+        experiment = self.experiment
+        for e in sorted(effects, key=lambda e: order.get(e.name, len(order))):
+            experiment = e.apply(experiment, values[e.name])
+        return experiment
+
+    def solve(
+        self, experiments: Sequence[Experiment], guide: Run | None = None, record: bool = False
+    ) -> list[Run]:
+        """Simulate experiments; see `ForwardModel.run`."""
+        return self.forward.run(experiments, self.path_tolerance, guide, record)
+
+    def residuals(
+        self,
+        effects: Sequence[Effect],
+        points: Sequence[Point],
+        guide: Run | None = None,
+        record: bool = False,
+    ) -> tuple[list[Array], list[Run]]:
+        """Reading less prediction over sigma at several points; NaN where the model is not solved."""
+        experiments = [self.with_effects(effects, p) for p in points]
+        runs = self.solve(experiments, guide, record)
+        return [self.residual(e, run) for e, run in zip(experiments, runs, strict=True)], runs
+
+    def residual(self, experiment: Experiment, run: Run) -> Array:
+        """Reading less prediction over sigma, shape (n,)."""
+        predicted = self.readings.reader.read(run, experiment)
+        return (self.readings.values - predicted) / self.sigma + self.correction
+
+    # ------------------------------------------------------------------ measures
+
+    def cost(self, r: Array) -> tuple[float, float]:
+        """Robust sums of squares over fitted and held-out readings; infinite where a prediction is missing."""
+        if not np.all(np.isfinite(r)):
+            return float("inf"), float("inf")
+        c = huber(r, self.robust_threshold)
+        return float(np.sum(c[~self.held_out])), float(np.sum(c[self.held_out]))
+
+    def misfit(self, r: Array, which: NDArray[np.bool_], parameters: int = 0) -> Misfit:
+        """Misfit of residuals over sigma on some readings."""
+        raw = r * self.sigma
+        angles = raw[which & self.readings.is_angle]
+        p = which & self.readings.is_position
+        distance = (
+            np.sqrt(np.bincount(self.readings.markers[p], weights=raw[p] ** 2)) if np.any(p) else np.zeros(0)
+        )
+        distance = distance[np.bincount(self.readings.markers[p]) > 0] if np.any(p) else distance
+        return Misfit(
+            float(np.sqrt(np.mean(distance**2))) if distance.size else None,
+            float(np.sqrt(np.mean(angles**2))) if angles.size else None,
+            float(np.max(distance)) if distance.size else None,
+            float(np.sum(r[which] ** 2) / max(1, int(np.count_nonzero(which)) - parameters)),
+            int(np.count_nonzero(which)),
+            float(np.sqrt(np.mean(raw[p] ** 2))) if np.any(p) else None,
+            {
+                q: float(np.sqrt(np.mean(raw[which & (self.readings.quantities == q)] ** 2)))
+                for q in dict.fromkeys(self.readings.quantities[which].tolist())
+            },
+        )
+
+    def excitation_range(self, run: Run) -> ExcitationRange:
+        """How far the data go."""
+        bend = np.linalg.norm(run.curvature[..., :2], axis=-1)
+        commanded = [t for s in self.data.steps for t in s.tensions.values()]
+        needed = float(np.nanmax(run.base_tensions, initial=0.0))
+        moved = [abs(d) for s in self.data.steps for d in s.displacements.values()]
+        times = [s.time for s in self.data.steps if s.time is not None]
+        return ExcitationRange(
+            max([*commanded, needed, 1e-6]),
+            max([*moved, float(np.nanmax(np.abs(run.displacements), initial=0.0)), 1e-9]),
+            float(np.nanmax(bend, initial=1e-6)),
+            max(times, default=0.0),
+        )
+
+    # ------------------------------------------------------------------ coordinates
+
+    def bounds(self, e: Effect, name: str) -> tuple[float, float]:
+        """Bounds of a parameter's coordinate."""
+        p = next(p for p in e.parameters if p.name == name)
+        a, b = (p.coordinate(x) for x in e.bounds(self.experiment)[name])
+        return min(a, b), max(a, b)
+
+    def coordinates(self, effects: Sequence[Effect], values: Point, free: Sequence[tuple[str, str]]) -> Array:
+        """Fitted numbers of the free parameters, shape (p,)."""
+        parameter = {(e.name, p.name): p for e in effects for p in e.parameters}
+        return np.array([parameter[k].coordinate(values[k[0]][k[1]]) for k in free])
+
+    def point(
+        self, effects: Sequence[Effect], values: Point, free: Sequence[tuple[str, str]], z: Array
+    ) -> Point:
+        """Values with the free parameters at these coordinates."""
+        parameter = {(e.name, p.name): p for e in effects for p in e.parameters}
+        new = {k: dict(v) for k, v in values.items()}
+        for k, x in zip(free, z, strict=True):
+            new[k[0]][k[1]] = parameter[k].value(float(x))
+        return new
+
+
+def huber(r: Array, threshold: float) -> Array:
+    """Contribution of every residual to the robust sum of squares."""
+    a = np.abs(r)
+    return np.where(a <= threshold, a**2, 2.0 * threshold * a - threshold**2)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model with its parameters fitted.
+
+    Attributes
+    ----------
+    effects : tuple of Effect
+        In the order of adding.
+    values : dict
+        By effect and parameter.
+    residual : ndarray, shape (n,)
+        Reading less model, over sigma, of all readings.
+    cost, held_cost : float
+        Robust sums of squares over fitted and held-out readings.
+    jacobian : ndarray, shape (n, p)
+        Of the predictions over sigma, by coordinate of every free parameter.
+    free : tuple of (str, str)
+        Effect and name of every free parameter.
+    run : Run
+    """
+
+    effects: tuple[Effect, ...]
+    values: Point
+    residual: Array
+    cost: float
+    held_cost: float
+    jacobian: Array
+    free: tuple[tuple[str, str], ...]
+    run: Run
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(e.name for e in self.effects)
+
+    @property
+    def anew(self) -> Fit:
+        """The same without its sensitivities, so that fresh ones are taken."""
+        return replace(self, jacobian=self.jacobian[:, :0])
+
+    @property
+    def solved(self) -> bool:
+        """Whether every reading is predicted."""
+        return bool(np.isfinite(self.cost + self.held_cost))
+
+
+def evaluate(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Fit:
+    """A model at given values, nothing fitted."""
+    (r,), (run,) = problem.residuals(effects, [values], record=True)
+    return Fit(tuple(effects), values, r, *problem.cost(r), np.zeros((r.size, 0)), (), run)
+
+
+def refine(problem: FitProblem, effects: Sequence[Effect], values: Point) -> tuple[FitProblem, bool]:
+    """Refine mesh and path until their errors stay below the noise near a point.
+
+    A run with one element per bay more and all steps divided shows whether either matters; if so, each is judged by
+    itself. Elements are added until the error, which falls with a power of their number, is small; steps that change
+    when they are divided stay divided. What is then left is extrapolated and taken out of the predictions.
+
+    Returns
+    -------
+    problem : FitProblem
+    changed : bool
+        Whether mesh or steps were changed, so that earlier predictions no longer count.
+    """
+    problem = replace(problem, correction=np.zeros(problem.count))
+    (here,), _ = problem.residuals(effects, [values], record=True)
+    both = _refined_residual(problem, effects, values, mesh=True, path=True)
+    n = problem.experiment.model.starting_elements_per_bay
+    share = 1.0 - (n / (n + 1.0)) ** ORDER
+    change = _known(both - here)
+    total = float(np.sqrt(np.mean(change**2)))
+    if total <= MESH * share and float(np.max(np.abs(change))) <= PATH:
+        return replace(problem, mesh_error=total / share, correction=change / share), False
+    meshed = _refined_residual(problem, effects, values, mesh=True, path=False)
+    mesh_error = float(np.sqrt(np.mean(_known(meshed - here) ** 2))) / share
+    experiment = problem.experiment
+    change = np.abs(_known(both - meshed))
+    steps = {int(k) for k in np.unique(problem.readings.reader.step[change > PATH])}
+    if steps:
+        experiment = divide_steps(experiment, steps, 2 * PARTS)
+    if mesh_error > MESH and n < FINEST:
+        more = min(FINEST, max(n + 1, int(np.ceil(n * (mesh_error / MESH) ** (1.0 / ORDER)))))
+        experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=more))
+        mesh_error *= (n / more) ** ORDER
+    changed = experiment is not problem.experiment
+    return replace(problem, mesh_error=mesh_error, experiment=experiment), changed
+
+
+def _refined_residual(
+    problem: FitProblem, effects: Sequence[Effect], values: Point, mesh: bool, path: bool
+) -> Array:
+    """Residual at a point with one element per bay more, or with every step divided."""
+    experiment = problem.experiment
+    if mesh:
+        n = experiment.model.starting_elements_per_bay + 1
+        experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=n))
+    if path:
+        experiment = divide_steps(experiment, set(range(len(problem.data.steps))), PARTS)
+    (r,), _ = replace(problem, experiment=experiment).residuals(effects, [values])
+    return r
+
+
+def _known(r: Array) -> Array:
+    """Differences, zero where a prediction is missing."""
+    return np.where(np.isfinite(r), r, 0.0)

@@ -1,0 +1,553 @@
+"""Selection of effects: forward and backward, swaps of single effects, and a search for local causes.
+
+Every function takes a `SearchState` and gives a new one. The stages are generators of states, so that an interruption
+keeps the last one that was complete.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import EFFECTS, Effect
+from tdcr_fe.identify import fitting
+from tdcr_fe.identify.criteria import (
+    BIC_DIFFERENCE,
+    bic,
+    chi_square_threshold,
+    effective_noise,
+    is_improvement,
+    reduced_chi_square,
+    residual_is_noise,
+    robust_threshold,
+)
+from tdcr_fe.identify.information import lacks_test
+from tdcr_fe.identify.outcome import Candidate, IdentifySettings
+from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, refine
+from tdcr_fe.identify.screening import Score, screen
+from tdcr_fe.identify.unlisted import SideSpring, SoftBay, local_candidates
+
+Array = NDArray[np.float64]
+Names = frozenset[str]
+
+#: Called with a sentence on what is done, and about which share of the work is done [1].
+Progress = Callable[[str, float], None]
+
+#: A stage of the search: yields every complete state, and returns the last one.
+Stage = Generator["SearchState", None, "SearchState"]
+
+#: Repetitions of swapping, and of refining the discretisation, at most.
+REPETITIONS = 3
+
+
+@dataclass(frozen=True)
+class Search:
+    """What does not change during a search.
+
+    Attributes
+    ----------
+    settings : IdentifySettings
+    report : Progress
+    """
+
+    settings: IdentifySettings
+    report: Progress
+
+    @property
+    def significance(self) -> float:
+        """Chance of adding an effect to data that miss nothing [1]."""
+        return self.settings.significance
+
+
+@dataclass(frozen=True)
+class SearchState:
+    """All that is known at one time.
+
+    Attributes
+    ----------
+    problem : FitProblem
+    declared, best : Fit
+        The declared model, and the best so far.
+    fits : mapping
+        Every model that was fitted, by the names of its effects.
+    scores, local_scores : mapping
+        Scores of candidates, and of local causes, beside a model.
+    candidates : tuple of Candidate
+        What became of each, for the report.
+    refused : mapping of str to str
+        Effects that are not tried, with the reason.
+    rivals : mapping of str to tuple of str
+        By effect of the best model, those that explain the data as well.
+    local : Fit or None
+        A model with a local cause that explains more than the list.
+    history : tuple of str
+    interrupted : bool
+    """
+
+    problem: FitProblem
+    declared: Fit
+    best: Fit
+    fits: Mapping[Names, Fit]
+    scores: Mapping[Names, Sequence[Score]] = field(default_factory=dict)
+    local_scores: Mapping[Names, Sequence[Score]] = field(default_factory=dict)
+    candidates: tuple[Candidate, ...] = ()
+    refused: Mapping[str, str] = field(default_factory=dict)
+    rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    local: Fit | None = None
+    history: tuple[str, ...] = ()
+    interrupted: bool = False
+
+    @classmethod
+    def start(cls, problem: FitProblem, declared: Fit) -> SearchState:
+        """With the declared model alone."""
+        return cls(problem, declared, declared, {frozenset(): declared})
+
+    def with_fit(self, fit: Fit) -> SearchState:
+        """A fit more."""
+        return replace(self, fits={**self.fits, frozenset(fit.names): fit})
+
+    def with_history(self, sentence: str) -> SearchState:
+        """A sentence more."""
+        return replace(self, history=(*self.history, sentence))
+
+
+# ----------------------------------------------------------------------------------------------- the search
+
+
+def search_effects(search: Search, state: SearchState) -> Stage:
+    """The whole search."""
+    search.report("forward selection", 0.05)
+    if lacks_test(state.problem, state.declared):
+        # Too few readings to tell several effects apart, or to locate a cause: one effect, at most.
+        single = replace(search, settings=replace(search.settings, max_effects=1))
+        return (yield from forward_selection(single, state, locate=False))
+    state = yield from forward_selection(search, state)
+    if state.local is not None:
+        return state
+    if state.best.effects:
+        search.report("backward selection and swaps", 0.75)
+        state = yield from backward_selection(search, state)
+        state = yield from swap_effects(search, state)
+    if state.best.effects or not residual_is_noise(state.problem, state.best, search.significance):
+        search.report("local causes along the backbone", 0.85)
+        state = local_search(search, state)
+        yield state
+    return state
+
+
+def forward_selection(search: Search, state: SearchState, locate: bool = True) -> Stage:
+    """Add one effect at a time, several models side by side.
+
+    ``locate``: after the first round, see whether a single local cause explains everything.
+    """
+    level = [state.best]
+    for number in range(1, search.settings.max_effects + 1):
+        progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
+        state, proposals = _propose(search, state, number, level, progress)
+        yield state
+        state, fits = _fit_proposals(search, state, number, proposals, progress)
+        accepted = [
+            f
+            for f in fits
+            if is_improvement(state.problem, f, _parent(state, f), search.significance) and _better(state, f)
+        ]
+        if not accepted:
+            reason = "improves fitted and held-out steps" if proposals else "is significant"
+            state = state.with_history(f"round {number}: no candidate {reason}")
+            break
+        state = _refined(replace(state, best=accepted[0]))
+        problem, best = state.problem, state.best
+        state = state.with_history(
+            f"round {number}: {_list(best.names)}, misfit per reading "
+            f"{_mean(best.cost, problem.fitted):.3g} on fitted and "
+            f"{_mean(best.held_cost, problem.held_out):.3g} on held-out steps"
+        )
+        yield state
+        others = [state.fits[frozenset(f.names)] for f in accepted[1 : search.settings.beam]]
+        explained = residual_is_noise(problem, best, search.significance)
+        level = [best] if explained or number > 1 else [best, *others]
+        if number == 1 and not explained and locate:
+            # One local cause that explains everything spares the search for several effects that mimic it.
+            located = local_search(search, state, alone=True)
+            if located.local is not None and residual_is_noise(
+                located.problem, located.local, search.significance
+            ):
+                state = located
+                break
+            state = replace(
+                state, fits=located.fits, local_scores=located.local_scores, problem=located.problem
+            )
+    yield state
+    return state
+
+
+def backward_selection(search: Search, state: SearchState) -> Stage:
+    """Drop effects that the others make unnecessary."""
+    while len(state.best.effects) > 1:
+        unnecessary: list[tuple[Effect, Fit]] = []
+        for e in state.best.effects:
+            state, smaller = _without(state, e)
+            if smaller.solved and not is_improvement(state.problem, state.best, smaller, search.significance):
+                unnecessary.append((e, smaller))
+        if not unnecessary:
+            break
+        problem = state.problem
+        e, best = min(unnecessary, key=lambda p: bic(problem, p[1]))
+        state = replace(state, best=best).with_history(f"{e.name} dropped: the others suffice")
+        yield state
+    return state
+
+
+def swap_effects(search: Search, state: SearchState) -> Stage:
+    """Replace each effect by others; name those that explain as much, take those that explain more."""
+    for _ in range(REPETITIONS):
+        state, swapped = _swap_one(search, replace(state, rivals={}))
+        yield state
+        if not swapped:
+            break
+    state = _with_rival_sets(search, state)
+    yield state
+    return state
+
+
+def local_search(search: Search, state: SearchState, alone: bool = False) -> SearchState:
+    """Try single bays, and springs at one location, beside the best model and smaller ones (or the declared one)."""
+    bases: dict[Names, Fit] = {frozenset(): state.declared}
+    if not alone:
+        if not residual_is_noise(state.problem, state.best, search.significance):
+            bases[frozenset(state.best.names)] = state.best
+        for e in state.best.effects:
+            state, smaller = _without(state, e)
+            if smaller.solved:
+                bases[frozenset(smaller.names)] = smaller
+    found: list[tuple[float, Fit, Score]] = []
+    problem = state.problem
+    for base in sorted(bases.values(), key=lambda f: bic(problem, f))[:3]:
+        # To first order a local cause must do about as well as the best model, or it is not worth a fit; the best one
+        # has more margin, because linearisation misleads.
+        margin = 0.1 * base.cost + 5.0 * state.best.cost if base is not state.best else math.inf
+        state, scored = _local_scores(state, base)
+        threshold = chi_square_threshold(1, search.significance)
+        level = max(1.0, reduced_chi_square(state.problem, base) * 0.02)
+        scores = [x for x in scored if x.drop > threshold * level]
+        found += [
+            (base.cost - x.drop, base, x)
+            for i, x in enumerate(scores[:2])
+            if base.cost - x.drop < (margin if i else max(margin, 0.6 * base.cost))
+        ]
+    fits = []
+    for _, base, score in sorted(found, key=lambda p: p[0])[:3]:
+        search.report(f"fitting {score.effect.name}", 0.9)
+        new = fitting.fit(
+            state.problem,
+            (*base.effects, score.effect),
+            score.starts,
+            2.0 * state.best.cost,
+            guide=base.run,
+        )
+        if new.solved and is_improvement(state.problem, new, base, search.significance):
+            fits.append(new)
+    return _with_local(state, fits) if fits else state
+
+
+def with_intermediate_models(state: SearchState) -> SearchState:
+    """Fit the models between the declared and the best one where a swap has skipped them."""
+    effects = state.best.effects
+    for i in range(1, len(effects)):
+        part = effects[:i]
+        known = state.fits.get(frozenset(e.name for e in part))
+        if known is None or not known.solved:
+            state, _ = fitted_model(state, part, [{e.name: state.best.values[e.name] for e in part}])
+    return state
+
+
+# --------------------------------------------------------------------------------------- parts of the search
+
+
+def _propose(
+    search: Search, state: SearchState, number: int, level: Sequence[Fit], progress: float
+) -> tuple[SearchState, list[tuple[Fit, Score]]]:
+    """The best candidates beside each model, by what they promise to first order."""
+    proposals: list[tuple[float, Fit, Score]] = []
+    for fit in level:
+        beside = _list(fit.names) or "the declared model"
+        search.report(f"round {number}: scores beside {beside}", progress)
+        state, scores = _scores(state, fit)
+        noise = reduced_chi_square(state.problem, fit)
+        for score in scores:
+            note = score.note
+            threshold = chi_square_threshold(score.count, search.significance) * max(1.0, noise * 0.02)
+            if score.drop > threshold:
+                if identifiable(state.problem, fit, score):
+                    proposals.append((fit.cost - score.drop, fit, score))
+                else:
+                    note = "more parameters than these readings determine"
+            entry = Candidate(number, fit.names, score.effect.name, score.drop / noise, note=note)
+            state = replace(state, candidates=(*state.candidates, entry))
+    chosen: dict[Names, tuple[Fit, Score]] = {}
+    for _, fit, score in sorted(proposals, key=lambda p: p[0]):
+        if len(chosen) < search.settings.candidates:
+            chosen.setdefault(frozenset({*fit.names, score.effect.name}), (fit, score))
+    return state, list(chosen.values())
+
+
+def identifiable(problem: FitProblem, fit: Fit, score: Score) -> bool:
+    """Whether the fitted readings leave at least one degree of freedom with the parameters of a candidate."""
+    return len(fit.free) + score.count < int(np.count_nonzero(problem.fitted))
+
+
+def _fit_proposals(
+    search: Search,
+    state: SearchState,
+    number: int,
+    proposals: Sequence[tuple[Fit, Score]],
+    progress: float,
+) -> tuple[SearchState, list[Fit]]:
+    """Fit the candidates of a round; those that were solved, best first."""
+    state, raced = _race(search, state, proposals, math.inf, progress)
+    problem = state.problem
+    for fit, score, new in raced:
+        entries = tuple(
+            replace(
+                c,
+                fitted=True,
+                chi2_fit=_mean(new.cost, problem.fitted),
+                chi2_held_out=_mean(new.held_cost, problem.held_out) if np.any(problem.held_out) else None,
+                note="" if new.solved else "the model did not converge there",
+            )
+            if (c.round, c.model, c.name) == (number, fit.names, score.effect.name)
+            else c
+            for c in state.candidates
+        )
+        state = replace(state, candidates=entries)
+    solved = [new for _, _, new in raced if new.solved]
+    return state, sorted(solved, key=lambda f: bic(problem, f))
+
+
+def _race(
+    search: Search,
+    state: SearchState,
+    starters: Sequence[tuple[Fit, Score]],
+    known: float,
+    progress: float,
+) -> tuple[SearchState, list[tuple[Fit, Score, Fit]]]:
+    """Fit models, each a fitted one and an effect more, roughly; those near the best to the end, by cost."""
+    rough: list[tuple[Fit, Score, Fit]] = []
+    for parent, score in starters:
+        effects = (*parent.effects, score.effect)
+        new = state.fits.get(frozenset(e.name for e in effects))
+        if new is None:
+            search.report(f"fitting {_list([e.name for e in effects])}", progress)
+            new = _rough_fit(state.problem, parent, score, known)
+        known = min(known, new.cost)
+        rough.append((parent, score, new))
+    result = []
+    for parent, score, new in sorted(rough, key=lambda f: f[2].cost):
+        if frozenset(new.names) not in state.fits:
+            if new.solved and new.cost < 1.3 * known + 60.0:
+                search.report(f"fitting {_list(new.names)} to the end", progress)
+                new = fitting.finish(state.problem, new.anew)
+                known = min(known, new.cost)
+            state = state.with_fit(new)
+        result.append((parent, score, state.fits[frozenset(new.names)]))
+    return state, result
+
+
+def _rough_fit(problem: FitProblem, parent: Fit, score: Score, known: float) -> Fit:
+    """A few iterations from the first start; from the others where that does not promise enough."""
+    effects = (*parent.effects, score.effect)
+    starts = score.starts
+    first = fitting.fit(problem, effects, starts[:1], 3.0 * known, 5, parent.run, polish=False)
+    if len(starts) == 1 or first.cost < max(1.5 * known, parent.cost - 0.7 * score.drop):
+        return first
+    other = fitting.fit(problem, effects, starts[1:], 3.0 * known, 5, parent.run, polish=False)
+    return min(first, other, key=lambda f: f.cost)
+
+
+def _swap_one(search: Search, state: SearchState) -> tuple[SearchState, bool]:
+    """Try others in place of each effect until one explains more; the rivals seen on the way are kept."""
+    for e in state.best.effects:
+        state, rest = _without(state, e)
+        state, every = _scores(state, rest)
+        scores = [x for x in every if x.effect.name != e.name and x.starts]
+        margin = state.best.cost * 1.5 + 60.0
+        chosen = [x for i, x in enumerate(scores) if i < 3 or rest.cost - x.drop < margin]
+        needed = 0.3 * max(1e-9, rest.cost - state.best.cost)
+        worth = [x for x in chosen[: search.settings.candidates] if x.drop >= needed]
+        worth = [x for x in worth if identifiable(state.problem, rest, x)]
+        state, raced = _race(search, state, [(rest, x) for x in worth], state.best.cost, 0.75)
+        problem, best = state.problem, state.best
+        noise = effective_noise(problem, best, search.significance)
+        for _, x, other in raced:
+            if not other.solved:
+                continue
+            difference = bic(problem, other) - bic(problem, best)
+            if difference / reduced_chi_square(problem, best) < -BIC_DIFFERENCE and is_improvement(
+                problem, other, rest, search.significance
+            ):
+                state = state.with_history(f"{x.effect.name} in place of {e.name}: it explains more")
+                return replace(state, best=other), True
+            if difference < BIC_DIFFERENCE * noise:
+                state = _with_rival(state, e.name, x.effect.name)
+    return state, False
+
+
+def _with_rival_sets(search: Search, state: SearchState) -> SearchState:
+    """Name effects of other models of the same size that explain as much, each beside the effect it resembles."""
+    state, scores = _scores(state, state.declared)
+    signatures = {x.effect.name: x.signature for x in scores}
+    problem, best = state.problem, state.best
+    noise = effective_noise(problem, best, search.significance)
+    mine = set(best.names)
+    for key, other in state.fits.items():
+        if not other.solved or len(key) != len(mine) or len(key & mine) > len(mine) - 2:
+            continue
+        if bic(problem, other) - bic(problem, best) >= BIC_DIFFERENCE * noise:
+            continue
+        for name in key - mine:
+            likeness = {e: _likeness(signatures.get(e), signatures.get(name)) for e in mine - key}
+            like = max(likeness, key=lambda e: likeness[e])
+            state = _with_rival(state, like, name)
+    return state
+
+
+def _with_rival(state: SearchState, name: str, rival: str) -> SearchState:
+    """A rival of an effect more, once."""
+    known = state.rivals.get(name, ())
+    if rival in known:
+        return state
+    return replace(state, rivals={**state.rivals, name: (*known, rival)})
+
+
+def _with_local(state: SearchState, fits: Sequence[Fit]) -> SearchState:
+    """Keep the best local cause where it explains more than the list; the effects beside it are the best model."""
+    problem = state.problem
+    local = min(fits, key=lambda f: bic(problem, f))
+    gain = (bic(problem, state.best) - bic(problem, local)) / reduced_chi_square(problem, local)
+    if gain <= BIC_DIFFERENCE:
+        return state
+    name = local.effects[-1].name
+    state = replace(state, local=local).with_history(
+        f"{name} explains more than any listed effect in its place"
+    )
+    listed = frozenset(e.name for e in local.effects if not isinstance(e, SoftBay | SideSpring))
+    if listed == frozenset(state.best.names):
+        return state
+    best = state.fits[listed]
+    rivals = {k: v for k, v in state.rivals.items() if k in best.names}
+    return replace(state, best=best, rivals=rivals)
+
+
+def _refined(state: SearchState) -> SearchState:
+    """Refine the discretisation where the best model is, and evaluate what was fitted anew."""
+    before = state.best
+    threshold = min(state.problem.robust_threshold, robust_threshold(before.residual))
+    problem = replace(state.problem, robust_threshold=threshold)
+    changed = False
+    for _ in range(REPETITIONS):
+        problem, more = refine(problem, before.effects, before.values)
+        if not more:
+            break
+        changed = True
+    again = evaluate(problem, before.effects, before.values)
+    shift = again.residual - before.residual
+    fits: dict[Names, Fit] = {}
+    for key, old in state.fits.items():
+        r = old.residual + shift
+        cost, held_cost = problem.cost(r)
+        fits[key] = replace(old, residual=r, cost=cost, held_cost=held_cost)
+    best = fitting.finish(problem, replace(again, free=before.free, jacobian=before.jacobian))
+    fits[frozenset(best.names)] = best
+    declared = evaluate(problem, (), {}) if changed else fits[frozenset()]
+    fits[frozenset()] = declared
+    return replace(state, problem=problem, best=best, declared=declared, fits=fits)
+
+
+def _parent(state: SearchState, fit: Fit) -> Fit:
+    """The best smaller model that was fitted and is contained in a model."""
+    inside = [f for k, f in state.fits.items() if k < frozenset(fit.names) and f.solved]
+    return min(inside, key=lambda f: f.cost)
+
+
+def _better(state: SearchState, fit: Fit) -> bool:
+    """Whether a model is better than the best so far, which need not be contained in it."""
+    return bic(state.problem, fit) < bic(state.problem, state.best) - BIC_DIFFERENCE
+
+
+def _without(state: SearchState, effect: Effect) -> tuple[SearchState, Fit]:
+    """The best model less one effect, fitted anew."""
+    best = state.best
+    rest = tuple(e for e in best.effects if e is not effect)
+    if not rest:
+        return state, state.declared
+    return fitted_model(state, rest, [{e.name: best.values[e.name] for e in rest}])
+
+
+def fitted_model(
+    state: SearchState, effects: Sequence[Effect], starts: Sequence[Point]
+) -> tuple[SearchState, Fit]:
+    """Fit a model, once."""
+    key = frozenset(e.name for e in effects)
+    if key not in state.fits:
+        new = fitting.fit(state.problem, effects, starts)
+        state = replace(state, fits={**state.fits, key: new})
+    return state, state.fits[key]
+
+
+def _scores(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]:
+    """Scores of all candidates beside a fitted model, once."""
+    key = frozenset(fit.names)
+    if key not in state.scores:
+        others = [e for e in EFFECTS if e.name not in fit.names and e.name not in state.refused]
+        scores = screen(state.problem, fit, others)
+        state = _with_scales(replace(state, scores={**state.scores, key: scores}), scores)
+        if not fit.effects:
+            refused = {x.effect.name: x.note for x in scores if x.note}
+            state = replace(state, refused={**state.refused, **refused})
+    return state, state.scores[key]
+
+
+def _local_scores(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]:
+    """Scores of local causes beside a model: every other location, then the neighbours of the best."""
+    key = frozenset(fit.names)
+    if key not in state.local_scores:
+        found: dict[str, Score] = {}
+        for family in local_candidates(state.problem, fit):
+            scores = screen(state.problem, fit, family[1::2] or family)
+            state = _with_scales(state, scores)
+            at = next(i for i, e in enumerate(family) if e.name == scores[0].effect.name)
+            near = screen(state.problem, fit, [family[i] for i in (at - 1, at + 1) if 0 <= i < len(family)])
+            state = _with_scales(state, near)
+            found |= {x.effect.name: x for x in (*scores, *near)}
+        ordered = sorted(found.values(), key=lambda x: -x.drop)
+        state = replace(state, local_scores={**state.local_scores, key: ordered})
+    return state, state.local_scores[key]
+
+
+def _with_scales(state: SearchState, scores: Sequence[Score]) -> SearchState:
+    """Typical steps of parameters, as the score tests found them."""
+    scales = dict(state.problem.scales)
+    for score in scores:
+        scales |= score.scales
+    return replace(state, problem=replace(state.problem, scales=scales))
+
+
+def _likeness(a: Array | None, b: Array | None) -> float:
+    """Largest cosine between what two effects can do to the readings; zero where one is not known."""
+    if a is None or b is None or not a.size or not b.size:
+        return 0.0
+    first, second = np.linalg.qr(a)[0], np.linalg.qr(b)[0]
+    return float(np.linalg.svd(first.T @ second, compute_uv=False)[0])
+
+
+def _mean(cost: float, which: NDArray[np.bool_]) -> float:
+    """Cost per reading."""
+    return cost / max(1, int(np.count_nonzero(which)))
+
+
+def _list(names: Sequence[str]) -> str:
+    return " + ".join(names)
