@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import exudyn as exu
@@ -51,9 +52,7 @@ def add_disk(
         Smallest drawn thickness [m].
     """
     half = 0.5 * max(thickness, draw_thickness)
-    cylinder = graphics.Cylinder(
-        pAxis=[-half, 0.0, 0.0], vAxis=[2.0 * half, 0.0, 0.0], radius=radius, color=list(color), nTiles=32
-    )
+    cylinder = _cylinder(half, radius, tuple(color))
     return mbs.AddObject(
         eii.ObjectRigidBody(
             name=name,
@@ -62,6 +61,14 @@ def add_disk(
             inertia=disk_inertia(mass, radius, thickness),
             visualization=eii.VObjectRigidBody(graphicsData=[cylinder]),
         )
+    )
+
+
+@lru_cache(maxsize=64)
+def _cylinder(half: float, radius: float, color: tuple[float, ...]) -> Any:
+    """Graphics of a disk; the same for all disks, because drawing them takes as long as solving several steps."""
+    return graphics.Cylinder(
+        pAxis=[-half, 0.0, 0.0], vAxis=[2.0 * half, 0.0, 0.0], radius=radius, color=list(color), nTiles=32
     )
 
 

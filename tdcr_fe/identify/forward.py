@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import pickle
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -109,6 +110,7 @@ def _simulate(task: tuple[Experiment, Any, bool, float]) -> Run:
             SolverSettings(
                 path_tolerance=path_tolerance,
                 max_substeps=DIVISIONS,
+                mesh_tolerance=math.inf,  # the identification refines its mesh against the noise
                 min_substep=SMALLEST if waypoints is None else GUIDED,
             ),
             guide=waypoints,
