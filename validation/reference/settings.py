@@ -15,8 +15,13 @@ class ReferenceSettings:
         Extra arc lengths at which the shape is given [m].
     samples_per_bay : int
         Extra points between neighbouring nodes at which the shape is given.
-    substeps : int
-        Substeps of a load step that does not say how many.
+    substeps : int or None
+        Substeps of a load step that does not say how many; None chooses them by step doubling.
+    path_tolerance : float
+        What halving every substep of a load step may still move a node by, over the length [1]; spread over the
+        step, so that each substep has its share.
+    initial_substeps : int
+        Substeps that step doubling begins with; four to each are solved at least.
     presliding : float
         Motion of a tendon through a hole from no friction to full friction [m].
     max_interval : float
@@ -29,12 +34,15 @@ class ReferenceSettings:
     max_iterations : int
         Of Newton's method, in one attempt.
     max_bisections : int
-        How often a substep may be halved before the solver gives up.
+        How often a substep may be halved, for the path or to converge. Beyond it, a path that is not resolved is
+        reported with its refinement error, and a substep that does not converge ends the sequence.
     """
 
     sample_at: tuple[float, ...] = ()
     samples_per_bay: int = 0
-    substeps: int = 1
+    substeps: int | None = None
+    path_tolerance: float = 1e-4
+    initial_substeps: int = 2
     presliding: float = 1e-6
     max_interval: float = 0.125
     max_step: float = 0.03
@@ -43,11 +51,14 @@ class ReferenceSettings:
     max_bisections: int = 10
 
     def __post_init__(self) -> None:
-        for name in ("presliding", "max_interval", "max_step", "tolerance"):
+        for name in ("presliding", "max_interval", "max_step", "tolerance", "path_tolerance"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name} = {getattr(self, name)}; must be positive")
-        for name in ("substeps", "max_iterations"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} = {getattr(self, name)}; must be at least 1")
+        counts = {"initial_substeps": self.initial_substeps, "max_iterations": self.max_iterations}
+        if self.substeps is not None:
+            counts["substeps"] = self.substeps
+        for name, value in counts.items():
+            if value < 1:
+                raise ValueError(f"{name} = {value}; must be at least 1")
         if self.samples_per_bay < 0 or self.max_bisections < 0:
             raise ValueError("samples_per_bay and max_bisections must not be negative")

@@ -1,0 +1,123 @@
+"""The reference resolves the friction path of a load step by itself, and says where it does not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
+from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
+
+MODEL = Model("straight", "per-hole")
+
+
+def random_robot(tendons, seed):
+    """A robot with 5 to 8 disks, every routing, and tendons that may end before the tip."""
+    draw = np.random.default_rng([tendons, seed])
+    length, disks = float(draw.uniform(0.18, 0.3)), int(draw.integers(5, 9))
+    found = []
+    for i in range(tendons):
+        angle, offset = (
+            360.0 * i / tendons + float(draw.uniform(-20.0, 20.0)),
+            float(draw.uniform(3e-3, 5e-3)),
+        )
+        routing = (
+            ParallelRouting(offset, angle),
+            HelicalRouting(offset, float(draw.uniform(-1.0, 1.0)), angle),
+            ConvergingRouting(offset, 0.4 * offset, angle),
+        )[int(draw.integers(3))]
+        end = length if i == 0 or draw.random() < 0.7 else length * (disks - 1) / disks
+        found.append(Tendon(f"t{i}", routing, float(draw.uniform(0.1, 0.5)), end=end))
+    return Robot(Backbone(length, 0.4e-3, 85e9, 0.3), Disks.equally_spaced(disks, length), tuple(found))
+
+
+def random_steps(robot, seed, count=3):
+    """Tensions up and down, with a tip force that changes in every second step; below 30 % of a bay's buckling load."""
+    draw = np.random.default_rng([seed, len(robot.tendons)])
+    backbone = robot.backbone
+    most = min(4.0, 0.3 * np.pi**2 * backbone.EI / (backbone.length / len(robot.disks.positions)) ** 2)
+    steps = []
+    for k in range(count):
+        share = draw.uniform(0.0, 1.0, len(robot.tendons))
+        tensions = share / max(1.0, share.sum()) * most
+        force = backbone.EI / backbone.length**2 * draw.uniform(-1.5, 1.5, 3)
+        loads = {"tip": Load(backbone.length, tuple(map(float, force)))} if k % 2 else {}
+        steps.append(
+            LoadStep(
+                f"{k + 1}",
+                {t.name: float(x) for t, x in zip(robot.tendons, tensions, strict=True)},
+                loads=loads,
+            )
+        )
+    return steps
+
+
+def largest_gap(a, b):
+    """By load step, the largest distance between two shapes over the length."""
+    length = a.robot.backbone.length
+    return np.array(
+        [
+            np.max(np.linalg.norm(x.positions - y.positions, axis=1)) / length
+            for x, y in zip(a.steps, b.steps, strict=True)
+        ]
+    )
+
+
+@pytest.mark.parametrize("tendons", [1, 2, 3, 4, 5, 6])
+def test_a_whole_step_agrees_with_the_step_cut_in_64(tendons):
+    """Within 1e-4 of the length, or the step is flagged."""
+    robot = random_robot(tendons, 1)
+    steps = random_steps(robot, 1)
+    whole = solve_reference(robot, MODEL, steps)
+    cut = solve_reference(robot, MODEL, [replace(s, substeps=64) for s in steps])
+    assert whole.converged and cut.converged
+    resolved = np.array([s.details["path_resolved"] for s in whole.steps])
+    assert np.all(largest_gap(whole, cut)[resolved] < 1e-4)
+    assert np.count_nonzero(resolved) >= 2
+
+
+def test_a_step_taken_whole_misses_slip_reversals():
+    """What the reference did by default at e3bbe5d: one substep, and nothing said about it."""
+    robot = random_robot(4, 1)
+    steps = random_steps(robot, 1)
+    single, cut, resolved = (
+        solve_reference(robot, MODEL, steps, settings=ReferenceSettings(substeps=n)) for n in (1, 64, None)
+    )
+    assert np.max(largest_gap(single, cut)) > 10.0 * np.max(largest_gap(resolved, cut))
+    assert all(np.isnan(s.details["refinement_error"]) for s in single.steps)
+    assert all(s.details["path_resolved"] is None for s in single.steps)
+
+
+def test_a_tolerance_that_is_not_met_is_reported_with_the_refinement_error():
+    robot = random_robot(4, 1)
+    result = solve_reference(
+        robot,
+        MODEL,
+        random_steps(robot, 1),
+        settings=ReferenceSettings(path_tolerance=1e-9, max_bisections=1),
+    )
+    unresolved = [s for s in result.steps if not s.details["path_resolved"]]
+    assert unresolved
+    assert all(s.details["refinement_error"] > 1e-9 for s in unresolved)
+    assert len(result.warnings) == len(unresolved)
+    for step, warning in zip(unresolved, result.warnings, strict=True):
+        assert f"step {step.step} ({step.label}): path not resolved" in warning
+        assert f"{step.details['refinement_error']:.1e} of the length" in warning
+        assert "between load factors" in warning
+
+
+def test_without_friction_halving_changes_nothing():
+    robot = random_robot(3, 2)
+    steps = random_steps(robot, 2)
+    result = solve_reference(robot, Model("straight", "none"), steps)
+    single = solve_reference(robot, Model("straight", "none"), steps, settings=ReferenceSettings(substeps=1))
+    assert max(s.details["refinement_error"] for s in result.steps) < 1e-9
+    assert np.max(largest_gap(result, single)) < 1e-9
+
+
+@pytest.mark.parametrize("name", ["substeps", "initial_substeps", "max_iterations", "path_tolerance"])
+def test_settings_out_of_range_are_refused(name):
+    with pytest.raises(ValueError, match=f"{name} = 0"):
+        ReferenceSettings(**{name: 0})

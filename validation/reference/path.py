@@ -1,0 +1,351 @@
+"""Takes the robot through one load step, in substeps small enough that the friction history is resolved.
+
+The history of a hole is taken as monotone within a substep: only its net slip is seen. A hole that slips one way
+and then the other within a substep is therefore followed wrongly, and so is a robot that leaves its branch of
+equilibria. Two estimates find this. A substep taken whole and the same substep taken in two halves from the same
+state must end in the same configuration (step doubling). And a parabola through what has passed each hole at the
+substep's beginning, middle and end must not turn round beyond these points, where step doubling is blind: the
+effect of such a slip on the shape is estimated. A substep is bisected until both are within the tolerance twice in
+succession; of the last bisection the halves are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.model.loading import Actuation, Load
+from tdcr_fe.validation.reference.settings import ReferenceSettings
+from tdcr_fe.validation.reference.statics import State, Statics
+from tdcr_fe.validation.reference.tendons import Driver, History
+
+Array = NDArray[np.float64]
+
+#: Mobilisation from which on a hole counts as slipping.
+SLIPPING = 1.0 - 1e-9
+#: Factors on the presliding distance of the continuation that is tried where Newton's method fails.
+_CONTINUATION = (1e5, 1e4, 1e3, 100.0, 10.0, 1.0)
+
+#: Part of the tolerance of a load step that a substep may use up, however short it is: where a hole turns round
+#: abruptly, the whole error of the step arises in a few short substeps.
+_SMALLEST = 1.0 / 8.0
+
+#: How many bisections in succession must change nothing: a hole that moves to and fro within its presliding distance
+#: ends where it would have ended at rest, so that one agreement may be chance.
+_AGREEMENTS = 2
+
+
+class NotConverged(Exception):
+    """A substep has no solution that Newton's method finds, however small; carries the scaled residual."""
+
+    def __init__(self, residual: float) -> None:
+        super().__init__(f"scaled residual {residual:.2g}")
+        self.residual = residual
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """Linear change of tensions, displacements, loads and time over one load step.
+
+    Attributes
+    ----------
+    by_displacement : ndarray of bool, shape (n_tendons,)
+    begin, end : ndarray, shape (n_tendons,)
+        Tension [N] or displacement [m].
+    old, new : mapping of str to Load
+        Concentrated loads before and after the step.
+    times : (float, float)
+        [s].
+    """
+
+    by_displacement: NDArray[np.bool_]
+    begin: Array
+    end: Array
+    old: Mapping[str, Load]
+    new: Mapping[str, Load]
+    times: tuple[float, float]
+
+    @classmethod
+    def between(cls, statics: Statics, before: Actuation | None, target: Actuation, state: State) -> Ramp:
+        """From a state to what a step asks for; a tendon that changes its mode starts where it is."""
+        tendons = statics.tendons
+        tension = state.tensions[tendons.first] if tendons.count else np.zeros(0)
+        pulled = tendons.base_sum @ tendons.taken_in(state.lengths, state.tensions)[0]
+        old_modes = np.zeros(tendons.count, dtype=bool) if before is None else before.by_displacement
+        old_values = np.zeros(tendons.count) if before is None else before.values
+        begin = np.where(target.by_displacement, pulled, tension)
+        begin = np.where(old_modes == target.by_displacement, old_values, begin)
+        return cls(
+            target.by_displacement,
+            begin,
+            target.values,
+            {} if before is None else before.loads,
+            target.loads,
+            (0.0 if before is None else before.time, target.time),
+        )
+
+    def time(self, factor: float) -> float:
+        """Time at a load factor 0..1 of the step [s]."""
+        return (1.0 - factor) * self.times[0] + factor * self.times[1]
+
+    def driver(self, factor: float) -> Driver:
+        """What the actuators impose at a load factor 0..1 of the step."""
+        return Driver(self.by_displacement, (1.0 - factor) * self.begin + factor * self.end)
+
+    def loads(self, factor: float) -> list[tuple[float, Load]]:
+        """Factors and concentrated loads at a load factor 0..1 of the step."""
+        kept = {name: load for name, load in self.new.items() if self.old.get(name) == load}
+        removed = [(1.0 - factor, load) for name, load in self.old.items() if name not in kept]
+        added = [(factor, load) for name, load in self.new.items() if name not in kept]
+        return [(1.0, load) for load in kept.values()] + [
+            (f, load) for f, load in removed + added if f != 0.0
+        ]
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of the equilibrium path, history committed.
+
+    Attributes
+    ----------
+    state : State
+    history : History
+    dissipated : ndarray, shape (n_holes,)
+        Work lost at each hole since the unloaded state [J].
+    """
+
+    state: State
+    history: History
+    dissipated: Array
+
+
+@dataclass(frozen=True)
+class Unresolved:
+    """A part of a load step where the last bisection still made more of a difference than its share.
+
+    Attributes
+    ----------
+    begin, end : float
+        Load factors 0..1 of the step.
+    error : float
+        Largest difference of a node over the length [1].
+    """
+
+    begin: float
+    end: float
+    error: float
+
+
+@dataclass(frozen=True)
+class Path:
+    """A part of the equilibrium path, from one point to another.
+
+    Attributes
+    ----------
+    end : Point
+    iterations : int
+        Newton iterations on it.
+    substeps : int
+    bisections : int
+        Substeps that were halved because Newton's method failed.
+    refinement_error : float
+        Sum over the substeps of the difference that taking them in halves made, largest at any node, over the
+        length [1]; NaN where the number of substeps was given.
+    unresolved : tuple of Unresolved
+    """
+
+    end: Point
+    iterations: int
+    substeps: int = 1
+    bisections: int = 0
+    refinement_error: float = 0.0
+    unresolved: tuple[Unresolved, ...] = ()
+
+    def then(self, other: Path) -> Path:
+        """Give this part followed by the next."""
+        return Path(
+            other.end,
+            self.iterations + other.iterations,
+            self.substeps + other.substeps,
+            self.bisections + other.bisections,
+            self.refinement_error + other.refinement_error,
+            self.unresolved + other.unresolved,
+        )
+
+
+class LoadStepPath:
+    """One load step.
+
+    Parameters
+    ----------
+    statics
+        Equilibrium of the robot.
+    ramp
+        What changes.
+    settings
+        Tolerance of the path, largest substep, number of bisections.
+    """
+
+    def __init__(self, statics: Statics, ramp: Ramp, settings: ReferenceSettings) -> None:
+        self.statics, self.ramp, self.settings = statics, ramp, settings
+
+    def fixed(self, start: Point, count: int) -> Path:
+        """A given number of equal substeps; one is halved only where Newton's method fails.
+
+        Raises
+        ------
+        NotConverged
+        """
+        path: Path | None = None
+        for k in range(count):
+            part = self._halved(start, k / count, (k + 1) / count, self.settings.max_bisections)
+            path = part if path is None else path.then(part)
+            start = part.end
+        assert path is not None
+        return replace(path, refinement_error=float("nan"))
+
+    def _halved(self, start: Point, begin: float, end: float, bisections: int) -> Path:
+        try:
+            return self._substep(start, end)
+        except NotConverged:
+            if bisections == 0:
+                raise
+        middle = 0.5 * (begin + end)
+        first = self._halved(start, begin, middle, bisections - 1)
+        second = self._halved(first.end, middle, end, bisections - 1)
+        both = first.then(second)
+        return replace(both, bisections=both.bisections + 1)
+
+    def resolved(self, start: Point) -> Path:
+        """As many substeps as the tolerance of the path asks for.
+
+        Raises
+        ------
+        NotConverged
+        """
+        count = self.settings.initial_substeps
+        path: Path | None = None
+        for k in range(count):
+            begin, end = k / count, (k + 1) / count
+            part = self._refine(start, begin, end, self._attempt(start, end), 0)
+            path = part if path is None else path.then(part)
+            start = part.end
+        assert path is not None
+        return path
+
+    def _refine(
+        self, start: Point, begin: float, end: float, whole: Path | NotConverged, level: int, agreed: int = 0
+    ) -> Path:
+        """One substep, known as a whole, in halves; refined until that changes nothing twice in succession."""
+        middle, last = 0.5 * (begin + end), level >= self.settings.max_bisections
+        failed = int(isinstance(whole, NotConverged))
+        first = self._attempt(start, middle)
+        second = first if isinstance(first, NotConverged) else self._attempt(first.end, end)
+        met = False
+        if isinstance(first, Path) and isinstance(second, Path):
+            halves = first.then(second)
+            error = self._difference(whole.end, halves.end) if isinstance(whole, Path) else float("inf")
+            error = max(error, self._unseen_slip(start, first.end, halves.end))
+            met = error <= self._tolerance(end - begin)
+            if last or (met and agreed + 1 >= _AGREEMENTS):
+                doubt = () if met else (Unresolved(begin, end, error),)
+                return Path(halves.end, halves.iterations, 2, failed, error, doubt)
+        elif last:
+            raise second if isinstance(second, NotConverged) else NotConverged(float("nan"))
+        agreed = agreed + 1 if met else 0
+        one = self._refine(start, begin, middle, first, level + 1, agreed)
+        two = self._refine(one.end, middle, end, self._attempt(one.end, end), level + 1, agreed)
+        both = one.then(two)
+        return replace(both, bisections=both.bisections + failed)
+
+    def _tolerance(self, size: float) -> float:
+        """Of a substep of a given length; the tolerance of the load step is spread over it, down to `_SMALLEST`."""
+        return self.settings.path_tolerance * max(size, _SMALLEST)
+
+    def _difference(self, a: Point, b: Point) -> float:
+        """Largest distance between the stations of two configurations over the length [1]."""
+        gap = np.linalg.norm(a.state.positions - b.state.positions, axis=1)
+        return float(np.max(gap)) / self.statics.robot.backbone.length
+
+    def _unseen_slip(self, start: Point, middle: Point, end: Point) -> float:
+        """Estimated effect of slip that turned round between the points, largest displacement over the length [1].
+
+        What has passed a hole is taken as a parabola through the three points. Where its extremum lies beyond all of
+        them, the hole may have slipped that far and back unseen; if it reached its bound on the way, its
+        mobilisation is now wrong by what went beyond. The effect on the shape is that of the tension this makes up
+        for, on a straight rod.
+        """
+        tendons = self.statics.tendons
+        if not tendons.n_friction:
+            return 0.0
+        passed = np.array([p.history.passed for p in (start, middle, end)])
+        mobilised = np.array([p.history.mobilisation for p in (start, middle, end)])
+        net, sag = passed[2] - passed[0], passed[1] - 0.5 * (passed[0] + passed[2])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            where = np.clip(0.5 + net / (8.0 * sag), 0.0, 1.0)
+        where = np.where(sag == 0.0, 0.0, where)
+        extremum = passed[0] + where * net + 4.0 * where * (1.0 - where) * sag
+        direction = np.sign(sag)
+        outermost = np.argmax(direction * passed, axis=0)
+        column = np.arange(len(net))
+        beyond = direction * (extremum - passed[outermost, column]) / self.statics.settings.presliding
+        room = 1.0 - direction * mobilised[outermost, column]
+        wrong = np.clip(beyond - room, 0.0, 2.0)
+        return float(np.max(wrong * self._effect(end)))
+
+    def _effect(self, point: Point) -> Array:
+        """Displacement of the tip over the length that full friction makes, by friction variable [1]."""
+        statics, tendons, state = self.statics, self.statics.tendons, point.state
+        backbone = statics.robot.backbone
+        before = state.tensions[tendons.holes]
+        drop = before * (1.0 - np.exp(-tendons.mu * state.angles)) + tendons.adhesion
+        at = statics.layout.s[tendons.tail[tendons.holes + 1]]
+        radius = np.linalg.norm(tendons.tail_hole[tendons.holes + 1], axis=1)
+        bend = drop * radius * (backbone.length - at) ** 2 / (2.0 * backbone.EI * backbone.length)
+        return np.bincount(tendons.variable[tendons.rough], bend[tendons.rough], tendons.n_friction)
+
+    def _attempt(self, start: Point, factor: float) -> Path | NotConverged:
+        try:
+            return self._substep(start, factor)
+        except NotConverged as failure:
+            return failure
+
+    def _substep(self, start: Point, factor: float) -> Path:
+        """Newton from the last point; with friction, then by way of larger presliding distances."""
+        statics, ramp = self.statics, self.ramp
+        forces, driver = statics.forces(ramp.loads(factor)), ramp.driver(factor)
+        backbone = statics.robot.backbone
+        if backbone.creep_rate != 0.0:
+            statics.set_compliance_factor(backbone.compliance_factor(ramp.time(factor)))
+        delta, unknowns = statics.settings.presliding, start.state.unknowns
+        attempt = statics.solve(unknowns, forces, driver, start.history, delta)
+        iterations = attempt.iterations
+        if not attempt.converged and statics.tendons.n_friction:
+            for softer in _CONTINUATION:
+                attempt = statics.solve(unknowns, forces, driver, start.history, softer * delta)
+                iterations += attempt.iterations
+                if not attempt.converged:
+                    break
+                unknowns = attempt.state.unknowns
+        if not attempt.converged:
+            raise NotConverged(attempt.state.residual)
+        return Path(commit(statics, start, attempt.state), iterations)
+
+
+def commit(statics: Statics, start: Point, state: State) -> Point:
+    """The point reached: what has passed the holes since ``start``, and the work lost there."""
+    tendons, old = statics.tendons, start.history
+    after = tendons.taken_in(state.lengths, state.tensions)[0]
+    dissipated = start.dissipated
+    if tendons.n_friction:
+        mobilised = state.mobilisation[tendons.variable]
+        creep = statics.settings.presliding * (mobilised - old.mobilisation[tendons.variable])
+        before = tendons.taken_in(start.state.lengths, start.state.tensions)[0]
+        slip = tendons.beyond @ (after - before) - creep
+        slip[(tendons.variable < 0) | (np.abs(mobilised) < SLIPPING)] = 0.0
+        drop = state.tensions[tendons.holes] - state.tensions[tendons.holes + 1]
+        dissipated = dissipated + drop * slip
+    return Point(state, History(state.mobilisation.copy(), tendons.passed_sum @ after), dissipated)
