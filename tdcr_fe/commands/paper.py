@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
 from typing import Any
 
 from tdcr_fe.commands.status import INTERRUPTED, SUCCESS, complain
@@ -17,8 +22,8 @@ def add_paper_parser(commands: Any) -> None:
         description="Solve every figure and table of the paper, put its claims to the test, and write one page "
         "(report.html), the numbers (report.json), the cases as input for 'tdcr-fe run' (cases/) and the tables as "
         "input for 'tdcr-fe identify' (datasets/).",
-        epilog="Exit status: 0 done, whatever the verdicts; 2 the input is wrong; 130 interrupted, the report has what "
-        "was finished.",
+        epilog="Exit status: 0 done, whatever the verdicts; 2 the input is wrong; 130 interrupted (143 by SIGTERM), "
+        "the report has what was finished.",
     )
     parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for the report")
     parser.add_argument("--no-effects", action="store_true", help="leave out the closed loop on the tables")
@@ -27,6 +32,38 @@ def add_paper_parser(commands: Any) -> None:
     )
     parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
     parser.set_defaults(handler=paper)
+
+
+@contextmanager
+def remembered_interruption() -> Iterator[Callable[[], bool]]:
+    """Whether SIGINT or SIGTERM arrived, also where the exception that they raise was handled on the way.
+
+    In another thread than the main one, where Python allows no signal handlers, it is always False.
+
+    Yields
+    ------
+    callable
+    """
+    arrived = False
+    before: dict[signal.Signals, Any] = {}
+    if threading.current_thread() is threading.main_thread():
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        nonlocal arrived
+        arrived = True
+        handler = before[signal.Signals(number)]
+        if callable(handler):
+            handler(number, frame)
+        raise KeyboardInterrupt
+
+    for number in before:
+        signal.signal(number, handle)
+    try:
+        yield lambda: arrived
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def paper(args: argparse.Namespace) -> int:
@@ -53,7 +90,8 @@ def paper(args: argparse.Namespace) -> int:
             bar.set_postfix_str(text, refresh=False)
             bar.update(1)
 
-        run = run_paper(parts, progress)
+        with remembered_interruption() as interrupted:
+            run = run_paper(parts, progress, interrupted)
     seconds = time.perf_counter() - begun
     written = [p.name for p in write_report(run, out, seconds)] + ["cases/"]
     write_cases(out / "cases")
@@ -63,12 +101,14 @@ def paper(args: argparse.Namespace) -> int:
         write_docs(run, Path(args.docs), seconds)
     if not args.quiet:
         found = verdicts(run)
-        width = max(len(v.verdict) for v in found)
+        width = max((len(v.verdict) for v in found), default=0)
         for v in found:
             print(f"{v.verdict.ljust(width)}  {v.claim}")
         print(f"\n{seconds:.0f} s. Written to {out}: {', '.join(written)}")
     if run.interrupted:
         unwritten = "; the documentation is left as it is" if args.docs else ""
-        complain(f"interrupted in {run.interrupted!r}; the report has what was finished before{unwritten}")
+        complain(
+            f"unfinished: interrupted in {run.interrupted!r}; the report has what was finished before{unwritten}"
+        )
         return INTERRUPTED
     return SUCCESS

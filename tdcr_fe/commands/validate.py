@@ -51,7 +51,7 @@ def validate(args: argparse.Namespace) -> int:
     recalled = 0
     try:
         with tqdm(
-            total=len(cases) + len(studies) + report.DISPUTES,
+            total=len(cases) + len(studies) + report.ARBITRATIONS,
             unit="case",
             file=sys.stderr,
             disable=True if args.quiet else None,
@@ -63,14 +63,14 @@ def validate(args: argparse.Namespace) -> int:
                 bar.update(1)
 
             records = campaign.run([*studies, *cases], folder, processes, progress)
-            disputes = report.disputes([records[case.id] for case in cases])
-            records |= campaign.run(disputes, folder, processes, progress)
+            arbitrations = report.arbitrations([records[case.id] for case in cases])
+            records |= campaign.run(arbitrations, folder, processes, progress)
     except KeyboardInterrupt:
         complain(f"interrupted; what was finished is in {folder}, the same command goes on from there")
         return INTERRUPTED
     outcome = report.judge(
         [records[case.id] for case in cases],
-        [records[study.id] for study in [*studies, *disputes]],
+        [records[study.id] for study in [*studies, *arbitrations]],
         full=args.full,
         wall_time=time.perf_counter() - begun,
         processes=processes,

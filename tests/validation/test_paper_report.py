@@ -176,7 +176,7 @@ def test_what_was_finished_is_kept_where_the_user_interrupts(tmp_path, monkeypat
     monkeypatch.setattr("tdcr_fe.validation.paper.run.PARTS", ("signs", "limitations", "effects"))
     docs = tmp_path / "docs"
     assert main(["paper", "-o", str(tmp_path), "--docs", str(docs)]) == 130
-    assert "interrupted in 'limitations'" in capsys.readouterr().err
+    assert "unfinished: interrupted in 'limitations'" in capsys.readouterr().err
     data = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert data["interrupted"] == "limitations" and len(data["signs"]) == 7 and not data["missing"]
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -189,7 +189,8 @@ def test_what_was_finished_is_kept_where_the_user_interrupts(tmp_path, monkeypat
     assert not docs.exists()
     monkeypatch.setattr("tdcr_fe.validation.paper.run.PARTS", ("limitations", "signs"))
     assert main(["paper", "-o", str(tmp_path / "nothing")]) == 130
-    assert not (tmp_path / "nothing" / "report.json").exists()
+    empty = json.loads((tmp_path / "nothing" / "report.json").read_text(encoding="utf-8"))
+    assert empty["interrupted"] == "limitations" and not empty["verdicts"]
 
 
 @pytest.mark.slow

@@ -8,7 +8,8 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one
+from tdcr_fe.commands.status import FAILURE, SUCCESS, at_least_one
+from tdcr_fe.io.processes import sigterm_as_interrupt
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -22,7 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0 done, 1 a set failed, 130 interrupted (start it again, and it goes on).
+        Exit status: 0 done, 1 a set failed, 130 interrupted, 143 by SIGTERM (start it again, and it goes on).
     """
     parser = argparse.ArgumentParser(
         prog="python -m tdcr_fe.validation.blind",
@@ -52,15 +53,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("--only names no set of this plan")
     with tqdm(total=len(recipes), unit="set") as bar:
 
-        def told(done: int, total: int, score: dict[str, Any]) -> None:
+        def progress(done: int, total: int, score: dict[str, Any]) -> None:
             bar.set_postfix_str(f"{score['seed']}: {score['outcome']}")
             bar.update()
 
-        try:
-            scores = run_benchmark(recipes, args.o, args.processes, told)
-        except KeyboardInterrupt:
-            print("interrupted; start it again, and it goes on", file=sys.stderr)
-            return INTERRUPTED
+        with sigterm_as_interrupt() as termination:
+            try:
+                scores = run_benchmark(recipes, args.o, args.processes, progress)
+            except KeyboardInterrupt:
+                print("interrupted; start it again, and it goes on", file=sys.stderr)
+                return termination.status
     summary = write_report(scores, args.o)
     if args.page:
         write_into_page(to_markdown(summary, scores), args.page)

@@ -6,16 +6,16 @@ import json
 import os
 import traceback
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any
 
+from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.validation.blind.maker import Answer, NotMade, make_blind
 from tdcr_fe.validation.blind.recipes import Recipe
 from tdcr_fe.validation.blind.scoring import Score, score
 
-#: Told after every set: how many are done, of how many, and the last score.
+#: Called after every set: how many are done, of how many, and the last score.
 Progress = Callable[[int, int, Score], None]
 
 
@@ -37,7 +37,7 @@ def run_benchmark(
     processes
         Sets worked on at a time, each in a process of its own.
     progress
-        Told after every set.
+        Called after every set.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def run_benchmark(
             if progress:
                 progress(len(scores), len(recipes), scores[recipe.seed])
     else:
-        with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        with worker_pool(processes) as pool:
             futures = [pool.submit(one_set, recipe, out) for recipe in recipes]
             for future in as_completed(futures):
                 done = future.result()
@@ -74,7 +74,7 @@ def one_set(recipe: Recipe, out: Path) -> Score:
         answer = _made(recipe, out)
         done = _identified(answer, out)
     except Exception as error:  # one set that fails must not end the benchmark
-        told = {} if isinstance(error, NotMade) else {"traceback": traceback.format_exc()}
+        cause = {} if isinstance(error, NotMade) else {"traceback": traceback.format_exc()}
         done = {
             "seed": recipe.seed,
             "kind": "failed",
@@ -83,7 +83,7 @@ def one_set(recipe: Recipe, out: Path) -> Score:
             "verdict": "failed",
             "outcome": "failed",
             "error": f"{type(error).__name__}: {error}",
-            **told,
+            **cause,
         }
     _write(kept, done)
     return done

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
 import os
-import signal
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import closing
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from tdcr_fe.io import tables as output
+from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.validation.crosscheck.cases import Case
 from tdcr_fe.validation.crosscheck.studies import Study
 
@@ -64,9 +64,8 @@ def solve(task: Task) -> Record:
     return record
 
 
-def _start_worker() -> None:
-    """Leave Ctrl-C to the parent, and keep Exudyn's own messages off the terminal."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _silence_exudyn() -> None:
+    """Keep Exudyn's own messages off the terminal."""
     import exudyn
 
     exudyn.config.printToConsole = False
@@ -136,24 +135,21 @@ def run(
             records[task.id] = known
             progress(known, True)
     if left:
-        for task, record in _solve_all(left, processes):
-            record = output.plain(record)
-            text = json.dumps(
-                {"digest": digest_of(task), "versions": versions(), "record": record}, allow_nan=False
-            )
-            write_whole(folder / f"{task.id}.json", text)
-            records[task.id] = record
-            progress(record, False)
+        # closed explicitly: on an interruption the workers end before this function does
+        with closing(_solve_all(left, processes)) as solved:
+            for task, record in solved:
+                record = output.plain(record)
+                text = json.dumps(
+                    {"digest": digest_of(task), "versions": versions(), "record": record}, allow_nan=False
+                )
+                write_whole(folder / f"{task.id}.json", text)
+                records[task.id] = record
+                progress(record, False)
     return {task.id: records[task.id] for task in tasks}
 
 
-def _solve_all(tasks: Sequence[Task], processes: int) -> Iterable[tuple[Task, Record]]:
-    before = os.environ.get("OPENBLAS_NUM_THREADS")
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each process works on one core
-    pool = ProcessPoolExecutor(
-        max(1, min(processes, len(tasks))), multiprocessing.get_context("spawn"), initializer=_start_worker
-    )
-    try:
+def _solve_all(tasks: Sequence[Task], processes: int) -> Generator[tuple[Task, Record], None, None]:
+    with worker_pool(min(processes, len(tasks)), _silence_exudyn) as pool:
         waiting = iter(tasks)
         running: dict[Future[Record], Task] = {}
         for task in waiting:
@@ -163,10 +159,6 @@ def _solve_all(tasks: Sequence[Task], processes: int) -> Iterable[tuple[Task, Re
             yield from _finished(running)
         while running:
             yield from _finished(running)
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-        if before is None:
-            os.environ.pop("OPENBLAS_NUM_THREADS", None)
 
 
 def _finished(running: dict[Future[Record], Task]) -> Iterable[tuple[Task, Record]]:

@@ -16,10 +16,10 @@ from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 Array = NDArray[np.float64]
 Record = dict[str, Any]
 
-#: A hole whose states differ is on the verge where both mobilisations are within this of each other ...
-VERGE_MOBILISATION = 0.01
+#: A hole whose states differ is at the stick-slip threshold where both mobilisations are within this of each other ...
+THRESHOLD_MOBILISATION = 0.01
 #: ... or where it moved less than this in the load step [m], a tenth of the presliding distance.
-VERGE_SLIP = 0.1 * PRESLIDING
+THRESHOLD_SLIP = 0.1 * PRESLIDING
 #: Tensions below this share of the highest in the sequence are not compared [1].
 SLACK = 1e-6
 
@@ -60,7 +60,7 @@ def compare(case: Case) -> Record:
     def most(key: str) -> float:
         return max((s[key] for s in steps), default=float("nan"))
 
-    off = [hole for s in steps for hole in s["holes_differing"] if not hole["verge"]]
+    off = [hole for s in steps for hole in s["holes_differing"] if not hole["at_threshold"]]
     same_path = all(s["substeps_finite_element"] == s["substeps_reference"] for s in steps)
     deviation = most("tip_percent")
     tension = most("tension_percent")
@@ -74,7 +74,7 @@ def compare(case: Case) -> Record:
     if both and not tension <= case.tension_tolerance_percent:
         reasons.append(f"a tension deviates by {tension:.3f} %")
     if off:
-        reasons.append(f"{len(off)} hole states differ that are not on the verge")
+        reasons.append(f"{len(off)} hole states differ that are not at the stick-slip threshold")
     return {
         "id": case.id,
         "group": case.group,
@@ -97,7 +97,7 @@ def compare(case: Case) -> Record:
         "largest_bending_deg": most("turned_deg"),
         "holes": sum(s["holes"] for s in steps),
         "holes_differing": sum(len(s["holes_differing"]) for s in steps),
-        "holes_differing_off_the_verge": len(off),
+        "holes_differing_off_threshold": len(off),
         "same_path": same_path,
         "bounds": {key: most(key) for key in _BOUNDS},
         "iterations_finite_element": sum(s["iterations_finite_element"] for s in steps),
@@ -208,7 +208,7 @@ def _of_holes(mobilisation: Array, count: int) -> Array:
 def _differing(
     case: Case, a: StepResult, b: StepResult, mobilisation: Array, moved: Array, highest: float
 ) -> list[Record]:
-    """Holes whose states differ, and whether they are on the verge."""
+    """Holes whose states differ, and whether they are at the stick-slip threshold."""
     found: list[Record] = []
     for i, (mine, theirs) in enumerate(zip(a.hole_states, b.hole_states, strict=True)):
         share = b.details["mobilisation"][i]
@@ -217,7 +217,9 @@ def _differing(
             if x == y:
                 continue
             slack = max(a.tensions[i][k], b.tensions[i][k]) <= SLACK * highest
-            verge = slack or abs(own[k] - share[k]) <= VERGE_MOBILISATION or abs(slip[k]) <= VERGE_SLIP
+            at_threshold = (
+                slack or abs(own[k] - share[k]) <= THRESHOLD_MOBILISATION or abs(slip[k]) <= THRESHOLD_SLIP
+            )
             found.append(
                 {
                     "tendon": case.robot.tendon_names[i],
@@ -227,7 +229,7 @@ def _differing(
                     "mobilisation_finite_element": float(own[k]),
                     "mobilisation_reference": float(share[k]),
                     "slip": float(slip[k]),
-                    "verge": bool(verge),
+                    "at_threshold": bool(at_threshold),
                 }
             )
     return found

@@ -23,7 +23,7 @@ from tdcr_fe.validation.crosscheck.cases import (
     TIP_TOLERANCE,
     all_cases,
 )
-from tdcr_fe.validation.crosscheck.compare import VERGE_MOBILISATION, VERGE_SLIP
+from tdcr_fe.validation.crosscheck.compare import THRESHOLD_MOBILISATION, THRESHOLD_SLIP
 
 Record = dict[str, Any]
 
@@ -75,7 +75,7 @@ def page(outcome: Record) -> Page:
 
 def _cards(outcome: Record) -> tuple[Card, ...]:
     worst, counts = outcome["worst"], outcome["counts"]
-    off = counts["holes_differing_off_the_verge"]
+    off = counts["holes_differing_off_threshold"]
     return (
         Card(
             f"{short(worst['tip_percent'])} %",
@@ -108,7 +108,7 @@ def _sections(outcome: Record) -> list[Section]:
     studies = outcome["studies"]
     cases = [c for c in outcome["cases"] if c["converged"]]
     found = [
-        _arbitration(studies["dispute"], studies["closed"]),
+        _arbitration(studies["arbitration"], studies["closed"]),
         Section("shapes", "Shapes and tensions", "shapes.html.j2", {"groups": _groups(cases)}),
     ]
     if studies["mesh"]:
@@ -150,7 +150,7 @@ def _sections(outcome: Record) -> list[Section]:
 
 def _arbitration(studies: Sequence[Record], closed: Sequence[Record]) -> Section:
     right = all(
-        d["third_shape_percent"] < INTEGRATION_TOLERANCE
+        d["integration_shape_percent"] < INTEGRATION_TOLERANCE
         and d["deviation_percent"][-1] < 0.2 * d["deviation_percent"][0]
         for d in studies
     )
@@ -211,7 +211,7 @@ def _groups(cases: Sequence[Record]) -> list[Record]:
 
 def _histories(outcome: Record, cases: Sequence[Record]) -> Section:
     differing = [
-        {**h, "case": c["id"], "step": n + 1, "at_threshold": h["verge"]}
+        {**h, "case": c["id"], "step": n + 1, "at_threshold": h["at_threshold"]}
         for c in outcome["cases"]
         for n, s in enumerate(c["steps"])
         for h in s["holes_differing"]
@@ -226,8 +226,8 @@ def _histories(outcome: Record, cases: Sequence[Record]) -> Section:
         "differing": differing,
         "holes": outcome["counts"]["holes"],
         "presliding": PRESLIDING,
-        "threshold_mobilisation": VERGE_MOBILISATION,
-        "threshold_slip": VERGE_SLIP,
+        "threshold_mobilisation": THRESHOLD_MOBILISATION,
+        "threshold_slip": THRESHOLD_SLIP,
     }
     return Section("histories", "Loading, unloading, reloading; hole states", "histories.html.j2", context)
 

@@ -25,7 +25,7 @@ from tdcr_fe.validation.crosscheck.studies import Study
 Record = dict[str, Any]
 
 #: So many cases, those that differ most, are arbitrated by an independent integration.
-DISPUTES = 5
+ARBITRATIONS = 5
 #: Deviations that the reference may have: from closed forms, from the results of other codes (they agree with
 #: each other to 1e-8 and are quoted to 1e-9 m) [% of the length].
 CLOSED_TOLERANCE, LITERATURE_TOLERANCE = 1e-6, 2e-6
@@ -38,11 +38,11 @@ _PICTURES_ONLY = (
 )  # fmt: skip
 
 
-def disputes(cases: Sequence[Record]) -> list[Study]:
+def arbitrations(cases: Sequence[Record]) -> list[Study]:
     """Studies of the cases that differ most."""
     solved = [c for c in cases if c.get("deviation_percent") is not None and c.get("converged")]
-    worst = sorted(solved, key=lambda c: -c["deviation_percent"])[:DISPUTES]
-    return [Study(f"dispute_{c['id']}", "dispute", (c["id"], c["worst_step"]), True) for c in worst]
+    worst = sorted(solved, key=lambda c: -c["deviation_percent"])[:ARBITRATIONS]
+    return [Study(f"arbitration_{c['id']}", "arbitration", (c["id"], c["worst_step"]), True) for c in worst]
 
 
 def _failed_case(record: Record) -> Record:
@@ -81,7 +81,7 @@ def judge(
     cases = [_failed_case(c) if c.get("error") else c for c in cases]
     solved = [c for c in cases if c["converged"]]
     kinds: dict[str, list[Record]] = {
-        k: [] for k in ("mesh", "disks", "buckling", "literature", "closed", "time", "dispute")
+        k: [] for k in ("mesh", "disks", "buckling", "literature", "closed", "time", "arbitration")
     }
     broken = [f"study {s['id']}: {s['error']}" for s in studies if s.get("error")]
     for study in studies:
@@ -99,10 +99,10 @@ def judge(
     shape, tip, tension = worst("shape_percent"), worst("deviation_percent"), worst("tension_percent")
     holes = sum(c["holes"] for c in solved)
     differing = sum(c["holes_differing"] for c in solved)
-    off = sum(c["holes_differing_off_the_verge"] for c in solved)
+    off = sum(c["holes_differing_off_threshold"] for c in solved)
     orders = [s["order"] for s in kinds["mesh"] if s["order"] is not None]
     outside = max((v for c in solved for k, v in c["bounds"].items() if v is not None), default=float("nan"))
-    third = most(kinds["dispute"], "third_shape_percent")
+    integrated = most(kinds["arbitration"], "integration_shape_percent")
     requirements = [
         _need("Tip, worst case", tip, "deviation_percent", TIP_TOLERANCE, "% of the length"),
         _row("Tip, median of all cases", median, MEDIAN_TOLERANCE, "% of the length"),
@@ -115,7 +115,7 @@ def judge(
              "% of the length"),
         _row("Reference against two public codes", most(kinds["literature"], "reference_percent"),
              LITERATURE_TOLERANCE, "% of the length"),
-        _row(f"Reference against an independent integration, worst {DISPUTES} cases", third,
+        _row(f"Reference against an independent integration, worst {ARBITRATIONS} cases", integrated,
              INTEGRATION_TOLERANCE, "% of the length"),
     ]  # fmt: skip
     least = min(orders, default=float("nan"))
@@ -142,7 +142,7 @@ def judge(
             "steps": sum(len(c["steps"]) for c in solved),
             "holes": holes,
             "holes_differing": differing,
-            "holes_differing_off_the_verge": off,
+            "holes_differing_off_threshold": off,
             "histories": sum(c["group"] == "history" for c in cases),
             "other_paths": sum(not c["same_path"] and c["friction"] != "none" for c in solved),
         },

@@ -1,6 +1,6 @@
 """Studies beside the cases.
 
-Mesh and disk convergence, compression of a bay, closed forms, figures of other codes, time, disputes.
+Mesh and disk convergence, compression of a bay, closed forms, figures of other codes, time, arbitrations.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
 from tdcr_fe.solve.simulate import SolverSettings, simulate
+from tdcr_fe.validation.crosscheck.arbitration import integrate_again
 from tdcr_fe.validation.crosscheck.cases import (
     BACKBONE,
     ELEMENTS_PER_BAY,
@@ -35,7 +36,6 @@ from tdcr_fe.validation.crosscheck.cases import (
     pulls,
 )
 from tdcr_fe.validation.crosscheck.compare import compare
-from tdcr_fe.validation.crosscheck.third import integrate_again
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 from tdcr_fe.validation.reference.closed_forms import constant_strain, elastica_tip, helix_wrench
 
@@ -99,7 +99,7 @@ def run_study(study: Study) -> Record:
         "literature": literature,
         "closed": closed_form,
         "time": timing,
-        "dispute": dispute,
+        "arbitration": arbitrate,
     }
     return {"id": study.id, "kind": study.kind, **functions[study.kind](*study.arguments)}
 
@@ -424,11 +424,11 @@ def timing(name: str) -> Record:
     return {"title": name, "rows": rows}
 
 
-# ---------------------------------------------------------------------------------------------- disputes
+# ---------------------------------------------------------------------------------------------- arbitrations
 
 
-def dispute(case_id: str, number: int) -> Record:
-    """Which side is wrong where a case differs most: both refined, and a third integration.
+def arbitrate(case_id: str, number: int) -> Record:
+    """Which side is wrong where a case differs most: both refined, and an independent integration.
 
     Parameters
     ----------
@@ -468,7 +468,7 @@ def dispute(case_id: str, number: int) -> Record:
         "deviation_percent": [100.0 * g for g in gaps],
         "order": observed_order([1.0 / n for n in meshes], gaps),
         "reference_moved_percent": 100.0 * moved,
-        "third_shape_percent": 100.0 * verdict.shape,
-        "third_force": verdict.force,
-        "third_moment": verdict.moment,
+        "integration_shape_percent": 100.0 * verdict.shape,
+        "integration_force": verdict.force,
+        "integration_moment": verdict.moment,
     }

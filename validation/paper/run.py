@@ -176,11 +176,15 @@ class PaperRun:
     interrupted: str = ""
 
 
-#: Rooms of the run, in order: name and share of the time, for the progress bar.
+#: Parts of the run, in order.
 PARTS = ("figures", "tables", "critical loads", "signs", "stiffness", "limitations", "effects")
 
 
-def run_paper(parts: Sequence[str] = PARTS, progress: Progress | None = None) -> PaperRun:
+def run_paper(
+    parts: Sequence[str] = PARTS,
+    progress: Progress | None = None,
+    interrupted: Callable[[], bool] | None = None,
+) -> PaperRun:
     """Compute what the report shows.
 
     Parameters
@@ -188,22 +192,19 @@ def run_paper(parts: Sequence[str] = PARTS, progress: Progress | None = None) ->
     parts
         Some of `PARTS`; "effects" runs the closed loop of `tdcr_fe.identify` on every table.
     progress
-        Called with what was finished.
+        Called with every task that was finished.
+    interrupted
+        Whether an interruption was asked for. A simulation that is interrupted ends early without an exception, so
+        this is looked at after every task.
 
     Returns
     -------
     PaperRun
-        Where the user interrupts, with the parts that were finished, and with the tables that the closed loop has
-        been through.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        Interrupted before anything was finished.
+        Where the user interrupts, with the parts that were finished (perhaps none), and with the tables that the
+        closed loop has been through; ``interrupted`` then names the part that was under way.
     """
     run = PaperRun()
-    tell = progress or (lambda text: None)
-    rooms: dict[str, Callable[[PaperRun, Progress], None]] = {
+    functions: dict[str, Callable[[PaperRun, Progress], None]] = {
         "figures": _figures,
         "tables": _tables,
         "critical loads": _critical,
@@ -212,16 +213,24 @@ def run_paper(parts: Sequence[str] = PARTS, progress: Progress | None = None) ->
         "limitations": _limitations,
         "effects": _effects,
     }
+
+    def report(text: str) -> None:
+        if interrupted is not None and interrupted():
+            raise KeyboardInterrupt
+        if progress is not None:
+            progress(text)
+
     for name in parts:
         begun = time.perf_counter()
         before = replace(run, **{f.name: copy.copy(getattr(run, f.name)) for f in fields(run)})
         try:
-            rooms[name](run, tell)
-        except KeyboardInterrupt:
+            functions[name](run, report)
+        except (KeyboardInterrupt, Exception) as stop:
+            # a simulation that was interrupted has fewer steps than the part relies on, which ends it by an error
+            if not isinstance(stop, KeyboardInterrupt) and not (interrupted is not None and interrupted()):
+                raise
             if name != "effects":
                 run = before
-            if not run.seconds and not run.missing:
-                raise
             run.interrupted = name
             break
         run.seconds[name] = time.perf_counter() - begun
@@ -274,13 +283,13 @@ def run_model(case: PaperCase, model: Model, reference: bool = False) -> ModelRu
     return ModelRun(tuple(steps), tuple(found), failure, gap)
 
 
-def _figures(run: PaperRun, tell: Progress) -> None:
+def _figures(run: PaperRun, report: Progress) -> None:
     for name in CASE_IDS:
         case = paper_case(name)
         runs = {}
         for key, model in MODELS.items():
             runs[key] = run_model(case, model, reference=key == "discrete")
-            tell(f"{name}, {key}")
+            report(f"{name}, {key}")
         run.cases[name] = CaseStudy(case, runs)
 
 
@@ -311,10 +320,10 @@ def study_table(number: int) -> TableStudy:
     return TableStudy(number, paper_table(number), readings, deviations, fits)
 
 
-def _tables(run: PaperRun, tell: Progress) -> None:
+def _tables(run: PaperRun, report: Progress) -> None:
     for number in TABLES:
         run.tables[number] = study_table(number)
-        tell(f"Table {number}")
+        report(f"Table {number}")
     declared = prototype(1)
     name = declared.tendon_names
     length = declared.backbone.length
@@ -325,13 +334,13 @@ def _tables(run: PaperRun, tell: Progress) -> None:
     run.printed_offset = unloaded(declared.with_tendons(name, routing=ParallelRouting(0.43e-3)))
     run.simulation_rod = unloaded(declared.with_backbone(radius=0.4e-3))
     run.directions = load_direction_study(run.tables[1].fits["stiffness"].robot)
-    tell("Table 1, directions of its load")
+    report("Table 1, directions of its load")
 
 
 # -------------------------------------------------------------------------------------------- critical loads
 
 
-def _critical(run: PaperRun, tell: Progress) -> None:
+def _critical(run: PaperRun, report: Progress) -> None:
     robot = paper_case("fig5").robot
     name = robot.tendon_names[0]
     for tension in SEARCH_TENSIONS:
@@ -339,7 +348,7 @@ def _critical(run: PaperRun, tell: Progress) -> None:
             run.searches[tension, text, "discrete"] = search_critical_load(
                 robot, MODELS["discrete"], [LoadStep("pull", {name: tension})], direction, SEARCH_LOADS
             )
-        tell(f"helical, {tension:g} N, without friction")
+        report(f"helical, {tension:g} N, without friction")
     across = [text for text in SEARCH_DIRECTIONS if text != "-z"]
     for tension in SEARCH_TENSIONS:
         for text in across:
@@ -350,7 +359,7 @@ def _critical(run: PaperRun, tell: Progress) -> None:
                 SEARCH_DIRECTIONS[text],
                 SEARCH_LOADS,
             )
-    tell("helical, with friction")
+    report("helical, with friction")
     # The robot of the experiments at its own tensions, as declared and as stiff as Table 3 asks for.
     stiff = run.tables[3].fits["stiffness"].robot if run.tables else fit_table(3).robot
     for kind, own in (("as declared", prototype(3)), ("stiffness of Table 3", stiff)):
@@ -363,12 +372,12 @@ def _critical(run: PaperRun, tell: Progress) -> None:
                     SEARCH_DIRECTIONS[text],
                     SEARCH_LOADS,
                 )
-    tell("helical, the prototype")
+    report("helical, the prototype")
     # The search must find a critical load where there is one: Euler's column, the tendon slack.
     run.column = search_critical_load(
         robot, MODELS["discrete"], [LoadStep("slack", {name: 0.0})], (0, 0, -1), (0.02, 0.04, 0.06, 0.08)
     )
-    tell("column")
+    report("column")
 
 
 def euler_load(robot: Robot) -> float:
@@ -401,11 +410,11 @@ def sign_steps() -> list[LoadStep]:
     ]
 
 
-def _signs(run: PaperRun, tell: Progress) -> None:
+def _signs(run: PaperRun, report: Progress) -> None:
     robot, steps = three_tendon_robot(), sign_steps()
     run.signs = trial_signs(robot, steps, try_all=True)
     run.signs_own = simulate(robot, MODELS["per-tendon"], steps).steps
-    tell("signs of Fig. 2")
+    report("signs of Fig. 2")
 
 
 # ------------------------------------------------------------------------------------------------- stiffness
@@ -435,7 +444,7 @@ def made_experiments(robot: Robot, forces: Array, error: float = 0.0, seed: int 
     return np.array(found)
 
 
-def _stiffness(run: PaperRun, tell: Progress) -> None:
+def _stiffness(run: PaperRun, report: Progress) -> None:
     declared = prototype(1)
     factor = 1.35  # the glue and the disks stiffen the rod; this is what has to be found
     true = declared.with_backbone(
@@ -467,33 +476,33 @@ def _stiffness(run: PaperRun, tell: Progress) -> None:
         float(np.linalg.norm(tip(declared) - tip(true))),
         with_identified_stiffness(declared, far).backbone.EI / true.backbone.EI,
     )
-    tell("stiffness from loads")
+    report("stiffness from loads")
 
 
 # ----------------------------------------------------------------------------------------------- limitations
 
 
-def _limitations(run: PaperRun, tell: Progress) -> None:
+def _limitations(run: PaperRun, report: Progress) -> None:
     robot = paper_case("fig3").robot
     pull = LoadStep("pull", {robot.tendon_names[0]: 1.5})
     run.thickness = disk_thickness(robot, [pull], (1e-3, 2e-3, 3e-3, 5e-3))
-    tell("disk thickness")
+    report("disk thickness")
     run.friction = adhesion(robot, [pull], (5e-3, 20e-3, 50e-3))
     run.friction.append(pressure_dependent_friction(robot, pull, PressureDependence()))
     run.friction.append(pressure_dependent_friction(robot, pull, PressureDependence(reference=0.4)))
-    tell("nonlinear friction")
+    report("nonlinear friction")
     for ramp in (0.3, 1.0, 3.0):
         run.dynamics.append(dynamic_run(robot, 1.5, ramp))
-        tell(f"dynamics, {ramp:g} s")
+        report(f"dynamics, {ramp:g} s")
 
 
 # --------------------------------------------------------------------------------------------------- effects
 
 
-def _effects(run: PaperRun, tell: Progress) -> None:
+def _effects(run: PaperRun, report: Progress) -> None:
     for name in DATASETS:
         study = study_missing(name)
         if study.result is not None and study.result.interrupted:
             raise KeyboardInterrupt
         run.missing[name] = study
-        tell(f"what is missing, {name}")
+        report(f"what is missing, {name}")

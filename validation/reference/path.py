@@ -305,7 +305,8 @@ class LoadStepPath:
         at = statics.layout.s[tendons.tail[tendons.holes + 1]]
         radius = np.linalg.norm(tendons.tail_hole[tendons.holes + 1], axis=1)
         bend = drop * radius * (backbone.length - at) ** 2 / (2.0 * backbone.EI * backbone.length)
-        return np.bincount(tendons.variable[tendons.rough], bend[tendons.rough], tendons.n_friction)
+        effect = np.bincount(tendons.variable[tendons.rough], bend[tendons.rough], tendons.n_friction)
+        return np.asarray(effect, dtype=float)
 
     def _attempt(self, start: Point, factor: float) -> Path | NotConverged:
         try:

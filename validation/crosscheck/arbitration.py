@@ -1,4 +1,4 @@
-"""The third argument: integrates a solved state once more, with other equations, variables and integrator.
+"""Arbitration: an independent integration of a solved state, with other equations, variables and integrator.
 
 Where the two solvers differ, this says which of them solves the Cosserat equations. It takes only the wrench at
 the base and the tensions from a solution, integrates pose (as a quaternion) and wrench in the world frame from the
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Integration:
     """What integrating once more gave.
 
     Attributes
@@ -42,7 +42,7 @@ class Verdict:
     moment: float
 
 
-def integrate_again(robot: Robot, model: Model, step: StepResult, loads: Mapping[str, Load]) -> Verdict:
+def integrate_again(robot: Robot, model: Model, step: StepResult, loads: Mapping[str, Load]) -> Integration:
     """Integrate a solved state from its base wrench and tensions.
 
     Parameters
@@ -110,7 +110,7 @@ def integrate_again(robot: Robot, model: Model, step: StepResult, loads: Mapping
             if a < at - 1e-9 <= b:
                 state[7:] -= wrench
     scale = backbone.EI / length
-    return Verdict(
+    return Integration(
         farthest / length,
         float(np.linalg.norm(state[10:])) * length / scale,
         float(np.linalg.norm(state[7:10])) / scale,
@@ -193,7 +193,7 @@ def _softened(moment: float, stiffness: float, law: Superelastic, radius: float)
         return float(np.logaddexp(0.0, x))
 
     def miss(curvature: float) -> float:
-        excess = width * (soft((curvature - knee) / width) - soft(-knee / width))
-        return stiffness * (curvature - (1.0 - law.plateau_ratio) * excess) - moment
+        beyond = width * (soft((curvature - knee) / width) - soft(-knee / width))
+        return stiffness * (curvature - (1.0 - law.plateau_ratio) * beyond) - moment
 
     return float(brentq(miss, 0.0, moment / (stiffness * law.plateau_ratio) + 1e-9, xtol=1e-14, rtol=1e-14))
