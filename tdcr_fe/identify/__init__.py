@@ -2,7 +2,21 @@
 
 from __future__ import annotations
 
+import sys
+from types import ModuleType
+from typing import Any
+
 from tdcr_fe.identify.identification import NotSolved, identify
 from tdcr_fe.identify.outcome import IdentificationResult, IdentifySettings
 
 __all__ = ["IdentificationResult", "IdentifySettings", "NotSolved", "identify"]
+
+
+class _CallablePackage(ModuleType):
+    """Lets ``tdcr_fe.identify(data)`` call the function, although the package has the same name."""
+
+    def __call__(self, *args: Any, **kwargs: Any) -> IdentificationResult:
+        return identify(*args, **kwargs)
+
+
+sys.modules[__name__].__class__ = _CallablePackage

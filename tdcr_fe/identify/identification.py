@@ -23,6 +23,7 @@ from tdcr_fe.identify.selection import (
     with_intermediate_models,
 )
 from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.model.arguments import wrong_type
 
 #: Tolerance of the loading path as a share of the noise of a position (a third of it is left), and its limit.
 PATH_SHARE, LOOSEST = 0.6, 3e-4
@@ -53,11 +54,16 @@ def identify(
 
     Raises
     ------
+    TypeError
+        ``data`` is of another type; the message says what to call.
     NotSolved
         The declared model does not converge.
     KeyboardInterrupt
         Interrupted before the declared model was solved.
     """
+    if not isinstance(data, MeasuredData):
+        hint = "read_measured(folder) reads it from robot.toml, loading.csv and observations.csv."
+        raise wrong_type("identify", "data", data, "MeasuredData", hint)
     settings = settings or IdentifySettings()
     begun = time.perf_counter()
     search = Search(settings, progress or (lambda text, share: None))

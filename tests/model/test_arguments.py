@@ -4,6 +4,7 @@ import exudyn as exu
 import pytest
 from arcs import paper_robot
 
+from tdcr_fe.identify import identify
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.scene.builder import CreateTDCR
 from tdcr_fe.solve.simulate import simulate
@@ -46,3 +47,10 @@ def test_create_tdcr_names_the_argument_and_what_to_call(arguments, message):
     with pytest.raises(TypeError, match=f"CreateTDCR: {message}"):
         CreateTDCR(system, *rest)
     assert mbs is not None or system.systemData.NumberOfNodes() == 0
+
+
+def test_identify_names_the_argument_and_what_to_call():
+    with pytest.raises(
+        TypeError, match=r"identify: data is 'my_robot'; expected MeasuredData. read_measured\(folder\)"
+    ):
+        identify("my_robot")
