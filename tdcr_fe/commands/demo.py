@@ -29,10 +29,10 @@ def demo(args: argparse.Namespace) -> int:
     from importlib.resources import as_file, files
     from shutil import copyfile
 
-    from tdcr_fe.io.tables import check_place, write_together
+    from tdcr_fe.io.atomic import check_output_folder, write_folder
     from tdcr_fe.io.toml import read_scenario
 
-    out = check_place(args.out)
+    out = check_output_folder(args.out)
     with as_file(files("tdcr_fe") / "data" / "demo") as folder:
         names = ("robot.toml", "scenario.toml")
 
@@ -40,7 +40,7 @@ def demo(args: argparse.Namespace) -> int:
             for name in names:
                 copyfile(folder / name, place / name)
 
-        write_together(out, write)
+        write_folder(out, write)
     if not args.quiet:
         print(
             f"The input is {out / 'scenario.toml'} with {out / 'robot.toml'}; change it and solve it anew by"

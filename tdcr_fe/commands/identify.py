@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
-from pathlib import Path
 from typing import Any
 
 from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain
@@ -50,11 +48,11 @@ def run(args: argparse.Namespace) -> int:
     from tdcr_fe.identify.identification import NotSolved, identify
     from tdcr_fe.identify.outcome import IdentifySettings
     from tdcr_fe.identify.report import summary, write_report
+    from tdcr_fe.io.atomic import check_output_folder, write_json
     from tdcr_fe.io.measured import read_measured
-    from tdcr_fe.io.tables import check_place
 
     data = read_measured(args.folder, strict=args.strict)
-    out = check_place(args.out)
+    out = check_output_folder(args.out)
     for row in data.left_out:
         complain(f"left out: {row}")
     with tqdm(total=100, leave=False, file=sys.stderr, disable=True if args.quiet else None,
@@ -71,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
             complain(str(error))
             return FAILURE
     out.mkdir(parents=True, exist_ok=True)
-    _write(out / "result.json", json.dumps(result.to_json(), indent=2) + "\n")
+    write_json(result.to_json(), out / "result.json")
     write_report(result, out / "report.html")
     if not args.quiet:
         print(summary(result))
@@ -80,7 +78,3 @@ def run(args: argparse.Namespace) -> int:
         complain("interrupted; what was found until then is written")
         return INTERRUPTED
     return SUCCESS
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")

@@ -73,13 +73,13 @@ def paper(args: argparse.Namespace) -> int:
 
     from tqdm import tqdm
 
-    from tdcr_fe.io.tables import check_place
+    from tdcr_fe.io.atomic import check_output_folder
     from tdcr_fe.validation.paper.cases import write_cases
     from tdcr_fe.validation.paper.claims import verdicts
     from tdcr_fe.validation.paper.report import write_datasets, write_docs, write_report
     from tdcr_fe.validation.paper.run import PARTS, run_paper, tasks
 
-    out = check_place(args.out)
+    out = check_output_folder(args.out)
     out.mkdir(parents=True, exist_ok=True)
     parts = [p for p in PARTS if not (args.no_effects and p == "effects")]
     begun = time.perf_counter()

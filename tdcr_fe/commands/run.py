@@ -52,12 +52,12 @@ def run(args: argparse.Namespace) -> int:
     missing = [name for name, given in (("scenario", args.scenario), ("-o/--out", args.out)) if given is None]
     if missing:
         args.parser.error(f"the following arguments are required: {', '.join(missing)}")
-    from tdcr_fe.io.tables import check_place
+    from tdcr_fe.io.atomic import check_output_folder
     from tdcr_fe.io.toml import read_scenario
 
     problems: list[Any] = []
     scenario = _or_note(problems, lambda: read_scenario(args.scenario))
-    out = _or_note(problems, lambda: check_place(args.out))
+    out = _or_note(problems, lambda: check_output_folder(args.out))
     _refuse(problems)
     return solve_and_write(scenario, out, args)
 

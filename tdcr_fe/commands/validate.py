@@ -30,9 +30,9 @@ def add_validate_parser(commands: Any) -> None:
 
 def validate(args: argparse.Namespace) -> int:
     """Solve the cases, write the report, tell what holds."""
-    from tdcr_fe.io.tables import check_place
+    from tdcr_fe.io.atomic import check_output_folder
 
-    out = check_place(args.out)
+    out = check_output_folder(args.out)
 
     import os
     import time

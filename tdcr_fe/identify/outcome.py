@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.io.atomic import plain
 from tdcr_fe.io.measured import MeasuredData
-from tdcr_fe.io.tables import plain, versions
+from tdcr_fe.io.summary import versions
 
 Array = NDArray[np.float64]
 Verdict = Literal[

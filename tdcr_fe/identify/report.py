@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-from pathlib import Path
 from typing import Any
 
 from tdcr_fe.effects import effect
@@ -12,7 +11,8 @@ from tdcr_fe.identify import figures
 from tdcr_fe.identify.next_step import effects_block, observation_effects, scenario_text
 from tdcr_fe.identify.outcome import IdentificationResult, Misfit
 from tdcr_fe.identify.remarks import half_width, remarks
-from tdcr_fe.io.tables import versions
+from tdcr_fe.io.atomic import write_text
+from tdcr_fe.io.summary import versions
 from tdcr_fe.model.channels import channel
 from tdcr_fe.report import page as kit
 from tdcr_fe.report.environment import SPACE, estimate, fixed, quantity, shown_unit, significant, words
@@ -372,4 +372,4 @@ def render(result: IdentificationResult) -> str:
 
 def write_report(result: IdentificationResult, path: str | os.PathLike[str]) -> None:
     """Write the report into a file."""
-    Path(path).write_text(render(result), encoding="utf-8")
+    write_text(render(result), path)

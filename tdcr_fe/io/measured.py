@@ -12,6 +12,7 @@ from typing import Any
 
 import pandas as pd
 
+from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.spreadsheet import read_table
 from tdcr_fe.io.toml import digest, read_model_file, read_robot
@@ -543,7 +544,8 @@ def write_measured(data: MeasuredData, folder: str | os.PathLike[str]) -> None:
     """Write data as a folder that `read_measured` reads."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "robot.toml").write_text(robot_to_toml(data.robot), encoding="utf-8")
-    (folder / "model.toml").write_text(model_to_toml(data.model), encoding="utf-8")
+    settings = None if data.settings == SolverSettings() else data.settings
+    write_text(robot_to_toml(data.robot), folder / "robot.toml")
+    write_text(model_to_toml(data.model, settings), folder / "model.toml")
     loading_table(data).to_csv(folder / "loading.csv", index=False)
     observations_table(data.readings).to_csv(folder / "observations.csv", index=False)

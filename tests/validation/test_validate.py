@@ -12,7 +12,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from tdcr_fe.cli import main
-from tdcr_fe.io.tables import plain
+from tdcr_fe.io.atomic import plain
 from tdcr_fe.model.loading import resolve
 from tdcr_fe.validation.crosscheck import campaign, cases, compare, figures, report, studies
 from tdcr_fe.validation.crosscheck.arbitration import integrate_again

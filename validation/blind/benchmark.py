@@ -10,6 +10,7 @@ from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any
 
+from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.validation.blind.maker import Answer, NotMade, make_blind
 from tdcr_fe.validation.blind.recipes import Recipe
@@ -107,7 +108,4 @@ def _identified(answer: Answer, out: Path) -> Score:
 
 
 def _write(file: Path, document: Any) -> None:
-    """Whole or not at all."""
-    part = file.with_suffix(".part")
-    part.write_text(json.dumps(document, indent=1, default=float), encoding="utf-8")
-    os.replace(part, file)
+    write_text(json.dumps(document, indent=1, default=float), file)  # NaN and infinity come back as they are

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tdcr_fe.io.atomic import write_text
 from tdcr_fe.validation.blind.scoring import NOISE_FLOOR, Score, summarise
 
 #: Where a page of the documentation holds the tables.
@@ -36,8 +37,8 @@ def write_report(scores: Sequence[Score], out: str | os.PathLike[str]) -> dict[s
     summary = summarise(good)
     summary["failed"] = len(scores) - len(good)
     document = {"summary": summary, "sets": list(scores)}
-    (out / "benchmark.json").write_text(json.dumps(document, indent=1, default=float), encoding="utf-8")
-    (out / "benchmark.md").write_text(to_markdown(summary, scores), encoding="utf-8")
+    write_text(json.dumps(document, indent=1, default=float), out / "benchmark.json")
+    write_text(to_markdown(summary, scores), out / "benchmark.md")
     if good:
         _picture(good, out / "confusion.png")
     return summary
@@ -64,7 +65,7 @@ def write_into_page(text: str, page: str | os.PathLike[str]) -> None:
         raise ValueError(f"{page}: no {BEGIN} ... {END} to put the tables in")
     before, rest = old.split(BEGIN, 1)
     after = rest.split(END, 1)[1]
-    page.write_text(f"{before}{BEGIN}\n\n{text}\n{END}{after}", encoding="utf-8")
+    write_text(f"{before}{BEGIN}\n\n{text}\n{END}{after}", page)
 
 
 def _share(part: int, whole: int) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import closing
@@ -13,8 +12,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from tdcr_fe.io import tables as output
+from tdcr_fe.io.atomic import plain, write_json
 from tdcr_fe.io.processes import worker_pool
+from tdcr_fe.io.summary import versions as package_versions
 from tdcr_fe.validation.crosscheck.cases import Case
 from tdcr_fe.validation.crosscheck.studies import Study
 
@@ -39,7 +39,7 @@ def versions() -> dict[str, str]:
         for item in sorted(source, key=lambda item: item.name):
             if item.name.removesuffix(".py") not in _NO_NUMBERS:
                 digest.update(item.read_bytes())
-    return {**output.versions(), "source": digest.hexdigest()[:16]}
+    return {**package_versions(), "source": digest.hexdigest()[:16]}
 
 
 #: Modules whose change does not change a number.
@@ -69,17 +69,6 @@ def _silence_exudyn() -> None:
     import exudyn
 
     exudyn.config.printToConsole = False
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a file such that it is either there as a whole or as it was before."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}-{os.getpid()}.partial")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def recall(folder: Path, task: Task) -> Record | None:
@@ -138,11 +127,9 @@ def run(
         # closed explicitly: on an interruption the workers end before this function does
         with closing(_solve_all(left, processes)) as solved:
             for task, record in solved:
-                record = output.plain(record)
-                text = json.dumps(
-                    {"digest": digest_of(task), "versions": versions(), "record": record}, allow_nan=False
-                )
-                write_whole(folder / f"{task.id}.json", text)
+                record = plain(record)
+                document = {"digest": digest_of(task), "versions": versions(), "record": record}
+                write_json(document, folder / f"{task.id}.json", indent=None)
                 records[task.id] = record
                 progress(record, False)
     return {task.id: records[task.id] for task in tasks}

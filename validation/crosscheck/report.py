@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tdcr_fe.io.tables import plain
+from tdcr_fe.io.atomic import plain, write_json, write_text
 from tdcr_fe.report.environment import short
 from tdcr_fe.validation.crosscheck import campaign
 from tdcr_fe.validation.crosscheck.cases import (
@@ -207,8 +206,8 @@ def headline(outcome: Record) -> list[str]:
 
 def write(outcome: Record, out: Path) -> None:
     """Write report.json and report.html into a directory."""
-    campaign.write_whole(out / "report.json", json.dumps(to_json(outcome), indent=1, allow_nan=False) + "\n")
-    campaign.write_whole(out / "report.html", to_html(outcome))
+    write_json(to_json(outcome), out / "report.json", indent=1)
+    write_text(to_html(outcome), out / "report.html")
 
 
 def to_json(outcome: Record) -> Record:

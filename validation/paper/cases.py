@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 
+from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.toml import read_robot, read_scenario
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model
@@ -135,10 +136,10 @@ def write_cases(folder: str | os.PathLike[str]) -> list[Path]:
         case = paper_case(name)
         place = Path(folder) / name
         place.mkdir(parents=True, exist_ok=True)
-        (place / "robot.toml").write_text(robot_to_toml(case.robot), encoding="utf-8")
+        write_text(robot_to_toml(case.robot), place / "robot.toml")
         for key, model in MODELS.items():
             path = place / f"{key}.toml"
-            path.write_text(scenario_to_toml(model, case.steps), encoding="utf-8")
+            write_text(scenario_to_toml(model, case.steps), path)
             written.append(path)
     return written
 

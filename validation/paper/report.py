@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from tdcr_fe.io.atomic import plain, write_json, write_text
 from tdcr_fe.io.measured import write_measured
-from tdcr_fe.io.tables import plain, versions, write_json
+from tdcr_fe.io.summary import versions
 from tdcr_fe.report.environment import environment
 from tdcr_fe.report.page import Level, Page, Picture, Section, render
 from tdcr_fe.report.style import svg
@@ -388,7 +389,7 @@ def write_report(run: PaperRun, out: Path, wall_time: float) -> list[Path]:
     data = to_json(run, wall_time)
     html_file, numbers = out / "report.html", out / "report.json"
     write_json(data, numbers)
-    html_file.write_text(html(run, data), encoding="utf-8")
+    write_text(html(run, data), html_file)
     return [html_file, numbers]
 
 
@@ -420,7 +421,7 @@ def write_docs(run: PaperRun, folder: Path, wall_time: float) -> list[Path]:
     written = []
     for name, text in drawings(run).items():
         path = pictures / f"paper_{name}.svg"
-        path.write_text(text, encoding="utf-8")
+        write_text(text, path)
         written.append(path)
     markdown = folder / "paper.md"
     markdown.write_text(

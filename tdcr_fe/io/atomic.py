@@ -1,0 +1,124 @@
+"""Write texts, JSON and folders of files such that they are there as a whole, or as they were before."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tdcr_fe.io.problems import InputError, Problem
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON can hold it: arrays as lists, numbers that are not finite as null."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, Sequence | set | frozenset) and not isinstance(value, str | bytes):
+        return [plain(v) for v in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def to_json(value: Any, indent: int | None = 2) -> str:
+    """A value as JSON that any reader takes: no NaN, one line feed at the end."""
+    return json.dumps(plain(value), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def write_text(text: str, path: str | os.PathLike[str]) -> None:
+    """Write a text file in UTF-8; its folder is made where it does not exist.
+
+    A file that is there is replaced only when the new one is whole.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}-{os.getpid()}.partial")
+    try:
+        partial.write_bytes(
+            text.encode("utf-8", errors="backslashreplace")
+        )  # names of files may hold any byte
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_json(value: Any, path: str | os.PathLike[str], indent: int | None = 2) -> None:
+    """Write a value as JSON that any reader takes (no NaN)."""
+    write_text(to_json(value, indent), path)
+
+
+def check_output_folder(out: str | os.PathLike[str]) -> Path:
+    """The directory that results are to go to, refused where it cannot be one.
+
+    Raises
+    ------
+    InputError
+        It, or something above it, is a file, or may not be written to.
+    """
+    out = Path(out)
+    try:
+        if out.exists() and not out.is_dir():
+            raise InputError(
+                [Problem("-o", "", str(out), "is a file; must be a directory, or not be there yet")]
+            )
+        above = out.absolute()
+        while not above.exists():
+            above = above.parent
+        if not above.is_dir():
+            raise InputError([Problem("-o", "", str(out), f"{above} is a file; must be a directory")])
+        if not os.access(above, os.W_OK | os.X_OK):
+            raise InputError([Problem("-o", "", str(out), f"no permission to write in {above}")])
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError([Problem("-o", "", str(out), f"cannot be a directory: {reason}")]) from error
+    return out
+
+
+def write_folder(
+    out: str | os.PathLike[str], write: Callable[[Path], None], ours: Iterable[str] = ()
+) -> list[Path]:
+    """Let ``write`` fill an empty directory, then move the files from there into ``out``.
+
+    Parameters
+    ----------
+    out
+        Made where it does not exist; other files in it stay.
+    write
+        Called with the empty directory. If it raises, ``out`` stays as it was.
+    ours
+        Names of files that an earlier run may have left; removed from ``out`` if not written anew.
+
+    Returns
+    -------
+    list of pathlib.Path
+        The files, in ``out``.
+    """
+    out = check_output_folder(out)
+    existed = out.is_dir()
+    out.parent.mkdir(parents=True, exist_ok=True)
+    staging = (out if existed else out.parent) / f".{out.name or 'out'}-{os.getpid()}.partial"
+    shutil.rmtree(staging, ignore_errors=True)
+    staging.mkdir()
+    try:
+        write(staging)
+        names = sorted(p.name for p in staging.iterdir())
+        if not existed and not out.exists():
+            staging.rename(out)
+        else:
+            for name in names:
+                (staging / name).replace(out / name)
+            for name in set(ours) - set(names):
+                (out / name).unlink(missing_ok=True)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+    return [out / name for name in names]

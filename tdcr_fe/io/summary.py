@@ -1,0 +1,72 @@
+"""What `summary.json` says of a run: versions, input, model, settings, convergence and warnings."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+from collections.abc import Mapping
+from typing import Any
+
+from tdcr_fe import __version__
+from tdcr_fe.model.results import SequenceResult
+
+
+def versions() -> dict[str, str]:
+    """Versions of this package and of what computes its results."""
+    found = {"tdcr_fe": __version__}
+    for name in ("exudyn", "numpy", "scipy"):
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "not installed"
+    return {**found, "python": platform.python_version()}
+
+
+def summary(
+    result: SequenceResult, digests: Mapping[str, str] | None = None, steps_asked: int | None = None
+) -> dict[str, Any]:
+    """What `summary.json` holds.
+
+    Parameters
+    ----------
+    result
+        What was solved.
+    digests
+        SHA-256 of the input files, by name.
+    steps_asked
+        Length of the loading sequence; None takes it that all of it was solved.
+    """
+    model = result.model
+    return {
+        "versions": versions(),
+        "input": {name: {"sha256": sha256} for name, sha256 in (digests or {}).items()},
+        "robot": {"name": result.robot.name, "tendons": list(result.robot.tendon_names)},
+        "model": {
+            "tendon_path": model.tendon_path,
+            "friction": model.friction,
+            "elements_per_bay": model.elements_per_bay,
+            "gravity": list(model.gravity),
+        },
+        "mesh": {"elements_per_bay": list(result.elements_per_bay)},
+        "settings": dict(result.settings),
+        "wall_time": result.wall_time,
+        "converged": result.converged,
+        "steps_asked": len(result.steps) if steps_asked is None else steps_asked,
+        "steps_solved": sum(s.converged for s in result.steps),
+        "failed_step": result.failed_step,
+        "message": result.message,
+        "warnings": list(result.warnings),
+        "steps": [
+            {
+                "step": s.step,
+                "label": s.label,
+                "converged": s.converged,
+                "iterations": s.iterations,
+                "substeps": s.substeps,
+                "residual": s.residual,
+                "discretisation_error": s.discretisation_error,
+                "buckling_load_fraction": s.buckling_load_fraction,
+            }
+            for s in result.steps
+        ],
+    }

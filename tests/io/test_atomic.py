@@ -1,0 +1,88 @@
+"""Files are there as a whole, or as they were before."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from tdcr_fe.io.atomic import check_output_folder, write_folder, write_json, write_text
+from tdcr_fe.io.problems import InputError
+
+
+def test_text_is_written_with_its_folder_and_replaces_what_was_there(tmp_path):
+    path = tmp_path / "a" / "b.txt"
+    for text in ("één\n", "two\n"):
+        write_text(text, path)
+        assert path.read_bytes() == text.encode()
+    assert [p.name for p in path.parent.iterdir()] == ["b.txt"]
+
+
+def test_text_that_cannot_be_moved_into_place_leaves_nothing_behind(tmp_path):
+    (tmp_path / "taken" / "inside").mkdir(parents=True)
+    with pytest.raises(OSError):
+        write_text("text", tmp_path / "taken")
+    assert [p.name for p in tmp_path.iterdir()] == ["taken"]
+
+
+def test_json_has_null_for_numbers_that_are_not_finite_and_lists_for_arrays(tmp_path):
+    write_json(
+        {"a": math.nan, "b": np.arange(2.0), "c": np.float64(0.5), "d": (1, math.inf)}, tmp_path / "x.json"
+    )
+    assert json.loads((tmp_path / "x.json").read_text()) == {
+        "a": None,
+        "b": [0.0, 1.0],
+        "c": 0.5,
+        "d": [1, None],
+    }
+
+
+def test_json_that_cannot_be_made_keeps_the_old_file(tmp_path):
+    path = tmp_path / "x.json"
+    write_json({"a": 1}, path)
+
+    class Broken:
+        def __str__(self):
+            raise RuntimeError("no text")
+
+    with pytest.raises(RuntimeError):
+        write_json({"a": Broken()}, path)
+    assert json.loads(path.read_text()) == {"a": 1}
+
+
+@pytest.mark.parametrize("existed", [True, False])
+def test_folder_that_fails_halfway_stays_as_it_was(tmp_path, existed):
+    out = tmp_path / "out"
+    if existed:
+        out.mkdir()
+        (out / "old.csv").write_text("old")
+
+    def write(folder):
+        (folder / "old.csv").write_text("new")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_folder(out, write)
+    assert out.exists() == existed
+    assert not existed or [p.read_text() for p in out.iterdir()] == ["old"]
+    assert [p.name for p in tmp_path.iterdir()] == ["out"] * existed
+
+
+def test_folder_loses_files_of_an_earlier_run_and_keeps_others(tmp_path):
+    for name in ("mine.txt", "picture.png", "old.csv"):
+        (tmp_path / name).write_text(name)
+    written = write_folder(
+        tmp_path, lambda f: (f / "old.csv").write_text("new"), ours=("old.csv", "picture.png")
+    )
+    assert written == [tmp_path / "old.csv"]
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"mine.txt": "mine.txt", "old.csv": "new"}
+
+
+def test_output_folder_below_a_file_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    for bad in (tmp_path / "file", tmp_path / "file" / "deeper"):
+        with pytest.raises(InputError, match="must be a directory"):
+            check_output_folder(bad)
+    assert check_output_folder(tmp_path / "new" / "deep") == tmp_path / "new" / "deep"
