@@ -19,7 +19,6 @@ from threadpoolctl import threadpool_limits
 
 from tdcr_fe import Backbone, Disks, LoadStep, Model, ParallelRouting, Robot, Simulation, Tendon, simulate
 from tdcr_fe.model.loading import resolve
-from tdcr_fe.solve.solver import StrainSpaceSolver
 from tdcr_fe.validation.reference import solve_reference
 
 Array = NDArray[np.float64]
@@ -50,8 +49,10 @@ def least_time(call: Callable[[], object], count: int) -> float:
 
 def exudyn_iteration(simulation: Simulation, count: int = 200) -> float:
     """Exudyn's residual and Jacobian in the present state, once each [s]."""
-    mbs = simulation.handle.mbs
-    kernel, settings = StrainSpaceSolver(mbs)._kernel, exu.SimulationSettings()
+    mbs, settings = simulation.handle.mbs, exu.SimulationSettings()
+    settings.solution.file.write = False
+    kernel = exu.MainSolverStatic()
+    kernel.InitializeSolver(mbs, settings)
 
     def residual() -> None:
         kernel.ComputeNewtonResidual(mbs, settings)
@@ -81,7 +82,7 @@ def load_steps(disks: int, repeats: int = 100) -> tuple[Array, Array, float]:
         iterations = np.zeros(len(targets))
         for i, target in enumerate(targets):
             begun = time.perf_counter()
-            iterations[i] = simulation.advance(target)["iterations_total"]
+            iterations[i] = simulation.advance(target).iterations_total
             times[i] = min(times[i], time.perf_counter() - begun)
         # In between, so that other load on the machine affects both alike.
         unit = min(unit, exudyn_iteration(simulation, 5))

@@ -15,7 +15,6 @@ from typing import Any
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.poses import (
@@ -195,7 +194,9 @@ class NodeBlocks:
     Parameters
     ----------
     k
-        Shape (6 N, 6 N); changing a view changes it.
+        Contiguous, shape (M, M); changing a view changes it.
+    nodes
+        Which of its blocks of six belong to the backbone; None is all.
 
     Attributes
     ----------
@@ -205,19 +206,18 @@ class NodeBlocks:
         Of every node by itself.
     base : ndarray, shape (6, 6)
         Of the first node by itself.
-    room : ndarray, shape (N, 6, 6)
-        Not of the matrix: room for what comes to ``base`` and ``after``, its upper left quarters zero.
     """
 
-    def __init__(self, k: Array) -> None:
-        count = len(k) // 6
-        down, right = k.strides
+    def __init__(self, k: Array, nodes: slice | None = None) -> None:
+        first, end = (0, len(k) // 6) if nodes is None else (nodes.start, nodes.stop)
+        count, (down, right) = end - first, k.strides
         along = (6 * (down + right), down, right)
-        self.after = as_strided(k[:, 6:], (count - 1, 6, 6), along)
-        self.before = as_strided(k[6:], (count - 1, 6, 6), along)
-        self.itself = as_strided(k, (count, 6, 6), along)
-        self.base = k[:6, :6]
-        self.room = np.zeros((count, 6, 6))
+        corner = 6 * first * (down + right)
+        size = k.dtype
+        self.after: Array = np.ndarray((count - 1, 6, 6), size, k, corner + 6 * right, along)
+        self.before: Array = np.ndarray((count - 1, 6, 6), size, k, corner + 6 * down, along)
+        self.itself: Array = np.ndarray((count, 6, 6), size, k, corner, along)
+        self.base: Array = np.ndarray((6, 6), size, k, corner, (down, right))
 
 
 class ElementChain:
@@ -299,7 +299,7 @@ class ElementChain:
         # Half the coadjoint map, from the change of a twist to that of the wrench beyond it, is [[0, f], [f, m]]; here
         # after the transposed map that takes twists of an element's first node to its second.
         half[1:] = self._turns[:, None] @ half[1:]
-        turned = k.room
+        turned = np.zeros((len(half), 6, 6))
         turned[:, :3, 3:] = turned[:, 3:, :3] = half[:, 0]
         turned[:, 3:, 3:] = half[:, 1]
         outer = turned[1:]

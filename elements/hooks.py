@@ -6,7 +6,8 @@ that the user sets later: it becomes part of the chain instead of switching the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 import exudyn as exu
@@ -89,6 +90,17 @@ class SceneHooks:
         """The user's own function of a kind ("PreNewtonResidual", "SystemJacobian", "PostStep"), or None."""
         return self._users[kind]
 
+    @contextmanager
+    def without_post_step(self) -> Iterator[None]:
+        """Call no function after a step: Exudyn's solvers run one when they are initialised."""
+        present = _function(self.mbs.GetPostStepUserFunction())
+        self.mbs.SetPostStepUserFunction(0)
+        try:
+            yield
+        finally:
+            self.mbs.SetPostStepUserFunction(present or 0)
+            self.adopt()
+
     def user_jacobian(self, t: float) -> np.ndarray | None:
         """The user's own part of the system Jacobian, dense, or None."""
         user = self._users["SystemJacobian"]
@@ -101,8 +113,8 @@ class SceneHooks:
         if user is not None:
             user(mbs, t, newton, discontinuous)
         for actuation in self.actuations:
-            actuation.update_from_scene(t)
-            actuation.apply()
+            actuation.forces = actuation.scene_forces(t)
+            actuation.apply(actuation.forces)
 
     def _jacobian(
         self, mbs: exu.MainSystem, t: float, by_ode2: float, by_ode2_t: float, by_ode1: float
@@ -123,8 +135,7 @@ class SceneHooks:
 
     def _after_step(self, mbs: exu.MainSystem, t: float) -> bool:
         for actuation in self.actuations:
-            actuation.update_from_scene(t)
-            actuation.commit()
+            actuation.commit_scene(t)
         for load in self.point_loads:
             load.applied = load.value
         user = self._users["PostStep"]

@@ -17,7 +17,7 @@ class CableShape:
     """Lengths and angles of all tendons of a robot, with derivatives.
 
     Derivatives are with respect to the body-frame twists ``[v, w]`` of the nodes that carry holes, laid out as
-    ``6 * node + component``; they are formed when first asked for, and overwritten by those of the next shape.
+    ``6 * node + component``; they are formed when first asked for.
 
     Attributes
     ----------
@@ -108,9 +108,7 @@ class CableGeometry:
         row, self._hole = rows[real], holes[real]
         width = 6 * node_count
         self._target = ((row * width + 6 * nodes.ravel()[self._hole])[:, None] + np.arange(6)).ravel()
-        self._derivatives = np.zeros((m * (2 * n - 1), width))
-        self._d_lengths = self._derivatives[: m * n].reshape(m, n, width)
-        self._d_angles = self._derivatives[m * n :].reshape(m, n - 1, width)
+        self._width = width
         #: Forces on the holes, in the order above, and its five parts.
         self._forces = np.zeros((m, 5 * n - 3, 3))
         self._parts = np.split(self._forces, np.cumsum([n, n, n - 1, n - 1]), axis=1)
@@ -195,15 +193,18 @@ class CableGeometry:
         if self._padded:
             chord *= self._turns
         angles = 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chord), 1.0))
-        return CableShape(lengths, angles, lambda: self._derive(frames, e, inverse, bend, chord))
+        lever = self._lever
+        return CableShape(lengths, angles, lambda: self._derive(lever, frames, e, inverse, bend, chord))
 
     def _derive(
-        self, frames: Array, e: Array, inverse: Array, bend: Array, chord: Array
+        self, lever: Array, frames: Array, e: Array, inverse: Array, bend: Array, chord: Array
     ) -> tuple[Array, Array]:
         """Derivatives of lengths and angles.
 
         Parameters
         ----------
+        lever
+            See `_levers`.
         frames
             Rotations of the nodes that carry the holes, by hole, shape (m, n+1, 3, 3).
         e, inverse
@@ -225,6 +226,8 @@ class CableGeometry:
         forces = self._forces.reshape(-1, 3, 1)
         if self._entry is not None:
             forces = forces[self._entry]
-        maps = (self._lever @ frames.swapaxes(-1, -2)).reshape(-1, 6, 3)
-        self._derivatives.reshape(-1)[self._target] = (maps.take(self._hole, axis=0) @ forces).ravel()
-        return self._d_lengths, self._d_angles
+        maps = (lever @ frames.swapaxes(-1, -2)).reshape(-1, 6, 3)
+        (m, n), width = self.mask.shape, self._width
+        derivatives = np.zeros((m * (2 * n - 1), width))
+        derivatives.reshape(-1)[self._target] = (maps.take(self._hole, axis=0) @ forces).ravel()
+        return derivatives[: m * n].reshape(m, n, width), derivatives[m * n :].reshape(m, n - 1, width)

@@ -113,8 +113,8 @@ def _simulate(task: tuple[Experiment, Any, bool, float]) -> Run:
                 mesh_tolerance=math.inf,  # the identification refines its mesh against the noise
                 min_substep=SMALLEST if waypoints is None else GUIDED,
             ),
-            guide=waypoints,
-            record=trajectory,
+            reference_path=waypoints,
+            record_path=trajectory,
         )
     except (
         ValueError,
@@ -171,7 +171,7 @@ def _join(trajectory: Any, ends: Sequence[tuple[int, float]]) -> dict[int, list[
     for waypoints, (k, share) in zip(trajectory, ends, strict=True):
         start = done.get(k, 0.0)
         joined.setdefault(k, []).extend(
-            replace(w, share=start + (share - start) * w.share) for w in waypoints
+            replace(w, load_factor=start + (share - start) * w.load_factor) for w in waypoints
         )
         done[k] = share
     return joined
@@ -183,10 +183,10 @@ def _divide(joined: dict[int, list[Any]], ends: Sequence[tuple[int, float]]) -> 
     done: dict[int, float] = {}
     for k, share in ends:
         start = done.get(k, 0.0)
-        inside = [w for w in joined[k] if start + 1e-9 < w.share < share - 1e-9]
-        last = next(w for w in joined[k] if w.share >= share - 1e-9)
-        part = [replace(w, share=(w.share - start) / (share - start)) for w in inside]
-        divided.append([*part, replace(last, share=1.0)])
+        inside = [w for w in joined[k] if start + 1e-9 < w.load_factor < share - 1e-9]
+        last = next(w for w in joined[k] if w.load_factor >= share - 1e-9)
+        part = [replace(w, load_factor=(w.load_factor - start) / (share - start)) for w in inside]
+        divided.append([*part, replace(last, load_factor=1.0)])
         done[k] = share
     return divided
 

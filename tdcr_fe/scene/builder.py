@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import Clamp, Connectors, TendonActuation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, add_backbone
+from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model import arguments
 from tdcr_fe.model.checks import size_contradictions
@@ -192,6 +193,7 @@ def add_actuation(
     law = tendon_law(robot.tendons, lengths, mask, model.friction, presliding)
     forces, torques = add_node_loads(mbs, nodes, name) if section is not None else ([], [])
     connectors = Connectors([] if continuous else tendons.segments, forces, torques, tendons.holes)
-    actuation = TendonActuation(mbs, nodes, mesh, hole_nodes, geometry, law, section, connectors, clamp=clamp)
+    force_model = ForceModel(mesh, hole_nodes, geometry, law, section)
+    actuation = TendonActuation(mbs, nodes, force_model, connectors, clamp=clamp)
     SceneHooks.of(mbs).actuations.append(actuation)
     return actuation

@@ -215,7 +215,9 @@ class TDCR:
                 section_forces.superelastic,
                 bending_stiffness=np.where(self.rigid, 0.0, self.mesh.stiffness[:, 5] / factor),
             )
-            self.actuation.section = replace(section_forces, superelastic=soft)
+            self.actuation.model = replace(
+                self.actuation.model, section=replace(section_forces, superelastic=soft)
+            )
 
     def reset(self) -> None:
         """Reset the friction history of all holes to that of a robot that was never loaded."""
@@ -276,11 +278,9 @@ class TDCR:
 
     def _field(self) -> TensionField:
         """Tensions as last solved; before any solver has run, those of an unloaded robot."""
-        if not hasattr(self.actuation, "field"):
+        if self.actuation.forces is None:
             self._need_assembly()
-            positions, rotations, _ = self.actuation.scene_poses()
-            self.actuation.update(positions, rotations, np.zeros(self.actuation.count))
-        return self.actuation.field
+        return self.actuation.current_forces().field
 
     def _count(self, i: int) -> int:
         return len(self.robot.hole_arc_lengths(self.robot.tendons[i])) - 1

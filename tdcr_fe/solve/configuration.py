@@ -1,10 +1,14 @@
-"""Where a scene is: beams by the twists of their elements and the pose of their base, all else by its coordinates."""
+"""Configurations of a scene: beams by the twists of their elements and the pose of their base, all else by coordinates.
+
+A `Configuration` is a value; `ConfigurationSpace` builds, moves and compares them and writes them into Exudyn's scene.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import acos
+from typing import NamedTuple
 
 import exudyn as exu
 import numpy as np
@@ -12,6 +16,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.backbone import ElementChain, relative_twists
+from tdcr_fe.elements.forces import Measurement
 from tdcr_fe.elements.poses import coefficients, euler_parameters_near, exp_matrix, pose_matrix
 from tdcr_fe.solve.reduction import BodyFrameReduction
 
@@ -21,27 +26,79 @@ _ONES4 = np.ones(4)
 
 
 @dataclass(frozen=True)
-class Place:
-    """A configuration to go back to.
+class Unknowns:
+    """The numbers that determine a configuration; small, and can be pickled.
 
     Attributes
     ----------
     coordinates, multipliers : ndarray
         Of the whole scene, as in Exudyn.
-    twists : list of ndarray
-        By robot, of the elements, shape (E, 6).
-    roots : list of ndarray
+    twists : tuple of ndarray
+        By robot, relative twists of the elements, length times strain, shape (E, 6).
+    bases : tuple of ndarray
         By robot, pose of the base node, shape (4, 4).
     """
 
     coordinates: Array
     multipliers: Array
-    twists: list[Array]
-    roots: list[Array]
+    twists: tuple[Array, ...]
+    bases: tuple[Array, ...]
 
 
+@dataclass(frozen=True, eq=False)
 class Configuration:
-    """The unknowns of a scene, with the poses that follow from them.
+    """A configuration of the scene, with the poses that follow from its unknowns. Its arrays are never changed.
+
+    Attributes
+    ----------
+    unknowns : Unknowns
+    chains : tuple of ElementChain
+        By robot.
+    poses : tuple of (ndarray, ndarray)
+        By robot, positions (N, 3) and rotations (N, 3, 3) of the nodes, the latter in beam axes.
+    positions : ndarray, shape (N, 3)
+        Of the nodes of all robots [m].
+    parameters : ndarray, shape (N, 4)
+        Euler parameters of the nodes of all robots.
+    frames : ndarray, shape (N, 7, 6)
+        See `BodyFrameReduction.frames`.
+    measured : tuple of Measurement
+        By robot, lengths and angles of the tendons.
+    """
+
+    unknowns: Unknowns
+    chains: tuple[ElementChain, ...]
+    poses: tuple[tuple[Array, Array], ...]
+    positions: Array
+    parameters: Array
+    frames: Array
+    measured: tuple[Measurement, ...]
+
+    @property
+    def twists(self) -> tuple[Array, ...]:
+        """By robot, relative twists of the elements, shape (E, 6)."""
+        return self.unknowns.twists
+
+
+class Move(NamedTuple):
+    """A configuration that a step led to.
+
+    Attributes
+    ----------
+    configuration : Configuration
+    fraction : float
+        Of the step that was taken [1].
+    turn : float
+        Of the element that turns most in the whole step [rad].
+    """
+
+    configuration: Configuration
+    fraction: float
+    turn: float
+
+
+class ConfigurationSpace:
+    """All configurations of a scene.
 
     Parameters
     ----------
@@ -56,16 +113,6 @@ class Configuration:
 
     Attributes
     ----------
-    twists, roots
-        As in `Place`; after a change from outside call `rebuild`.
-    chains : list of ElementChain
-        By robot.
-    poses : list of (ndarray, ndarray)
-        By robot, positions (N, 3) and rotations (N, 3, 3) of the nodes, in beam axes.
-    positions : ndarray, shape (N, 3)
-        Of the nodes of all robots [m].
-    multipliers : ndarray
-        Algebraic unknowns of the whole scene.
     slices : list of slice
         By robot, its nodes among those of all robots.
     """
@@ -75,16 +122,17 @@ class Configuration:
         mbs: exu.MainSystem,
         robots: Sequence[TendonActuation],
         reduction: BodyFrameReduction,
-        clamped: Sequence[int],
+        clamped: Collection[int],
     ) -> None:
         self.mbs = mbs
+        self.robots = robots
         self._reduction = reduction
         self._clamped = frozenset(clamped)
         ends = np.cumsum([len(r.nodes) for r in robots])
         self.slices = [slice(int(e) - len(r.nodes), int(e)) for e, r in zip(ends, robots, strict=True)]
-        data = mbs.systemData
         self._beam = reduction.beam
-        self._reference = np.array(data.GetODE2Coordinates(exu.ConfigurationType.Reference))[self._beam]
+        reference = np.array(mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Reference))
+        self._reference: Array = reference[self._beam]
         flat = self._beam.ravel()
         #: Where the beam nodes' coordinates lie, if in one piece and in order.
         self._span = (
@@ -92,124 +140,116 @@ class Configuration:
             if np.array_equal(np.diff(flat), np.ones(len(flat) - 1))
             else None
         )
-        self._coordinates = np.array(data.GetODE2Coordinates())
-        self.multipliers = np.array(data.GetAECoordinates())
-        self._multipliers_written = True
-        self._parameters: Array = self._beams(self._coordinates)[:, 3:] + self._reference[:, 3:]
-        self.twists: list[Array] = []
-        self.roots: list[Array] = []
-        for i, robot in enumerate(robots):
+
+    def from_scene(self) -> Configuration:
+        """The current configuration of Exudyn's scene; clamped bases are where their clamps hold them."""
+        data = self.mbs.systemData
+        twists, bases = [], []
+        for i, robot in enumerate(self.robots):
             p, r, _ = robot.scene_poses()
-            self.twists.append(relative_twists(p, r))
-            clamp = robot.clamp if i in clamped else None
-            base = (p[0], r[0]) if clamp is None else (clamp.position, clamp.rotation)
-            self.roots.append(pose_matrix(*base))
-        self.rebuild()
+            twists.append(relative_twists(p, r))
+            clamp = robot.clamp if i in self._clamped else None
+            bases.append(pose_matrix(*((p[0], r[0]) if clamp is None else (clamp.position, clamp.rotation))))
+        coordinates = np.array(data.GetODE2Coordinates())
+        multipliers = np.array(data.GetAECoordinates())
+        return self.build(Unknowns(coordinates, multipliers, tuple(twists), tuple(bases)))
+
+    def build(self, unknowns: Unknowns) -> Configuration:
+        """A configuration from its unknowns.
+
+        Parameters
+        ----------
+        unknowns
+            The coordinates of beam nodes among them follow from the twists and bases; of the given ones only the
+            signs of the Euler parameters are used.
+        """
+        near = self._beams(unknowns.coordinates)[:, 3:] + self._reference[:, 3:]
+        chains = tuple(ElementChain(twists) for twists in unknowns.twists)
+        poses = tuple(chain.poses(base) for base, chain in zip(unknowns.bases, chains, strict=True))
+        if len(poses) == 1:
+            positions, rotations = poses[0]
+        else:
+            positions = np.concatenate([p for p, _ in poses])
+            rotations = np.concatenate([r for _, r in poses])
+        # Both signs are the same rotation; Exudyn's own solvers continue from the nearer one.
+        parameters = euler_parameters_near(rotations, near)
+        coordinates = unknowns.coordinates.copy()
+        beams = self._beams(coordinates)
+        np.subtract(positions, self._reference[:, :3], out=beams[:, :3])
+        np.subtract(parameters, self._reference[:, 3:], out=beams[:, 3:])
+        if not self._span:
+            coordinates[self._beam] = beams
+        written = Unknowns(coordinates, unknowns.multipliers, unknowns.twists, unknowns.bases)
+        frames = self._reduction.frames(rotations, parameters)
+        measured = tuple(
+            robot.model.measure(*pose, twists)
+            for robot, pose, twists in zip(self.robots, poses, unknowns.twists, strict=True)
+        )
+        return Configuration(written, chains, poses, positions, parameters, frames, measured)
 
     def _beams(self, coordinates: Array) -> Array:
         """Coordinates of the beam nodes, shape (N, 7); a view where they lie in one piece."""
         return coordinates[self._span].reshape(-1, 7) if self._span else coordinates[self._beam]
 
-    def rebuild(self) -> None:
-        """Poses of all beam nodes from base and twists, and their coordinates in Exudyn."""
-        self.chains = [ElementChain(twists) for twists in self.twists]
-        self.poses = [chain.poses(root) for root, chain in zip(self.roots, self.chains, strict=True)]
-        if len(self.poses) == 1:
-            positions, rotations = self.poses[0]
-        else:
-            positions = np.concatenate([p for p, _ in self.poses])
-            rotations = np.concatenate([r for _, r in self.poses])
-        # Both signs are the same rotation; Exudyn's own solvers go on from the nearer one.
-        parameters = euler_parameters_near(rotations, self._parameters)
-        self.positions, self._parameters = positions, parameters
-        beams = self._beams(self._coordinates)
-        np.subtract(positions, self._reference[:, :3], out=beams[:, :3])
-        np.subtract(parameters, self._reference[:, 3:], out=beams[:, 3:])
-        if not self._span:
-            self._coordinates[self._beam] = beams
-        self._reduction.set_poses(rotations, parameters)
-
-    def move(self, step: Array, chains: Sequence[ElementChain], most: float) -> tuple[float, float]:
-        """Take a step, or the share of it in which no element turns by more than allowed.
+    def move(
+        self, start: Configuration, step: Array, chains: Sequence[ElementChain], max_turn: float
+    ) -> Move:
+        """Take a step, or the fraction of it in which no element turns by more than allowed.
 
         Parameters
         ----------
+        start
+            Where from.
         step
             Body-frame increments of the beam nodes, then changes of everything else.
         chains
-            In whose frames the increments are.
-        most
+            The elements in whose frames the increments are.
+        max_turn
             Largest change of an element's rotation [rad].
-
-        Returns
-        -------
-        share : float
-            That was taken [1].
-        turn : float
-            Of the element that turns most in the whole step [rad].
         """
-        reduction = self._reduction
+        reduction, old = self._reduction, start.unknowns
         six = 6 * reduction.nodes
         nodes = step[:six].reshape(-1, 6)
         changes = [chain.changes(nodes[own]) for chain, own in zip(chains, self.slices, strict=True)]
         turn = max(float(np.abs(c[:, 3:]).max()) for c in changes)
-        share = min(1.0, most / turn) if turn > 0.0 else 1.0
-        for i, (change, own) in enumerate(zip(changes, self.slices, strict=True)):
-            self.twists[i] = self.twists[i] + share * change
-            if i in self._clamped:
-                continue
-            first = share * nodes[own.start]
-            if max(map(abs, first.tolist())) > 1e-15:
-                self.roots[i] = self.roots[i] @ exp_matrix(first, coefficients(first[3:]))
+        fraction = min(1.0, max_turn / turn) if turn > 0.0 else 1.0
+        twists = tuple(t + fraction * change for t, change in zip(old.twists, changes, strict=True))
+        bases = list(old.bases)
+        for i, own in enumerate(self.slices):
+            first = fraction * nodes[own.start]
+            if i not in self._clamped and max(map(abs, first.tolist())) > 1e-15:
+                bases[i] = bases[i] @ exp_matrix(first, coefficients(first[3:]))
+        coordinates, multipliers = old.coordinates, old.multipliers
         if reduction.count > six:
-            rest = share * step[six : reduction.count]
+            rest = fraction * step[six : reduction.count]
             n2 = len(reduction.other_coordinates)
-            self._coordinates[reduction.other_coordinates] += rest[:n2]
-            self.multipliers[reduction.other_multipliers] += rest[n2:]
-            self._multipliers_written = False
-        self.rebuild()
-        return share, turn
+            coordinates, multipliers = coordinates.copy(), multipliers.copy()
+            coordinates[reduction.other_coordinates] += rest[:n2]
+            multipliers[reduction.other_multipliers] += rest[n2:]
+        moved = Unknowns(coordinates, multipliers, twists, tuple(bases))
+        return Move(self.build(moved), fraction, turn)
 
-    def write(self) -> None:
-        """Bring Exudyn's scene to this configuration."""
-        data = self.mbs.systemData
-        data.SetODE2Coordinates(self._coordinates)
-        if not self._multipliers_written:
-            self.write_multipliers()
+    def write(self, configuration: Configuration, initial: bool = False) -> None:
+        """Make this the current configuration of Exudyn's scene; with ``initial`` the initial one, too."""
+        data, unknowns = self.mbs.systemData, configuration.unknowns
+        data.SetODE2Coordinates(unknowns.coordinates)
+        if unknowns.multipliers.size:
+            data.SetAECoordinates(unknowns.multipliers)
+        if not initial:
+            return
+        data.SetODE2Coordinates(unknowns.coordinates, exu.ConfigurationType.Initial)
+        if unknowns.multipliers.size:
+            data.SetAECoordinates(unknowns.multipliers, exu.ConfigurationType.Initial)
 
-    def write_multipliers(self) -> None:
-        """Bring the algebraic unknowns of Exudyn's scene to these."""
-        if self.multipliers.size:
-            self.mbs.systemData.SetAECoordinates(self.multipliers)
-        self._multipliers_written = True
+    def fits(self, unknowns: Unknowns) -> bool:
+        """Whether unknowns belong to a scene like this, with the same meshes."""
+        elements = [len(r.nodes) - 1 for r in self.robots]
+        return [len(t) for t in unknowns.twists] == elements and (
+            len(unknowns.coordinates) == self._reduction.n2
+        )
 
-    def keep(self) -> None:
-        """Make this the initial configuration of Exudyn's scene too."""
-        data = self.mbs.systemData
-        data.SetODE2Coordinates(self._coordinates, exu.ConfigurationType.Initial)
-        if self.multipliers.size:
-            data.SetAECoordinates(self.multipliers, exu.ConfigurationType.Initial)
-
-    def place(self) -> Place:
-        """Where the scene is now, to go back to."""
-        return Place(self._coordinates.copy(), self.multipliers.copy(), list(self.twists), list(self.roots))
-
-    def fits(self, place: Place) -> bool:
-        """Whether a configuration is one of a scene like this, with the same mesh."""
-        return [len(t) for t in place.twists] == [len(t) for t in self.twists] and len(
-            place.coordinates
-        ) == len(self._coordinates)
-
-    def go(self, place: Place) -> None:
-        """Go to a configuration."""
-        self._coordinates = place.coordinates.copy()
-        self.multipliers = place.multipliers.copy()
-        self._multipliers_written = False
-        self.twists, self.roots = list(place.twists), list(place.roots)
-        self.rebuild()
-
-    def turn_since(self, place: Place) -> float:
-        """Largest rotation of any beam node since a configuration [rad]."""
-        then = self._beams(place.coordinates)[:, 3:] + self._reference[:, 3:]
-        cosine = np.abs((self._parameters * then) @ _ONES4).min()
+    @staticmethod
+    def turn_between(a: Configuration, b: Configuration) -> float:
+        """Largest rotation of any beam node from one configuration to another [rad]."""
+        cosine = np.abs((a.parameters * b.parameters) @ _ONES4).min()
         return 2.0 * acos(min(float(cosine), 1.0))

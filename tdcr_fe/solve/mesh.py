@@ -21,14 +21,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgetrs
 
 from tdcr_fe.elements.backbone import add_residual_flexibility, strain_matrices
 from tdcr_fe.elements.poses import coefficients, cross, exp_matrix, inverse_tangent_se3, skew
 from tdcr_fe.elements.section import SectionForces
 from tdcr_fe.model.loading import Model
 from tdcr_fe.scene import TDCR
-from tdcr_fe.solve.solver import StrainSpaceSolver
+from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
 
@@ -157,27 +156,26 @@ class SolvedState:
     solve: Callable[[Array], Array]
 
     @classmethod
-    def of(cls, solver: StrainSpaceSolver, robot: int = 0) -> SolvedState:
-        """The present state of a solver, with the tangent that was factorised last."""
-        (lu, pivots), chains = solver.factorised()
-        lu, pivots = lu.copy(order="K"), pivots.copy()
-        part = solver.now.slices[robot]
-        nodes = slice(6 * part.start, 6 * part.stop)
-        clamped = robot in solver.clamped
+    def of(cls, simulation: Simulation) -> SolvedState:
+        """The last solved state of a simulation, with the tangent that was factorised last."""
+        linearization, state = simulation.linearization(), simulation.state
+        factorisation = linearization.factorisation
+        nodes = slice(0, 6 * len(simulation.handle.nNodes))
+        clamped = bool(simulation.system.layout.clamps)
 
         def solve(wrenches: Array) -> Array:
-            right = np.zeros((len(lu), wrenches.shape[1]), order="F")
+            right = np.zeros((len(factorisation.lu), wrenches.shape[1]), order="F")
             # The tangent is that of the forces on the nodes: minus the stiffness.
             right[nodes] = -wrenches
             if clamped:
                 right[nodes][:6] = 0.0
-            return np.asarray(dgetrs(lu, pivots, right, trans=1, overwrite_b=True)[0][nodes])
+            return factorisation.solve(right)[nodes]
 
         return cls(
-            solver.now.twists[robot],
-            solver.rotations(robot)[:-1].copy(),
-            solver.robots[robot].base_tension.copy(),
-            chains[robot].twists,
+            state.configuration.twists[0],
+            state.configuration.poses[0][1][:-1],
+            state.base_tension[0],
+            linearization.chains[0].twists,
             solve,
         )
 
@@ -521,18 +519,16 @@ class MeshMonitor:
 
     Parameters
     ----------
-    handle
-        The robot.
-    solver
-        Its solver.
+    simulation
+        The run.
     goal
         Error above which the bays that cause it are found as well [m].
     """
 
-    def __init__(self, handle: TDCR, solver: StrainSpaceSolver, goal: float) -> None:
-        self._handle, self._solver, self._goal = handle, solver, goal
-        self._model = ElementModel.of(handle)
-        self._compliance = handle.compliance_factor
+    def __init__(self, simulation: Simulation, goal: float) -> None:
+        self._simulation, self._handle, self._goal = simulation, simulation.handle, goal
+        self._model = ElementModel.of(self._handle)
+        self._compliance = self._handle.compliance_factor
         self._waiting: list[SolvedState] = []
         #: Estimates so far, one per step, without those that wait.
         self.estimates: list[MeshEstimate] = []
@@ -544,7 +540,7 @@ class MeshMonitor:
             self.flush()
             self._compliance = self._handle.compliance_factor
             self._model = ElementModel.of(self._handle)
-        self._waiting.append(SolvedState.of(self._solver))
+        self._waiting.append(SolvedState.of(self._simulation))
         if len(self._waiting) < CHUNK:
             return changed
         self.flush()

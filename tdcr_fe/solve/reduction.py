@@ -7,6 +7,7 @@ six components ``[v, w]`` of a twist in its own frame. Everything else in the sc
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import exudyn as exu
 import numpy as np
@@ -16,6 +17,32 @@ from tdcr_fe.elements.poses import euler_rate_matrix
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
+
+
+@dataclass(frozen=True, eq=False)
+class BlockPattern:
+    """Which beam nodes are coupled, and where their blocks lie.
+
+    Attributes
+    ----------
+    pairs : ndarray of bool, shape (N, N)
+        Which nodes are coupled.
+    first, second : ndarray of int, shape (P,)
+        The coupled pairs.
+    source : ndarray of int, shape (P, 7, 7)
+        Of their blocks in Exudyn's matrix, flat.
+    target : ndarray of int
+        Of their blocks in the reduced matrix, flat.
+    outside : ndarray of int
+        Entries of Exudyn's matrix between nodes that are not coupled, flat.
+    """
+
+    pairs: NDArray[np.bool_]
+    first: Index
+    second: Index
+    source: Index
+    target: Index
+    outside: Index
 
 
 class BodyFrameReduction:
@@ -47,9 +74,13 @@ class BodyFrameReduction:
         self.other_multipliers = self.other[self.other >= self.n2] - self.n2
         #: Number of unknowns after the reduction.
         self.count = 6 * self.nodes + len(self.other)
-        self._maps = np.zeros((self.nodes, 7, 6))
-        self._matrix = np.zeros((self.count, self.count))
-        self._block_pattern(self._connected(mbs))
+        self._beams = np.zeros(self.size, dtype=bool)
+        self._beams[beam.ravel()] = True
+        self._pattern = self._block_pattern(self._connected(mbs))
+        flat = beam.ravel()
+        self._right = flat[:, None] * self.size + self.other[None, :]
+        self._below = self.other[:, None] * self.size + flat[None, :]
+        self._corner = self.other[:, None] * self.size + self.other[None, :]
 
     def _connected(self, mbs: exu.MainSystem) -> NDArray[np.bool_]:
         """Which pairs of beam nodes any object of the scene couples, shape (N, N)."""
@@ -64,74 +95,82 @@ class BodyFrameReduction:
             pairs[np.ix_(nodes, nodes)] = True
         return pairs
 
-    def _block_pattern(self, pairs: NDArray[np.bool_]) -> None:
-        """Where the 7 x 7 blocks of coupled nodes lie in Exudyn's matrix, and the 6 x 6 blocks in ours."""
-        self._pairs = pairs
-        self._a, self._b = np.nonzero(pairs)
-        rows, cols = self.beam[self._a][:, :, None], self.beam[self._b][:, None, :]
-        self._from = rows * self.size + cols
+    def _block_pattern(self, pairs: NDArray[np.bool_]) -> BlockPattern:
+        """Where the 7 x 7 blocks of coupled nodes lie in Exudyn's matrix, and the 6 x 6 blocks in the reduced one."""
+        first, second = np.nonzero(pairs)
+        rows, cols = self.beam[first][:, :, None], self.beam[second][:, None, :]
+        source = rows * self.size + cols
         six = np.arange(6)
-        to_rows = (6 * self._a[:, None] + six)[:, :, None]
-        to_cols = (6 * self._b[:, None] + six)[:, None, :]
-        self._to = (to_rows * self.count + to_cols).ravel()
+        to_rows = (6 * first[:, None] + six)[:, :, None]
+        to_cols = (6 * second[:, None] + six)[:, None, :]
+        target = (to_rows * self.count + to_cols).ravel()
         outside = np.ones((self.size, self.size), dtype=bool)
-        outside.reshape(-1)[self._from.ravel()] = False
-        beams = np.zeros(self.size, dtype=bool)
-        beams[self.beam.ravel()] = True
-        self._outside = np.flatnonzero(outside & beams[:, None] & beams[None, :])
-        beam = self.beam.ravel()
-        self._right = beam[:, None] * self.size + self.other[None, :]
-        self._below = self.other[:, None] * self.size + beam[None, :]
-        self._corner = self.other[:, None] * self.size + self.other[None, :]
+        outside.reshape(-1)[source.ravel()] = False
+        beams = self._beams
+        return BlockPattern(
+            pairs, first, second, source, target, np.flatnonzero(outside & beams[:, None] & beams[None, :])
+        )
 
-    def set_poses(self, rotations: Array, parameters: Array) -> None:
-        """Tell the frames of the beam nodes: rotations (N, 3, 3) and Euler parameters (N, 4)."""
-        self._maps[:, :3, :3] = rotations
-        self._maps[:, 3:, 3:] = euler_rate_matrix(parameters)
+    def frames(self, rotations: Array, parameters: Array) -> Array:
+        """From body-frame increments of the beam nodes to their coordinates, shape (N, 7, 6).
 
-    def residual(self, r: Array) -> Array:
+        Parameters
+        ----------
+        rotations
+            Shape (N, 3, 3).
+        parameters
+            Euler parameters, shape (N, 4).
+        """
+        frames = np.zeros((self.nodes, 7, 6))
+        frames[:, :3, :3] = rotations
+        frames[:, 3:, 3:] = euler_rate_matrix(parameters)
+        return frames
+
+    def residual(self, r: Array, frames: Array) -> Array:
         """Wrenches ``[f, m]`` of the nodes in their own frames, then the rest, shape (count,)."""
-        at_nodes = (r.take(self.beam)[:, None, :] @ self._maps).reshape(-1)
+        at_nodes = (r.take(self.beam)[:, None, :] @ frames).reshape(-1)
         return np.concatenate((at_nodes, r[self.other])) if self.other.size else at_nodes
 
-    def node_rows(self, j: Array, node: int, multipliers: Index) -> Array:
+    def node_rows(self, j: Array, frames: Array, node: int, multipliers: Index) -> Array:
         """Derivative of the wrench on one node, in its own frame, by algebraic unknowns, shape (6, k)."""
-        return np.asarray(self._maps[node].T @ j[np.ix_(self.beam[node], self.n2 + multipliers)])
+        return np.asarray(frames[node].T @ j[np.ix_(self.beam[node], self.n2 + multipliers)])
 
-    def jacobian(self, j: Array, check: bool) -> Array:
-        """Exudyn's Jacobian in the same terms, shape (count, count); overwritten by the next call.
+    def jacobian(self, j: Array, frames: Array, search_couplings: bool) -> Array:
+        """Exudyn's Jacobian in the same terms, shape (count, count).
 
         Parameters
         ----------
         j
             Shape (size, size).
-        check
+        frames
+            See `frames`.
+        search_couplings
             Look for couplings between beam nodes that no object announced (contact, for one); where there
             are any, they are taken along from now on.
         """
         flat = j.reshape(-1)
-        if check:
-            outside = flat.take(self._outside)
+        if search_couplings:
+            outside = flat.take(self._pattern.outside)
             if outside.any():
-                self._widen(self._outside[outside != 0.0])
-        maps = self._maps
-        k = self._matrix
-        k.fill(0.0)
-        left, right = maps.take(self._a, axis=0).swapaxes(1, 2), maps.take(self._b, axis=0)
-        blocks = left @ flat.take(self._from) @ right
-        k.reshape(-1)[self._to] = blocks.ravel()
+                self._pattern = self._with_couplings(self._pattern.outside[outside != 0.0])
+        pattern = self._pattern
+        k = np.zeros((self.count, self.count))
+        left = frames.take(pattern.first, axis=0).swapaxes(1, 2)
+        blocks = left @ flat.take(pattern.source) @ frames.take(pattern.second, axis=0)
+        k.reshape(-1)[pattern.target] = blocks.ravel()
         rest = len(self.other)
         if rest:
             n, six = self.nodes, 6 * self.nodes
-            k[:six, six:] = (maps.swapaxes(1, 2) @ flat[self._right].reshape(n, 7, rest)).reshape(six, rest)
-            below = flat[self._below].reshape(rest, n, 7).transpose(1, 0, 2) @ maps
+            k[:six, six:] = (frames.swapaxes(1, 2) @ flat[self._right].reshape(n, 7, rest)).reshape(six, rest)
+            below = flat[self._below].reshape(rest, n, 7).transpose(1, 0, 2) @ frames
             k[six:, :six] = below.transpose(1, 0, 2).reshape(rest, six)
             k[six:, six:] = flat[self._corner]
         return k
 
-    def _widen(self, stray: Index) -> None:
+    def _with_couplings(self, entries: Index) -> BlockPattern:
+        """The pattern with the pairs of nodes to which further entries of Exudyn's matrix belong."""
         node_of = np.full(self.size, -1)
         node_of[self.beam] = np.arange(self.nodes)[:, None]
-        pairs = self._pairs.copy()
-        pairs[node_of[stray // self.size], node_of[stray % self.size]] = True
-        self._block_pattern(pairs)
+        pairs = self._pattern.pairs.copy()
+        pairs[node_of[entries // self.size], node_of[entries % self.size]] = True
+        return self._block_pattern(pairs)

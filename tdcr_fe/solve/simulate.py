@@ -1,25 +1,18 @@
-"""Loading sequences: from a description and load steps to solved steps."""
+"""Loading sequences: from a description and load steps to solved steps, on a mesh refined where it is automatic."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from itertools import zip_longest
 from math import isfinite
-from typing import Any
 
-import exudyn as exu
-import numpy as np
-from numpy.typing import NDArray
-
-from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.model import arguments
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.mesh import (
     MOST_MESHES,
@@ -29,165 +22,12 @@ from tdcr_fe.solve.mesh import (
     mesh_warnings,
     refined,
 )
-from tdcr_fe.solve.solver import NotConverged, StrainSpaceSolver
-from tdcr_fe.solve.stepping import Applied, LoadStepper, StepFailed, Waypoint
-
-Array = NDArray[np.float64]
-LoadKey = tuple[str, float, str]
+from tdcr_fe.solve.simulation import Simulation, step_warnings
+from tdcr_fe.solve.stepping import Increment, StepFailed
+from tdcr_fe.solve.threads import one_thread
 
 #: By load step, the ends of its substeps with the states there.
-Trajectory = list[list[Waypoint]]
-
-
-class Simulation:
-    """One robot alone on ground, taken through load steps.
-
-    Parameters
-    ----------
-    robot, model
-        Description.
-    steps
-        The loading sequence, resolved with `tdcr_fe.model.loading.resolve`; tells where nodes for loads are needed.
-    settings
-        Numerics.
-    """
-
-    def __init__(
-        self, robot: Robot, model: Model, steps: Sequence[Actuation], settings: SolverSettings | None = None
-    ) -> None:
-        self.settings = settings or SolverSettings()
-        keys = {self._key(name, load) for step in steps for name, load in step.loads.items()}
-        # Exudyn's system container owns the system: it must live as long as we use it.
-        self.container = exu.SystemContainer()
-        mbs = self.container.AddSystem()
-        self.handle: TDCR = CreateTDCR(
-            mbs,
-            robot,
-            model,
-            loadPositions=sorted({at for _, at, _ in keys}),
-            presliding=self.settings.presliding,
-        )
-        self.loads: dict[LoadKey, PointLoad] = {
-            key: self.handle.add_load(f"{key[0]}@{key[1]:g}.{key[2]}", key[1], key[2])  # type: ignore[arg-type]
-            for key in sorted(keys)
-        }
-        mbs.Assemble()
-        self.solver = StrainSpaceSolver(mbs, self.settings)
-        self.stepper = LoadStepper(self.solver)
-        self._applied: dict[LoadKey, Array] = {key: np.zeros(6) for key in keys}
-        self._time = 0.0
-
-    @staticmethod
-    def _key(name: str, load: Any) -> LoadKey:
-        return name, float(load.at), load.frame
-
-    def advance(
-        self,
-        target: Actuation,
-        substeps: int | None = None,
-        guide: Sequence[Waypoint] | None = None,
-        record: list[Waypoint] | None = None,
-    ) -> Mapping[str, Any]:
-        """Go to the end of a load step and commit its history.
-
-        Parameters
-        ----------
-        target
-            What acts at the end of the step.
-        substeps
-            Fixed number; None chooses by the error of the path.
-        guide, record
-            See `tdcr_fe.solve.stepping.LoadStepper.advance`.
-
-        Returns
-        -------
-        mapping
-            ``iterations``, ``substeps``, ``residual``.
-
-        Raises
-        ------
-        StepFailed
-            The state is then that of the last substep that converged.
-        """
-        robot = self.handle.actuation
-        goal_loads = {key: np.zeros(6) for key in self._applied}
-        for name, load in target.loads.items():
-            goal_loads[self._key(name, load)] = np.array([*load.force, *load.moment])
-        start_loads, start_time = self._applied, self._time
-        change = any((goal_loads[key] != start_loads[key]).any() for key in goal_loads)
-        creep = self.handle.robot.backbone.creep_rate != 0.0
-        # Where a tendon changes from tension to displacement or back, the ramp begins at what it has now.
-        now, changed = robot.input_values(), target.by_displacement != robot.by_displacement
-        if changed.any():
-            here = np.where(target.by_displacement, self.displacement, robot.base_tension)
-            now = np.where(changed, here, now)
-            robot.by_displacement = target.by_displacement.copy()
-
-        def apply(share: float) -> Applied:
-            largest = 0.0
-            moment = start_time + share * (target.time - start_time)
-            for key, item in self.loads.items():
-                value = start_loads[key] + share * (goal_loads[key] - start_loads[key])
-                item.set(value[:3], value[3:])
-                largest = max(largest, float(np.max(np.abs(value[:3]))))
-            if creep:
-                self.handle.set_compliance_factor(self.handle.robot.backbone.compliance_factor(moment))
-            robot.inputs = now + share * (target.values - now)
-            return Applied([robot.inputs], largest, moment, change)
-
-        report = self.stepper.advance(apply, substeps, guide, record)
-        self._applied, self._time = goal_loads, target.time
-        return report
-
-    @property
-    def displacement(self) -> Array:
-        """Tendons pulled in at the base [m], shape (n_tendons,)."""
-        return self.handle.actuation.displacements
-
-    def result(
-        self, number: int, label: str, report: Mapping[str, Any], target: Actuation | None = None
-    ) -> StepResult:
-        """The present state as a result."""
-        handle = self.handle
-        states, tensions = handle.hole_states(), handle.tensions()
-        solver = self.solver
-        return StepResult(
-            step=number,
-            label=label,
-            converged=True,
-            iterations=report["iterations"],
-            substeps=report["substeps"],
-            s=handle.arc_lengths.copy(),
-            positions=solver.positions(0).copy(),
-            rotations=solver.rotations(0) @ BEAM_TO_SECTION.T,
-            base_tensions=handle.actuation.base_tension.copy(),
-            displacements=self.displacement,
-            tensions=tuple(tensions[n] for n in handle.robot.tendon_names),
-            hole_states=tuple(states[n] for n in handle.robot.tendon_names),
-            residual=report["residual"],
-            actuation=target,
-            details={k: v for k, v in report.items() if k not in ("iterations", "substeps", "residual")},
-        )
-
-
-def _warnings(number: int, report: Mapping[str, Any]) -> list[str]:
-    found = []
-    if report["snapped"]:
-        found.append(
-            f"step {number}: no equilibrium followed the path; the robot snapped through to another one, found "
-            "by damped relaxation"
-        )
-    if report["presliding_factor"] > 1.0:
-        found.append(
-            f"step {number}: holes did not settle; their presliding distance was taken "
-            f"{report['presliding_factor']:g} times as large in a substep"
-        )
-    if report["path_error"] > 0.0:
-        found.append(
-            f"step {number}: the path through the holes' states is not resolved; dividing the step further still "
-            f"moved a node by {report['path_error']:.1e} of the length"
-        )
-    return found
+PathRecord = list[list[Increment]]
 
 
 def simulate(
@@ -197,8 +37,8 @@ def simulate(
     settings: SolverSettings | None = None,
     progress: Callable[[StepResult], None] | None = None,
     *,
-    guide: Trajectory | None = None,
-    record: Trajectory | None = None,
+    reference_path: PathRecord | None = None,
+    record_path: PathRecord | None = None,
 ) -> SequenceResult:
     """Take a robot through a loading sequence.
 
@@ -213,11 +53,11 @@ def simulate(
     progress
         Called with every solved step; once more from the first step on where the automatic mesh is refined. The
         discretisation error is in the final result only.
-    guide
-        Trajectory of a similar run of the same number of steps, for sensitivities: the same substeps are taken,
-        each from the guide's state, which costs about two iterations a substep.
-    record
-        An empty trajectory to fill, as a later guide.
+    reference_path
+        Path of a similar run of the same number of steps, for sensitivities: the same substeps are taken,
+        each from the solution of that run, which costs about two iterations a substep.
+    record_path
+        An empty list to fill, as a later reference path.
 
     Returns
     -------
@@ -239,15 +79,16 @@ def simulate(
     begun = time.perf_counter()
     targets = resolve(robot, steps)
     counts = elements_of_bays(robot, model)
-    automatic = model.elements_per_bay == "auto" and guide is None
-    for meshes in range(1, MOST_MESHES + 1):
-        if record is not None:
-            record.clear()
-        run = _Run(robot, replace(model, elements_per_bay=counts), steps, targets, settings, progress)
-        finer = run.take_steps(guide, record, automatic and meshes < MOST_MESHES)
-        if finer is None:
-            break
-        counts = finer
+    automatic = model.elements_per_bay == "auto" and reference_path is None
+    with one_thread():
+        for meshes in range(1, MOST_MESHES + 1):
+            if record_path is not None:
+                record_path.clear()
+            run = _Run(robot, replace(model, elements_per_bay=counts), steps, targets, settings, progress)
+            finer = run.take_steps(reference_path, record_path, automatic and meshes < MOST_MESHES)
+            if finer is None:
+                break
+            counts = finer
     estimates = run.monitor.estimates
     warnings = run.warnings + mesh_warnings(run.simulation.handle, model, estimates, settings.mesh_tolerance)
     return SequenceResult(
@@ -291,25 +132,24 @@ class _Run:
         self.simulation = Simulation(robot, model, targets, settings)
         self.tolerance = settings.mesh_tolerance
         self.goal = self.tolerance * robot.backbone.length
-        self.monitor = MeshMonitor(self.simulation.handle, self.simulation.solver, self.goal)
+        self.monitor = MeshMonitor(self.simulation, self.goal)
         self.solved: list[StepResult] = []
         self.warnings: list[str] = []
         self.failed: int | None = None
         self.message = "all steps converged"
 
     def take_steps(
-        self, guide: Trajectory | None, record: Trajectory | None, refine: bool
+        self, reference_path: PathRecord | None, record_path: PathRecord | None, refine: bool
     ) -> tuple[int, ...] | None:
         """Solve all steps; or return the elements per bay of the finer mesh that they need."""
         estimated = isfinite(self.tolerance)
         for number, (step, target) in enumerate(zip(self.steps, self.targets, strict=True), start=1):
             try:
-                waypoints: list[Waypoint] = []
-                report = self.simulation.advance(
-                    target, step.substeps, None if guide is None else guide[number - 1], waypoints
-                )
-                if record is not None:
-                    record.append(waypoints)
+                increments: list[Increment] = []
+                reference = None if reference_path is None else reference_path[number - 1]
+                report = self.simulation.advance(target, step.substeps, reference, increments)
+                if record_path is not None:
+                    record_path.append(increments)
             except StepFailed as failure:
                 label = f" ({step.label})" if step.label else ""
                 self.failed, self.message = number, f"step {number}{label} did not converge: {failure}"
@@ -320,7 +160,7 @@ class _Run:
             if estimated and self.monitor.record() and refine and self._too_coarse():
                 return self._finer()
             self.solved.append(self.simulation.result(number, step.label, report, target))
-            self.warnings += _warnings(number, report)
+            self.warnings += step_warnings(number, report)
             if self.progress is not None:
                 self.progress(self.solved[-1])
         self.monitor.flush()
@@ -339,4 +179,4 @@ class _Run:
         return None if finer == counts else finer
 
 
-__all__ = ["NotConverged", "Simulation", "SolverSettings", "Trajectory", "simulate"]
+__all__ = ["PathRecord", "Simulation", "SolverSettings", "StepFailed", "simulate"]

@@ -27,8 +27,9 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh, eigvals, null_space
 
 from tdcr_fe.elements.backbone import strain_matrices
-from tdcr_fe.solve.simulate import Simulation
-from tdcr_fe.solve.solver import StrainSpaceSolver
+from tdcr_fe.solve.simulation import Simulation
+from tdcr_fe.solve.state import SolverState, Target
+from tdcr_fe.solve.system import SceneSystem
 
 Array = NDArray[np.float64]
 
@@ -62,36 +63,24 @@ class Stability:
         return self.smallest > 0.0
 
 
-def stability(solved: Simulation | StrainSpaceSolver, robot: int = 0) -> Stability:
+def stability(simulation: Simulation) -> Stability:
     """Smallest eigenvalue of the tangent of a solved state, see the module's text.
 
     Parameters
     ----------
-    solved
-        A simulation, or its solver, at an equilibrium.
-    robot
-        Number of the robot in the scene.
-
-    Returns
-    -------
-    Stability
-
-    Raises
-    ------
-    ValueError
-        The scene has more than robots clamped to ground: other moving parts would have to be eliminated.
+    simulation
+        At an equilibrium.
     """
-    solver = solved.solver if isinstance(solved, Simulation) else solved
-    tangent, to_nodes = strain_tangent(solver, robot)
-    robot_forces = solver.robots[robot]
-    mesh = robot_forces.mesh
+    tangent, to_nodes = strain_tangent(simulation.system, simulation.state)
+    robot = simulation.handle.actuation
+    forces, mesh = robot.current_forces(), robot.mesh
     weight = np.sqrt((mesh.lengths[:, None] / mesh.stiffness).ravel())
     free = np.diag(weight)
-    taut = robot_forces.by_displacement & (robot_forces.base_tension > 0.0)
+    taut = robot.by_displacement & (robot.base_tension > 0.0)
     if np.any(taut):
-        # A driven tendon keeps its length: only changes of shape that leave it as it is are free.
-        held = robot_forces.base_slip_rows()[taut][:, 6:] @ to_nodes @ free
-        free = free @ null_space(held)
+        # A tendon with prescribed displacement keeps its length: only changes of shape that leave it are free.
+        fixed = forces.base_slip_rows()[taut][:, 6:] @ to_nodes @ free
+        free = free @ null_space(fixed)
     scaled = free.T @ tangent @ free
     symmetric = 0.5 * (scaled + scaled.T)
     skew = 0.5 * (scaled - scaled.T)
@@ -100,18 +89,20 @@ def stability(solved: Simulation | StrainSpaceSolver, robot: int = 0) -> Stabili
     smallest = float(values[0])
     divergence = smallest if asymmetry < 1e-9 else float(np.min(eigvals(scaled).real))
     moved = (to_nodes @ free @ vectors[:, 0]).reshape(-1, 6)[:, :3]
-    rotations = solver.rotations(robot)
+    rotations = simulation.state.configuration.poses[0][1]
     world = np.einsum("nij,nj->ni", rotations[1:], moved)
     mode = np.concatenate((np.zeros((1, 3)), world))
     return Stability(smallest, divergence, asymmetry, mode / np.max(np.abs(mode)))
 
 
-def strain_tangent(solver: StrainSpaceSolver, robot: int = 0) -> tuple[Array, Array]:
-    """Tangent stiffness in the twists of the elements, the base held.
+def strain_tangent(system: SceneSystem, state: SolverState, robot: int = 0) -> tuple[Array, Array]:
+    """Tangent stiffness in the twists of the elements, base and mobilisations kept.
 
     Parameters
     ----------
-    solver
+    system
+        The scene.
+    state
         At an equilibrium; only there is the tangent the same in all coordinates.
     robot
         Number of the robot in the scene.
@@ -126,19 +117,18 @@ def strain_tangent(solver: StrainSpaceSolver, robot: int = 0) -> tuple[Array, Ar
     Raises
     ------
     ValueError
-        See `stability`.
+        The scene has more than one robot clamped to ground: other moving parts would have to be eliminated.
     """
-    reduction = solver._reduction
-    if len(reduction.other_coordinates) or len(solver.robots) > 1:
+    if len(system.layout.reduction.other_coordinates) or len(system.robots) > 1:
         raise ValueError(
             "stability is given for one robot clamped to ground; this scene has other moving parts. "
             "Take the robot alone through tdcr_fe.solve.simulate.Simulation"
         )
-    solver.refresh()
-    part = solver.now.slices[robot]
-    inside = slice(6 * (part.start + 1), 6 * part.stop)
-    by_nodes = -solver._jacobian(0.0)[inside, inside]
-    blocks = strain_matrices(solver.now.twists[robot])
+    residual = system.residual(state, Target(state.inputs, state.loads, state.time), system.numbering())
+    nodes = system.layout.space.slices[robot]
+    inside = slice(6 * (nodes.start + 1), 6 * nodes.stop)
+    by_nodes = -system.tangent(residual)[inside, inside]
+    blocks = strain_matrices(state.configuration.twists[robot])
     count = len(blocks)
     to_nodes = np.zeros((6 * count, 6 * count))
     for e, block in enumerate(blocks):

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import exudyn as exu
-import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.solver import StrainSpaceSolver
-from tdcr_fe.solve.stepping import Applied, LoadStepper
-
-Array = NDArray[np.float64]
+from tdcr_fe.solve.ramp import Ramp
+from tdcr_fe.solve.stepping import LoadStepReport, solve_ramp
+from tdcr_fe.solve.system import SceneSystem
+from tdcr_fe.solve.threads import one_thread
 
 
 def SolveTDCR(
@@ -26,10 +25,12 @@ def SolveTDCR(
     """Take all robots of a scene, and the scene with them, to the inputs that were set.
 
     Every tendon moves from what it has now to what ``set_tensions`` and ``set_displacements`` of its robot said
-    last, while time runs from ``startTime`` to ``endTime``: your load user functions and your
-    ``PreNewtonResidual`` and ``PreStep`` functions see that time. The solved state is left in the scene as current
-    and as initial configuration, so that a next call, ``mbs.SolveStatic`` or ``mbs.SolveDynamic`` goes on from it,
-    histories of the holes included.
+    last, every concentrated load of a robot from what acted in the last solved state to what its ``set`` said, and
+    time runs from ``startTime`` to ``endTime``: your load user functions and your ``PreNewtonResidual`` and
+    ``PreStep`` functions see that time. Loads of your own act in full from the beginning. The step is refined as in
+    `tdcr_fe.solve.simulate.simulate`, so that the path of the friction is resolved. The solved state is left in the
+    scene, at rest, as current and as initial configuration, so that a next call, ``mbs.SolveStatic`` or
+    ``mbs.SolveDynamic`` continues from it, histories of the holes included.
 
     Parameters
     ----------
@@ -45,7 +46,8 @@ def SolveTDCR(
     Returns
     -------
     dict
-        ``iterations``, ``iterations_total`` (with those of rejected trials), ``substeps``, ``residual``.
+        The fields of `tdcr_fe.solve.stepping.LoadStepReport`: ``iterations``, ``iterations_total`` (with those of
+        rejected attempts), ``substeps``, ``residual``, ``snapped``, ``presliding_factor``, ``refinement_error``.
 
     Raises
     ------
@@ -54,36 +56,20 @@ def SolveTDCR(
     ValueError
         The system is not assembled, has no robot, or has first-order states.
     """
-    solver = StrainSpaceSolver(mbs, settings)
-    goals: list[Any] = []
-    starts: list[Array | None] = []
-    for robot in solver.robots:
-        robot.restart_time(startTime)
-        over_time = robot.inputs if callable(robot.inputs) else None
-        if over_time is not None:
-            goals.append(over_time)
-            starts.append(None)
-            continue
-        values = robot.input_values()
-        # What it has now, whichever solver brought it here.
-        starts.append(np.where(robot.by_displacement, robot.displacements, robot.base_tension))
-        goals.append(values)
+    system = SceneSystem(mbs)
     user_step = _function(mbs.GetPreStepUserFunction())
-
-    def apply(share: float) -> Applied:
-        t = startTime + share * (endTime - startTime)
-        mbs.systemData.SetTime(t)
-        if user_step is not None:
-            user_step(mbs, t)
-        inputs = []
-        for robot, start, goal in zip(solver.robots, starts, goals, strict=True):
-            if start is None:
-                inputs.append(robot.input_values(t))
-            else:
-                inputs.append(start + share * (goal - start))
-        return Applied(inputs, 0.0, t)
-
-    return LoadStepper(solver).advance(apply, substeps)
+    before = None if user_step is None else lambda t: user_step(mbs, t)
+    user_loads = (
+        system.layout.user_loads
+        or user_step is not None
+        or system.hooks.user_function("PreNewtonResidual") is not None
+    )
+    state = system.current_state(startTime)
+    ramp = Ramp.of(system, state, startTime, endTime, before, user_loads)
+    with one_thread():
+        path = solve_ramp(system, state, ramp, settings or SolverSettings(), substeps)
+    system.bring_to_rest()
+    return asdict(LoadStepReport.of(path))
 
 
 def _function(present: Any) -> Any:

@@ -1,343 +1,450 @@
-"""Substeps of a load step: as many as convergence and the accuracy of the path ask for."""
+"""Substeps of a load step: as many as convergence and the path dependence of friction ask for.
+
+With friction the answer depends on the path, but only where a hole changes its state on the way. Where one does, the
+step is refined into two, four, eight substeps and so on, until doubling has changed nothing twice: once is no proof,
+as a slip may reverse and return within a substep.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.solve.solver import NewtonReport, NotConverged, Snapshot, StrainSpaceSolver
+from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.newton import NewtonResult, NewtonStatus, newton
+from tdcr_fe.solve.ramp import Ramp
+from tdcr_fe.solve.state import SolverState, StoredState
+from tdcr_fe.solve.system import Linearization, SceneSystem
 
 Array = NDArray[np.float64]
-
-
-class Applied(NamedTuple):
-    """What acts at some share of a load step.
-
-    Attributes
-    ----------
-    inputs : list of ndarray
-        By robot, tension [N] or displacement [m] of every tendon, shape (m,).
-    load_size : float
-        Size of the applied loads, for the scale of the residual [N].
-    time : float
-        Time that user functions see [s].
-    loads_change : bool
-        Whether the applied loads change in this load step.
-    """
-
-    inputs: list[Array]
-    load_size: float
-    time: float
-    loads_change: bool = False
-
-
-#: Takes the share of the load step in [0, 1], applies it to the scene, and says what acts then.
-Apply = Callable[[float], Applied]
-
-
-class StepFailed(Exception):
-    """A load step could not be solved; says where, the residual, and what to try."""
-
-    def __init__(self, message: str, share: float, residual: float) -> None:
-        super().__init__(message)
-        self.share = share
-        self.residual = residual
+#: A jump of a node by more than this fraction of the length in a damped solve is a snap-through [1].
+SNAP = 0.02
+#: Factors on the presliding distance that are tried where the smallest substep does not converge [1].
+RESCUE_FACTORS = (1.0, 10.0, 100.0)
 
 
 @dataclass(frozen=True)
-class Waypoint:
+class Increment:
     """End of an accepted substep.
 
     Attributes
     ----------
-    share : float
-        Of the load step, in (0, 1] [1].
-    state : Snapshot
+    load_factor : float
+        Fraction of the load step, in (0, 1] [1].
+    state : StoredState
         The solved state, history committed.
     """
 
-    share: float
-    state: Snapshot
+    load_factor: float
+    state: StoredState
 
 
-@dataclass
-class _Count:
-    """What it took to get somewhere; a list of waypoints where they are wanted."""
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A solved part of a load step.
 
-    record: list[Waypoint] | None = None
-    iterations: int = 0
-    substeps: int = 0
-    wasted: int = 0
-    residual: float = 0.0
-    snapped: bool = False
-    softened: float = 1.0
-    path_error: float = 0.0
-    slips: list[list[Array]] = field(default_factory=list)
-
-    def like(self) -> _Count:
-        """A count from nothing."""
-        return _Count(None if self.record is None else [])
-
-    def add(self, other: _Count) -> None:
-        """Take what another counted as gone."""
-        if self.record is not None and other.record is not None:
-            self.record.extend(other.record)
-        self.iterations += other.iterations
-        self.substeps += other.substeps
-        self.wasted += other.wasted
-        self.residual = other.residual
-        self.snapped = self.snapped or other.snapped
-        self.softened = max(self.softened, other.softened)
-        self.path_error = max(self.path_error, other.path_error)
-
-
-class LoadStepper:
-    """Takes a solver through load steps.
-
-    With friction the answer depends on the path, but only where a hole changes its state on the way. Where one
-    does, the step is divided in two, four, eight and so on, until doubling has changed nothing twice: once is no
-    proof, as a hole may turn round and back unseen.
-
-    Parameters
+    Attributes
     ----------
-    solver
-        The solver, in the state where the next step begins.
+    state : SolverState
+        At its end.
+    forces : tuple of TendonForces
+        By robot, in that state; empty where the scene was last evaluated in another.
+    linearization : Linearization or None
+        The last one of the last substep; None where that began at its solution.
+    increments : tuple of (float, SolverState)
+        Load factor and state at the end of every substep.
+    iterations : int
+        Of the accepted substeps.
+    rejected : int
+        Iterations of attempts that were not accepted.
+    residual : float
+        Relative residual at the end [1].
+    snapped : bool
+        Whether the robot jumped to another equilibrium.
+    presliding_factor : float
+        Largest factor on the presliding distance that a substep needed [1].
+    refinement_error : float
+        Largest change of a node at the last doubling over the length, where refinement has not converged; else 0 [1].
     """
 
-    def __init__(self, solver: StrainSpaceSolver) -> None:
-        self.solver = solver
+    state: SolverState
+    forces: tuple[TendonForces, ...] = ()
+    linearization: Linearization | None = None
+    increments: tuple[tuple[float, SolverState], ...] = ()
+    iterations: int = 0
+    rejected: int = 0
+    residual: float = 0.0
+    snapped: bool = False
+    presliding_factor: float = 1.0
+    refinement_error: float = 0.0
 
-    def advance(
+    @property
+    def substeps(self) -> int:
+        """Number of accepted substeps."""
+        return len(self.increments)
+
+    def then(self, other: Path) -> Path:
+        """Join another part that begins where this one ends."""
+        return Path(
+            other.state,
+            other.forces,
+            other.linearization,
+            self.increments + other.increments,
+            self.iterations + other.iterations,
+            self.rejected + other.rejected,
+            other.residual,
+            self.snapped or other.snapped,
+            max(self.presliding_factor, other.presliding_factor),
+            max(self.refinement_error, other.refinement_error),
+        )
+
+
+@dataclass(frozen=True)
+class LoadStepReport:
+    """How a load step went.
+
+    Attributes
+    ----------
+    iterations : int
+        Newton iterations of the accepted path.
+    iterations_total : int
+        With those of rejected attempts.
+    substeps : int
+        Of the accepted path.
+    residual : float
+        Relative residual at the end [1].
+    snapped : bool
+        Whether the robot jumped to another equilibrium on the way.
+    presliding_factor : float
+        Largest factor on the presliding distance that a substep needed for the stick-slip iteration to converge [1].
+    refinement_error : float
+        Largest change of a node at the last doubling of the substeps over the length, where refinement has not
+        converged; else 0 [1].
+    """
+
+    iterations: int
+    iterations_total: int
+    substeps: int
+    residual: float
+    snapped: bool
+    presliding_factor: float
+    refinement_error: float
+
+    @classmethod
+    def of(cls, path: Path) -> LoadStepReport:
+        """Report on a load step that was solved along a path."""
+        return cls(
+            path.iterations,
+            path.iterations + path.rejected,
+            path.substeps,
+            path.residual,
+            path.snapped,
+            path.presliding_factor,
+            path.refinement_error,
+        )
+
+
+class StepFailed(Exception):
+    """A load step could not be solved.
+
+    Attributes
+    ----------
+    load_factor : float
+        Up to which the step was solved [1].
+    residual : float
+        Relative residual of the failed attempt [1].
+    state : SolverState
+        At `load_factor`.
+    iterations : int
+        Spent on the step.
+    """
+
+    def __init__(
+        self, message: str, load_factor: float, residual: float, state: SolverState, iterations: int
+    ) -> None:
+        super().__init__(message)
+        self.load_factor = load_factor
+        self.residual = residual
+        self.state = state
+        self.iterations = iterations
+
+
+@dataclass(frozen=True, eq=False)
+class LoadStepper:
+    """Solves load steps of a scene.
+
+    Attributes
+    ----------
+    system : SceneSystem
+    ramp : Ramp
+        The load step.
+    settings : SolverSettings
+    """
+
+    system: SceneSystem
+    ramp: Ramp
+    settings: SolverSettings = field(default_factory=SolverSettings)
+
+    def solve(
         self,
-        apply: Apply,
+        state: SolverState,
         substeps: int | None = None,
-        guide: Sequence[Waypoint] | None = None,
-        record: list[Waypoint] | None = None,
-    ) -> dict[str, Any]:
-        """Go through one load step and commit its history.
+        reference_path: Sequence[Increment] | None = None,
+    ) -> Path:
+        """Solve the load step.
 
         Parameters
         ----------
-        apply
-            See `Apply`.
+        state
+            At its beginning.
         substeps
-            A fixed number (each is still halved where it does not converge); None chooses by the path's error.
-        guide
-            Waypoints of a similar run: the same substeps are taken, each from the state of the guide. For
+            A fixed number (each is still halved where it does not converge); None chooses by refinement.
+        reference_path
+            Increments of a similar run: the same substeps are taken, each from the state of that run. For
             neighbours of a solved sequence, as sensitivities ask for: the path is then divided alike, so that
             differences are smooth, and two iterations a substep are enough.
-        record
-            Where the waypoints of this step are appended.
-
-        Returns
-        -------
-        dict
-            ``iterations`` of the accepted path, ``iterations_total`` with those of trials, ``substeps``,
-            ``residual``, ``snapped`` (the robot jumped to another equilibrium on the way), ``presliding_factor``
-            (by how much the presliding distance had to be larger for the holes to settle, 1 as a rule),
-            ``path_error`` (largest change of a node at the last doubling over the length, where doubling has not yet
-            changed nothing often enough, or a hole may still turn round unseen; else 0).
 
         Raises
         ------
         StepFailed
         """
-        count = _Count(record)
+        if reference_path is not None:
+            return self._along(state, reference_path)
+        if substeps is None:
+            return self._refined(state)
+        return self._equal_substeps(state, substeps)
+
+    def _newton(self, state: SolverState, load_factor: float) -> NewtonResult:
+        return newton(self.system, state, self.ramp.apply(self.system, load_factor), self.settings)
+
+    def _equal_substeps(self, state: SolverState, count: int) -> Path:
+        path = Path(state)
+        for k in range(count):
+            path = self._extended(path, k / count, (k + 1) / count)
+        return path
+
+    def _extended(self, path: Path, start: float, end: float) -> Path:
+        """A path with one more substep."""
         try:
-            if guide is not None:
-                self._replay(apply, guide, count)
-            elif substeps is None:
-                self._path(apply, count)
-            else:
-                for k in range(substeps):
-                    self._converge(apply, k / substeps, (k + 1) / substeps, count)
-        finally:
-            # Solved or not, the scene is left in the last state that converged.
-            self.solver.finish()
-        return {
-            "iterations": count.iterations,
-            "iterations_total": count.iterations + count.wasted,
-            "substeps": count.substeps,
-            "residual": count.residual,
-            "snapped": count.snapped,
-            "presliding_factor": count.softened,
-            "path_error": count.path_error,
-        }
+            return path.then(self._substep(path.state, start, end))
+        except StepFailed as failure:
+            failure.iterations += path.iterations + path.rejected
+            raise
 
-    # ------------------------------------------------------------------
-
-    def _solve(self, apply: Apply, share: float) -> NewtonReport:
-        now = apply(share)
-        self._loads_change = now.loads_change
-        return self.solver.newton(now.inputs, now.time, now.load_size)
-
-    def _fail(self, start: float, end: float, cause: NotConverged) -> StepFailed:
-        return StepFailed(
-            f"{cause}, between {start:.4f} and {end:.4f} of the step, although divided down to "
-            f"{self.solver.settings.min_substep:g}. Try smaller load steps; if the load is near the point where "
-            "the robot buckles or snaps through, no equilibrium follows this path; a larger presliding distance "
-            "(solver setting, 1e-5 m) helps where holes cannot settle.",
-            start,
-            cause.residual,
-        )
-
-    def _accept(self, report: NewtonReport, share: float, count: _Count) -> None:
-        self.solver.commit()
-        if report.iterations and not self.solver.any_driven:
-            # With driven tendons the sign also changes where one falls slack, and says nothing.
-            self.solver.stable_sign = self.solver.tangent_sign
-        if count.record is not None:
-            count.record.append(Waypoint(share, self.solver.snapshot()))
-        count.slips.append([r.state.slip for r in self.solver.robots])
-        count.iterations += report.iterations
-        count.substeps += 1
-        count.residual = report.residual
-
-    def _converge(
-        self, apply: Apply, start: float, end: float, count: _Count, before: Snapshot | None = None
-    ) -> None:
-        """One substep from the state ``before``, the present one, halved only where it does not converge."""
-        before = before or self.solver.snapshot()
-        try:
-            report = self._solve(apply, end)
-        except NotConverged as cause:
-            count.wasted += cause.iterations
-            self.solver.restore(before)
-            if end - start <= self.solver.settings.min_substep:
-                self._rescue(apply, start, end, cause, count)
-                return
+    def _substep(self, state: SolverState, start: float, end: float) -> Path:
+        """One substep, halved only where it does not converge."""
+        result = self._newton(state, end)
+        if result.converged:
+            return _accepted(result, end)
+        if end - start <= self.settings.min_substep:
+            solved = self._rescue(state, start, end, result)
+        else:
             middle = 0.5 * (start + end)
-            self._converge(apply, start, middle, count)
-            self._converge(apply, middle, end, count)
-            return
-        self._accept(report, end, count)
+            solved = self._extended(self._substep(state, start, middle), middle, end)
+        return replace(solved, rejected=solved.rejected + result.iterations)
 
-    def _replay(self, apply: Apply, guide: Sequence[Waypoint], count: _Count) -> None:
-        """The substeps of a guide, each from the guide's own solution; without it where that misleads."""
-        start = 0.0
-        for point in guide:
-            before = self.solver.snapshot()
-            self.solver.guess(point.state)
-            try:
-                report = self._solve(apply, point.share)
-            except NotConverged as cause:
-                count.wasted += cause.iterations
-                self.solver.restore(before)
-                self._converge(apply, start, point.share, count)
+    def _along(self, state: SolverState, reference: Sequence[Increment]) -> Path:
+        """The substeps of a reference path, each from its solution; without it where that misleads."""
+        path, start = Path(state), 0.0
+        for point in reference:
+            end = point.load_factor
+            result = self._newton(self.system.warm_start(path.state, point.state), end)
+            if result.converged:
+                path = path.then(_accepted(result, end))
             else:
-                self._accept(report, point.share, count)
-            start = point.share
+                path = self._extended(replace(path, rejected=path.rejected + result.iterations), start, end)
+            start = end
+        return path
 
-    def _path(self, apply: Apply, count: _Count) -> None:
-        """A load step, divided until it converges and until dividing changes nothing."""
-        solver = self.solver
-        before = solver.snapshot()
-        settings = solver.settings
-        now = count.like()
-        self._converge(apply, 0.0, 1.0, now, before)
-        matters = now.substeps > 1 or self._path_matters(before)
-        if not (matters or self._leaps(before)):
-            count.add(now)
-            return
-        agreed, pieces, error = 0, 1, 0.0
-        needed = 2 if matters else 1
-        while agreed < needed and 2 * pieces <= settings.max_substeps:
-            pieces *= 2
-            reached, shape = solver.snapshot(), solver.positions().copy()
-            solver.restore(before)
-            finer = count.like()
+    # ------------------------------------------------------------------ refinement
+
+    def _refined(self, state: SolverState) -> Path:
+        """The load step, in as many substeps as its path dependence asks for."""
+        path = self._substep(state, 0.0, 1.0)
+        path_dependent = path.substeps > 1 or self._path_dependent(state, path.state)
+        if not (path_dependent or self._branch_jump_suspected(state, path.state)):
+            return path
+        needed = 2 if path_dependent else 1
+        agreed, count, error = 0, 1, 0.0
+        while agreed < needed and 2 * count <= self.settings.max_substeps:
+            count *= 2
             try:
-                for k in range(pieces):
-                    self._converge(apply, k / pieces, (k + 1) / pieces, finer)
-            except StepFailed:
-                # The coarser way is kept, and its doubt told.
-                solver.restore(reached)
-                apply(1.0)
-                count.wasted += finer.iterations + finer.wasted
-                error = max(error, 2.0 * settings.path_tolerance)
+                finer = self._equal_substeps(state, count)
+            except StepFailed as failure:
+                # The coarser path is kept, with its refinement error.
+                error = max(error, 2.0 * self.settings.path_tolerance)
+                path = replace(path, forces=(), rejected=path.rejected + failure.iterations)
+                self.ramp.apply(self.system, 1.0)
                 break
-            error = float(np.max(np.abs(solver.positions() - shape))) / solver.length
-            agreed = agreed + 1 if error <= settings.path_tolerance and not self._turns_back(finer) else 0
-            finer.wasted += now.iterations + now.wasted
-            now = finer
-        now.path_error = 0.0 if agreed >= needed else error
-        count.add(now)
+            error = self._distance(finer.state, path.state)
+            met = error <= self.settings.path_tolerance and not self._slip_reversal_suspected(finer)
+            agreed = agreed + 1 if met else 0
+            path = replace(finer, rejected=finer.rejected + path.iterations + path.rejected)
+        return replace(path, refinement_error=0.0 if agreed >= needed else error)
 
-    def _rescue(self, apply: Apply, start: float, end: float, cause: NotConverged, count: _Count) -> None:
-        """The smallest substep does not converge: let the robot snap through, then let its holes creep more."""
-        solver = self.solver
-        before = solver.snapshot()
-        shape = solver.positions().copy()
-        for factor in (1.0, 10.0, 100.0):
-            now = apply(end)
-            try:
-                report = solver.newton(
-                    now.inputs,
-                    now.time,
-                    now.load_size,
-                    relax=True,
-                    presliding=factor * solver.settings.presliding,
-                )
-            except NotConverged as again:
-                count.wasted += again.iterations
-                solver.restore(before)
-                continue
-            moved = float(np.max(np.abs(solver.positions() - shape)))
-            count.snapped = count.snapped or moved > 0.02 * solver.length
-            count.softened = max(count.softened, factor)
-            self._accept(report, end, count)
-            return
-        raise self._fail(start, end, cause)
+    def _distance(self, a: SolverState, b: SolverState) -> float:
+        """Largest distance of any coordinate of a node between two states over the length [1]."""
+        moved = a.configuration.positions - b.configuration.positions
+        return float(np.max(np.abs(moved))) / self.system.length
 
-    def _leaps(self, before: Snapshot) -> bool:
-        """Whether a substep went so far, or so strangely, that it may have left the robot's path."""
-        solver = self.solver
-        if solver.turn_since(before) > solver.settings.max_substep_turn:
-            return True
-        return solver.tangent_sign * solver.stable_sign < 0
+    def _branch_jump_suspected(self, before: SolverState, after: SolverState) -> bool:
+        """Whether a step went so far, or so strangely, that the robot may not follow it."""
+        space = self.system.layout.space
+        turn = space.turn_between(before.configuration, after.configuration)
+        return turn > self.settings.max_substep_turn or before.tangent_sign * after.tangent_sign < 0
 
-    def _path_matters(self, before: Snapshot) -> bool:
-        """Whether any hole under tension changed its state since ``before``.
+    def _path_dependent(self, before: SolverState, after: SolverState) -> bool:
+        """Whether any hole under tension changed its state.
 
         A tendon that is pulled from slack, and slips towards the base at every hole, has no choice of path. Where loads
-        change, a hole may turn round and back.
+        change, a slip may reverse and return.
         """
-        for robot, state, tension in zip(self.solver.robots, before.histories, before.tensions, strict=True):
+        for i, robot in enumerate(self.system.robots):
             if not robot.law.has_friction:
                 continue
-            if not self._loads_change and robot.field.mobilisation is state.mobilisation:
-                # No hole has moved at all, as is the rule while loading.
-                continue
-            taut = (tension > 0.0)[:, None]
-            if self._loads_change and np.any(taut & robot.law.frictional):
+            frictional = robot.law.frictional
+            taut = (before.base_tension[i] > 0.0)[:, None]
+            if self.ramp.loads_change and np.any(taut & frictional):
                 return True
-            old, new = np.trunc(state.mobilisation), np.trunc(robot.field.mobilisation)
-            pulled = (robot.base_tension > 0.0)[:, None] & (new < 1.0)
-            if np.any((old != new) & robot.law.frictional & (taut | pulled)):
+            old, new = np.trunc(before.mobilisation[i]), np.trunc(after.mobilisation[i])
+            pulled = (after.base_tension[i] > 0.0)[:, None] & (new < 1.0)
+            if np.any((old != new) & frictional & (taut | pulled)):
                 return True
         return False
 
-    def _turns_back(self, count: _Count) -> bool:
-        """Whether any hole that slips may have turned round unseen within the last substep.
+    def _slip_reversal_suspected(self, path: Path) -> bool:
+        """Whether any hole that slips may have reversed within the last substep.
 
-        What it slipped in the last two substeps is taken as a parabola. Where that has come back by more than a
+        The slips of the last two substeps are taken as a parabola. Where that has come back by more than a
         twentieth of the presliding distance at the end, the hole sticks by then or slips the other way, although on
         the whole it went on.
         """
-        if len(count.slips) < 3:
+        if path.substeps < 3:
             return False
-        back = 0.05 * self.solver.settings.presliding
-        for robot, *slips in zip(self.solver.robots, *count.slips[-3:], strict=True):
+        back = 0.05 * self.settings.presliding
+        states = [state for _, state in path.increments[-3:]]
+        for i, robot in enumerate(self.system.robots):
             if not robot.law.has_friction:
                 continue
+            slips = [state.friction[i].slip for state in states]
             first, last = slips[1] - slips[0], slips[2] - slips[1]
             rate, bend = 0.5 * (3.0 * last - first), last - first
-            slides = (np.abs(robot.state.mobilisation) >= 1.0) & (robot.base_tension > 0.0)[:, None]
+            slides = np.abs(path.state.mobilisation[i]) >= 1.0
+            slides &= (path.state.base_tension[i] > 0.0)[:, None]
             comes_back = (last * rate < 0.0) & (rate**2 > 2.0 * back * np.abs(bend))
             if np.any(slides & robot.law.frictional & comes_back):
                 return True
         return False
+
+    # ------------------------------------------------------------------ failure
+
+    def _rescue(self, state: SolverState, start: float, end: float, failed: NewtonResult) -> Path:
+        """The smallest substep does not converge: let the robot snap through, then allow more presliding."""
+        spent = 0
+        for factor in RESCUE_FACTORS:
+            result = newton(
+                self.system,
+                state,
+                self.ramp.apply(self.system, end),
+                self.settings,
+                damped=True,
+                presliding=factor * self.settings.presliding,
+            )
+            if result.converged:
+                return replace(
+                    _accepted(result, end),
+                    rejected=spent,
+                    snapped=self._distance(result.state, state) > SNAP,
+                    presliding_factor=factor,
+                )
+            spent += result.iterations
+        raise self._failure(state, start, end, failed, spent + failed.iterations)
+
+    def _failure(
+        self, state: SolverState, start: float, end: float, failed: NewtonResult, iterations: int
+    ) -> StepFailed:
+        message = (
+            f"{failed.reason(self.settings)}, between load factors {start:.4f} and {end:.4f} of the step, the "
+            f"smallest substep allowed. {_advice(failed.status)}"
+        )
+        return StepFailed(message, start, failed.residual, state, iterations)
+
+
+def _accepted(result: NewtonResult, load_factor: float) -> Path:
+    """A converged solve as one substep."""
+    return Path(
+        result.state,
+        result.forces,
+        result.linearization,
+        ((load_factor, result.state),),
+        result.iterations,
+        residual=result.residual,
+    )
+
+
+def _advice(status: NewtonStatus) -> str:
+    """What to try where a step fails."""
+    if status is NewtonStatus.SINGULAR:
+        return "Fix or support what moves freely."
+    if status is NewtonStatus.NO_FRICTION_STATE:
+        return (
+            "Try smaller load steps, or a larger presliding distance: presliding = 1e-5 in the [solver] table "
+            "(SolverSettings in Python)."
+        )
+    return (
+        "Try smaller load steps. If the load is near the point where the robot buckles or snaps through, no "
+        "equilibrium follows this path. Where holes change between stick and slip, a larger presliding distance "
+        "helps: presliding = 1e-5 in the [solver] table (SolverSettings in Python)."
+    )
+
+
+def solve_ramp(
+    system: SceneSystem,
+    state: SolverState,
+    ramp: Ramp,
+    settings: SolverSettings,
+    substeps: int | None = None,
+    reference_path: Sequence[Increment] | None = None,
+) -> Path:
+    """Take a scene through a load step and leave it in the state reached; the one driver of all load steps.
+
+    Parameters
+    ----------
+    system
+        The scene.
+    state
+        At the beginning of the step.
+    ramp
+        The step.
+    settings
+        Numerics.
+    substeps, reference_path
+        See `LoadStepper.solve`.
+
+    Returns
+    -------
+    Path
+        All substeps.
+
+    Raises
+    ------
+    StepFailed
+        The scene is then in the last state that converged. Where anything else interrupts, it is back at the beginning
+        of the step.
+    """
+    try:
+        path = LoadStepper(system, ramp, settings).solve(state, substeps, reference_path)
+    except BaseException as stop:
+        reached, load_factor = (
+            (stop.state, stop.load_factor) if isinstance(stop, StepFailed) else (state, 0.0)
+        )
+        ramp.apply(system, load_factor)
+        system.store(reached)
+        ramp.set_end()
+        raise
+    system.store(path.state, path.forces)
+    return path

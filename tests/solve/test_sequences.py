@@ -168,12 +168,14 @@ def test_a_wrong_step_is_named(step, words):
         simulate(paper(), Model(), [step])
 
 
-@pytest.mark.parametrize("case", ["one doubling", "holes that turn back"])
-def test_a_path_that_is_not_settled_is_told(case, monkeypatch):
-    """Half of the pull let go: four substeps settle it, two are no proof; holes that may turn back are none either."""
-    if case == "holes that turn back":
-        monkeypatch.setattr("tdcr_fe.solve.stepping.LoadStepper._turns_back", lambda self, count: True)
+@pytest.mark.parametrize("case", ["one doubling", "slips that reverse"])
+def test_a_path_that_is_not_resolved_is_reported(case, monkeypatch):
+    """Half of the pull let go: four substeps resolve it, two are no proof; slips that may reverse are none either."""
+    if case == "slips that reverse":
+        monkeypatch.setattr(
+            "tdcr_fe.solve.stepping.LoadStepper._slip_reversal_suspected", lambda self, path: True
+        )
     most = 2 if case == "one doubling" else 8
-    settled = solve(paper(0.3), pull(1.0, 0.5), settings=SolverSettings(max_substeps=most))
-    assert settled.steps[-1].details["path_error"] > 0.0
-    assert ["not resolved" in w for w in settled.warnings] == [True]
+    result = solve(paper(0.3), pull(1.0, 0.5), settings=SolverSettings(max_substeps=most))
+    assert result.steps[-1].details["refinement_error"] > 0.0
+    assert ["not resolved" in w for w in result.warnings] == [True]

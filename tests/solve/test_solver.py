@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import exudyn as exu
@@ -16,22 +17,25 @@ from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.robot import Robot, Superelastic, Tendon
 from tdcr_fe.model.routing import HelicalRouting
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.solver import NotConverged, StrainSpaceSolver
+from tdcr_fe.solve.newton import NewtonStatus, newton
+from tdcr_fe.solve.state import Target
 from tdcr_fe.solve.stepping import StepFailed
+from tdcr_fe.solve.system import SceneSystem
 
 HELIX = Robot(BACKBONE, DISKS, (Tendon("t1", HelicalRouting(4.5e-3, 1.0), 0.3),), name="helix")
 
 
-def newton(robot, tensions, settings=None, by_displacement=False, prepare=None, **model):
-    """One solve from straight; the solver at the solution, and its report."""
-    keep, mbs, handle = scene(robot, assemble=False, **model)
-    if prepare is not None:
-        prepare(handle)
-    mbs.Assemble()
-    solver = StrainSpaceSolver(mbs, settings)
-    handle.actuation.by_displacement[:] = by_displacement
-    report = solver.newton([np.asarray(tensions, dtype=float)])
-    return keep, handle, solver, report
+def target(*tensions):
+    return Target((np.array(tensions, dtype=float),))
+
+
+def solved(robot, tensions, settings=None, **model):
+    """One solve from straight: container, handle, equations and result."""
+    keep, mbs, handle = scene(robot, **model)
+    system = SceneSystem(mbs)
+    result = newton(system, system.current_state(), target(*tensions), settings or SolverSettings())
+    assert result.converged, result.reason(settings or SolverSettings())
+    return keep, handle, system, result
 
 
 @pytest.mark.parametrize(
@@ -52,7 +56,7 @@ def newton(robot, tensions, settings=None, by_displacement=False, prepare=None, 
 )
 def test_newton_converges_quadratically(robot, tensions, model):
     """The tangent is consistent, away from equilibrium too: each residual is of the order of the last one's square."""
-    *_, report = newton(robot, tensions, SolverSettings(tolerance=1e-9), **model)
+    *_, report = solved(robot, tensions, SolverSettings(tolerance=1e-9), **model)
     assert report.iterations <= 6
     r = np.array(report.residuals)
     near = np.flatnonzero((r[:-1] < 5e-2) & (r[:-1] > 1e-5))
@@ -77,17 +81,14 @@ def test_tangent_of_the_complete_system_against_differences(robot, model):
 
     There the turning of the frames in which the residual is written does not matter.
     """
-    tensions = np.array([1.0, 0.5, 0.2])
-    _keep, handle, solver, _ = newton(
-        robot, tensions, SolverSettings(tolerance=1e-12, max_iterations=30), **model
-    )
-    n = len(handle.nNodes)
-    solver._update_forces()
-    solver._residual()
-    k = np.array(solver._jacobian(0.0))
-    start = [x.copy() for x in solver.now.twists]
+    tensions = (1.0, 0.5, 0.2)
+    settings = SolverSettings(tolerance=1e-12, max_iterations=30)
+    _keep, handle, system, result = solved(robot, tensions, settings, **model)
+    n, state, numbering = len(handle.nNodes), result.state, system.numbering()
+    space, unknowns = system.layout.space, result.state.configuration.unknowns
+    k = system.tangent(system.residual(state, target(*tensions), numbering))
     # Increments of the nodes that change one strain: what the strain matrices say, solved from the base on.
-    b = strain_matrices(start[0])
+    b = strain_matrices(unknowns.twists[0])
     rng = np.random.default_rng(0)
     for element in (0, 5, 12):
         change = np.zeros((n - 1, 6))
@@ -98,45 +99,47 @@ def test_tangent_of_the_complete_system_against_differences(robot, model):
         found = []
         h = 1e-6
         for sign in (1.0, -1.0):
-            solver.now.twists = [start[0] + sign * h * change]
-            solver.now.rebuild()
-            solver._update_forces()
-            found.append(np.array(solver._residual()))
+            moved = space.build(replace(unknowns, twists=(unknowns.twists[0] + sign * h * change,)))
+            shifted = replace(state, configuration=moved)
+            found.append(system.residual(shifted, target(*tensions), numbering).unbalanced)
         difference = (found[0] - found[1]) / (2 * h)
         predicted = k[:, : 6 * n] @ nodes.ravel()
         scale = np.max(np.abs(difference[: 6 * n]))
-        assert predicted[: 6 * n] == pytest.approx(difference[: 6 * n], abs=2e-5 * scale)
-    solver.now.twists = start
-    solver.now.rebuild()
+        assert predicted[6 : 6 * n] == pytest.approx(difference[6 : 6 * n], abs=2e-5 * scale)
 
 
 @pytest.mark.parametrize("axial_stiffness", [None, 300.0], ids=["inextensible", "elastic"])
 def test_forces_and_slips_by_mobilisation_against_differences(axial_stiffness):
     """The other columns and rows of the system: what a hole gives and what moves it."""
     robot = three(0.3, axial_stiffness=axial_stiffness)
-    _keep, handle, solver, _ = newton(robot, [1.0, 0.5, 0.2])
-    act = handle.actuation
-    s = 0.5 * solver._mobilisation[0]
+    tensions = (1.0, 0.5, 0.2)
+    _keep, handle, system, result = solved(robot, tensions)
+    numbering, frictional = system.numbering(), handle.actuation.law.frictional
+    s = 0.5 * result.state.mobilisation[0]
     h = 1e-6
-    (p, r), tension = solver.now.poses[0], act.base_tension.copy()
 
-    def state(s):
-        act.update_mixed(p, r, tension, s, solver.now.twists[0])
-        solver._mobilisation[0] = s
-        solver._update_forces()
-        force = np.array(solver._residual())[: 6 * len(handle.nNodes)]
-        return force, act.field.slip[act.law.frictional].copy(), act.field.base_slip.copy()
+    def at(s):
+        residual = system.residual(replace(result.state, mobilisation=(s,)), target(*tensions), numbering)
+        own = residual.forces[0]
+        return (
+            residual.unbalanced[6 : 6 * len(handle.nNodes)],
+            own.field.slip[frictional],
+            own.field.base_slip,
+        )
 
-    state(s)
-    columns, (_, _, own) = act.mobilisation_columns().copy(), act.slip_rows()
-    base = act.base_slip_by_mobilisation().copy()
+    forces = system.residual(replace(result.state, mobilisation=(s,)), target(*tensions), numbering).forces[0]
+    columns, (_, _, own), base = (
+        forces.mobilisation_columns()[6:],
+        forces.slip_rows(),
+        forces.base_slip_by_mobilisation(),
+    )
     # Exudyn's residual is what is unbalanced: inner less applied force, or the other way round; one sign for all.
-    for index, (i, g) in enumerate(zip(*np.nonzero(act.law.frictional), strict=True)):
+    for index, (i, g) in enumerate(zip(*np.nonzero(frictional), strict=True)):
         if index % 7:
             continue
         shift = np.zeros_like(s)
         shift[i, g] = h
-        up, down = state(s + shift), state(s - shift)
+        up, down = at(s + shift), at(s - shift)
         force, slip, base_slip = ((a - b) / (2 * h) for a, b in zip(up, down, strict=True))
         assert columns[:, index] == pytest.approx(force, abs=1e-6)
         assert own[:, index] == pytest.approx(slip, abs=1e-8)
@@ -145,7 +148,7 @@ def test_forces_and_slips_by_mobilisation_against_differences(axial_stiffness):
 
 def test_residual_is_a_number_of_the_size_of_the_force():
     """Straight robot, 1 N: a tendon of 1 N unbalanced at its ends."""
-    *_, report = newton(paper(), [1.0], friction="none")
+    *_, report = solved(paper(), [1.0], friction="none")
     assert report.residuals[0] == pytest.approx(1.0, rel=0.05)
     assert report.residual < 1e-8
 
@@ -155,42 +158,50 @@ def test_a_turned_robot_takes_the_same_iterations(friction):
     counts = set()
     for seed in range(3):
         turn = Rotation.random(random_state=seed).as_matrix()
-        *_, report = newton(paper(0.3), [2.5], friction=friction, baseRotationMatrix=turn)
+        *_, report = solved(paper(0.3), [2.5], friction=friction, baseRotationMatrix=turn)
         counts.add(report.iterations)
     assert len(counts) == 1
 
 
-def test_going_back_to_a_snapshot():
-    """Solve, go on, go back: the same state to the bit, and the same way onwards."""
-    _keep, _, solver, _ = newton(paper(0.3), [1.0])
-    solver.commit()
-    before = solver.snapshot()
-    shape = solver.positions().copy()
-    solver.newton([np.array([2.0])])
-    once = solver.positions().copy()
-    solver.commit()
-    solver.restore(before)
-    assert np.array_equal(solver.positions(), shape)
-    solver.newton([np.array([2.0])])
-    assert distance(solver.positions(), once) < 1e-12
+def test_solving_twice_from_one_state_gives_the_same_bits():
+    """A solve leaves nothing behind but its result: other solves in between change nothing."""
+    _keep, _, system, first = solved(paper(0.3), [1.0])
+    once = newton(system, first.state, target(2.0), SolverSettings())
+    newton(system, once.state, target(0.3), SolverSettings())
+    again = newton(system, first.state, target(2.0), SolverSettings())
+    assert again.iterations == once.iterations and again.residuals == once.residuals
+    assert np.array_equal(again.state.configuration.positions, once.state.configuration.positions)
+    assert np.array_equal(again.state.friction[0].slip, once.state.friction[0].slip)
 
 
-def test_a_snapshot_is_not_changed_by_what_follows():
-    _keep, _, solver, _ = newton(paper(0.3), [1.0])
-    before = solver.snapshot()
-    at = before.place
-    seen = (at.coordinates, at.multipliers, at.twists[0], before.tensions[0])
+def test_a_state_is_not_changed_by_what_follows():
+    _keep, _, system, first = solved(paper(0.3), [1.0])
+    unknowns, state = first.state.configuration.unknowns, first.state
+    seen = (unknowns.coordinates, unknowns.multipliers, unknowns.twists[0], state.base_tension[0])
+    seen = (*seen, state.friction[0].slip, first.forces[0].measured.shape.d_lengths)
     kept = [x.copy() for x in seen]
-    solver.newton([np.array([2.0])])
+    newton(system, first.state, target(2.0), SolverSettings())
     for a, b in zip(kept, seen, strict=True):
         assert np.array_equal(a, b)
 
 
-def test_history_is_committed_only_when_told():
-    _keep, handle, solver, _ = newton(paper(0.3), [1.0])
+def test_history_is_committed_with_the_solution_and_reaches_the_robot_when_stored():
+    _keep, handle, system, first = solved(paper(0.3), [1.0])
+    assert np.all(first.state.friction[0].mobilisation == 1.0)
     assert np.all(handle.actuation.state.mobilisation == 0.0)
-    solver.commit()
+    system.store(first.state)
     assert np.all(handle.actuation.state.mobilisation == 1.0)
+    assert handle.tensions()["t1"][0] == 1.0
+
+
+def test_a_stored_state_is_small_and_starts_another_run():
+    """Pickled, it takes no more than its numbers; a solve that starts from it needs no iteration."""
+    _keep, _, system, first = solved(paper(0.3), [1.0])
+    stored = pickle.loads(pickle.dumps(first.state.stored()))
+    assert len(pickle.dumps(stored)) < 12_000
+    warm = system.warm_start(system.current_state(), stored)
+    result = newton(system, warm, target(1.0), SolverSettings())
+    assert result.iterations == 0 and result.converged
 
 
 def test_a_body_that_moves_freely_is_reported():
@@ -203,8 +214,9 @@ def test_a_body_that_moves_freely_is_reported():
     node = mbs.AddNode(eii.NodePoint(referenceCoordinates=[1.0, 0.0, 0.0]))
     mbs.AddObject(eii.MassPoint(nodeNumber=node, mass=1.0))
     mbs.Assemble()
-    with pytest.raises(NotConverged, match="moves freely"):
-        StrainSpaceSolver(mbs).newton([np.array([1.0])])
+    system = SceneSystem(mbs)
+    result = newton(system, system.current_state(), target(1.0), SolverSettings())
+    assert result.status is NewtonStatus.SINGULAR and "moves freely" in result.reason(SolverSettings())
 
 
 def test_failure_names_residual_place_and_cure():
@@ -214,7 +226,7 @@ def test_failure_names_residual_place_and_cure():
 
     with pytest.raises(StepFailed, match=r"residual.*Try smaller load steps") as caught:
         SolveTDCR(mbs, SolverSettings(min_substep=0.25))
-    assert caught.value.share == 0.0 and caught.value.residual > 0.0
+    assert caught.value.load_factor == 0.0 and caught.value.residual > 0.0
 
 
 def test_scene_larger_than_a_thousand_coordinates_stays_silent(capfd):
@@ -241,7 +253,9 @@ def test_other_bodies_of_the_scene_are_solved_too():
     mbs.AddLoad(eii.Force(markerNumber=marker, loadVector=[0.0, 4.0, 0.0]))
     handle = CreateTDCR(mbs, paper(0.3), Model(elements_per_bay=1))
     mbs.Assemble()
-    StrainSpaceSolver(mbs).newton([np.array([1.0])])
+    system = SceneSystem(mbs)
+    result = newton(system, system.current_state(), target(1.0), SolverSettings())
+    system.store(result.state)
     at = mbs.GetNodeOutput(node, exu.OutputVariableType.Position)
     assert at == pytest.approx([1.0, 0.02, 0.0], abs=1e-9)
     expected = solve(paper(0.3), [LoadStep("", {"t1": 1.0})]).tips[-1]

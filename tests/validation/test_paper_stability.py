@@ -89,23 +89,19 @@ def test_tangent_without_friction_is_symmetric_however_far_the_robot_bends(key):
 def test_tangent_is_the_derivative_of_the_potential():
     """Second difference of elastic energy, tendon work and load work along the softest mode."""
     simulation = solved(ROBOT, MODELS["discrete"], LoadStep("pull", {"t1": 1.5}), push(0.3))
-    solver = simulation.solver
-    tangent, _ = strain_tangent(solver)
+    tangent, _ = strain_tangent(simulation.system, simulation.state)
+    space, unknowns = simulation.system.layout.space, simulation.state.configuration.unknowns
     mesh = simulation.handle.mesh
     direction = (
-        np.sin(np.arange(solver.now.twists[0].size)) * np.sqrt(mesh.lengths[:, None] / mesh.stiffness).ravel()
+        np.sin(np.arange(unknowns.twists[0].size)) * np.sqrt(mesh.lengths[:, None] / mesh.stiffness).ravel()
     )
-    rest, twists = mesh.reference_twists, solver.now.twists[0].copy()
+    rest, twists = mesh.reference_twists, unknowns.twists[0]
 
     def potential(step):
-        solver.now.twists[0] = twists + step * direction.reshape(-1, 6)
-        solver.now.rebuild()
-        positions, rotations = solver.now.poses[0]
-        forces = simulation.handle.actuation
-        forces.measure(positions, rotations, solver.now.twists[0])
-        change = solver.now.twists[0] - rest
+        moved = space.build(replace(unknowns, twists=(twists + step * direction.reshape(-1, 6),)))
+        change = moved.twists[0] - rest
         elastic = 0.5 * np.sum(change**2 * mesh.stiffness / mesh.lengths[:, None])
-        return elastic + 1.5 * np.sum(forces.shape.lengths) + 0.3 * EULER * positions[-1][2]
+        return elastic + 1.5 * np.sum(moved.measured[0].shape.lengths) + 0.3 * EULER * moved.positions[-1][2]
 
     h = 1e-3
     second = (potential(h) - 2.0 * potential(0.0) + potential(-h)) / h**2

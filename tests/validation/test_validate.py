@@ -86,8 +86,10 @@ def test_a_moved_tip_and_a_wrong_state_are_noticed(monkeypatch):
         last = replace(
             last, positions=last.positions + np.array([1e-3 * 0.25, 0.0, 0.0]), hole_states=(states,)
         )
-        histories = kwargs["record"][-1][-1].state.histories
-        histories[0] = replace(histories[0], mobilisation=-histories[0].mobilisation)
+        increment = kwargs["record_path"][-1][-1]
+        (friction,) = increment.state.friction
+        wrong = replace(friction, mobilisation=-friction.mobilisation)
+        kwargs["record_path"][-1][-1] = replace(increment, state=replace(increment.state, friction=(wrong,)))
         return replace(result, steps=(*result.steps[:-1], last))
 
     monkeypatch.setattr(compare, "simulate", wrong)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.solve.simulate import SolverSettings, Trajectory, simulate
+from tdcr_fe.solve.simulate import PathRecord, SolverSettings, simulate
 from tdcr_fe.validation.crosscheck.cases import PRESLIDING, Case
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
@@ -38,16 +38,14 @@ def compare(case: Case) -> Record:
         Plain numbers, strings and lists, ready for JSON. ``steps`` has one entry per load step that both solved;
         the other keys are worst values over them.
     """
-    trajectory: Trajectory = []
-    fe = simulate(
-        case.robot, case.model, case.steps, SolverSettings(presliding=PRESLIDING), record=trajectory
-    )
+    path: PathRecord = []
+    fe = simulate(case.robot, case.model, case.steps, SolverSettings(presliding=PRESLIDING), record_path=path)
     at = tuple(float(x) for x in fe.steps[0].s) if fe.steps else ()
     ref = solve_reference(
         case.robot, case.model, case.steps, settings=ReferenceSettings(presliding=PRESLIDING, sample_at=at)
     )
     # Timed apart: the shape between the nodes is for the comparison only.
-    states = [waypoints[-1].state.histories[0] for waypoints in trajectory[: len(fe.steps)]]
+    states = [increments[-1].state.friction[0] for increments in path[: len(fe.steps)]]
     slips = np.array([state.slip for state in states])
     steps = []
     tops = _tops(case.robot, ref)

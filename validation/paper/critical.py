@@ -116,10 +116,10 @@ def search_critical_load(
                 return found, shapes, "stop"
             if number < len(before):
                 continue
-            if report["snapped"] and number > len(before):
+            if report.snapped and number > len(before):
                 return found, shapes, "snap"
             found.append(stability(simulation))
-            shapes.append(simulation.solver.positions(0).copy())
+            shapes.append(simulation.state.configuration.positions.copy())
             if found[-1].divergence <= 0.0:
                 return found, shapes, "eigenvalue"
         return found, shapes, "none"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import exudyn as exu
 import numpy as np
@@ -141,9 +141,10 @@ def pressure_dependent_friction(
         forces = simulation.handle.actuation
         declared = forces.law.parameters.friction
         if coefficients is not None:
-            forces.law = _with_friction(forces.law, coefficients)
+            forces.model = replace(forces.model, law=_with_friction(forces.law, coefficients))
         report = simulation.advance(targets[0])
-        across = 2.0 * forces.field.tension[:, 1:] * np.sin(0.5 * forces.shape.angles)
+        solved = forces.current_forces()
+        across = 2.0 * solved.field.tension[:, 1:] * np.sin(0.5 * solved.measured.shape.angles)
         new = law.coefficient(declared, across)
         settled = coefficients is not None and float(np.max(np.abs(new - coefficients))) < tolerance
         coefficients = new if coefficients is None else 0.5 * (coefficients + new)

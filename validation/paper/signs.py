@@ -10,16 +10,17 @@ all. Its holes stick, with less friction than the Capstan equation allows.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.friction import FrictionState, TendonLaw
+from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.simulate import Simulation, SolverSettings
+from tdcr_fe.solve.state import SolverState
 
 Array = NDArray[np.float64]
 Signs = tuple[int, ...]
@@ -120,36 +121,30 @@ def trial_signs(
     targets = resolve(robot, steps)
     simulation = Simulation(robot, model, targets, settings)
     forces = simulation.handle.actuation
-    forces.law = FixedSigns(forces.law)
+    forces.model = replace(forces.model, law=FixedSigns(forces.law))
     signs = np.full(forces.count, -1)
     result = []
-    before: Actuation | None = None
     for step, target in zip(steps, targets, strict=True):
-        start = simulation.solver.snapshot()
-        slip = simulation.displacement.copy() if before is not None else np.zeros(forces.count)
+        start = simulation.state
+        slip = simulation.displacement.copy()
         # A tendon without tension rubs nowhere: its sign says nothing, and is left as it is.
         rubs = (target.values > 0.0) | (forces.base_tension > 0.0)
         trials: list[Trial] = []
         consistent: Trial | None = None
         for guess in _combinations(rubs, signs):
-            simulation.solver.restore(start)
-            _fix(forces, guess)
-            change = _solve(simulation, target, before, slip)
+            change = _solve(simulation, _with_signs(start, guess), target, slip)
             agrees = tuple(
                 bool(not r or g * c >= -tolerance) for r, g, c in zip(rubs, guess, change, strict=True)
             )
-            trials.append(Trial(guess, change, agrees, simulation.solver.positions(0)[-1].copy()))
+            trials.append(Trial(guess, change, agrees, simulation.state.configuration.positions[-1].copy()))
             if trials[-1].consistent and consistent is None:
                 consistent = trials[-1]
                 if not try_all:
                     break
         taken = consistent or min(trials, key=lambda t: t.agrees.count(False))
         if taken is not trials[-1]:
-            simulation.solver.restore(start)
-            _fix(forces, taken.signs)
-            _solve(simulation, target, before, slip)
+            _solve(simulation, _with_signs(start, taken.signs), target, slip)
         signs = np.array(taken.signs)
-        before = target
         result.append(SignStep(step.label, tuple(trials), taken))
     return result
 
@@ -165,18 +160,16 @@ def _combinations(rubs: NDArray[np.bool_], signs: NDArray[np.int_]) -> list[Sign
     return found
 
 
-def _fix(forces: object, signs: Signs) -> None:
-    """Set the directions of friction: a tendon that shortens is pulled through its holes."""
-    state = FrictionState(np.zeros((len(signs), 1)), -np.asarray(signs, dtype=float)[:, None])
-    forces.state = state  # type: ignore[attr-defined]
+def _with_signs(state: SolverState, signs: Signs) -> SolverState:
+    """A state with other directions of friction: a tendon that shortens is pulled through its holes."""
+    (old,) = state.friction
+    mobilisation = -np.asarray(signs, dtype=float)[:, None]
+    new = replace(old, slip=np.zeros((len(signs), 1)), mobilisation=mobilisation)
+    return replace(state, friction=(new,), mobilisation=(mobilisation,))
 
 
-def _solve(simulation: Simulation, target: Actuation, before: Actuation | None, slip: Array) -> Array:
-    """Solve one step from the state before it; returns the change of every tendon's length [m]."""
-    simulation._applied = {key: np.zeros(6) for key in simulation._applied}
-    for name, load in (before.loads if before is not None else {}).items():
-        simulation._applied[simulation._key(name, load)] = np.array([*load.force, *load.moment])
-    solver = simulation.solver
-    solver._mobilisation = [r.state.mobilisation.copy() for r in solver.robots]
+def _solve(simulation: Simulation, start: SolverState, target: Actuation, slip: Array) -> Array:
+    """Solve one step from a state; returns the change of every tendon's length [m]."""
+    simulation.restore(start)
     simulation.advance(target)
     return slip - simulation.displacement

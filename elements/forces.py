@@ -1,0 +1,357 @@
+"""Forces in one configuration of a robot: tensions with friction, section forces, and all their derivatives.
+
+`ForceModel` holds what does not change, `TendonForces` the values in one configuration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.backbone import BackboneMesh, relative_twists, strain_matrices
+from tdcr_fe.elements.friction import FrictionState, TendonLaw, TensionField
+from tdcr_fe.elements.poses import skew
+from tdcr_fe.elements.section import SectionForces, nodal_sum
+from tdcr_fe.elements.tendons import CableGeometry, CableShape
+
+Array = NDArray[np.float64]
+#: From this many unknowns on it pays that a segment touches two nodes only.
+SPARSE_WIDTH = 200
+
+
+class Measurement(NamedTuple):
+    """Tendons and elements of a robot in one configuration.
+
+    Attributes
+    ----------
+    twists : ndarray, shape (E, 6)
+        Relative twists of the elements; empty where no section force acts.
+    shape : CableShape
+        Lengths and angles of the tendons.
+    offsets : ndarray, shape (m, n+1, 3), or None
+        Where the tendons lie in their holes, in the frames of the disks [m]; None where they cannot shift.
+    """
+
+    twists: Array
+    shape: CableShape
+    offsets: Array | None
+
+
+@dataclass(frozen=True)
+class ForceModel:
+    """What the forces of a robot are computed from.
+
+    Attributes
+    ----------
+    mesh : BackboneMesh
+        The backbone.
+    hole_nodes : ndarray of int
+        Which backbone nodes carry holes, ascending.
+    geometry : CableGeometry or None
+        The tendons as cables; None where they follow the backbone.
+    law : TendonLaw
+        How tension passes along them.
+    section : SectionForces or None
+        Forces inside the section; None where there are none.
+    """
+
+    mesh: BackboneMesh
+    hole_nodes: NDArray[np.int_]
+    geometry: CableGeometry | None
+    law: TendonLaw
+    section: SectionForces | None
+
+    @cached_property
+    def columns(self) -> NDArray[np.int_] | None:
+        """Body-frame unknowns of the nodes with holes; None where derivatives cover all nodes anyway."""
+        if self.geometry is None or self.hole_nodes.size == self.mesh.arc_lengths.size:
+            return None
+        return (6 * self.hole_nodes[:, None] + np.arange(6)).ravel()
+
+    def measure(self, positions: Array, rotations: Array, twists: Array | None = None) -> Measurement:
+        """Lengths and angles of the tendons in a configuration.
+
+        Parameters
+        ----------
+        positions, rotations
+            Of the nodes, the latter in beam axes; shapes (N, 3) and (N, 3, 3).
+        twists
+            Of the elements, shape (E, 6); None computes them from the poses where they are needed.
+        """
+        needed = self.section is not None
+        if needed and twists is None:
+            twists = relative_twists(positions, rotations)
+        strained = twists if needed and twists is not None else np.zeros((0, 6))
+        if self.geometry is None:
+            return Measurement(strained, self._along_the_backbone(strained), None)
+        if self.columns is not None:
+            positions, rotations = positions[self.hole_nodes], rotations[self.hole_nodes]
+        if self.geometry.clearance is None:
+            return Measurement(strained, self.geometry.evaluate(positions, rotations), None)
+        self.geometry.shift_in_holes(positions, rotations)
+        return Measurement(strained, self.geometry.evaluate(positions, rotations), self.geometry.offsets)
+
+    def _along_the_backbone(self, twists: Array) -> CableShape:
+        """Lengths of tendons that follow the backbone."""
+        assert self.section is not None and self.section.tendons is not None
+        length, gradient = self.section.tendons.evaluate(twists, self.section.lengths)
+        by_nodes = gradient[:, :, None, :] @ strain_matrices(twists)
+        m, n_nodes = length.size, self.mesh.arc_lengths.size
+        d = np.zeros((m, n_nodes, 6))
+        d[:, :-1] += by_nodes[:, :, 0, :6]
+        d[:, 1:] += by_nodes[:, :, 0, 6:]
+        derivatives = d.reshape(m, 1, -1), np.zeros((m, 0, d[0].size))
+        return CableShape(length[:, None], np.zeros((m, 0)), lambda: derivatives)
+
+    def at_mobilisation(
+        self,
+        measured: Measurement,
+        base_tension: Array,
+        mobilisation: Array,
+        state: FrictionState,
+        time: float,
+    ) -> TendonForces:
+        """Forces where the mobilisations are unknowns of their own.
+
+        Parameters
+        ----------
+        measured
+            The configuration.
+        base_tension
+            Tension at the base [N], shape (m,).
+        mobilisation
+            Shape (m, g).
+        state
+            History at the beginning of the step, from which slip rates are counted.
+        time
+            At the end of the step [s].
+        """
+        shape = measured.shape
+        field = self.law.field(base_tension, shape.lengths, shape.angles, mobilisation, state, time)
+        return TendonForces(self, measured, base_tension, field)
+
+    def after(
+        self,
+        measured: Measurement,
+        base_tension: Array,
+        state: FrictionState,
+        time: float,
+        law: TendonLaw | None = None,
+    ) -> TendonForces:
+        """Forces where the mobilisations follow from the configuration and the history.
+
+        Parameters
+        ----------
+        measured, base_tension
+            As in `at_mobilisation`.
+        state
+            History at the beginning of the step.
+        time
+            At its end [s].
+        law
+            Another law than the model's own.
+        """
+        shape = measured.shape
+        field = (law or self.law).evaluate(base_tension, shape.lengths, shape.angles, state, time=time)
+        return TendonForces(self, measured, base_tension, field)
+
+
+@dataclass(frozen=True, eq=False)
+class TendonForces:
+    """Tensions and section forces in one configuration, with their derivatives.
+
+    Derivatives are by body-frame increments ``[v, w]`` of the nodes.
+
+    Attributes
+    ----------
+    model : ForceModel
+    measured : Measurement
+        The configuration.
+    base_tension : ndarray, shape (m,)
+        Tension at the base [N].
+    field : TensionField
+        Tensions along the tendons.
+    base_response : ndarray, shape (m, W), or None
+        Change of the tensions at the base with the nodes that carry holes, of tendons whose base displacement is
+        prescribed through their own elasticity [N/m, N]; None where the tensions at the base are given or unknowns.
+    """
+
+    model: ForceModel
+    measured: Measurement
+    base_tension: Array
+    field: TensionField
+    base_response: Array | None = None
+
+    # ------------------------------------------------------------------ slips
+
+    def slip_change(self, nodes: Array, base_tension: Array | None) -> Array:
+        """Change of the slips behind the mobilisations in a step, the mobilisations kept [m], shape (m, g).
+
+        Parameters
+        ----------
+        nodes
+            Body-frame increments of all nodes, shape (6 N,).
+        base_tension
+            Change of the tensions at the base [N], shape (m,); None where they are kept.
+        """
+        f, s, law = self.field, self.measured.shape, self.model.law
+        moved = nodes if self.model.columns is None else nodes[self.model.columns]
+        released = f.released_d_length * (s.d_lengths @ moved)
+        if law.elastic:
+            change = (f.d_angle @ (s.d_angles @ moved)[:, :, None])[:, :, 0]
+            if base_tension is not None:
+                change = change + f.d_base * base_tension[:, None]
+            if f.depends_on_length:
+                change = change + (f.d_length @ (s.d_lengths @ moved)[:, :, None])[:, :, 0]
+            released = released + f.released_d_tension * change
+        return law.slips(released)
+
+    def slip_rows(self) -> tuple[Array, Array, Array]:
+        """Derivatives of the slips behind the frictional mobilisations.
+
+        Returns
+        -------
+        by_nodes : ndarray, shape (k, 6 N)
+        by_base_tension : ndarray, shape (k, m)
+        by_mobilisation : ndarray, shape (k, k)
+        """
+        f, s, law = self.field, self.measured.shape, self.model.law
+        frictional = law.frictional
+        tendon, group = np.nonzero(frictional)
+        of_tendon = tendon[:, None] == np.arange(len(frictional))
+        released = f.released_d_length[:, :, None] * s.d_lengths
+        if not law.elastic:
+            by_nodes = self._to_all_nodes((law.slip_operator @ released)[frictional])
+            return by_nodes, np.zeros(of_tendon.shape), np.zeros((len(tendon),) * 2)
+        stretched = law.slip_operator * f.released_d_tension[:, None, :]
+        by_nodes = law.slip_operator @ released + (stretched @ f.d_angle) @ s.d_angles
+        if f.depends_on_length:
+            by_nodes = by_nodes + (stretched @ f.d_length) @ s.d_lengths
+        by_base = (stretched @ f.d_base[:, :, None])[frictional]
+        by_mobilisation = (stretched @ f.by_mobilisation)[tendon[:, None], group[:, None], group]
+        return (
+            self._to_all_nodes(by_nodes[frictional]),
+            by_base * of_tendon,
+            by_mobilisation * (tendon[:, None] == tendon),
+        )
+
+    def base_slip_rows(self) -> Array:
+        """Derivative of the slip at the base plate by the nodes, shape (m, 6 N)."""
+        return self._to_all_nodes(self.base_slip_by_holes())
+
+    def base_slip_by_holes(self) -> Array:
+        """Derivative of the slip at the base plate by the nodes that carry holes, shape (m, W)."""
+        f, s = self.field, self.measured.shape
+        by_length = f.released_d_length + (f.released_d_tension[:, None, :] @ f.d_length)[:, 0]
+        d = (by_length[:, None, :] @ s.d_lengths)[:, 0]
+        if s.d_angles.shape[1]:
+            d = d + ((f.released_d_tension[:, None, :] @ f.d_angle) @ s.d_angles)[:, 0]
+        return d
+
+    def base_slip_by_base(self) -> Array:
+        """Derivative of the slip at the base plate by the tension there [m/N], shape (m,)."""
+        return np.einsum("mn,mn->m", self.field.released_d_tension, self.field.d_base)
+
+    def base_slip_by_mobilisation(self) -> Array:
+        """Derivative of the slip at the base plate by the frictional mobilisations [m], shape (m, k)."""
+        frictional = self.model.law.frictional
+        d = np.einsum("mn,mng->mg", self.field.released_d_tension, self.field.by_mobilisation)[frictional]
+        return d * (np.nonzero(frictional)[0] == np.arange(len(frictional))[:, None])
+
+    # ------------------------------------------------------------------ forces on the nodes
+
+    def section_wrenches(self) -> Array:
+        """Wrench ``[f, m]`` of the section forces on every node, in its own frame, shape (N, 6)."""
+        assert self.model.section is not None
+        return nodal_sum(self.model.section.wrenches(self.measured.twists, self.field.tension[:, 0]))
+
+    def mobilisation_columns(self) -> Array:
+        """Derivative of the force on the nodes by the frictional mobilisations, shape (6 N, k)."""
+        d = -np.swapaxes(self.field.by_mobilisation, 1, 2) @ self.measured.shape.d_lengths
+        return self._to_all_nodes(d[self.model.law.frictional]).T
+
+    def base_tension_columns(self) -> Array:
+        """Derivative of the force on the nodes by the tensions at the base, shape (6 N, m)."""
+        d = -(self.field.d_base[:, None, :] @ self.measured.shape.d_lengths)[:, 0]
+        return self._to_all_nodes(d).T
+
+    def tangent(self) -> Array:
+        """What Exudyn's Jacobian lacks, by itself; see `add_tangent`."""
+        k = np.zeros((6 * self.model.mesh.arc_lengths.size,) * 2)
+        self.add_tangent(k)
+        return k
+
+    def add_tangent(self, k: Array, loads_jacobian: bool = False) -> None:
+        """Add what Exudyn's Jacobian lacks: derivative of the forces by the nodes.
+
+        The change of the tensions with the configuration, and the section forces; the geometric stiffness of the
+        straight segments is Exudyn's own.
+
+        Parameters
+        ----------
+        k
+            Changed in place, shape (6 N, 6 N).
+        loads_jacobian
+            Whether Exudyn's Jacobian was asked to contain the derivatives of loads; the turning of the
+            body-fixed loads that carry the section forces is then in it already.
+        """
+        f = self.field
+        d_lengths, d_angles = self.measured.shape.derivatives
+        change = f.d_angle @ d_angles
+        if f.depends_on_length:
+            change += f.d_length @ d_lengths
+        if self.base_response is not None:
+            change = change + f.d_base[:, :, None] * self.base_response[:, None, :]
+        width = d_lengths.shape[-1]
+        if width > SPARSE_WIDTH and self.model.geometry is not None:
+            softer = self._by_segments(change)
+        else:
+            softer = d_lengths.reshape(-1, width).T @ change.reshape(-1, width)
+        columns = self.model.columns
+        if columns is None:
+            k -= softer
+        else:
+            k[np.ix_(columns, columns)] -= softer
+        if self.model.section is not None:
+            self._add_section_tangent(k, loads_jacobian)
+
+    def _by_segments(self, change: Array) -> Array:
+        """Change of the tensions (m, n, W) times the pull on the nodes, segment by segment, shape (W, W)."""
+        geometry = self.model.geometry
+        assert geometry is not None
+        m, n, width = change.shape
+        k = np.zeros((width // 6, 6, width))
+        pulls = self.measured.shape.d_lengths.reshape(m, n, -1, 6)
+        for i, nodes in enumerate(geometry.nodes):
+            segments = np.flatnonzero(geometry.mask[i])
+            for end in (nodes[segments], nodes[segments + 1]):
+                k[end] += pulls[i, segments, end][:, :, None] * change[i, segments][:, None, :]
+        return k.reshape(width, width)
+
+    def _add_section_tangent(self, k: Array, loads_jacobian: bool) -> None:
+        """Section forces: change with the twists, and with the frames in which they are given."""
+        assert self.model.section is not None
+        element = self.model.section.wrench_tangent(self.measured.twists, self.field.tension[:, 0])
+        for e, block in enumerate(element):
+            k[6 * e : 6 * e + 12, 6 * e : 6 * e + 12] += block
+        if loads_jacobian:
+            return
+        wrench = self.section_wrenches()
+        turned = skew(wrench[:, :3]), skew(wrench[:, 3:])
+        # The residual is taken in frames that move along; Exudyn's Jacobian of it has these terms too.
+        for n in range(len(wrench)):
+            i = 6 * n
+            k[i : i + 3, i + 3 : i + 6] -= turned[0][n]
+            k[i + 3 : i + 6, i + 3 : i + 6] -= 0.5 * turned[1][n]
+
+    def _to_all_nodes(self, rows: Array) -> Array:
+        columns = self.model.columns
+        if columns is None:
+            return rows
+        full = np.zeros((rows.shape[0], 6 * self.model.mesh.arc_lengths.size))
+        full[:, columns] = rows
+        return full

@@ -1,0 +1,120 @@
+"""Friction in one Newton step: every hole sticks or slips, a small complementarity problem. Pure functions.
+
+Equilibrium is linear in a step, friction is not. With everything but the mobilisations eliminated, their conditions
+are a box-constrained linear complementarity problem. Where every hole keeps slipping as it does, which is the rule
+while loading, there is nothing to solve, and the step at fixed friction is the step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.complementarity import solve_box
+from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.solve.numbering import Numbering
+from tdcr_fe.solve.state import SolverState
+
+Array = NDArray[np.float64]
+
+
+def mobilisations(numbering: Numbering, state: SolverState) -> Array:
+    """Mobilisations that are unknowns, of all robots one after the other, shape (k,)."""
+    parts = [state.mobilisation[p.index][p.frictional] for p in numbering.robots if p.has_friction]
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def slip_residual(
+    numbering: Numbering, forces: Sequence[TendonForces], state: SolverState, step: Array, presliding: float
+) -> Array:
+    """By how much the slips would run ahead of their mobilisations after a step at fixed friction [m], shape (k,).
+
+    Parameters
+    ----------
+    numbering
+        Of the unknowns.
+    forces
+        By robot, in the present configuration.
+    state
+        Present mobilisations, and the history.
+    step
+        At fixed friction, shape (linear,).
+    presliding
+        Presliding distance [m].
+    """
+    parts = []
+    for part in numbering.robots:
+        if not part.has_friction:
+            continue
+        own, before = forces[part.index], state.friction[part.index]
+        base = None
+        if part.driven.size:
+            base = np.zeros(len(part.frictional))
+            base[part.driven] = step[part.tensions]
+        slip = own.field.slip + own.slip_change(step[part.nodes], base)
+        mobilised = presliding * (state.mobilisation[part.index] - before.mobilisation)
+        parts.append((slip - before.slip - mobilised)[part.frictional])
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def all_keep_slipping(mobilisation: Array, residual: Array) -> bool:
+    """Whether every hole slips, and goes on slipping the same way in a step at fixed friction."""
+    return bool(((np.abs(mobilisation) >= 1.0) & (mobilisation * residual >= 0.0)).all())
+
+
+def friction_step(
+    numbering: Numbering,
+    forces: Sequence[TendonForces],
+    solve: Callable[[Array], Array],
+    clamped: Sequence[slice],
+    slack: Sequence[NDArray[np.bool_]],
+    fixed: Array,
+    residual: Array,
+    mobilisation: Array,
+    presliding: float,
+) -> Array:
+    """The step in which the mobilisations are solved too, shape (total,).
+
+    Parameters
+    ----------
+    numbering, forces
+        As in `slip_residual`.
+    solve
+        Solves the linearised equilibrium at fixed friction for several right sides, shape (linear, k).
+    clamped
+        Unknowns of clamped bases.
+    slack
+        By robot, which of the tendons with prescribed displacement are slack.
+    fixed
+        Step at fixed friction, shape (linear,).
+    residual, mobilisation
+        See `slip_residual` and `mobilisations`, shape (k,).
+    presliding
+        Presliding distance [m].
+    """
+    count = len(mobilisation)
+    columns = np.zeros((numbering.linear, count), order="F")
+    rows = np.zeros((count, numbering.linear))
+    own = np.zeros((count, count))
+    for part in numbering.robots:
+        if not part.has_friction:
+            continue
+        at = forces[part.index]
+        here = slice(part.mobilisations.start - numbering.linear, part.mobilisations.stop - numbering.linear)
+        columns[part.nodes, here] = at.mobilisation_columns()
+        by_nodes, by_tension, own[here, here] = at.slip_rows()
+        rows[here, part.nodes] = by_nodes
+        if part.driven.size:
+            by_base = at.base_slip_by_mobilisation()[part.driven]
+            by_base[slack[part.index]] = 0.0
+            columns[part.tensions, here] = by_base
+            rows[here, part.tensions] = by_tension[:, part.driven]
+    for base in clamped:
+        columns[base] = 0.0
+    response = -solve(columns)
+    matrix = presliding * np.eye(count) - rows @ response - own
+    new, _ = solve_box(matrix, residual + matrix @ mobilisation, mobilisation)
+    change = new - mobilisation
+    return np.concatenate((fixed + response @ change, change))

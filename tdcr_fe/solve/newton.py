@@ -1,0 +1,337 @@
+"""Newton's method in strain space: from a state and a target to the state in equilibrium with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.backbone import ElementChain
+from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.convergence import FRICTION_TOLERANCE, balanced, friction_error, stalled
+from tdcr_fe.solve.friction_step import all_keep_slipping, friction_step, mobilisations, slip_residual
+from tdcr_fe.solve.numbering import Numbering
+from tdcr_fe.solve.state import SolverState, Target
+from tdcr_fe.solve.system import Linearization, Residual, SceneSystem
+
+Array = NDArray[np.float64]
+
+#: Contraction of a chord step: a step with the tangent of the iteration before leaves about this times the residual,
+#: per turn of the elements since [1/rad]; a prediction that met the tolerance in all of 216 steps of three routings.
+CHORD_CONTRACTION = 3.0
+#: A damped step turns no section by more than this; below a fifth of it the damping is reduced [rad].
+DAMPED_TURN = 0.5
+
+
+class NewtonStatus(Enum):
+    """How a Newton solve ended."""
+
+    CONVERGED = "converged"
+    STALLED = "converged: the steps have become so small that the rest of the residual is round-off"
+    NO_BALANCE = "the forces do not balance"
+    NO_FRICTION_STATE = "the stick-slip iteration did not converge"
+    SINGULAR = "the tangent is singular: something in the scene moves freely"
+    NOT_FINITE = "the residual is not a number"
+
+    @property
+    def converged(self) -> bool:
+        """Whether there is a solution."""
+        return self in (NewtonStatus.CONVERGED, NewtonStatus.STALLED)
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonResult:
+    """Result of one Newton solve.
+
+    Attributes
+    ----------
+    status : NewtonStatus
+    state : SolverState
+        Where it converged, the solution with its history committed; else the last iterate.
+    residuals : tuple of float
+        Relative residual before each iteration, and at the end [1].
+    iterations : int
+        Linear solves.
+    friction_error : float
+        Largest distance of a mobilisation from the one that its slip leads to, at the end [1].
+    forces : tuple of TendonForces
+        By robot, in that state.
+    linearization : Linearization or None
+        The last one; None where the start was a solution.
+    """
+
+    status: NewtonStatus
+    state: SolverState
+    residuals: tuple[float, ...]
+    iterations: int
+    friction_error: float
+    forces: tuple[TendonForces, ...]
+    linearization: Linearization | None
+
+    @property
+    def converged(self) -> bool:
+        """Whether there is a solution."""
+        return self.status.converged
+
+    @property
+    def residual(self) -> float:
+        """Largest unbalanced force over its scale at the end [1]."""
+        return self.residuals[-1]
+
+    def reason(self, settings: SolverSettings) -> str:
+        """In words, how the solve ended, with its residuals."""
+        found = f"relative residual {self.residual:.1e}, tolerance {settings.tolerance:.0e}"
+        if self.status is NewtonStatus.NO_FRICTION_STATE:
+            return (
+                f"{self.status.value} in {self.iterations} iterations: a mobilisation is off by "
+                f"{self.friction_error:.1e}, tolerance {FRICTION_TOLERANCE:.0e} ({found})"
+            )
+        if self.status is NewtonStatus.NO_BALANCE:
+            return f"{self.status.value} after {self.iterations} iterations ({found})"
+        return f"{self.status.value} ({found})"
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonStep:
+    """Change of all unknowns, and where it comes from.
+
+    Attributes
+    ----------
+    change : ndarray, shape (total,)
+    linearization : Linearization
+        It was computed with.
+    friction_kept : bool
+        Whether every hole keeps slipping as it does, so that another step with the same tangent is meaningful.
+    damping : float
+        It was computed with [N m].
+    """
+
+    change: Array
+    linearization: Linearization
+    friction_kept: bool
+    damping: float = 0.0
+
+
+def newton(
+    system: SceneSystem,
+    state: SolverState,
+    target: Target,
+    settings: SolverSettings,
+    *,
+    damped: bool = False,
+    presliding: float | None = None,
+) -> NewtonResult:
+    """Solve for equilibrium.
+
+    Parameters
+    ----------
+    system
+        The scene; it is left in the last iterate.
+    state
+        Where to start, and the history.
+    target
+        What acts; loads are those that stand in the scene.
+    settings
+        Numerics.
+    damped
+        Follow the motion of a heavily damped robot instead of Newton's straight way: slower, and it finds
+        the equilibrium that a robot falls into where it snaps through (pseudo-transient continuation; C. T.
+        Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508-523).
+    presliding
+        Another presliding distance than that of the settings [m].
+    """
+    presliding = settings.presliding if presliding is None else presliding
+    limit = 10 * settings.max_iterations if damped else settings.max_iterations
+    history = tuple(
+        np.where(r.by_displacement, x, np.nan) for r, x in zip(system.robots, target.inputs, strict=True)
+    )
+    trial = replace(
+        state,
+        base_tension=tuple(
+            np.where(r.by_displacement, old, new)
+            for r, old, new in zip(system.robots, state.base_tension, target.inputs, strict=True)
+        ),
+        prescribed=history,
+    )
+    numbering = system.numbering()
+    residual = system.residual(trial, target, numbering)
+    if not system.clamps_are_closed(residual):
+        system.release_clamps()
+        numbering = system.numbering()
+        residual = system.residual(trial, target, numbering)
+    residuals: list[float] = []
+    step: NewtonStep | None = None
+    turn, chord = 0.0, False
+    damping = system.layout.scales.elastic_force * system.length if damped else 0.0
+
+    def end(status: NewtonStatus, iterations: int, error: float) -> NewtonResult:
+        linear = None if step is None else step.linearization
+        final = _committed(system, residual, numbering, linear) if status.converged else residual.state
+        return NewtonResult(status, final, tuple(residuals), iterations, error, residual.forces, linear)
+
+    for iteration in range(limit + 1):
+        residuals.append(residual.size)
+        if not isfinite(residual.size):
+            return end(NewtonStatus.NOT_FINITE, iteration, np.nan)
+        met = balanced(residual.size, settings)
+        error = _friction_error(residual, presliding) if met or iteration == limit else np.nan
+        if met and error <= FRICTION_TOLERANCE:
+            return end(NewtonStatus.CONVERGED, iteration, error)
+        if iteration == limit:
+            break
+        # Where little is left to do, the tangent at hand does it; should it not, the next step has its own.
+        chord = (
+            step is not None
+            and step.friction_kept
+            and not (chord or damped)
+            and residual.size * CHORD_CONTRACTION * turn < settings.tolerance
+        )
+        try:
+            if chord and step is not None:
+                step = _chord_step(step, numbering, residual)
+            elif damped:
+                step = _damped_step(system, residual, numbering, presliding, damping, iteration)
+                damping = step.damping
+            else:
+                step = _full_step(system, residual, numbering, presliding, 0.0, iteration)
+        except np.linalg.LinAlgError:
+            return end(NewtonStatus.SINGULAR, iteration, np.nan)
+        size = system.layout.scales.step_size(step.change, system.layout.reduction.nodes)
+        last = stalled(residual.size, size, settings)
+        trial, turn = _advance(system, residual.state, step, numbering, settings.max_turn)
+        residual = system.residual(trial, target, numbering, iteration + 1)
+        error = _friction_error(residual, presliding) if last else np.nan
+        if last and error <= FRICTION_TOLERANCE:
+            residuals.append(residual.size)
+            return end(NewtonStatus.STALLED, iteration + 1, error)
+    return end(NewtonStatus.NO_FRICTION_STATE if met else NewtonStatus.NO_BALANCE, limit, error)
+
+
+def _friction_error(residual: Residual, presliding: float) -> float:
+    state = residual.state
+    return friction_error(residual.forces, state.mobilisation, state.friction, presliding)
+
+
+def _full_step(
+    system: SceneSystem,
+    residual: Residual,
+    numbering: Numbering,
+    presliding: float,
+    damping: float,
+    iteration: int,
+) -> NewtonStep:
+    """A step with a new tangent: at fixed friction where every hole keeps slipping, else with friction solved too."""
+    linear = system.linearize(residual, numbering, damping, first=iteration == 0)
+    fixed = linear.step(numbering, residual)
+    if not numbering.has_friction:
+        return NewtonStep(fixed, linear, True, damping)
+    state, forces = residual.state, residual.forces
+    mobilised = mobilisations(numbering, state)
+    slips = slip_residual(numbering, forces, state, fixed, presliding)
+    if all_keep_slipping(mobilised, slips):
+        return NewtonStep(_padded(fixed, numbering), linear, True, damping)
+    change = friction_step(
+        numbering,
+        forces,
+        linear.factorisation.solve,
+        system.layout.clamped,
+        linear.slack,
+        fixed,
+        slips,
+        mobilised,
+        presliding,
+    )
+    return NewtonStep(change, linear, False, damping)
+
+
+def _chord_step(before: NewtonStep, numbering: Numbering, residual: Residual) -> NewtonStep:
+    """A step with the tangent of the iteration before, in the frames of that; friction stays fixed."""
+    change = before.linearization.step(numbering, residual)
+    return replace(before, change=_padded(change, numbering))
+
+
+def _damped_step(
+    system: SceneSystem,
+    residual: Residual,
+    numbering: Numbering,
+    presliding: float,
+    damping: float,
+    iteration: int,
+) -> NewtonStep:
+    """A step of the damped motion: as long as it turns no section far, and never up to a saddle.
+
+    The damping it returns is that for the next step.
+    """
+    nodes = 6 * system.layout.reduction.nodes
+    least = 1e-6 * system.layout.scales.elastic_force * system.length
+    for _ in range(20):
+        step = _full_step(system, residual, numbering, presliding, damping, iteration)
+        turn = float(np.max(np.abs(step.change[:nodes].reshape(-1, 6)[:, 3:])))
+        climbs = step.linearization.factorisation.sign * residual.state.tangent_sign < 0
+        if turn <= DAMPED_TURN and not climbs:
+            break
+        damping = max(4.0 * damping, least)
+    return replace(step, damping=0.2 * damping if turn < 0.2 * DAMPED_TURN else damping)
+
+
+def _padded(fixed: Array, numbering: Numbering) -> Array:
+    """A step at fixed friction as one of all unknowns."""
+    step = np.zeros(numbering.total)
+    step[: numbering.linear] = fixed
+    return step
+
+
+def _advance(
+    system: SceneSystem, state: SolverState, step: NewtonStep, numbering: Numbering, max_turn: float
+) -> tuple[SolverState, float]:
+    """The state after a step, no element turning more than allowed; and the turn of the whole step [rad]."""
+    chains: tuple[ElementChain, ...] = step.linearization.chains
+    change = step.change
+    move = system.layout.space.move(state.configuration, change, chains, max_turn)
+    tension, mobilisation = state.base_tension, state.mobilisation
+    for part in numbering.robots:
+        i = part.index
+        if part.driven.size:
+            new = tension[i].copy()
+            new[part.driven] = np.maximum(new[part.driven] + move.fraction * change[part.tensions], 0.0)
+            tension = (*tension[:i], new, *tension[i + 1 :])
+        slipped = change[part.mobilisations]
+        if slipped.any():
+            new = mobilisation[i].copy()
+            new[part.frictional] = np.clip(new[part.frictional] + move.fraction * slipped, -1.0, 1.0)
+            mobilisation = (*mobilisation[:i], new, *mobilisation[i + 1 :])
+    moved = SolverState(
+        move.configuration,
+        tension,
+        mobilisation,
+        state.friction,
+        state.prescribed,
+        state.loads,
+        state.time,
+        state.tangent_sign,
+    )
+    return moved, move.turn
+
+
+def _committed(
+    system: SceneSystem, residual: Residual, numbering: Numbering, linear: Linearization | None
+) -> SolverState:
+    """A solution, its history committed and its clamps bearing what acts on the bases."""
+    state, sign = residual.state, residual.state.tangent_sign
+    # With prescribed displacements the sign also changes where a tendon falls slack, and says nothing.
+    if linear is not None and not numbering.any_driven:
+        sign = linear.factorisation.sign
+    return SolverState(
+        system.with_base_reactions(residual),
+        state.base_tension,
+        state.mobilisation,
+        tuple(own.model.law.commit(own.field) for own in residual.forces),
+        state.prescribed,
+        residual.target.loads,
+        residual.target.time,
+        sign,
+    )

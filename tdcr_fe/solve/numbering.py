@@ -1,0 +1,100 @@
+"""Order of the unknowns: reduced scene, then tensions of tendons with prescribed displacement, then mobilisations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.actuation import TendonActuation
+
+
+@dataclass(frozen=True, eq=False)
+class RobotUnknowns:
+    """Where one robot stands among the unknowns.
+
+    Attributes
+    ----------
+    index : int
+        Of the robot.
+    nodes : slice
+        Body-frame increments of its nodes.
+    driven : ndarray of int
+        Its tendons whose displacement is prescribed.
+    tensions : slice
+        Their tensions at the base.
+    frictional : ndarray of bool, shape (m, g)
+        Which of its mobilisations are unknowns.
+    mobilisations : slice
+        Where these are.
+    """
+
+    index: int
+    nodes: slice
+    driven: NDArray[np.int_]
+    tensions: slice
+    frictional: NDArray[np.bool_]
+    mobilisations: slice
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether friction acts in this robot."""
+        return self.mobilisations.stop > self.mobilisations.start
+
+
+@dataclass(frozen=True, eq=False)
+class Numbering:
+    """Order of all unknowns of a scene.
+
+    Attributes
+    ----------
+    robots : tuple of RobotUnknowns
+    reduced : int
+        Unknowns of the reduced scene.
+    linear : int
+        Unknowns that equilibrium is linear in at fixed friction: the former and the tensions.
+    total : int
+        All, mobilisations included.
+    """
+
+    robots: tuple[RobotUnknowns, ...]
+    reduced: int
+    linear: int
+    total: int
+
+    @classmethod
+    def of(cls, robots: Sequence[TendonActuation], nodes: Sequence[slice], reduced: int) -> Numbering:
+        """Number the unknowns of a scene.
+
+        Parameters
+        ----------
+        robots
+            All robots.
+        nodes
+            By robot, its nodes among those of all robots.
+        reduced
+            Unknowns of the reduced scene.
+        """
+        driven = [np.flatnonzero(r.by_displacement) for r in robots]
+        linear = reduced + sum(d.size for d in driven)
+        parts, tension, hole = [], reduced, linear
+        for i, (robot, own) in enumerate(zip(robots, nodes, strict=True)):
+            frictional = robot.law.frictional
+            tensions = slice(tension, tension + driven[i].size)
+            holes = slice(hole, hole + (int(np.count_nonzero(frictional)) if robot.law.has_friction else 0))
+            inside = slice(6 * own.start, 6 * own.stop)
+            parts.append(RobotUnknowns(i, inside, driven[i], tensions, frictional, holes))
+            tension, hole = tensions.stop, holes.stop
+        return cls(tuple(parts), reduced, linear, hole)
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether friction acts anywhere."""
+        return self.total > self.linear
+
+    @property
+    def any_driven(self) -> bool:
+        """Whether the displacement of any tendon is prescribed."""
+        return self.linear > self.reduced

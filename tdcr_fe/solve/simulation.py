@@ -1,0 +1,191 @@
+"""One robot alone on ground, taken through load steps one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import exudyn as exu
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION
+from tdcr_fe.model.loading import Actuation, Load, Model
+from tdcr_fe.model.results import StepResult
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
+from tdcr_fe.solve.ramp import Ramp
+from tdcr_fe.solve.state import SolverState, Target
+from tdcr_fe.solve.stepping import Increment, LoadStepReport, StepFailed, solve_ramp
+from tdcr_fe.solve.system import Linearization, SceneSystem
+
+Array = NDArray[np.float64]
+LoadKey = tuple[str, float, str]
+
+
+class Simulation:
+    """One robot alone on ground, taken through load steps.
+
+    Parameters
+    ----------
+    robot, model
+        Description.
+    steps
+        The loading sequence, resolved with `tdcr_fe.model.loading.resolve`; says where nodes for loads are needed.
+    settings
+        Numerics.
+
+    Attributes
+    ----------
+    handle : TDCR
+        The robot in its scene.
+    system : SceneSystem
+        Its equations.
+    state : SolverState
+        Last solved state, see `tdcr_fe.solve.stability.strain_tangent` for its tangent; the twists of the elements
+        are ``state.configuration.twists[0]``.
+    """
+
+    def __init__(
+        self, robot: Robot, model: Model, steps: Sequence[Actuation], settings: SolverSettings | None = None
+    ) -> None:
+        self.settings = settings or SolverSettings()
+        keys = {self._key(name, load) for step in steps for name, load in step.loads.items()}
+        # Exudyn's system container owns the system: it must live as long as we use it.
+        self.container = exu.SystemContainer()
+        mbs = self.container.AddSystem()
+        self.handle: TDCR = CreateTDCR(
+            mbs,
+            robot,
+            model,
+            loadPositions=sorted({at for _, at, _ in keys}),
+            presliding=self.settings.presliding,
+        )
+        self.loads: dict[LoadKey, PointLoad] = {
+            key: self.handle.add_load(f"{key[0]}@{key[1]:g}.{key[2]}", key[1], key[2])  # type: ignore[arg-type]
+            for key in sorted(keys)
+        }
+        mbs.Assemble()
+        self.system = SceneSystem(mbs)
+        self.state: SolverState = self.system.current_state()
+        self._last: Linearization | None = None
+
+    @staticmethod
+    def _key(name: str, load: Load) -> LoadKey:
+        return name, float(load.at), load.frame
+
+    def advance(
+        self,
+        target: Actuation,
+        substeps: int | None = None,
+        reference_path: Sequence[Increment] | None = None,
+        record_path: list[Increment] | None = None,
+    ) -> LoadStepReport:
+        """Solve one load step.
+
+        Parameters
+        ----------
+        target
+            What acts at the end of the step.
+        substeps
+            Fixed number; None chooses by refinement.
+        reference_path
+            See `tdcr_fe.solve.stepping.LoadStepper.solve`.
+        record_path
+            Where the increments of this step are appended.
+
+        Raises
+        ------
+        StepFailed
+            The state is then that of the last substep that converged.
+        """
+        robot = self.handle.actuation
+        for item in self.loads.values():
+            item.set(np.zeros(3))
+        for name, load in target.loads.items():
+            self.loads[self._key(name, load)].set(load.force, load.moment)
+        robot.inputs, robot.by_displacement = target.values, target.by_displacement
+        creeps = self.handle.robot.backbone.creep_rate != 0.0
+        ramp = Ramp.of(
+            self.system, self.state, self.state.time, target.time, self._set_creep if creeps else None
+        )
+        try:
+            path = solve_ramp(self.system, self.state, ramp, self.settings, substeps, reference_path)
+        except StepFailed as failure:
+            self.state, self._last = failure.state, None
+            raise
+        self.state, self._last = path.state, path.linearization
+        if record_path is not None:
+            record_path.extend(Increment(factor, state.stored()) for factor, state in path.increments)
+        return LoadStepReport.of(path)
+
+    def linearization(self) -> Linearization:
+        """Equilibrium at fixed friction, linearised in the last solved state or at most an iteration before."""
+        if self._last is None:
+            target = Target(self.state.inputs, self.state.loads, self.state.time)
+            numbering = self.system.numbering()
+            residual = self.system.residual(self.state, target, numbering)
+            self._last = self.system.linearize(residual, numbering)
+        return self._last
+
+    def _set_creep(self, moment: float) -> None:
+        """Make the backbone as compliant as it is at a time [s]."""
+        self.handle.set_compliance_factor(self.handle.robot.backbone.compliance_factor(moment))
+
+    def restore(self, state: SolverState) -> None:
+        """Return to a state that was solved before, with the loads that acted in it."""
+        self.system.store(state)
+        self.state, self._last = state, None
+
+    @property
+    def displacement(self) -> Array:
+        """Tendons pulled in at the base [m], shape (n_tendons,)."""
+        return self.handle.actuation.displacements
+
+    def result(
+        self, number: int, label: str, report: LoadStepReport, target: Actuation | None = None
+    ) -> StepResult:
+        """The present state as a result."""
+        handle = self.handle
+        states, tensions = handle.hole_states(), handle.tensions()
+        positions, rotations = self.state.configuration.poses[0]
+        details = asdict(report)
+        return StepResult(
+            step=number,
+            label=label,
+            converged=True,
+            iterations=details.pop("iterations"),
+            substeps=details.pop("substeps"),
+            residual=details.pop("residual"),
+            s=handle.arc_lengths.copy(),
+            positions=positions.copy(),
+            rotations=rotations @ BEAM_TO_SECTION.T,
+            base_tensions=handle.actuation.base_tension.copy(),
+            displacements=self.displacement,
+            tensions=tuple(tensions[n] for n in handle.robot.tendon_names),
+            hole_states=tuple(states[n] for n in handle.robot.tendon_names),
+            actuation=target,
+            details=details,
+        )
+
+
+def step_warnings(number: int, report: LoadStepReport) -> list[str]:
+    """What a user should know about a solved load step."""
+    found = []
+    if report.snapped:
+        found.append(
+            f"step {number}: No equilibrium followed the path. The robot snapped through to another one, found "
+            "by damped relaxation."
+        )
+    if report.presliding_factor > 1.0:
+        found.append(
+            f"step {number}: The stick-slip iteration did not converge; one substep used "
+            f"{report.presliding_factor:g} times the presliding distance. Use smaller load steps."
+        )
+    if report.refinement_error > 0.0:
+        found.append(
+            f"step {number}: Friction path not resolved: the last refinement moved a node by "
+            f"{report.refinement_error:.1e} of the length. Use smaller load steps."
+        )
+    return found

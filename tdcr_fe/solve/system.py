@@ -1,0 +1,525 @@
+"""The equations of a whole scene: the only user of Exudyn's solver kernel, its reduction and the clamps of the bases.
+
+Residual and Jacobian come from Exudyn. Every beam node is taken in body-frame increments; an increment of the nodes
+becomes an increment of the elements' strains, and the poses are rebuilt from the base by exact exponentials.
+Everything else in the scene keeps its ordinary additive update. Derivation: documentation, page "Theory".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import isfinite
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dgetrf, dgetrs
+
+from tdcr_fe.elements.actuation import TendonActuation
+from tdcr_fe.elements.backbone import ElementChain, NodeBlocks
+from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.solve.configuration import Configuration, ConfigurationSpace, Unknowns
+from tdcr_fe.solve.convergence import ResidualScales
+from tdcr_fe.solve.numbering import Numbering
+from tdcr_fe.solve.reduction import BodyFrameReduction
+from tdcr_fe.solve.state import SolverState, StoredState, Target
+
+Array = NDArray[np.float64]
+_EYE6 = np.eye(6)
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """What is not in equilibrium in a state, under a target.
+
+    Attributes
+    ----------
+    state : SolverState
+    target : Target
+    forces : tuple of TendonForces
+        By robot.
+    unbalanced : ndarray
+        Reduced residual; zero at clamped bases, whose joints bear whatever acts on them.
+    on_bases : tuple of ndarray, shape (6,)
+        By clamped robot, the wrench on its base.
+    clamp_gap : float
+        Largest gap in the joint of a clamped base [m, 1].
+    size : float
+        Largest residual over its scale, prescribed displacements included [1].
+    """
+
+    state: SolverState
+    target: Target
+    forces: tuple[TendonForces, ...]
+    unbalanced: Array
+    on_bases: tuple[Array, ...]
+    clamp_gap: float
+    size: float
+
+
+@dataclass(frozen=True, eq=False)
+class Factorisation:
+    """LU factors of a tangent.
+
+    Attributes
+    ----------
+    lu : ndarray
+        Of the transposed matrix.
+    pivots : ndarray of int
+    """
+
+    lu: Array
+    pivots: NDArray[np.int_]
+
+    @classmethod
+    def of(cls, matrix: Array) -> Factorisation:
+        """Factorise, overwriting the matrix.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The matrix is singular.
+        """
+        lu, pivots, info = dgetrf(matrix.T, overwrite_a=True)
+        if info != 0 or not isfinite(lu[-1, -1]):
+            raise np.linalg.LinAlgError("singular matrix")
+        return cls(lu, pivots)
+
+    def solve(self, right: Array) -> Array:
+        """Solution for one or several right sides."""
+        solution: Array = dgetrs(self.lu, self.pivots, right, trans=1)[0]
+        return solution
+
+    @cached_property
+    def sign(self) -> int:
+        """Sign of the determinant; it changes where an equilibrium loses its stability."""
+        # Rows that changed places, and negative pivots; both at once change nothing.
+        turned = np.count_nonzero((self.pivots != np.arange(len(self.pivots))) ^ (self.lu.diagonal() < 0.0))
+        return 1 if turned % 2 == 0 else -1
+
+
+@dataclass(frozen=True, eq=False)
+class Linearization:
+    """Equilibrium at fixed friction, linearised and factorised.
+
+    Attributes
+    ----------
+    factorisation : Factorisation
+        Of the tangent.
+    chains : tuple of ElementChain
+        The elements in whose frames its steps are.
+    slack : tuple of ndarray of bool
+        By robot, which of the tendons with prescribed displacement are slack.
+    """
+
+    factorisation: Factorisation
+    chains: tuple[ElementChain, ...]
+    slack: tuple[NDArray[np.bool_], ...]
+
+    def step(self, numbering: Numbering, residual: Residual) -> Array:
+        """Step at fixed friction that undoes a residual, shape (linear,)."""
+        right = np.zeros(numbering.linear)
+        np.negative(residual.unbalanced, out=right[: numbering.reduced])
+        for part in numbering.robots:
+            if part.driven.size:
+                own = residual.forces[part.index]
+                gap = (own.field.base_slip - residual.target.inputs[part.index])[part.driven]
+                tension = own.base_tension[part.driven]
+                right[part.tensions] = -np.where(self.slack[part.index], tension, gap)
+        return self.factorisation.solve(right)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneLayout:
+    """How the unknowns of Exudyn's scene become those of the solver.
+
+    Attributes
+    ----------
+    clamps : dict
+        By robot whose base is clamped to ground, the numbers of the joint's multipliers.
+    reduction : BodyFrameReduction
+    space : ConfigurationSpace
+    clamped : tuple of slice
+        Unknowns of the clamped bases, in the order of ``clamps``.
+    scales : ResidualScales
+    loads_jacobian : bool
+        Whether any load changes with the configuration of the node it acts on.
+    user_loads : bool
+        Whether functions of the user may change loads while a load step is solved.
+    """
+
+    clamps: dict[int, NDArray[np.int_]]
+    reduction: BodyFrameReduction
+    space: ConfigurationSpace
+    clamped: tuple[slice, ...]
+    scales: ResidualScales
+    loads_jacobian: bool
+    user_loads: bool
+
+    @classmethod
+    def of(cls, mbs: exu.MainSystem, robots: Sequence[TendonActuation], with_clamps: bool) -> SceneLayout:
+        """Layout of an assembled scene; ``with_clamps=False`` treats the joints of clamped bases as any other."""
+        data = mbs.systemData
+        for robot in robots:
+            robot.forget_coordinates()
+        norms = [i for robot in robots for node in robot.nodes for i in data.GetNodeLTGAE(node)]
+        clamps = _clamps(mbs, robots) if with_clamps else {}
+        dropped = [*norms, *(i for joint in clamps.values() for i in joint)]
+        reduction = BodyFrameReduction(mbs, np.concatenate([r.coordinates for r in robots]), dropped)
+        space = ConfigurationSpace(mbs, robots, reduction, clamps)
+        starts = [6 * space.slices[i].start for i in clamps]
+        loads = [mbs.GetLoad(i) for i in range(data.NumberOfLoads())]
+        return cls(
+            clamps,
+            reduction,
+            space,
+            tuple(slice(k, k + 6) for k in starts),
+            ResidualScales.of(robots, reduction),
+            # Forces fixed in the world have no derivative at a node; all other loads may have one.
+            any(_turns(load) for load in loads),
+            any(load.get("loadVectorUserFunction") or load.get("loadUserFunction") for load in loads),
+        )
+
+
+class SceneSystem:
+    """Equations of equilibrium of a scene with all its robots.
+
+    Parameters
+    ----------
+    mbs
+        An assembled system.
+
+    Attributes
+    ----------
+    robots : list of TendonActuation
+    layout : SceneLayout
+        Replaced by `release_clamps`.
+
+    Raises
+    ------
+    ValueError
+        The system is not assembled, has no robot, or has first-order states.
+    """
+
+    def __init__(self, mbs: exu.MainSystem) -> None:
+        self.mbs = mbs
+        self.hooks = SceneHooks.of(mbs)
+        self.hooks.adopt()
+        self.robots: list[TendonActuation] = self.hooks.actuations
+        if not self.robots:
+            raise ValueError("no robot in this system; add one with CreateTDCR before solving")
+        if not mbs.systemIsConsistent:
+            raise ValueError("the system is not assembled; call mbs.Assemble() before solving")
+        settings = exu.SimulationSettings()
+        settings.solution.file.write = False
+        settings.solution.sensors.active = False
+        settings.staticSolver.verboseMode = 0
+        self._settings = settings
+        self._kernel = self._initialised_kernel()
+        if self._kernel.GetODE1size():
+            raise ValueError(
+                "the scene has first-order (ODE1) states, which the quasi-static solver does not solve; "
+                "use mbs.SolveDynamic, or leave these items out"
+            )
+        self.layout = SceneLayout.of(mbs, self.robots, with_clamps=True)
+        self._reactions = self._survey()
+
+    def _initialised_kernel(self) -> Any:
+        """Exudyn's static solver, ready to evaluate residual and Jacobian; the scene stays as it is."""
+        kernel, data = exu.MainSolverStatic(), self.mbs.systemData
+        start = np.array(data.GetODE2Coordinates())
+        multipliers = np.array(data.GetAECoordinates())
+        # Exudyn's advice on large systems is about its own solvers.
+        warned = exu.config.suppressWarnings
+        exu.config.suppressWarnings = True
+        try:
+            with self.hooks.without_post_step():
+                ready = kernel.InitializeSolver(self.mbs, self._settings)
+        finally:
+            exu.config.suppressWarnings = warned
+        if not ready:
+            raise RuntimeError("Exudyn could not initialise its static solver for this system")
+        data.SetODE2Coordinates(start)
+        if multipliers.size:
+            data.SetAECoordinates(multipliers)
+        return kernel
+
+    @property
+    def length(self) -> float:
+        """Length of the longest backbone [m]."""
+        return self.layout.scales.length
+
+    def numbering(self) -> Numbering:
+        """Order of the unknowns, with tendons driven as they are now."""
+        return Numbering.of(self.robots, self.layout.space.slices, self.layout.reduction.count)
+
+    # ------------------------------------------------------------------ states
+
+    def current_state(self, time: float = 0.0) -> SolverState:
+        """The state the scene and its robots are in, with time counted from a value [s]; slip rates stay."""
+        return SolverState(
+            self.layout.space.from_scene(),
+            tuple(r.base_tension for r in self.robots),
+            tuple(r.state.mobilisation for r in self.robots),
+            tuple(replace(r.state, time=time) for r in self.robots),
+            tuple(r.prescribed for r in self.robots),
+            tuple(load.applied for load in self.hooks.point_loads),
+            time,
+        )
+
+    def warm_start(self, state: SolverState, stored: StoredState) -> SolverState:
+        """A state with the unknowns of another run and its own history; unchanged where the meshes differ."""
+        if not self.layout.space.fits(stored.unknowns):
+            return state
+        return replace(
+            state,
+            configuration=self.layout.space.build(stored.unknowns),
+            base_tension=stored.base_tension,
+            mobilisation=stored.mobilisation,
+        )
+
+    def store(self, state: SolverState, forces: Sequence[TendonForces] | None = None) -> None:
+        """Leave a solved state in the scene, as current and as initial configuration.
+
+        Parameters
+        ----------
+        state
+            The state.
+        forces
+            By robot, where the scene was last evaluated in this state and carries them already; None computes and
+            applies them.
+        """
+        if not forces:
+            forces = self.forces(state, state.time)
+            for robot, own in zip(self.robots, forces, strict=True):
+                robot.apply(own)
+        for robot, own, history, prescribed in zip(
+            self.robots, forces, state.friction, state.prescribed, strict=True
+        ):
+            robot.forces, robot.state, robot.prescribed = own, history, prescribed
+            robot.base_tension = own.base_tension
+        for item, load in zip(self.hooks.point_loads, state.loads, strict=True):
+            item.applied = load
+        self.layout.space.write(state.configuration, initial=True)
+
+    def bring_to_rest(self) -> None:
+        """Set the velocities and accelerations of the scene to zero."""
+        data, kinds = self.mbs.systemData, exu.ConfigurationType
+        rest = np.zeros(self.layout.reduction.n2)
+        for kind in (kinds.Current, kinds.Initial):
+            data.SetODE2Coordinates_t(rest, kind)
+            data.SetODE2Coordinates_tt(rest, kind)
+
+    # ------------------------------------------------------------------ equations
+
+    def forces(self, state: SolverState, time: float) -> tuple[TendonForces, ...]:
+        """By robot, tensions and section forces in a state at a time [s]."""
+        found = []
+        for i, robot in enumerate(self.robots):
+            measured, history = state.configuration.measured[i], state.friction[i]
+            tension, mobilisation = state.base_tension[i], state.mobilisation[i]
+            found.append(robot.model.at_mobilisation(measured, tension, mobilisation, history, time))
+        return tuple(found)
+
+    def residual(
+        self, state: SolverState, target: Target, numbering: Numbering, iteration: int = 0
+    ) -> Residual:
+        """What is not in equilibrium.
+
+        Parameters
+        ----------
+        state
+            Written into the scene.
+        target
+            Inputs and time; loads are those that stand in the scene.
+        numbering
+            Of the unknowns.
+        iteration
+            That the user's ``PreNewtonResidual`` function is given.
+        """
+        layout = self.layout
+        layout.space.write(state.configuration)
+        user = self.hooks.user_function("PreNewtonResidual")
+        if user is not None:
+            user(self.mbs, target.time, iteration, 0)
+        forces = self.forces(state, target.time)
+        for robot, own in zip(self.robots, forces, strict=True):
+            robot.apply(own)
+        self._kernel.ComputeNewtonResidual(self.mbs, self._settings)
+        raw = self._kernel.GetSystemResidual()
+        unbalanced = layout.reduction.residual(raw, state.configuration.frames)
+        on_bases = []
+        for base in layout.clamped:
+            on_bases.append(unbalanced[base].copy())
+            unbalanced[base] = 0.0
+        n2 = layout.reduction.n2
+        gap = max((float(np.abs(raw[n2 + joint]).max()) for joint in layout.clamps.values()), default=0.0)
+        size = layout.scales.relative_residual(unbalanced, state.base_tension, target.load_size)
+        for part in numbering.robots:
+            if part.driven.size:
+                own, displacement = forces[part.index], target.inputs[part.index]
+                size = max(size, layout.scales.displacement_error(own, displacement, part.driven))
+        return Residual(state, target, forces, unbalanced, tuple(on_bases), gap, size)
+
+    def tangent(self, residual: Residual, first: bool = True) -> Array:
+        """Derivative of the reduced residual at fixed friction and tensions at the base.
+
+        Parameters
+        ----------
+        residual
+            The last one evaluated, whose state is in the scene.
+        first
+            Whether it is the first one of an iteration. Contact, and what the user adds, may then couple nodes that
+            were not coupled before.
+
+        Returns
+        -------
+        ndarray, shape (reduced, reduced)
+            Exudyn's sign: minus the stiffness.
+        """
+        kernel, layout, frames = self._kernel, self.layout, residual.state.configuration.frames
+        kernel.ComputeJacobianODE2RHS(self.mbs, computeLoadsJacobian=int(layout.loads_jacobian))
+        if len(layout.reduction.other_multipliers):
+            kernel.ComputeJacobianAE(self.mbs)
+        j = kernel.GetSystemJacobian()
+        extra = self.hooks.user_jacobian(residual.target.time)
+        if extra is not None:
+            j[: extra.shape[0], : extra.shape[1]] += extra
+        changing = extra is not None or self.mbs.NumberOfGeneralContacts() > 0
+        k = layout.reduction.jacobian(j, frames, search_couplings=first and changing)
+        for own, robot, nodes in zip(residual.forces, self.robots, layout.space.slices, strict=True):
+            inside = slice(6 * nodes.start, 6 * nodes.stop)
+            if robot.count or robot.section is not None:
+                own.add_tangent(k[inside, inside], layout.loads_jacobian)
+        return k
+
+    def linearize(
+        self, residual: Residual, numbering: Numbering, damping: float = 0.0, first: bool = True
+    ) -> Linearization:
+        """Linearise equilibrium, with the tensions of tendons with prescribed displacement as further unknowns.
+
+        Parameters
+        ----------
+        residual
+            The last one evaluated, whose state is in the scene.
+        numbering
+            Of the unknowns.
+        damping
+            Of the nodes, for pseudo-transient continuation [N m].
+        first
+            See `tangent`.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The tangent is singular.
+        """
+        layout, configuration = self.layout, residual.state.configuration
+        k = self.tangent(residual, first)
+        for nodes, chain, poses in zip(
+            layout.space.slices, configuration.chains, configuration.poses, strict=True
+        ):
+            wrenches = residual.unbalanced[6 * nodes.start : 6 * nodes.stop]
+            chain.add_unbalanced(NodeBlocks(k, nodes), wrenches, *poses)
+        if numbering.any_driven:
+            k = np.pad(k, ((0, numbering.linear - numbering.reduced),) * 2)
+        slack = tuple(self._add_driven(k, residual, numbering))
+        if damping > 0.0:
+            # Exudyn's Jacobian is that of the right-hand side: minus the stiffness.
+            nodes6 = np.arange(6 * layout.reduction.nodes)
+            k[nodes6, nodes6] -= damping * np.tile(
+                np.repeat((1.0 / self.length**2, 1.0), 3), layout.reduction.nodes
+            )
+        for base in layout.clamped:
+            rows = k[base]
+            rows.fill(0.0)
+            rows[:, base] = _EYE6
+        return Linearization(Factorisation.of(k), configuration.chains, slack)
+
+    def _add_driven(self, k: Array, residual: Residual, numbering: Numbering) -> list[NDArray[np.bool_]]:
+        """Rows and columns of tensions whose tendons have prescribed displacements; which of these are slack."""
+        found = []
+        stiffness = 10.0 * self.layout.scales.elastic_force / self.length
+        for part in numbering.robots:
+            which, own = part.driven, residual.forces[part.index]
+            if not which.size:
+                found.append(np.zeros(0, dtype=bool))
+                continue
+            gap = (own.field.base_slip - residual.target.inputs[part.index])[which]
+            # A tendon is taut where its tension, or else the pull it lacks, is positive.
+            slack = own.base_tension[which] - gap * stiffness <= 0.0
+            k[part.nodes, part.tensions] = own.base_tension_columns()[:, which]
+            rows = own.base_slip_rows()[which]
+            rows[slack] = 0.0
+            k[part.tensions, part.nodes] = rows
+            k[part.tensions, part.tensions] = np.diag(np.where(slack, 1.0, own.base_slip_by_base()[which]))
+            found.append(slack)
+        return found
+
+    # ------------------------------------------------------------------ clamps
+
+    def clamps_are_closed(self, residual: Residual) -> bool:
+        """Whether the joints of clamped bases are closed where the bases are kept."""
+        return residual.clamp_gap <= 1e-9 * self.length
+
+    def release_clamps(self) -> None:
+        """Treat clamped bases as any other joint from now on: what they sit on has been moved."""
+        self.layout = SceneLayout.of(self.mbs, self.robots, with_clamps=False)
+        self._reactions = self._survey()
+
+    def _survey(self) -> dict[int, Array]:
+        """Look for couplings between nodes that no object announced, and for what the clamps of bases can bear.
+
+        Returns
+        -------
+        dict
+            By clamped robot, from the wrench on its base to the joint's multipliers that cause it, shape (6, 6).
+        """
+        layout = self.layout
+        configuration = layout.space.from_scene()
+        layout.space.write(configuration)
+        self._kernel.ComputeJacobianODE2RHS(self.mbs)
+        self._kernel.ComputeJacobianAE(self.mbs)
+        j = self._kernel.GetSystemJacobian()
+        layout.reduction.jacobian(j, configuration.frames, search_couplings=True)
+        found = {}
+        for i, joint in layout.clamps.items():
+            node = layout.space.slices[i].start
+            rows = layout.reduction.node_rows(j, configuration.frames, node, joint)
+            found[i] = np.asarray(np.linalg.inv(rows), dtype=float)
+        return found
+
+    def with_base_reactions(self, residual: Residual) -> Configuration:
+        """The configuration of a state in equilibrium, its clamps bearing what acts on the bases."""
+        configuration = residual.state.configuration
+        if not self.layout.clamps:
+            return configuration
+        old = configuration.unknowns
+        multipliers = old.multipliers.copy()
+        for (i, joint), acting in zip(self.layout.clamps.items(), residual.on_bases, strict=True):
+            multipliers[joint] -= self._reactions[i] @ acting
+        unknowns = Unknowns(old.coordinates, multipliers, old.twists, old.bases)
+        return replace(configuration, unknowns=unknowns)
+
+
+def _clamps(mbs: exu.MainSystem, robots: Sequence[TendonActuation]) -> dict[int, NDArray[np.int_]]:
+    """By robot whose base is clamped to ground, the numbers of the joint's multipliers."""
+    found = {}
+    for i, robot in enumerate(robots):
+        if robot.clamp is None:
+            continue
+        joint = mbs.GetObject(robot.clamp.joint)
+        if joint["activeConnector"] and all(joint["constrainedAxes"]) and not joint["offsetUserFunction"]:
+            found[i] = np.array(mbs.systemData.GetObjectLTGAE(robot.clamp.joint), dtype=int)
+    return found
+
+
+def _turns(load: dict[str, Any]) -> bool:
+    """Whether a load of Exudyn changes with the configuration of the node it acts on."""
+    return load["loadType"] != "MassProportional" and not (
+        load["loadType"] == "ForceVector" and not load["bodyFixed"]
+    )

@@ -1,0 +1,19 @@
+"""Linear algebra of small matrices in one thread: several threads only cost processor time."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from functools import lru_cache
+
+from threadpoolctl import ThreadpoolController
+
+
+@lru_cache(maxsize=1)
+def _controller() -> ThreadpoolController:
+    """The linear algebra libraries of this process, found once."""
+    return ThreadpoolController()
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Limit BLAS to one thread inside a ``with`` block."""
+    return _controller().limit(limits=1, user_api="blas")
