@@ -205,7 +205,8 @@ def sampled(law, end, step, tension, presliding=1e-6):
 
     def sample(mbs_, t):
         if t > 0.0:
-            field, angles = handle.actuation.field, handle.actuation.shape.angles
+            now = handle.actuation.current_forces()
+            field, angles = now.field, now.measured.shape.angles
             used = np.log(field.tension[0, :-1] / field.tension[0, 1:]) / angles[0]
             force = normal_forces(field.tension, angles)[0]
             rate = field.slip_rate[0]
