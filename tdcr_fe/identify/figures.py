@@ -86,7 +86,8 @@ def _tip_path(axes: Axes, result: IdentificationResult) -> bool:
         axes.set_xlabel("x [mm]")
     for path, colour in ((before, DECLARED), (after, CORRECTED)):
         axes.plot(*(path @ project.T).T, color=colour, lw=1.1, alpha=0.9)
-    _dots(axes, *(measured @ project.T).T, result.shapes.held_out)
+    x, y = (measured @ project.T).T
+    _dots(axes, x, y, result.shapes.held_out)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title("Path of the tip, from the side" if flat else "Path of the tip, from above")
     axes.set_ylabel("z [mm]" if flat else "y [mm]")

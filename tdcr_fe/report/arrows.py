@@ -71,8 +71,8 @@ def _arrow(axes: Axes, start: Array, vector: Array, i: int, j: int, colour: str,
     for reach in (1.0, 0.82) if double else (1.0,):
         axes.annotate(
             "",
-            start[[i, j]] + reach * flat,
-            start[[i, j]],
+            tuple(start[[i, j]] + reach * flat),
+            tuple(start[[i, j]]),
             arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 0, "shrinkB": 0,
                         "mutation_scale": 10},
             zorder=6,
@@ -107,7 +107,13 @@ def draw_gravity(axes: Axes, result: SequenceResult, i: int, j: int) -> None:
     direction = 0.09 * (top - bottom) * gravity / np.linalg.norm(gravity)
     _arrow(axes, at - direction / 2.0, direction, i, j, GRAVITY, double=False)
     axes.annotate(
-        "g", at[[i, j]], xytext=(7, 5), textcoords="offset points", color=GRAVITY, va="center", style="italic"
+        "g",
+        tuple(at[[i, j]]),
+        xytext=(7, 5),
+        textcoords="offset points",
+        color=GRAVITY,
+        va="center",
+        style="italic",
     )
 
 

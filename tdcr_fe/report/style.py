@@ -21,7 +21,7 @@ MEASURED, DECLARED, CORRECTED, REFERENCE = INK, COLOURS[1], COLOURS[0], INK
 #: Ground of steps that were held out.
 HELD_OUT = "#ebe6da"
 
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["Helvetica", "Arial", "Liberation Sans", "DejaVu Sans"],
     "font.size": 9.0,
