@@ -181,7 +181,8 @@ def add_actuation(
     """Make the forces of tendons and section, and connect them to Exudyn's solvers."""
     hole_nodes = np.array([0, *(mesh.node_at(s) for s in robot.disks.positions)])
     section = section_forces(robot, model, mesh, rigid)
-    continuous = model.tendon_path == "continuous"
+    # Without tendons there is no path: nothing then differs between the two.
+    continuous = model.tendon_path == "continuous" and bool(robot.tendons)
     geometry = None if continuous else cable_geometry(robot)
     if geometry is not None:
         lengths, mask = cable_lengths(geometry, mesh, hole_nodes), geometry.mask

@@ -12,7 +12,7 @@ The codes are read for how they pose the problem; nothing of them is copied.
 Where a continuous tendon ends inside the backbone, the strain jumps, and with it the direction of the tendons that go
 on. The distributed force of a tendon, its tension times the rate of change of its direction, is a point force there.
 The first code leaves it out, the second has it for a jump of the routing only. It vanishes where twist and shear do not
-jump; with a tip force it moves the tip by up to 0.07 % of the length (`solve`, argument ``kinks``).
+jump; with a tip force it moves the tip by up to 0.12 % of the length (`solve`, argument ``kinks``).
 
 Section frames have their tangent along the third axis; v and u are the linear and angular rates of change of the frame.
 """
