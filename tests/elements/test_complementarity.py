@@ -62,11 +62,24 @@ def test_nothing_to_solve():
     assert solved and s.size == 0
 
 
-def test_a_matrix_without_the_property_is_reported():
-    """Negative slope: both sides hold themselves; whatever comes back respects the bounds and is a number."""
-    s, solved = solve_box(np.array([[-1.0, 3.0], [-3.0, -1.0]]), np.array([0.1, 0.2]), np.zeros(2))
-    assert isinstance(solved, bool)
+def test_a_singular_block_is_reported():
+    s, solved = solve_box(np.zeros((2, 2)), np.array([0.1, 0.2]), np.zeros(2))
+    assert not solved
     assert np.all(np.isfinite(s)) and np.all(np.abs(s) <= 1.0)
+
+
+def test_where_the_matrix_has_not_the_property_what_is_called_solved_is_solved():
+    """Random matrices with minors of both signs: some are not solved, and say so; the others meet every condition."""
+    rng = np.random.default_rng(0)
+    outcomes = []
+    for _ in range(300):
+        matrix, right = rng.normal(size=(3, 3)), rng.normal(size=3)
+        s, solved = solve_box(matrix, right, np.zeros(3))
+        outcomes.append(solved)
+        assert np.all(np.isfinite(s)) and np.all(np.abs(s) <= 1.0)
+        if solved:
+            np.testing.assert_allclose(s, np.clip(s + right - matrix @ s, -1.0, 1.0), atol=1e-9)
+    assert 0 < sum(outcomes) < len(outcomes)
 
 
 @pytest.mark.parametrize("k", [1, 8])

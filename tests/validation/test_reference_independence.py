@@ -15,6 +15,7 @@ SHARED = {
     "tdcr_fe.model.results",
     "tdcr_fe.model.interpolation",
     "tdcr_fe.model.checks",
+    "tdcr_fe.model.friction",
 }
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.model.loading import Actuation, Load
 from tdcr_fe.validation.reference.settings import ReferenceSettings
-from tdcr_fe.validation.reference.statics import State, Statics
+from tdcr_fe.validation.reference.statics import Attempt, Forces, State, Statics
 from tdcr_fe.validation.reference.tendons import Driver, History
 
 Array = NDArray[np.float64]
@@ -36,6 +36,9 @@ _SMALLEST = 1.0 / 8.0
 #: How many bisections in succession must change nothing: a hole that moves to and fro within its presliding distance
 #: ends where it would have ended at rest, so that one agreement may be chance.
 _AGREEMENTS = 2
+
+#: Friction coefficients that depend on the normal force: repetitions at most, and the change that ends them [1].
+_REPETITIONS, _COEFFICIENT_TOLERANCE = 40, 1e-10
 
 
 class NotConverged(Exception):
@@ -322,11 +325,11 @@ class LoadStepPath:
         if backbone.creep_rate != 0.0:
             statics.set_compliance_factor(backbone.compliance_factor(ramp.time(factor)))
         delta, unknowns = statics.settings.presliding, start.state.unknowns
-        attempt = statics.solve(unknowns, forces, driver, start.history, delta)
+        attempt = self._consistent(unknowns, forces, driver, start, delta)
         iterations = attempt.iterations
         if not attempt.converged and statics.tendons.n_friction:
             for softer in _CONTINUATION:
-                attempt = statics.solve(unknowns, forces, driver, start.history, softer * delta)
+                attempt = self._consistent(unknowns, forces, driver, start, softer * delta)
                 iterations += attempt.iterations
                 if not attempt.converged:
                     break
@@ -334,6 +337,28 @@ class LoadStepPath:
         if not attempt.converged:
             raise NotConverged(attempt.state.residual)
         return Path(commit(statics, start, attempt.state), iterations)
+
+    def _consistent(
+        self, unknowns: Array, forces: Forces, driver: Driver, start: Point, presliding: float
+    ) -> Attempt:
+        """Solve with friction coefficients that belong to the normal forces found, by repetition."""
+        statics, tendons = self.statics, self.statics.tendons
+        if len(tendons.dependent):
+            tendons.mu = tendons.coefficients(start.state.tensions, start.state.angles)
+        attempt = statics.solve(unknowns, forces, driver, start.history, presliding)
+        iterations = attempt.iterations
+        for _ in range(_REPETITIONS if len(tendons.dependent) else 0):
+            if not attempt.converged:
+                break
+            mu = tendons.coefficients(attempt.state.tensions, attempt.state.angles)
+            change = float(np.max(np.abs(mu - tendons.mu)))
+            if change <= _COEFFICIENT_TOLERANCE:
+                return replace(attempt, iterations=iterations)
+            tendons.mu = mu
+            attempt = statics.solve(attempt.state.unknowns, forces, driver, start.history, presliding)
+            iterations += attempt.iterations
+        consistent = attempt.converged and not len(tendons.dependent)
+        return replace(attempt, converged=consistent, iterations=iterations)
 
 
 def commit(statics: Statics, start: Point, state: State) -> Point:

@@ -67,14 +67,9 @@ def solve_reference(
     Raises
     ------
     ValueError
-        The classical model is asked for friction, a coefficient of friction depends on slip rate or normal force, or
-        a load step does not fit the robot.
+        The classical model is asked for friction, a coefficient of friction depends on the slip rate, or a load
+        step does not fit the robot.
     """
-    laws = [t.name for t in robot.tendons if t.friction is not None and model.friction != "none"]
-    if laws:
-        raise ValueError(
-            f"the reference knows constant coefficients of friction only, not the law of {laws[0]!r}"
-        )
     settings = settings or ReferenceSettings()
     clock = time.perf_counter()
     actuations = resolve(robot, steps)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot, Tendon
 from tdcr_fe.validation.reference.extras import HoleFriction
@@ -25,6 +26,27 @@ def hole_points(robot: Robot, tendon: Tendon) -> Array:
     """Where the tendon passes base plate and disks, in their section frames [m], shape (n + 1, 3)."""
     holes = robot.holes(tendon)
     return np.concatenate((holes, np.zeros((len(holes), 1))), axis=1)
+
+
+def coefficient_at_rest(tendon: Tendon) -> float:
+    """Friction coefficient of a tendon where no normal force acts [1].
+
+    Raises
+    ------
+    ValueError
+        The tendon has a law that the reference does not implement.
+    """
+    law = tendon.friction
+    if law is None:
+        return tendon.friction_coefficient
+    if isinstance(law, ConstantFriction):
+        return law.mu
+    if isinstance(law, ForceDependentFriction):
+        return law.mu * (law.smallest_force / law.reference_force) ** law.exponent
+    raise ValueError(
+        f"friction law {law.kind!r} of tendon {tendon.name!r}; the reference is rate-independent and knows "
+        "'constant' and 'force-dependent'"
+    )
 
 
 def tension_after(
@@ -114,6 +136,7 @@ class Tendons:
         first, last, tail, head, tail_hole, head_hole = [], [], [], [], [], []
         holes: list[int] = []
         mu: list[float] = []
+        laws: list[ForceDependentFriction | None] = []
         adhesion: list[float] = []
         owner: list[int] = []
         size = 0
@@ -130,7 +153,9 @@ class Tendons:
                 head_hole.append(points[1:])
                 holes += range(size, size + n - 1)
                 free = model.friction == "none"
-                mu += [0.0 if free else tendon.friction_coefficient] * (n - 1)
+                law = None if free else tendon.friction
+                mu += [0.0 if free else coefficient_at_rest(tendon)] * (n - 1)
+                laws += [law if isinstance(law, ForceDependentFriction) else None] * (n - 1)
                 adhesion += [0.0 if free else tendon.adhesion] * (n - 1)
                 owner += [i] * (n - 1)
             size += n
@@ -148,8 +173,12 @@ class Tendons:
         self.adhesion = np.array(adhesion)
         for hole in special:
             i = robot.tendon_names.index(hole.tendon)
-            index = np.flatnonzero(np.array(owner) == i)[hole.hole - 1]
+            index = int(np.flatnonzero(np.array(owner) == i)[hole.hole - 1])
             self.mu[index], self.adhesion[index] = hole.mu, hole.adhesion
+            laws[index] = None
+        #: Holes whose coefficient depends on the normal force, and their laws.
+        self.dependent = np.array([k for k, law in enumerate(laws) if law is not None], dtype=np.intp)
+        self.laws = tuple(law for law in laws if law is not None)
         stiffness = [np.inf if t.axial_stiffness is None else t.axial_stiffness for t in robot.tendons]
         counts = self.last - self.first
         #: Of the tendon of every segment [m].
@@ -181,6 +210,27 @@ class Tendons:
         self.n_friction = len(rows)
         self.passed_sum = np.array(rows).reshape(len(rows), self.size)
         self.rough = np.flatnonzero(self.variable >= 0)
+
+    def coefficients(self, tension: Array, angles: Array) -> Array:
+        r"""Friction coefficients at the holes in a solved state [1], shape (n_holes,).
+
+        Where a law says so, :math:`\mu(N) = \mu_0 ((N^2 + N_s^2) / N_0^2)^{p/2}` with the normal force
+        :math:`N = (T_{before} + T_{after}) \sin(\theta / 2)` of the tendon's two pulls.
+
+        Parameters
+        ----------
+        tension
+            Of the segments [N], shape (n_segments,).
+        angles
+            Turning angles at the holes [rad], shape (n_holes,).
+        """
+        mu = self.mu.copy()
+        for hole, law in zip(self.dependent, self.laws, strict=True):
+            before = self.holes[hole]
+            normal = (tension[before] + tension[before + 1]) * np.sin(0.5 * angles[hole])
+            size = np.hypot(normal, law.smallest_force) / law.reference_force
+            mu[hole] = law.mu * size**law.exponent
+        return mu
 
     def start(self) -> History:
         """The unloaded state."""
