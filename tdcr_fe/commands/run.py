@@ -115,19 +115,19 @@ def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> 
         complain(f"warning: {warning}")
     if result.converged:
         return SUCCESS
-    return _tell_failure(result, scenario, out)
+    return _report_failure(result, scenario, out)
 
 
-def _tell_failure(result: SequenceResult, scenario: Scenario, out: Path) -> int:
+def _report_failure(result: SequenceResult, scenario: Scenario, out: Path) -> int:
     interrupted = result.message.startswith("interrupted")
     number = result.failed_step
     if number is not None and 1 <= number <= len(scenario.steps):
         label = scenario.steps[number - 1].label
-        place = f"step {number} of {len(scenario.steps)}" + (f' ("{label}")' if label else "")
+        where = f"step {number} of {len(scenario.steps)}" + (f' ("{label}")' if label else "")
     else:
-        place = "the sequence"
+        where = "the sequence"
     solved = sum(s.converged for s in result.steps)
-    what = f"interrupted in {place}" if interrupted else f"{place} did not converge"
+    what = f"interrupted in {where}" if interrupted else f"{where} did not converge"
     complain(f"{what}; {count(solved, 'step')} solved before it {'is' if solved == 1 else 'are'} in {out}")
     if result.message and not interrupted:
         complain(result.message)

@@ -23,7 +23,7 @@ def read_effects(
     robot, model, steps
         As the files describe them.
     report
-        Told every mistake: key, value, what is allowed.
+        Takes every mistake: key, value, what is allowed.
     """
     experiment = Experiment(robot, model, steps)
     if not isinstance(table, dict):

@@ -33,13 +33,16 @@ def value_to_toml(value: Any) -> str:
 
 
 def _table(instance: Any) -> dict[str, Any]:
-    """Fields of an object that stand in a file, without those that are None or empty."""
-    values = {name: getattr(instance, name) for name in fields_of(type(instance))}
-    return {name: v for name, v in values.items() if v is not None and not _is_empty(v)}
+    """Fields of an object that stand in a file, without those that are nothing: None, empty, or zero by default."""
+    values = {name: (getattr(instance, name), f.default) for name, f in fields_of(type(instance)).items()}
+    return {name: v for name, (v, default) in values.items() if not _is_nothing(v, default)}
 
 
-def _is_empty(value: Any) -> bool:
-    return isinstance(value, tuple | Mapping | str) and len(value) == 0
+def _is_nothing(value: Any, default: Any) -> bool:
+    if isinstance(value, tuple | Mapping | str) and len(value) == 0:
+        return True
+    zero = not any(value) if isinstance(value, tuple) else not value
+    return value is None or (value == default and zero)
 
 
 def _lines(table: Mapping[str, Any]) -> list[str]:
@@ -70,7 +73,7 @@ def robot_to_toml(robot: Robot) -> str:
     count = len(robot.disks.positions)
     if Disks.equally_spaced(count, robot.backbone.length).positions == robot.disks.positions:
         disks = {"count": count, **{k: v for k, v in disks.items() if k != "positions"}}
-    lines = _lines({"name": robot.name, "tip_mass": robot.tip_mass})
+    lines = _lines({"name": robot.name, "tip_mass": robot.tip_mass or None})
     lines += ["", "[backbone]", *_lines(_table(robot.backbone)), "", "[disks]", *_lines(disks)]
     for tendon in robot.tendons:
         own = _table(tendon)

@@ -381,6 +381,10 @@ class Field:
         """What is allowed, as a sentence without "must be"."""
         return self.quantity.allowed or self.kind.allowed(self.quantity)
 
+    def is_sound_float(self, value: float) -> bool:
+        """Whether a number is one that this field takes as it stands."""
+        return type(self.kind) is Number and math.isfinite(value) and self.quantity.holds(value)
+
     def take(self, value: Any, key: str, note: Note, from_file: bool = False) -> Any:
         """The value in its normal form; every mistake is noted."""
         if value is None and self.optional and not from_file:
@@ -490,7 +494,7 @@ def check_fields(instance: Any) -> None:
     mistakes: list[Mistake] = []
     for name, f in all_fields_of(type(instance)).items():
         value = getattr(instance, name)
-        if value is f.default:
+        if value is f.default or (type(value) is float and f.is_sound_float(value)):
             continue
         taken = f.take(value, name, mistakes.append)
         if taken is not value:
