@@ -126,6 +126,9 @@ def sentences(result: IdentificationResult) -> list[str]:
         found.append(f"{len(result.data.left_out)} faulty rows were left out; they are listed below.")
     if result.outliers:
         found.append(f"{len(result.outliers)} readings are outliers; they are listed below.")
+    if result.verdict == "cannot tell":
+        reason = result.remaining.description
+        found.insert(0, f"The data do not suffice for a verdict. {reason[:1].upper()}{reason[1:]}.")
     if result.interrupted:
         found.append("Unfinished: the search was interrupted, and this is its state at that time.")
     return found

@@ -1,0 +1,59 @@
+"""A small robot with a loading sequence, and readings of a true robot that differs from it by effects."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.identify.forward import Reader, _simulate
+from tdcr_fe.io.measured import MeasuredData, Reading
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.routing import ParallelRouting
+
+LENGTH = 0.2
+ROBOT = Robot(
+    Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0),
+    Disks.equally_spaced(4, LENGTH, mass=0.5e-3),
+    tuple(Tendon(f"t{i + 1}", ParallelRouting(4.5e-3, 90.0 * i)) for i in range(2)),
+    name="small",
+)
+MODEL = Model(friction="none", elements_per_bay=1)
+
+
+def sequence():
+    """Both tendons up and down, with and without a force at the tip."""
+    pulls = [
+        (0.4, 0),
+        (0.8, 0),
+        (1.2, 0),
+        (0.6, 0),
+        (0, 0),
+        (0, 0.5),
+        (0, 1.0),
+        (0, 0.5),
+        (0.4, 0.4),
+        (0.8, 0.8),
+        (0.4, 0.2),
+    ]
+    forces = [(0, 0)] * 5 + [(0.01, 0), (0.01, 0), (0, 0)] + [(0, -0.015)] * 2 + [(0, 0)]
+    return tuple(
+        LoadStep(tensions={"t1": a, "t2": b}, loads={"tip": Load(LENGTH, (x, y, 0.0))})
+        for (a, b), (x, y) in zip(pulls, forces, strict=True)
+    )
+
+
+def measured(truth=None, sigma=1e-4, seed=0, robot=None, given=True):
+    """Readings of a true robot that is `ROBOT` with effects, on a finer mesh, with noise."""
+    steps = sequence()
+    ids = tuple(range(1, len(steps) + 1))
+    readings = [Reading(n, f"position_{a}", s, 0.0, sigma) for n in ids for s in (0.1, LENGTH) for a in "xyz"]
+    true = with_effects(Experiment(robot or ROBOT, replace(MODEL, elements_per_bay=4), steps), truth or {})
+    run = _simulate((true, None, False, 2e-5))
+    values = Reader(readings, ids, ROBOT.tendon_names).read(run, true)
+    values = values + np.random.default_rng(seed).normal(0.0, sigma, values.size)
+    readings = [
+        replace(r, value=float(v), sigma=r.sigma if given else None)
+        for r, v in zip(readings, values, strict=True)
+    ]
+    return MeasuredData("small", ROBOT, MODEL, ids, steps, ("",) * len(ids), tuple(readings))
