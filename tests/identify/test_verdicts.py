@@ -149,11 +149,13 @@ if __name__ == "__main__":
 
 
 def children(pid):
-    """Processes below one, by Linux's table of processes."""
+    """Worker processes of a process, by Linux's table of processes; not Python's tracker of resources."""
     found = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
+                if "spawn_main" not in (entry / "cmdline").read_text():
+                    continue
                 fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
             except OSError:
                 continue
