@@ -26,10 +26,11 @@ radius = 5e-3
 TENDONS = {
     "parallel": "offset = 4e-3",
     "helical": "offset = 4e-3\nturns = 0.5",
+    "helical-varying": "offset = 3e-3\nturns_base = 0.0\nturns_end = 1.0",
     "converging": "offset = 4e-3\nend_offset = 2e-3",
     "points": "holes = [[4e-3, 0.0], [3e-3, 0.0], [4e-3, 0.0], [3e-3, 1e-3]]",
 }
-ENDS = {"parallel": 6, "helical": 4, "converging": 5, "points": 3}
+ENDS = {"parallel": 6, "helical": 4, "helical-varying": 6, "converging": 5, "points": 3}
 
 
 def write_robot(folder, tendon_path, friction, end_of_all=False):
