@@ -54,6 +54,11 @@ def headline(result: IdentificationResult) -> str:
         return f"Partly explained: {names} {verb} part of the error; no listed effect explains the rest."
     if verdict == "unexplained":
         return "Unexplained: the model lacks something that no listed effect explains."
+    found = f" Found so far: {names}." if names else ""
+    if verdict == "cannot tell":
+        return f"Cannot tell: these readings are too few or too noisy to decide what the model lacks.{found}"
+    if verdict == "unfinished":
+        return f"Unfinished: the search was interrupted before it could decide.{found}"
     return f"{verdict[0].upper()}{verdict[1:]}{': ' + names if names else ''}."
 
 
@@ -128,8 +133,8 @@ def sentences(result: IdentificationResult) -> list[str]:
         found.append(f"{len(result.outliers)} readings are outliers; they are listed below.")
     if result.verdict == "cannot tell":
         reason = result.remaining.description
-        found.insert(0, f"The data do not suffice for a verdict. {reason[:1].upper()}{reason[1:]}.")
-    if result.interrupted:
+        found.insert(0, f"{reason[:1].upper()}{reason[1:]}.")
+    if result.interrupted and result.verdict != "unfinished":
         found.append("Unfinished: the search was interrupted, and this is its state at that time.")
     return found
 

@@ -424,7 +424,5 @@ def write_docs(run: PaperRun, folder: Path, wall_time: float) -> list[Path]:
         write_text(text, path)
         written.append(path)
     markdown = folder / "paper.md"
-    markdown.write_text(
-        environment(_PACKAGE).get_template("paper.md.j2").render(**_context(data)), encoding="utf-8"
-    )
+    write_text(environment(_PACKAGE).get_template("paper.md.j2").render(**_context(data)), markdown)
     return [markdown, *written]
