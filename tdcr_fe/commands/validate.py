@@ -29,7 +29,7 @@ def add_validate_parser(commands: Any) -> None:
 
 
 def validate(args: argparse.Namespace) -> int:
-    """Solve the cases, write the report, tell what holds."""
+    """Solve the cases, write the report, print what holds."""
     from tdcr_fe.io.atomic import check_output_folder
 
     out = check_output_folder(args.out)

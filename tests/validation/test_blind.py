@@ -103,7 +103,7 @@ def test_the_folder_tells_the_declared_robot_and_nothing_of_the_answer(made):
         assert not [h for h in hidden if h in path.read_text("utf-8")]
 
 
-def test_noise_has_the_size_that_is_told(made):
+def test_noise_has_the_size_that_is_declared(made):
     _, data, answer = made
     z = [(r.value - x) / r.sigma for r, x in zip(data.readings, answer.noise_free, strict=True)]
     assert np.std(z) == pytest.approx(1.0, abs=4.0 / np.sqrt(2.0 * len(z)))
@@ -205,9 +205,9 @@ def test_errors_are_told_over_the_noise_and_intervals_over_two_standard_errors(m
 def test_a_soft_spot_is_located_by_its_bay_and_never_explained(made):
     _, data, answer = made
     edges = (0.0, *data.robot.disks.positions)
-    told = {"kind": "soft_spot", "bay": 4, "start": edges[3], "end": edges[4], "bending": 0.5}
+    hidden_spot = {"kind": "soft_spot", "bay": 4, "start": edges[3], "end": edges[4], "bending": 0.5}
     recipe = replace(answer.recipe, effects=("soft_spot",))
-    hidden = replace(answer, recipe=recipe, effects={}, off_list=told)
+    hidden = replace(answer, recipe=recipe, effects={}, off_list=hidden_spot)
 
     def marked(bay, verdict="unexplained"):
         where = f"bay {bay} (s = {edges[bay - 1]:.4g} to {edges[bay]:.4g} m), steps 1, 2"
@@ -246,8 +246,8 @@ def test_a_benchmark_goes_on_where_it_stopped(made, tmp_path):
     marks = outcome(made)
     (tmp_path / "results").mkdir()
     (tmp_path / "results" / "7.json").write_text(json.dumps(marks))
-    told = []
-    scores = run_benchmark([made[2].recipe], tmp_path, progress=lambda *a: told.append(a))
+    reported = []
+    scores = run_benchmark([made[2].recipe], tmp_path, progress=lambda *a: reported.append(a))
     assert scores == [json.loads(json.dumps(marks))]
-    assert told[0][:2] == (1, 1)
+    assert reported[0][:2] == (1, 1)
     assert not (tmp_path / "sets" / "7").exists()

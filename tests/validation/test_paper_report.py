@@ -168,7 +168,7 @@ def test_the_first_screen_has_a_verdict_line_for_each_claim(figures):
 
 
 def test_what_was_finished_is_kept_where_the_user_interrupts(tmp_path, monkeypatch, capsys):
-    def stopped(run, tell):
+    def stopped(run, report):
         run.thickness.append(None)
         raise KeyboardInterrupt
 

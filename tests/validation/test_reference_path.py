@@ -7,7 +7,8 @@ import pytest
 
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
-from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, VaryingHelicalRouting
+from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 MODEL = Model("straight", "per-hole")
@@ -121,3 +122,15 @@ def test_without_friction_halving_changes_nothing():
 def test_settings_out_of_range_are_refused(name):
     with pytest.raises(ValueError, match=f"{name} = 0"):
         ReferenceSettings(**{name: 0})
+
+
+def test_finite_elements_take_a_helix_of_varying_pitch_as_the_reference_does():
+    """The reference reads the routing's positions and slopes alone, so a new routing needs no change there."""
+    routing = VaryingHelicalRouting(4.5e-3, 0.2, 1.5, 30.0)
+    robot = Robot(
+        Backbone(0.25, 0.4e-3, 85e9, 0.3), Disks.equally_spaced(10, 0.25), (Tendon("t", routing, 0.3),)
+    )
+    steps = [LoadStep(tensions={"t": x}, substeps=2) for x in (1.0, 0.6)]
+    for model in (replace(MODEL, elements_per_bay=4), Model("continuous", "none", elements_per_bay=4)):
+        own, other = simulate(robot, model, steps), solve_reference(robot, model, steps)
+        assert np.linalg.norm(own.tips - other.tips, axis=1).max() < 5e-4 * 0.25

@@ -1,4 +1,4 @@
-"""The command ``python -m tdcr_fe.validation.blind``: the closed loop over blind sets, with a progress bar."""
+"""The command ``python -m tdcr_fe.validation.blind``: the identification over blind sets, with a progress bar."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(
         prog="python -m tdcr_fe.validation.blind",
-        description="Blind data made by the reference, given to the closed loop, and marked.",
+        description="Blind data made by the reference, given to the identification, and scored.",
     )
     parser.add_argument("-n", type=at_least_one, default=60, metavar="COUNT", help="number of sets (60)")
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""Runs the closed loop over many blind sets, one after another, and keeps every result, so that it can go on later."""
+"""Runs the identification over many blind sets and keeps every result, so that it can go on later."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def run_benchmark(
     processes: int = 1,
     progress: Progress | None = None,
 ) -> list[Score]:
-    """Make blind sets, let the closed loop work on each, and mark it.
+    """Make blind sets, run the identification on each, and score it.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def run_benchmark(
 
 
 def one_set(recipe: Recipe, out: Path) -> Score:
-    """Make, identify and mark one set, unless its result is there."""
+    """Make, identify and score one set, unless its result is there."""
     kept = out / "results" / f"{recipe.seed}.json"
     if kept.exists():
         loaded: Score = json.loads(kept.read_text(encoding="utf-8"))

@@ -125,15 +125,15 @@ def _make(recipe: Recipe, rng: np.random.Generator, substeps: int) -> tuple[Meas
             direction = np.array([0.0, 1.0, 0.0])
         gravity = (float(9.81 * direction[0]), float(9.81 * direction[1]), float(9.81 * direction[2]))
     declared = Experiment(robot, Model(gravity=gravity, elements_per_bay=2), steps)
-    places = _markers(robot, rng)
+    arc_lengths = _markers(robot, rng)
     kinds = {"tendon_displacement": recipe.drive == "tension" and rng.random() < 0.5,
              "distal_tension": rng.random() < 0.2}  # fmt: skip
-    marks = _what_is_read(declared, places, [k for k, wanted in kinds.items() if wanted])
+    marks = _what_is_read(declared, arc_lengths, [k for k, wanted in kinds.items() if wanted])
     sigma = {"m": recipe.sigma, "rad": recipe.sigma / 0.06, "N": 5e-3}
     scale = np.array([5e-5 if m[1] == "tendon_displacement" else sigma[channel(m[1]).unit] for m in marks])
 
     coarse = min(2, substeps)
-    base = _solve(declared, Extras(), places, coarse)
+    base = _solve(declared, Extras(), arc_lengths, coarse)
     start = read(base, declared, marks)
     values = _draw_effects(recipe, declared, base, rng)
     off_list, patches, extras = _draw_off_list(recipe, declared, rng)
@@ -147,18 +147,18 @@ def _make(recipe: Recipe, rng: np.random.Generator, substeps: int) -> tuple[Meas
 
     def off(values: Values) -> float:
         setup = truth(values)
-        change = (read(_solve(setup, extras, places, coarse), setup, marks) - start) / scale
+        change = (read(_solve(setup, extras, arc_lengths, coarse), setup, marks) - start) / scale
         return float(np.sqrt(np.mean(change**2)))
 
     if values:
         values = _detectable(recipe, declared, values, off)
     setup = truth(values)
-    exact = read(_solve(setup, extras, places, substeps), setup, marks)
+    exact = read(_solve(setup, extras, arc_lengths, substeps), setup, marks)
     declared_off = float(np.sqrt(np.mean(((exact - start) / scale) ** 2))) if recipe.effects else 0.0
     measured = exact + scale * rng.standard_normal(len(exact))
     readings = tuple(
-        Reading(step + 1, quantity, place, round(float(v), 8), float(u))
-        for (step, quantity, place), v, u in zip(marks, measured, scale, strict=True)
+        Reading(step + 1, quantity, location, round(float(v), 8), float(u))
+        for (step, quantity, location), v, u in zip(marks, measured, scale, strict=True)
     )
     ids = tuple(range(1, len(steps) + 1))
     data = MeasuredData(f"seed {recipe.seed}", robot, declared.model, ids, steps, branches, readings)
@@ -187,11 +187,11 @@ def _markers(robot: Robot, rng: np.random.Generator) -> tuple[float, ...]:
     return tuple(robot.disks.positions[min(max(k, 1), count) - 1] for k in sorted({*chosen, count}))
 
 
-def _what_is_read(setup: Experiment, places: tuple[float, ...], more: list[str]) -> list[Mark]:
-    """Step from 0, quantity and place of every reading."""
+def _what_is_read(setup: Experiment, arc_lengths: tuple[float, ...], more: list[str]) -> list[Mark]:
+    """Step from 0, quantity and location of every reading."""
     marks: list[Mark] = []
     for k in range(len(setup.steps)):
-        marks += [(k, f"position_{axis}", s) for s in places for axis in "xyz"]
+        marks += [(k, f"position_{axis}", s) for s in arc_lengths for axis in "xyz"]
         marks.append((k, "bending_angle", None))
         marks += [(k, quantity, name) for quantity in more for name in setup.robot.tendon_names]
     return marks
@@ -207,7 +207,7 @@ def read(result: SequenceResult, setup: Experiment, marks: list[Mark]) -> Array:
     setup
         Its observation: ``measured = Exp(rotation) (p + R offset)``, tangents turned as well.
     marks
-        Step from 0, quantity and place of every reading.
+        Step from 0, quantity and location of every reading.
 
     Returns
     -------
@@ -224,8 +224,10 @@ def read(result: SequenceResult, setup: Experiment, marks: list[Mark]) -> Array:
     return np.array([float(channel(q).predict(observed[k], [location])[0]) for k, q, location in marks])
 
 
-def _solve(setup: Experiment, extras: Extras, places: tuple[float, ...], substeps: int) -> SequenceResult:
-    settings = ReferenceSettings(sample_at=places, substeps=substeps)
+def _solve(
+    setup: Experiment, extras: Extras, arc_lengths: tuple[float, ...], substeps: int
+) -> SequenceResult:
+    settings = ReferenceSettings(sample_at=arc_lengths, substeps=substeps)
     result = solve_reference(setup.robot, setup.model, setup.steps, settings=settings, extras=extras)
     if not result.converged:
         raise NotMade(result.message)
@@ -375,26 +377,28 @@ def _draw_off_list(
     if wanted[0] == "soft_spot":
         bay = int(rng.integers(1, max(2, round(0.7 * bays)) + 1))
         factor = round(float(rng.uniform(0.3, 0.6)), 3)
-        told = {
+        hidden = {
             "kind": "soft_spot",
             "bay": bay,
             "start": edges[bay - 1],
             "end": edges[bay],
             "bending": factor,
         }
-        return told, (StiffnessPatch(edges[bay - 1], edges[bay], factor, 1.0),), Extras()
+        return hidden, (StiffnessPatch(edges[bay - 1], edges[bay], factor, 1.0),), Extras()
     if wanted[0] == "side_spring":
         disk = int(rng.integers(round(0.35 * bays), round(0.65 * bays) + 1))
         at = edges[disk]
         stiffness = float(f"{rng.uniform(0.1, 0.5) * 3.0 * robot.backbone.EI / at**3:.4g}")
-        told = {"kind": "side_spring", "bay": disk, "start": at, "end": at, "stiffness": stiffness}
-        return told, (), Extras(springs=(Spring(at, (stiffness, stiffness, 0.0)),))
+        hidden = {"kind": "side_spring", "bay": disk, "start": at, "end": at, "stiffness": stiffness}
+        return hidden, (), Extras(springs=(Spring(at, (stiffness, stiffness, 0.0)),))
     tendon = robot.tendons[int(rng.integers(0, len(robot.tendons)))]
-    places = robot.hole_arc_lengths(tendon)
+    arc_lengths = robot.hole_arc_lengths(tendon)
     hole = int(
-        rng.integers(max(1, round(0.3 * (len(places) - 1))), max(2, round(0.7 * (len(places) - 1)) + 1))
+        rng.integers(
+            max(1, round(0.3 * (len(arc_lengths) - 1))), max(2, round(0.7 * (len(arc_lengths) - 1)) + 1)
+        )
     )
     top = max(v for s in declared.steps for v in s.tensions.values())
-    told = {"kind": "stuck_hole", "bay": hole, "start": float(places[hole]), "end": float(places[hole]),
+    hidden = {"kind": "stuck_hole", "bay": hole, "start": float(arc_lengths[hole]), "end": float(arc_lengths[hole]),
             "tendon": tendon.name, "hole": hole}  # fmt: skip
-    return told, (), Extras(holes=(HoleFriction(tendon.name, hole, 0.0, 4.0 * top),))
+    return hidden, (), Extras(holes=(HoleFriction(tendon.name, hole, 0.0, 4.0 * top),))

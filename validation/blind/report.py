@@ -108,8 +108,8 @@ def to_markdown(summary: dict[str, Any], scores: Sequence[Score]) -> str:
     ]
     lines = ["| what | seen |", "| --- | --- |", *(f"| {a} | {b} |" for a, b in rows), ""]
     lines += ["| hidden | named, how often |", "| --- | --- |"]
-    for hidden, told in sorted(summary["confusion"].items()):
-        named = ", ".join(f"{n} {k}" if k > 1 else n for n, k in sorted(told.items(), key=lambda x: -x[1]))
+    for hidden, found in sorted(summary["confusion"].items()):
+        named = ", ".join(f"{n} {k}" if k > 1 else n for n, k in sorted(found.items(), key=lambda x: -x[1]))
         lines.append(f"| {hidden} | {named} |")
     lines.append("")
     if summary.get("failed"):

@@ -127,8 +127,8 @@ def _intervals(answer: Answer, result: IdentificationResult) -> tuple[list[str],
 
 
 def _located(answer: Answer, result: IdentificationResult) -> Score:
-    """Whether the remainder is said to be where the effect is: bay or place, or loads that wake a stuck hole."""
-    told, data = answer.off_list, result.data
+    """If the remainder is located where the effect is: its bay, arc length, or the loads that move a stuck hole."""
+    truth, data = answer.off_list, result.data
     where = result.remaining.where
     edges = (0.0, *data.robot.disks.positions)
     bay = float(np.max(np.diff(edges)))
@@ -139,19 +139,19 @@ def _located(answer: Answer, result: IdentificationResult) -> Score:
         place = (start, float(found[2]) if found[2] else start)
     distance = math.inf
     if place is not None:
-        distance = max(0.0, place[0] - told["end"], told["start"] - place[1])
-        if told["kind"] == "soft_spot":
-            distance = abs(0.5 * (place[0] + place[1]) - 0.5 * (told["start"] + told["end"]))
+        distance = max(0.0, place[0] - truth["end"], truth["start"] - place[1])
+        if truth["kind"] == "soft_spot":
+            distance = abs(0.5 * (place[0] + place[1]) - 0.5 * (truth["start"] + truth["end"]))
     by_load = None
     steps = re.search(r"steps ([\d, ]+)", where)
-    if told["kind"] == "stuck_hole" and steps:
+    if truth["kind"] == "stuck_hole" and steps:
         index = {n: k for k, n in enumerate(data.step_ids)}
         named = [index[int(n)] for n in steps[1].split(",") if n.strip()]
-        pulled = np.array([s.tensions.get(told["tendon"], 0.0) for s in data.steps])
+        pulled = np.array([s.tensions.get(truth["tendon"], 0.0) for s in data.steps])
         by_load = bool(np.mean(pulled[named] > 0.25 * np.max(pulled)) > 0.5)
-    near = distance <= 0.5 * bay if told["kind"] == "soft_spot" else distance <= 1e-5
+    near = distance <= 0.5 * bay if truth["kind"] == "soft_spot" else distance <= 1e-5
     return {
-        "off_list": told,
+        "off_list": truth,
         "bays_off": distance / bay if math.isfinite(distance) else None,
         "in_the_bay": near,
         "within_one_bay": distance <= 1.05 * bay,
@@ -199,11 +199,11 @@ def summarise(scores: Iterable[Score]) -> dict[str, Any]:
     confusion: dict[str, dict[str, int]] = {}
     for s in scores:
         hidden = " + ".join(s["hidden"]) or "nothing"
-        told = " + ".join(sorted(s["named"], key=lambda n, h=s["hidden"]: (n not in h, n))) or "nothing"  # type: ignore[misc]
+        found = " + ".join(sorted(s["named"], key=lambda n, h=s["hidden"]: (n not in h, n))) or "nothing"  # type: ignore[misc]
         if s["verdict"] in ("partly explained", "unexplained"):
-            told = f"{told} ({s['verdict']})" if s["named"] else "unexplained"
+            found = f"{found} ({s['verdict']})" if s["named"] else "unexplained"
         row = confusion.setdefault(hidden, {})
-        row[told] = row.get(told, 0) + 1
+        row[found] = row.get(found, 0) + 1
     off = kinds["off-list"]
     small = [s for s in kinds["single"] if s["sigma"] <= 1.2e-4]
     return {

@@ -57,13 +57,8 @@ def integrate_again(robot: Robot, model: Model, step: StepResult, loads: Mapping
     backbone, length = robot.backbone, robot.backbone.length
     gravity = np.asarray(model.gravity, dtype=float)
     jumps = _point_wrenches(robot, model, step, loads, gravity)
-    half = robot.disks.thickness / 2.0
-    inserts = [(d - half, d + half) for d in robot.disks.positions] if half > 0.0 else []
-    cuts = {0.0, length, *robot.disks.positions, *(min(load.at, length) for load in loads.values())}
-    cuts |= {min(max(e, 0.0), length) for insert in inserts for e in insert}
-    cuts |= {e for patch in backbone.patches for e in (patch.start, patch.end) if 0.0 < e < length}
-    cuts |= {robot.end(t) for t in robot.tendons}
-    stations = sorted(cuts)
+    inserts = _rigid_inserts(robot)
+    stations = _stations(robot, loads, inserts)
     weight = backbone.mass_per_length * gravity
     pulled = [(t, float(x[0])) for t, x in zip(robot.tendons, step.tensions, strict=True)]
     state = np.concatenate((np.zeros(3), [0.0, 0.0, 0.0, 1.0], step.details["base_wrench"]))
@@ -115,6 +110,21 @@ def integrate_again(robot: Robot, model: Model, step: StepResult, loads: Mapping
         float(np.linalg.norm(state[10:])) * length / scale,
         float(np.linalg.norm(state[7:10])) / scale,
     )
+
+
+def _rigid_inserts(robot: Robot) -> list[tuple[float, float]]:
+    """Start and end of the parts of the backbone that disks make rigid [m]."""
+    half = robot.disks.thickness / 2.0
+    return [(d - half, d + half) for d in robot.disks.positions] if half > 0.0 else []
+
+
+def _stations(robot: Robot, loads: Mapping[str, Load], inserts: list[tuple[float, float]]) -> list[float]:
+    """Arc lengths where the integration stops, since something changes there [m]."""
+    length = robot.backbone.length
+    cuts = {0.0, length, *robot.disks.positions, *(min(load.at, length) for load in loads.values())}
+    cuts |= {min(max(e, 0.0), length) for insert in inserts for e in insert}
+    cuts |= {e for patch in robot.backbone.patches for e in (patch.start, patch.end) if 0.0 < e < length}
+    return sorted(cuts | {robot.end(t) for t in robot.tendons})
 
 
 def _point_wrenches(

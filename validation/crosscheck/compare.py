@@ -62,17 +62,7 @@ def compare(case: Case) -> Record:
     same_path = all(s["substeps_finite_element"] == s["substeps_reference"] for s in steps)
     deviation = most("tip_percent")
     tension = most("tension_percent")
-    reasons = []
-    if not fe.converged:
-        reasons.append(f"finite elements: {fe.message}")
-    if not ref.converged:
-        reasons.append(f"reference: {ref.message}")
-    if both and not deviation <= case.tolerance_percent:
-        reasons.append(f"tip deviates by {deviation:.4f} % of the length")
-    if both and not tension <= case.tension_tolerance_percent:
-        reasons.append(f"a tension deviates by {tension:.3f} %")
-    if off:
-        reasons.append(f"{len(off)} hole states differ that are not at the stick-slip threshold")
+    reasons = _reasons(case, fe, ref, deviation, tension, len(off))
     return {
         "id": case.id,
         "group": case.group,
@@ -108,6 +98,25 @@ def compare(case: Case) -> Record:
         "steps": steps,
         "tendons": list(case.robot.tendon_names),
     }
+
+
+def _reasons(
+    case: Case, fe: SequenceResult, ref: SequenceResult, deviation: float, tension: float, off: int
+) -> list[str]:
+    """Why a case fails, in sentences; empty where it holds."""
+    reasons = []
+    if not fe.converged:
+        reasons.append(f"finite elements: {fe.message}")
+    if not ref.converged:
+        reasons.append(f"reference: {ref.message}")
+    if fe.converged and ref.converged:
+        if not deviation <= case.tolerance_percent:
+            reasons.append(f"tip deviates by {deviation:.4f} % of the length")
+        if not tension <= case.tension_tolerance_percent:
+            reasons.append(f"a tension deviates by {tension:.3f} %")
+    if off:
+        reasons.append(f"{off} hole states differ that are not at the stick-slip threshold")
+    return reasons
 
 
 _BOUNDS = ("outside_finite_element", "outside_reference", "off_bound_finite_element", "off_bound_reference")

@@ -184,7 +184,7 @@ def summarise(offsets: Array, angles: Array, shares: Array) -> Deviation:
     offsets, angles
         Absolute deviations [m] and [rad]; any may be empty.
     shares
-        Those whose mean is told, as shares of the length [1].
+        Those whose mean is reported, as shares of the length [1].
     """
     nan = float("nan")
 

@@ -33,12 +33,12 @@ class CriticalSearch:
     eigenvalues : ndarray, shape (n,)
         Smallest eigenvalue at each, see `tdcr_fe.solve.stability` [1].
     divergences : ndarray, shape (n,)
-        Smallest real part of the eigenvalues of the tangent itself; with friction it is this that tells a bifurcation,
+        Smallest real part of the eigenvalues of the tangent itself; with friction a bifurcation is where this vanishes,
         without friction it is the same [1].
     tips : ndarray, shape (n, 3)
         [m].
     nearest : float
-        Least distance of two places of the backbone that are more than `APART` of the length apart along it [m];
+        Least distance of two points of the backbone that are more than `APART` of the length apart along it [m];
         contact of the robot with itself is not modelled.
     critical : float or None
         Load at which the smallest real part becomes zero, or beyond which no equilibrium follows [N]; None where

@@ -131,7 +131,7 @@ def pressure_dependent_friction(
     Raises
     ------
     RuntimeError
-        The repetitions do not settle.
+        The fixed-point iteration does not converge.
     """
     targets = resolve(robot, [step])
     base = simulate(robot, Model(), [step]).steps[-1]
@@ -146,9 +146,9 @@ def pressure_dependent_friction(
         solved = forces.current_forces()
         across = 2.0 * solved.field.tension[:, 1:] * np.sin(0.5 * solved.measured.shape.angles)
         new = law.coefficient(declared, across)
-        settled = coefficients is not None and float(np.max(np.abs(new - coefficients))) < tolerance
+        converged = coefficients is not None and float(np.max(np.abs(new - coefficients))) < tolerance
         coefficients = new if coefficients is None else 0.5 * (coefficients + new)
-        if settled:
+        if converged:
             result = simulation.result(1, step.label, report)
             inside = new[declared > 0.0]
             name = (
@@ -156,7 +156,7 @@ def pressure_dependent_friction(
                 "along the tendon"
             )
             return influence(name, base, result, robot.backbone.length)
-    raise RuntimeError("the friction coefficients did not settle")
+    raise RuntimeError("the fixed-point iteration of the friction coefficients did not converge")
 
 
 def _with_friction(law: TendonLaw, coefficients: Array) -> TendonLaw:

@@ -75,7 +75,7 @@ class MissingStudy:
 
 
 def predicted(readings: Sequence[Reading], data: MeasuredData, robot: Robot) -> Array:
-    """What a robot gives for readings of angles, offsets and places; nan where there is no solution."""
+    """What a robot gives for readings of angles, offsets and positions; nan where there is no solution."""
     result = simulate(robot, data.model, data.steps)
     steps = dict(zip(data.step_ids, result.steps, strict=False))
 
@@ -108,7 +108,7 @@ def first_stiffness(table: TableData) -> float | None:
     """Factor on the declared stiffness with which the loop begins; None where the declared one will do.
 
     Where the tensions ask for more than `STIFFNESS_FACTOR` times what is declared, the declared robot is bent several
-    times too far, up to folding over, and no small change of any number tells what is missing. There one factor is
+    times too far, up to folding over, and no small change of any number shows what is missing. There one factor is
     fitted to the angles of the rows that are not held out.
     """
     data = table.data
@@ -186,39 +186,47 @@ def tried(study: MissingStudy) -> list[tuple[str, float, float | None]]:
 
 def remarks(study: MissingStudy) -> list[str]:
     """What a study says, in sentences."""
-    said: list[str] = []
+    sentences: list[str] = []
     rows = len(study.table.rows)
     if study.stiffness_factor is not None:
-        said.append(
-            f"The loop begins with {study.stiffness_factor:.2f} times the declared stiffness, fitted to the rows that "
-            "are not held out: the tensions ask for more than three times what is declared, and bend the declared "
-            "robot several times too far."
+        sentences.append(
+            f"Identification begins with {study.stiffness_factor:.2f} times the declared stiffness, fitted to the "
+            "rows that are not held out: the tensions ask for more than three times what is declared, and "
+            "bend the declared robot several times too far."
         )
     if not study.held_out_rows:
-        said.append(f"{rows} rows are too few to hold one out: nothing tests what is added.")
+        sentences.append(f"{rows} rows are too few to hold one out: nothing tests what is added.")
     elif len(study.held_out_rows) == 1:
-        said.append(f"Held out is row {study.held_out_rows[0]}, the highest tension: one row is a weak test.")
+        sentences.append(
+            f"Held out is row {study.held_out_rows[0]}, the highest tension: one row is a weak test."
+        )
     else:
         listed = ", ".join(str(k) for k in study.held_out_rows)
-        said.append(f"Held out are rows {listed}.")
+        sentences.append(f"Held out are rows {listed}.")
     result = study.result
     if result is None:
-        return [*said, f"The loop could not begin: {study.failure}."]
+        return [*sentences, f"Identification could not begin: {study.failure}."]
     if result.effects:
         free = len(result.parameter_names)
-        said.append(
+        sentences.append(
             f"{free} number{'s' if free > 1 else ''} fitted to {rows - len(study.held_out_rows)} rows: what is found "
             "bends the curve the right way, which does not prove that it is there."
         )
         for e in result.effects:
             if e.indistinguishable_from:
-                said.append(f"{e.name} cannot be told apart here from {', '.join(e.indistinguishable_from)}.")
+                sentences.append(
+                    f"{e.name} is indistinguishable on these data from {', '.join(e.indistinguishable_from)}."
+                )
     else:
         best = tried(study)[:3]
-        said.append("Nothing is added: no effect on the list improves the fitted and the held-out rows both.")
+        sentences.append(
+            "Nothing is added: no effect on the list improves the fitted and the held-out rows both."
+        )
         if best:
             listed = ", ".join(
                 f"{n} ({a:.2f}" + ("" if b is None else f" and {b:.2f}") + ")" for n, a, b in best
             )
-            said.append(f"Nearest, with the misfit left over that before, fitted and held out: {listed}.")
-    return said
+            sentences.append(
+                f"Nearest, with the misfit left over that before, fitted and held out: {listed}."
+            )
+    return sentences

@@ -54,9 +54,9 @@ def solve_box(matrix: Array, offset: Array, start: Array, lower: Array, upper: A
     best, least = v, np.inf
     for sweep in range(20 + 40 * n):
         v = np.where(bound > 0, upper, np.where(bound < 0, lower, 0.0))
-        free, held = np.flatnonzero(bound == 0), np.flatnonzero(bound)
+        free, fixed = np.flatnonzero(bound == 0), np.flatnonzero(bound)
         if len(free):
-            rest = offset[free] + matrix[np.ix_(free, held)] @ v[held]
+            rest = offset[free] + matrix[np.ix_(free, fixed)] @ v[fixed]
             try:
                 v[free] = np.linalg.solve(matrix[np.ix_(free, free)], -rest)
             except np.linalg.LinAlgError:

@@ -1,4 +1,4 @@
-"""What a robot may have beyond its description: springs to ground, single holes that differ; for blind data."""
+"""What a robot may have beyond its description (springs to ground, single holes that differ), for blind data."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Spring:
-    """A linear spring between a place of the backbone and ground, without force in the unloaded state.
+    """A linear spring between a point of the backbone and ground, without force in the unloaded state.
 
     Attributes
     ----------

@@ -166,7 +166,7 @@ class Section:
 
 @dataclass(frozen=True)
 class TendonCourse:
-    """Continuous tendons at one place of every interval.
+    """Continuous tendons at one arc length of every interval.
 
     Attributes
     ----------

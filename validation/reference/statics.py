@@ -229,22 +229,8 @@ class Statics:
         blocks[each[:-1], :6, each[1:], :6] -= np.eye(6)
         rows[:, :6, self.rod_size : m] = flow.d_wrench[:, :, width:]
 
-        # concentrated loads; their derivative comes from the turning of the section
         turn = twists[:, :3]
-        back = np.swapaxes(rotations[1:], 1, 2)
-        moment, force = forces.world[1:, :3], forces.world[1:, 3:]
-        rod[:, :3] -= (back @ moment[:, :, None])[..., 0] + forces.section[1:, :3]
-        rod[:, 3:6] -= (back @ force[:, :, None])[..., 0] + forces.section[1:, 3:]
-        for i in np.flatnonzero(np.any(forces.world[1:] != 0.0, axis=1)):
-            rows[i, :3, :m] -= back[i] @ hat(moment[i]) @ turn[i + 1]
-            rows[i, 3:6, :m] -= back[i] @ hat(force[i]) @ turn[i + 1]
-        for at, stiffness, home in self.springs:
-            pull = stiffness * (home - positions[at])
-            rod[at - 1, 3:6] -= back[at - 1] @ pull
-            by_twist = np.concatenate(
-                (hat(pull) + stiffness[:, None] * hat(positions[at]), -np.diag(stiffness)), 1
-            )
-            rows[at - 1, 3:6, :m] -= back[at - 1] @ by_twist @ twists[at]
+        self._apply_loads(rod, rows, forces, rotations, positions, twists)
         if self.heavy:
             forth = np.swapaxes(rotations[:-1], 1, 2)
             rod[:, 6:] = z[:, 6:] - (forth @ self.weight[:, None])[..., 0]
@@ -295,6 +281,26 @@ class Statics:
         )
         return state, residual, jacobian, equations
 
+    def _apply_loads(
+        self, rod: Array, rows: Array, forces: Forces, rotations: Array, positions: Array, twists: Array
+    ) -> None:
+        """Take concentrated loads and springs off the balance; their derivatives come from the section's rotation."""
+        m, turn = twists.shape[2], twists[:, :3]
+        back = np.swapaxes(rotations[1:], 1, 2)
+        moment, force = forces.world[1:, :3], forces.world[1:, 3:]
+        rod[:, :3] -= (back @ moment[:, :, None])[..., 0] + forces.section[1:, :3]
+        rod[:, 3:6] -= (back @ force[:, :, None])[..., 0] + forces.section[1:, 3:]
+        for i in np.flatnonzero(np.any(forces.world[1:] != 0.0, axis=1)):
+            rows[i, :3, :m] -= back[i] @ hat(moment[i]) @ turn[i + 1]
+            rows[i, 3:6, :m] -= back[i] @ hat(force[i]) @ turn[i + 1]
+        for at, stiffness, home in self.springs:
+            pull = stiffness * (home - positions[at])
+            rod[at - 1, 3:6] -= back[at - 1] @ pull
+            by_twist = np.concatenate(
+                (hat(pull) + stiffness[:, None] * hat(positions[at]), -np.diag(stiffness)), 1
+            )
+            rows[at - 1, 3:6, :m] -= back[at - 1] @ by_twist @ twists[at]
+
     def _twists(self, spatial: Array) -> Array:
         """Spatial twists of the stations by the unknowns of the rod, and by tensions along the rod."""
         n, width = self.n, self.width
@@ -328,7 +334,7 @@ class Statics:
                 by_rod[:, :3] -= sign * hat((down @ pulled[:, :, None])[..., 0]) @ d_hole
             by_tension = (arm @ segments.directions[:, :, None])[..., 0]
             for first, last in zip(tendons.first, tendons.last, strict=True):
-                # the first tail is the base plate, which is held
+                # the first tail is the base plate, which is clamped
                 k = np.arange(first + (sign > 0.0), last)
                 rod[at[k] - 1, :6] -= local[k]
                 rows[at[k] - 1, :6, :m] -= by_rod[k]

@@ -101,7 +101,7 @@ class Driver:
 
 @dataclass(frozen=True)
 class History:
-    """What the tendons remember between substeps.
+    """Friction history, committed after every substep.
 
     Attributes
     ----------
@@ -188,7 +188,7 @@ class Tendons:
         self._friction(model, np.array(owner, dtype=np.intp))
 
     def _friction(self, model: Model, owner: Index) -> None:
-        """Which holes share a mobilisation, and which segments tell how much tendon has passed."""
+        """Friction variable of every hole, and the sums that give how much tendon has passed it."""
         self.rest = np.zeros(self.size)
         self.base_sum = np.zeros((self.count, self.size))
         for i in range(self.count):
