@@ -49,8 +49,8 @@ if TYPE_CHECKING:
     from tdcr_fe.scene.builder import CreateTDCR as CreateTDCR
     from tdcr_fe.scene.handle import TDCR as TDCR
     from tdcr_fe.scene.loads import PointLoad as PointLoad
-    from tdcr_fe.solve.simulate import Simulation as Simulation
     from tdcr_fe.solve.simulate import simulate as simulate
+    from tdcr_fe.solve.simulation import Simulation as Simulation
     from tdcr_fe.solve.stability import Stability as Stability
     from tdcr_fe.solve.stability import stability as stability
     from tdcr_fe.solve.statics import SolveTDCR as SolveTDCR
@@ -85,7 +85,8 @@ _PUBLIC = {
     "tdcr_fe.scene.builder": ("CreateTDCR",),
     "tdcr_fe.scene.handle": ("TDCR",),
     "tdcr_fe.scene.loads": ("PointLoad",),
-    "tdcr_fe.solve.simulate": ("Simulation", "simulate"),
+    "tdcr_fe.solve.simulate": ("simulate",),
+    "tdcr_fe.solve.simulation": ("Simulation",),
     "tdcr_fe.solve.stability": ("Stability", "stability"),
     "tdcr_fe.solve.statics": ("SolveTDCR",),
     "tdcr_fe.solve.stepping": ("StepFailed",),
