@@ -18,7 +18,7 @@ def add_identify_parser(commands: Any) -> None:
         description="Find the residual of a declared robot against measured data, trace it to effects that the "
         "model lacks, add them, and report the error before and after.",
         epilog="Exit status: 0 done, whatever the verdict; 1 the declared model did not converge; "
-        "2 the input is wrong; 130 interrupted, what was found is written.",
+        "2 the input is wrong; 130 interrupted (143 by SIGTERM), what was found is written.",
     )
     parser.add_argument(
         "folder", help="holds robot.toml, loading.csv, observations.csv and perhaps model.toml"
