@@ -10,6 +10,7 @@ from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, VaryingHelicalRouting
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
+from tdcr_fe.validation.reference.path import LoadStepPath, NotConverged
 
 MODEL = Model("straight", "per-hole")
 
@@ -107,6 +108,26 @@ def test_a_tolerance_that_is_not_met_is_reported_with_the_refinement_error():
         assert f"step {step.step} ({step.label}): path not resolved" in warning
         assert f"{step.details['refinement_error']:.1e} of the length" in warning
         assert "between load factors" in warning
+
+
+def test_where_a_smaller_substep_does_not_converge_the_larger_is_kept_and_flagged(monkeypatch):
+    """Every substep that ends between two 16ths of the load step fails here."""
+    honest = LoadStepPath._substep
+
+    def failing(self, start, factor):
+        if (16.0 * factor) % 1.0:
+            raise NotConverged(1.0)
+        return honest(self, start, factor)
+
+    monkeypatch.setattr(LoadStepPath, "_substep", failing)
+    robot = random_robot(3, 1)
+    result = solve_reference(
+        robot, MODEL, random_steps(robot, 1), settings=ReferenceSettings(path_tolerance=1e-12)
+    )
+    assert result.converged
+    assert [s.details["path_resolved"] for s in result.steps] == [False] * 3
+    assert len(result.warnings) == 3
+    assert max(s.substeps for s in result.steps) <= 16
 
 
 def test_without_friction_halving_changes_nothing():

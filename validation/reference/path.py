@@ -256,11 +256,21 @@ class LoadStepPath:
             if last or (met and agreed + 1 >= _AGREEMENTS):
                 doubt = () if met else (Unresolved(begin, end, error),)
                 return Path(halves.end, halves.iterations, 2, failed, error, doubt)
+        elif last and isinstance(whole, Path):
+            error = self._difference(start, whole.end)
+            return replace(whole, refinement_error=error, unresolved=(Unresolved(begin, end, error),))
         elif last:
             raise second if isinstance(second, NotConverged) else NotConverged(float("nan"))
         agreed = agreed + 1 if met else 0
-        one = self._refine(start, begin, middle, first, level + 1, agreed)
-        two = self._refine(one.end, middle, end, self._attempt(one.end, end), level + 1, agreed)
+        try:
+            one = self._refine(start, begin, middle, first, level + 1, agreed)
+            two = self._refine(one.end, middle, end, self._attempt(one.end, end), level + 1, agreed)
+        except NotConverged:
+            if isinstance(whole, NotConverged):
+                raise
+            # the coarser solution is kept; all that it moved is in doubt
+            error = self._difference(start, whole.end)
+            return replace(whole, refinement_error=error, unresolved=(Unresolved(begin, end, error),))
         both = one.then(two)
         return replace(both, bisections=both.bisections + failed)
 
