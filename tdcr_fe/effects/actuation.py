@@ -34,11 +34,11 @@ class Play:
         return min(max(before, self.low(command)), self.high(command))
 
     def kink(self, before: float, start: float, end: float) -> float | None:
-        """Share of a ramp of the command at which what arrives begins to move; None where at once or never."""
+        """Load factor of a ramp of the command where the arriving value begins to move; None if at once or never."""
         if start == end:
             return None
-        share = ((self.pushes if end > start else self.pulls)(before) - start) / (end - start)
-        return share if 1e-9 < share < 1.0 - 1e-9 else None
+        factor = ((self.pushes if end > start else self.pulls)(before) - start) / (end - start)
+        return factor if 1e-9 < factor < 1.0 - 1e-9 else None
 
 
 def tension_play(dead_band: float, efficiency: float) -> Play:
@@ -83,15 +83,15 @@ def displacement_that_arrives(commands: Iterable[float], backlash: float) -> lis
     return result
 
 
-def loads_between(old: Mapping[str, Load], new: Mapping[str, Load], share: float) -> dict[str, Load]:
+def loads_between(old: Mapping[str, Load], new: Mapping[str, Load], factor: float) -> dict[str, Load]:
     """Loads on the way from one step to the next."""
     result = {}
     for name, load in new.items():
         start = old.get(name)
         if start is None or (start.at, start.frame) != (load.at, load.frame):
             start = replace(load, force=(0.0, 0.0, 0.0), moment=(0.0, 0.0, 0.0))
-        f = (1.0 - share) * np.array(start.force) + share * np.array(load.force)
-        m = (1.0 - share) * np.array(start.moment) + share * np.array(load.moment)
+        f = (1.0 - factor) * np.array(start.force) + factor * np.array(load.force)
+        m = (1.0 - factor) * np.array(start.moment) + factor * np.array(load.moment)
         result[name] = replace(
             load,
             force=(float(f[0]), float(f[1]), float(f[2])),
@@ -141,31 +141,31 @@ def pass_through(
         changed = int(np.count_nonzero(goal != command)) + any(
             x != loads.get(n) for n, x in action.loads.items()
         )
-        shares = {1.0}
+        factors = {1.0}
         if changed > 1:
             kinks = [
                 None if p is None else p.kink(arrived[i], command[i], goal[i]) for i, p in enumerate(play)
             ]
-            shares |= {k for k in kinks if k is not None}
-        for share in sorted(shares):
-            there = command + share * (goal - command)
+            factors |= {k for k in kinks if k is not None}
+        for factor in sorted(factors):
+            there = command + factor * (goal - command)
             moving |= ~action.by_displacement | (np.abs(there) > slack)
             for i, p in enumerate(play):
                 if p is None:
                     arrived[i] = there[i]
                 elif moving[i]:
                     arrived[i] = p.arrive(float(arrived[i]), float(there[i]))
-            whole = share == 1.0
+            whole = factor == 1.0
             steps.append(
                 replace(
                     step,
                     tensions={n: float(arrived[names.index(n)]) for n in step.tensions},
                     displacements={n: float(arrived[names.index(n)]) for n in step.displacements},
-                    loads=step.loads if whole else loads_between(loads, step.loads, share),
-                    time=step.time if whole or step.time is None else time + share * (step.time - time),
+                    loads=step.loads if whole else loads_between(loads, step.loads, factor),
+                    time=step.time if whole or step.time is None else time + factor * (step.time - time),
                 )
             )
-            ends.append((commanded, float(before + share * (done - before))))
+            ends.append((commanded, float(before + factor * (done - before))))
         begun[commanded] = done
         command, loads = goal.copy(), action.loads
         time = step.time if step.time is not None else time
@@ -200,7 +200,7 @@ class ActuatorBacklash(Effect):
 
     name = "actuator_backlash"
     description = "Gears, couplings and slack tendons lose some travel at the start and at every reversal."
-    separating_experiment = "command small cycles about one place and measure travel at the base plate"
+    separating_experiment = "command small cycles about one position and measure travel at the base plate"
     parameters = (Parameter("backlash", "m", 0.0, 0.05, 0.0, 1e-4, "travel that is lost"),)
 
     def probe_points(
@@ -238,7 +238,7 @@ class ActuatorLoss(Effect):
     separating_experiment = "measure the tension at the base plate while pulling and while letting out"
     parameters = (
         Parameter("dead_band", "N", 0.0, 20.0, 0.0, 0.02, "tension lost whatever the tension is"),
-        Parameter("efficiency", "1", 0.3, 1.0, 1.0, 0.02, "share that arrives of the rest"),
+        Parameter("efficiency", "1", 0.3, 1.0, 1.0, 0.02, "fraction of the rest that arrives"),
     )
 
     def probe_points(

@@ -46,7 +46,7 @@ class Experiment:
     observation : Observation
     ends : tuple of (int, float) or None
         Where effects divide a load step, because what arrives has a kink on the way: for every one of ``steps``, the
-        commanded step that it belongs to and the share of it that is done at its end. None: they are the same.
+        commanded step that it belongs to and the load factor of it at its end. None: they are the same.
     """
 
     robot: Robot
@@ -57,7 +57,7 @@ class Experiment:
 
     @property
     def step_ends(self) -> tuple[tuple[int, float], ...]:
-        """For every step, the commanded step it belongs to and the share that is done at its end."""
+        """For every step, the commanded step it belongs to and its load factor at the end."""
         return self.ends if self.ends is not None else tuple((k, 1.0) for k in range(len(self.steps)))
 
     def with_robot(self, **changes: object) -> Experiment:
@@ -105,7 +105,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class ExcitationRange:
-    """How far the data go; tells an effect which sizes of its parameters can matter.
+    """Range of the inputs and of the curvature in the data; sets the size of probe points.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class Effect:
     description : str
         What it is, and where it comes from in a real robot.
     separating_experiment : str
-        What to measure so that it shows apart from its mimics.
+        Experiment that separates it from effects with similar traces.
     parameters : tuple of Parameter
     """
 

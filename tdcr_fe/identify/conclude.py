@@ -49,7 +49,7 @@ def conclude(
     problem, best, declared = state.problem, state.best, state.declared
     data, held_out, fitted = problem.data, problem.held_out, problem.fitted
     explained = state.local is None and residual_is_noise(problem, best, search.significance)
-    doubt = insufficient_data(problem, state.declared, best, explained)
+    insufficient = insufficient_data(problem, state.declared, best, explained)
     tests = structure(data, best.residual, len(best.free))
     spread = covariance(problem, best)
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
@@ -59,14 +59,14 @@ def conclude(
     declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
     return IdentificationResult(
         data=data,
-        verdict=_verdict(state, explained, doubt),
+        verdict=_verdict(state, explained, insufficient),
         effects=_added(search, state, deviation),
         before_fit=problem.misfit(declared.residual, fitted),
         before_held_out=problem.misfit(declared.residual, held_out),
         after_fit=problem.misfit(best.residual, fitted, len(best.free)),
         after_held_out=problem.misfit(best.residual, held_out),
         held_out_steps=tuple(held_ids),
-        remaining=_remaining(search, state, explained, doubt, tests, moment, edges),
+        remaining=_remaining(search, state, explained, insufficient, tests, moment, edges),
         candidates=state.candidates,
         structure=tests[:12],
         residual_before=declared.residual * problem.sigma,
@@ -88,11 +88,11 @@ def conclude(
     )
 
 
-def _verdict(state: SearchState, explained: bool, doubt: str) -> Verdict:
-    """The verdict; ``doubt`` says why the data do not suffice, and is empty where they do."""
+def _verdict(state: SearchState, explained: bool, insufficient: str) -> Verdict:
+    """The verdict; ``insufficient`` says why the data do not suffice, and is empty where they do."""
     if state.interrupted:
         return "unfinished"
-    if doubt:
+    if insufficient:
         return "cannot tell"
     if not explained:
         return "partly explained" if state.best.effects else "unexplained"
@@ -200,15 +200,15 @@ def _remaining(
     search: Search,
     state: SearchState,
     explained: bool,
-    doubt: str,
+    insufficient: str,
     tests: Sequence[Structure],
     moment: Array,
     edges: Array,
 ) -> Remainder:
     """Where and what is left, as texts."""
     problem = state.problem
-    if doubt:
-        return Remainder("not known", doubt, moment, edges)
+    if insufficient:
+        return Remainder("not known", insufficient, moment, edges)
     if explained:
         text = "what is left has the size and the structure of the noise"
         return Remainder("nowhere", text, moment, edges)

@@ -11,7 +11,7 @@ from tdcr_fe.effects import EFFECTS
 from tdcr_fe.identify.noise import chi_square_z_score, is_noise, lag1_autocorrelation, structure
 from tdcr_fe.identify.problem import Fit, FitProblem
 
-#: Smallest difference of BIC that tells two models apart (odds of about 20 to 1).
+#: Smallest difference of BIC that separates two models (odds of about 20 to 1).
 BIC_DIFFERENCE = 6.0
 
 #: The sum of squares of the held-out readings must fall by this much, in units of the reduced chi-square.

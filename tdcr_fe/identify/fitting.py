@@ -51,7 +51,7 @@ def fit(
     problem: FitProblem,
     effects: Sequence[Effect],
     starts: Sequence[Point],
-    hopeless: float = float("inf"),
+    give_up_above: float = float("inf"),
     max_iterations: int = 12,
     guide: Run | None = None,
     polish: bool = True,
@@ -70,7 +70,7 @@ def fit(
     starts
         Points to begin from; the best is taken. The second and later ones are tried only where the first does not
         improve on ``guide`` alone.
-    hopeless
+    give_up_above
         A fit that hardly moves while its cost is above this is given up.
     max_iterations
         Steps.
@@ -101,15 +101,17 @@ def fit(
     if not np.isfinite(now.cost):
         return now
     if polish:
-        return finish(problem, now, hopeless, max_iterations)
-    return _descend(problem, now, hopeless, max_iterations, last=False)
+        return finish(problem, now, give_up_above, max_iterations)
+    return _descend(problem, now, give_up_above, max_iterations, last=False)
 
 
-def finish(problem: FitProblem, now: Fit, hopeless: float = float("inf"), max_iterations: int = 12) -> Fit:
+def finish(
+    problem: FitProblem, now: Fit, give_up_above: float = float("inf"), max_iterations: int = 12
+) -> Fit:
     """Improve a fit to the end, on its own path, with the sensitivities there."""
     for _ in range(2):
-        now = _descend(problem, now, hopeless, max_iterations)
-        if now.cost > hopeless:
+        now = _descend(problem, now, give_up_above, max_iterations)
+        if now.cost > give_up_above:
             break
         (r,), (run,) = problem.residuals(now.effects, [now.values], record=True)
         alone = replace(now, residual=r, cost=problem.cost(r)[0], held_cost=problem.cost(r)[1], run=run)
@@ -122,7 +124,9 @@ def finish(problem: FitProblem, now: Fit, hopeless: float = float("inf"), max_it
     return now
 
 
-def _descend(problem: FitProblem, now: Fit, hopeless: float, max_iterations: int, last: bool = True) -> Fit:
+def _descend(
+    problem: FitProblem, now: Fit, give_up_above: float, max_iterations: int, last: bool = True
+) -> Fit:
     """Iterate from a fit on the path of its run.
 
     Between fresh sensitivities, what each step shows is put into the old ones (Broyden), which costs no run.
@@ -181,7 +185,7 @@ def _descend(problem: FitProblem, now: Fit, hopeless: float, max_iterations: int
         now = replace(now, values=point, residual=r, cost=cost, held_cost=held_cost, run=run, free=free)
         if gain < 0.05 + 1e-3 * now.cost and (was_fresh or promised < 2.0 * gain):
             break
-        if now.cost > hopeless and gain < 0.5 * now.cost and was_fresh is False:
+        if now.cost > give_up_above and gain < 0.5 * now.cost and was_fresh is False:
             break
     if free and last and not (fresh or known):
         j = sensitivities(problem, effects, now, free, steps)

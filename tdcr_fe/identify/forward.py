@@ -26,7 +26,7 @@ from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 
 Array = NDArray[np.float64]
 
-#: Smallest share of a load step that is tried, alone and along a neighbour's path.
+#: Smallest fraction of a load step that is tried, alone and along a neighbour's path.
 SMALLEST, GUIDED = 1.0 / 256.0, 1.0 / 16.0
 
 #: Into how many substeps a load step is divided at most for the sake of its path.
@@ -88,7 +88,7 @@ class Run:
 
 
 def _simulate(task: tuple[Experiment, Any, bool, float]) -> Run:
-    """Simulate one experiment; the only place where the finite-element model is called."""
+    """Simulate one experiment; the only call of the finite-element model."""
     from tdcr_fe.solve.simulate import SolverSettings, simulate
 
     experiment, guide, record, path_tolerance = task
@@ -165,15 +165,15 @@ def _simulate(task: tuple[Experiment, Any, bool, float]) -> Run:
 
 
 def _join(trajectory: Any, ends: Sequence[tuple[int, float]]) -> dict[int, list[Any]]:
-    """Waypoints by commanded step, their shares those of the commanded step."""
+    """Waypoints by commanded step, their load factors those of the commanded step."""
     joined: dict[int, list[Any]] = {}
     done: dict[int, float] = {}
-    for waypoints, (k, share) in zip(trajectory, ends, strict=True):
+    for waypoints, (k, factor) in zip(trajectory, ends, strict=True):
         start = done.get(k, 0.0)
         joined.setdefault(k, []).extend(
-            replace(w, load_factor=start + (share - start) * w.load_factor) for w in waypoints
+            replace(w, load_factor=start + (factor - start) * w.load_factor) for w in waypoints
         )
-        done[k] = share
+        done[k] = factor
     return joined
 
 
@@ -181,13 +181,13 @@ def _divide(joined: dict[int, list[Any]], ends: Sequence[tuple[int, float]]) -> 
     """Waypoints of commanded steps, for steps divided in another way."""
     divided = []
     done: dict[int, float] = {}
-    for k, share in ends:
+    for k, factor in ends:
         start = done.get(k, 0.0)
-        inside = [w for w in joined[k] if start + 1e-9 < w.load_factor < share - 1e-9]
-        last = next(w for w in joined[k] if w.load_factor >= share - 1e-9)
-        part = [replace(w, load_factor=(w.load_factor - start) / (share - start)) for w in inside]
+        inside = [w for w in joined[k] if start + 1e-9 < w.load_factor < factor - 1e-9]
+        last = next(w for w in joined[k] if w.load_factor >= factor - 1e-9)
+        part = [replace(w, load_factor=(w.load_factor - start) / (factor - start)) for w in inside]
         divided.append([*part, replace(last, load_factor=1.0)])
-        done[k] = share
+        done[k] = factor
     return divided
 
 
@@ -214,13 +214,13 @@ def divide_steps(experiment: Experiment, which: set[int], parts: int) -> Experim
     if experiment.model.friction != "per-hole":
         return experiment
     actions = resolve(experiment.robot, experiment.steps)
-    whole = [k for k, share in experiment.step_ends if share == 1.0]
+    whole = [k for k, factor in experiment.step_ends if factor == 1.0]
     single = {k for k, _ in experiment.step_ends if [x for x, _ in experiment.step_ends].count(k) == 1}
     steps: list[LoadStep] = []
     ends: list[tuple[int, float]] = []
     names = experiment.robot.tendon_names
     before = Actuation(actions[0].by_displacement, np.zeros(len(names)))
-    for step, action, (k, share) in zip(experiment.steps, actions, experiment.step_ends, strict=True):
+    for step, action, (k, factor) in zip(experiment.steps, actions, experiment.step_ends, strict=True):
         same = bool(np.all(before.by_displacement == action.by_displacement))
         if k in which and k in single and k in whole and same and step.substeps is None:
             for i in range(1, parts):
@@ -238,7 +238,7 @@ def divide_steps(experiment: Experiment, which: set[int], parts: int) -> Experim
                 )
                 ends.append((k, x))
         steps.append(step)
-        ends.append((k, share))
+        ends.append((k, factor))
         before = action
     if len(steps) == len(experiment.steps):
         return experiment

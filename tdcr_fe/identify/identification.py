@@ -25,7 +25,7 @@ from tdcr_fe.identify.selection import (
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.arguments import wrong_type
 
-#: Tolerance of the loading path as a share of the noise of a position (a third of it is left), and its limit.
+#: Tolerance of the loading path as a fraction of the noise of a position (a third of it is left), and its limit.
 PATH_SHARE, LOOSEST = 0.6, 3e-4
 
 
@@ -45,7 +45,7 @@ def identify(
     settings
         How the search works.
     progress
-        Called with a sentence on what is done, and about which share of the work is done.
+        Called with a sentence on what is done, and about which fraction of the work is done.
 
     Returns
     -------

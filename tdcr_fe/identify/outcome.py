@@ -1,4 +1,4 @@
-"""What the closed loop is told and what it gives back, and its ``result.json``."""
+"""Settings and result of an identification, and its ``result.json``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Verdict = Literal[
 
 @dataclass(frozen=True)
 class IdentifySettings:
-    """How the loop works; physics has no place here.
+    """How the search works; nothing about the robot.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class IdentifySettings:
     max_effects : int
         At most so many effects are added.
     hold_out : float
-        Share of the readings that is held out, about [1].
+        Fraction of the readings that is held out, about [1].
     path_tolerance : float
         Of the solver: accuracy of the path of loading over the length [1].
     """
@@ -175,11 +175,11 @@ class AddedEffect:
     after_fit, after_held_out : Misfit
         With this effect and all before it.
     evidence : mapping
-        What spoke for it.
+        Evidence for it.
     indistinguishable_from : tuple of str
         Effects that explain these data as well.
     separating_experiment : str
-        What would tell them apart.
+        Experiment that separates them.
     """
 
     name: str
@@ -259,7 +259,7 @@ class Remainder:
 
 @dataclass(frozen=True)
 class IdentificationResult:
-    """All that the loop found.
+    """Everything that an identification found.
 
     Attributes
     ----------
@@ -274,7 +274,7 @@ class IdentificationResult:
     remaining : Remainder
     candidates : tuple of Candidate
     structure : tuple of Structure
-        Tests of the residual that is left, most telling first.
+        Tests of the residual that is left, most significant first.
     residual_before, residual_after : ndarray
         Reading less model, in the readings' units, in their order.
     sigma : ndarray

@@ -34,7 +34,7 @@ from tdcr_fe.identify.unlisted import SideSpring, SoftBay, local_candidates
 Array = NDArray[np.float64]
 Names = frozenset[str]
 
-#: Called with a sentence on what is done, and about which share of the work is done [1].
+#: Called with a sentence on what is done, and about which fraction of the work is done [1].
 Progress = Callable[[str, float], None]
 
 #: A stage of the search: yields every complete state, and returns the last one.
@@ -122,7 +122,7 @@ def search_effects(search: Search, state: SearchState) -> Stage:
     """The whole search."""
     search.report("forward selection", 0.05)
     if lacks_test(state.problem, state.declared):
-        # Too few readings to tell several effects apart, or to locate a cause: one effect, at most.
+        # Too few readings to separate several effects, or to locate a cause: one effect, at most.
         single = replace(search, settings=replace(search.settings, max_effects=1))
         return (yield from forward_selection(single, state, locate=False))
     state = yield from forward_selection(search, state)
@@ -431,9 +431,7 @@ def _with_local(state: SearchState, fits: Sequence[Fit]) -> SearchState:
     if gain <= BIC_DIFFERENCE:
         return state
     name = local.effects[-1].name
-    state = replace(state, local=local).with_history(
-        f"{name} explains more than any listed effect in its place"
-    )
+    state = replace(state, local=local).with_history(f"{name} explains more than the listed effects")
     listed = frozenset(e.name for e in local.effects if not isinstance(e, SoftBay | SideSpring))
     if listed == frozenset(state.best.names):
         return state

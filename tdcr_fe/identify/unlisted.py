@@ -79,9 +79,9 @@ class SideSpring(Effect):
     def apply(self, experiment: Experiment, values: dict[str, float]) -> Experiment:  # type: ignore[override]
         """See `Effect.apply`."""
         steps = []
-        for step, (k, share) in zip(experiment.steps, experiment.step_ends, strict=True):
+        for step, (k, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
             before = self._moved[k - 1] if k else np.zeros(3)
-            f = -values["stiffness"] * (before + share * (self._moved[k] - before))
+            f = -values["stiffness"] * (before + factor * (self._moved[k] - before))
             load = Load(self.at, (float(f[0]), float(f[1]), float(f[2])))
             steps.append(replace(step, loads={**step.loads, f"spring {self.at:g}": load}))
         return replace(experiment, steps=tuple(steps))

@@ -24,10 +24,10 @@ from tdcr_fe.model.settings import SolverSettings
 
 OBSERVATION_COLUMNS = ("step", "quantity", "location", "value", "sigma")
 
-#: Share of rows left out above which the rest is not trusted [1].
+#: Fraction of rows left out above which the rest is not trusted [1].
 MOST_LEFT_OUT = 0.5
 
-#: Share of values that look like another unit above which all values are doubted [1].
+#: Fraction of values that look like another unit above which all values are doubted [1].
 MANY_IN_ANOTHER_UNIT = 0.1
 
 
@@ -365,12 +365,12 @@ def _observations(
         line = int(row["line"])
         fault, reading = _reading(row, robot, steps, line)
         if fault is None and reading is not None:
-            place = reading.location
-            key = (reading.step, reading.quantity, round(place, 7) if isinstance(place, float) else place)
+            at = reading.location
+            key = (reading.step, reading.quantity, round(at, 7) if isinstance(at, float) else at)
             if key in seen:
                 fault = _Fault(
                     "step",
-                    f"the same quantity at the same place and step stands in line {seen[key]}; that one is kept",
+                    f"the same quantity at the same location and step stands in line {seen[key]}; that one is kept",
                 )
             else:
                 seen[key] = line
