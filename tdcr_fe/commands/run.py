@@ -84,7 +84,7 @@ def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> 
     """Solve a scenario, write its results, and return the exit status."""
     from tdcr_fe.io.problems import InputError, Problem
     from tdcr_fe.io.tables import write_results
-    from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
+    from tdcr_fe.model.plausibility import plausibility_warnings
 
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
@@ -98,7 +98,7 @@ def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> 
         result = _solve(scenario, args.quiet)
     except ValueError as error:  # a contradiction that only the solver knows
         raise InputError([Problem(str(scenario.path), "", "", str(error))]) from error
-    found = [*result.warnings, *strain_warnings(result.robot, result.steps)]
+    found = [warning for warning in result.warnings if warning not in odd]
     result = replace(result, warnings=(*odd, *found))
     try:
         written = write_results(result, out, scenario.digests, len(scenario.steps), not args.no_pictures)

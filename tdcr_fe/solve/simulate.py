@@ -10,6 +10,7 @@ from math import isfinite
 
 from tdcr_fe.model import arguments
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
+from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
@@ -90,7 +91,12 @@ def simulate(
                 break
             counts = finer
     estimates = run.monitor.estimates
-    warnings = run.warnings + mesh_warnings(run.simulation.handle, model, estimates, settings.mesh_tolerance)
+    warnings = [
+        *plausibility_warnings(robot, model, steps),
+        *run.warnings,
+        *mesh_warnings(run.simulation.handle, model, estimates, settings.mesh_tolerance),
+        *strain_warnings(robot, run.solved),
+    ]
     return SequenceResult(
         robot=robot,
         model=model,

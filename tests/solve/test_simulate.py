@@ -289,3 +289,11 @@ def test_a_result_holds_what_acted_in_each_step():
     assert [s.actuation.values[0] for s in result.steps] == [0.5, 0.8]
     assert all(s.actuation.loads == {"tip": load} for s in result.steps)
     assert not result.steps[0].actuation.by_displacement.any()
+
+
+def test_simulate_warns_of_odd_values_as_the_command_does():
+    """In 0.1 a modulus of 60 Pa, a unit slip, was solved without a word."""
+    robot = replace(paper(), backbone=replace(BACKBONE, youngs_modulus=60.0))
+    warnings = simulate(robot, Model(friction="none"), [LoadStep()]).warnings
+    assert any("youngs_modulus = 60 Pa" in w and "GPa" in w for w in warnings)
+    assert simulate(paper(), Model(friction="none"), [LoadStep(tensions={"t1": 0.5})]).warnings == ()
