@@ -235,7 +235,11 @@ class _ContinuousModel:
 
     def solve(self, tensions: Array, force: Array, unknown: Array) -> tuple[Array, Solution]:
         """The wrench at the base and the tip, from a wrench nearby."""
-        found = root(lambda x: self._shoot(x, tensions, force)[1], unknown, tol=1e-13)
+
+        def balance(x: Array) -> Array:
+            return self._shoot(x, tensions, force)[1]
+
+        found = root(balance, unknown, tol=1e-13)
         y, rest = self._shoot(found.x, tensions, force)
         size = float(np.max(np.abs(rest)))
         if size > 1e-8:
@@ -347,7 +351,7 @@ class _StraightModel:
                     moved[k] = trials[1 + c, k]
                     other[k] += shifts[1 + c]
                     jacobian[:, 6 * k + c] = (self._residual(other, moved, tensions, force) - rest) / 1e-6
-            step = np.linalg.solve(jacobian, -rest).reshape(n, 6)
+            step: Array = np.linalg.solve(jacobian, -rest).astype(np.float64).reshape(n, 6)
             x = x + self._damped(x, step, tensions, force, size)
         if size > 1e-8:
             raise RuntimeError(f"no equilibrium: residual {size:.1e} N")
