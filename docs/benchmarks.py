@@ -51,6 +51,7 @@ def exudyn_iteration(simulation: Simulation, count: int = 200) -> float:
     """Exudyn's residual and Jacobian in the present state, once each [s]."""
     mbs, settings = simulation.handle.mbs, exu.SimulationSettings()
     settings.solution.file.write = False
+    settings.staticSolver.verboseMode = 0
     kernel = exu.MainSolverStatic()
     kernel.InitializeSolver(mbs, settings)
 

@@ -199,11 +199,11 @@ def summarise(scores: Iterable[Score]) -> dict[str, Any]:
     confusion: dict[str, dict[str, int]] = {}
     for s in scores:
         hidden = " + ".join(s["hidden"]) or "nothing"
-        found = " + ".join(sorted(s["named"], key=lambda n, h=s["hidden"]: (n not in h, n))) or "nothing"  # type: ignore[misc]
+        answer = " + ".join(sorted(s["named"], key=lambda n, h=s["hidden"]: (n not in h, n))) or "nothing"  # type: ignore[misc]
         if s["verdict"] in ("partly explained", "unexplained"):
-            found = f"{found} ({s['verdict']})" if s["named"] else "unexplained"
+            answer = f"{found} ({s['verdict']})" if s["named"] else "unexplained"
         row = confusion.setdefault(hidden, {})
-        row[found] = row.get(found, 0) + 1
+        row[answer] = row.get(answer, 0) + 1
     off = kinds["off-list"]
     small = [s for s in kinds["single"] if s["sigma"] <= 1.2e-4]
     return {
