@@ -1,4 +1,4 @@
-"""Items of a tendon-driven continuum robot in Exudyn: backbone, disks, tendons, friction, hooks.
+"""Mechanical components of a tendon-driven continuum robot in Exudyn: backbone, disks, tendons, friction, hooks.
 
-Floor 0 of the house: knows exudyn and numpy, takes numbers and arrays, opens no file and prints nothing.
+The lowest layer: it depends on exudyn and numpy only, takes numbers and arrays, reads no files and prints nothing.
 """

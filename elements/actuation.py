@@ -1,4 +1,4 @@
-"""One robot in Exudyn's scene: its drive, its committed history, and the items that carry its forces.
+"""One robot in Exudyn's scene: its actuation, its committed friction history, and the items that apply its forces.
 
 Exudyn's own solvers reach a `TendonActuation` through the hooks, the quasi-static solver directly; both evaluate the
 same `ForceModel` and commit to the same history.
@@ -28,7 +28,7 @@ Inputs = Array | Callable[[float], Array]
 
 @dataclass
 class Connectors:
-    """Exudyn's numbers of the items that carry the forces.
+    """Exudyn's numbers of the items that apply the tendon and section forces.
 
     Attributes
     ----------
@@ -48,14 +48,14 @@ class Connectors:
 
 @dataclass(frozen=True)
 class Clamp:
-    """A base plate that a joint holds on ground.
+    """A base plate fixed to ground by a joint.
 
     Attributes
     ----------
     joint : object
         Exudyn's number of the joint, which blocks all six motions.
     position, rotation : ndarray
-        Where it holds the base node, the rotation in beam axes; shapes (3,) and (3, 3).
+        Pose to which it fixes the base node, the rotation in beam axes; shapes (3,) and (3, 3).
     """
 
     joint: Any
@@ -64,23 +64,23 @@ class Clamp:
 
 
 class TendonActuation:
-    """Drive, history and items of one robot in a scene.
+    """Actuation, friction history and items of one robot in a scene.
 
     Parameters
     ----------
     mbs
-        The system that holds the robot.
+        The system that contains the robot.
     nodes
         Exudyn's numbers of the backbone nodes, base first.
     model
-        What its forces are computed from.
+        Computes its forces.
     connectors
-        The items that carry the forces.
+        The items that apply the forces.
     inextensible_stiffness
-        EA that an inextensible tendon is given when its displacement is prescribed in Exudyn's own solvers,
-        which know no tension as an unknown [N].
+        EA used for an inextensible tendon whose displacement is prescribed in Exudyn's own solvers, where the
+        tension is not an unknown [N].
     clamp
-        What holds the base, where that is ground.
+        The joint that fixes the base to ground; None where the base is free or on another body.
 
     Attributes
     ----------
@@ -89,13 +89,13 @@ class TendonActuation:
     inputs : ndarray, shape (m,), or callable
         Tensions [N] and displacements [m] at the base, as set or over time.
     state : FrictionState
-        Committed history.
+        Committed friction history.
     base_tension : ndarray, shape (m,)
         Tension at the base in the last solved state [N].
     prescribed : ndarray, shape (m,)
         Displacement prescribed in the last solved state [m], nan of tendons driven by tension.
     forces : TendonForces or None
-        As last evaluated; None before any solver has run.
+        Those evaluated last; None before any solver has run.
     """
 
     def __init__(
@@ -155,7 +155,7 @@ class TendonActuation:
         return self._coordinates
 
     def forget_coordinates(self) -> None:
-        """Ask Exudyn again where the nodes' coordinates are, after another `Assemble`."""
+        """Read the nodes' coordinate numbers from Exudyn again, after another `Assemble`."""
         self._coordinates = None
         self._reference = None
 
@@ -173,7 +173,7 @@ class TendonActuation:
         return self._reference
 
     def scene_poses(self) -> tuple[Array, Array, Array]:
-        """Positions (N, 3), rotations (N, 3, 3) in beam axes and Euler parameters (N, 4) now in the scene."""
+        """Current positions (N, 3), rotations (N, 3, 3) in beam axes and Euler parameters (N, 4) in the scene."""
         moved = np.asarray(self.mbs.systemData.GetODE2Coordinates())
         q = moved[self.coordinates] + self.reference_coordinates
         e = q[:, 3:]
@@ -186,13 +186,13 @@ class TendonActuation:
         return np.asarray(self.inputs(t) if callable(self.inputs) else self.inputs, dtype=float)
 
     def scene_forces(self, t: float) -> TendonForces:
-        """Forces in the configuration the scene is in now, with the inputs at time t [s]."""
+        """Forces in the scene's current configuration, with the inputs at time t [s]."""
         positions, rotations, _ = self.scene_poses()
         measured = self.model.measure(positions, rotations)
         values, driven = self.input_values(t), self.by_displacement
         if not np.any(driven):
             return self.model.after(measured, values, self.state, t)
-        # Exudyn's own solvers know no tension as an unknown: every tendon stretches.
+        # In Exudyn's own solvers the tension is not an unknown, so every tendon must be elastic.
         soft = _stretching(self.law, 1.0 / self.inextensible_stiffness)
         last = self.base_tension if self.forces is None else self.forces.base_tension
         tension = np.where(driven, last, values)
@@ -210,7 +210,7 @@ class TendonActuation:
         return replace(forces, base_response=slope[:, None] * forces.base_slip_by_holes())
 
     def current_forces(self) -> TendonForces:
-        """Forces as last evaluated; before any solver has run, those of the scene without tension."""
+        """Forces evaluated last; before any solver has run, those of the scene at zero tension."""
         if self.forces is not None:
             return self.forces
         positions, rotations, _ = self.scene_poses()
@@ -219,16 +219,16 @@ class TendonActuation:
 
     @property
     def displacements(self) -> Array:
-        """What is pulled in at the base since the unloaded, just taut state [m], shape (m,).
+        """Tendon displacement at the base since the unloaded, just taut state [m], shape (m,).
 
-        Of a tendon driven by displacement what was prescribed: where it is slack, its shape would take up less.
+        For a tendon driven by displacement this is the prescribed value, which a slack tendon does not follow.
         """
         if self.forces is None:
             return np.zeros(self.count)
         return np.where(np.isnan(self.prescribed), self.forces.field.base_slip, self.prescribed)
 
     def apply(self, forces: TendonForces) -> None:
-        """Give the forces to Exudyn's items."""
+        """Set the forces on Exudyn's items."""
         mbs = self.mbs
         if forces.measured.offsets is not None:
             half = 0.5 * float(self.mesh.lengths[0])
@@ -251,7 +251,7 @@ class TendonActuation:
                 mbs.SetLoadParameter(torque, "loadVector", wrench[3:])
 
     def scene_tangent(self) -> tuple[NDArray[np.int_], Array]:
-        """What Exudyn's Jacobian lacks, in Exudyn's coordinates, for the forces as last evaluated.
+        """Tangent terms missing from Exudyn's Jacobian, in Exudyn's coordinates, for the forces evaluated last.
 
         Returns
         -------
@@ -272,14 +272,14 @@ class TendonActuation:
     # ------------------------------------------------------------------ history
 
     def commit_scene(self, t: float) -> None:
-        """Take what the scene is in now, solved at time t [s], as history."""
+        """Commit the scene's current state, solved at time t [s], to the friction history."""
         self.forces = self.scene_forces(t)
         self.state = self.law.commit(self.forces.field)
         self.base_tension = self.forces.base_tension
         self.prescribed = np.where(self.by_displacement, self.input_values(t), np.nan)
 
     def reset(self) -> None:
-        """Forget all history, as for a robot that was never loaded."""
+        """Reset the friction history to that of a robot that was never loaded."""
         self.state = self.law.initial_state()
         self.base_tension = np.zeros(self.count)
         self.prescribed = np.full(self.count, np.nan)
@@ -287,7 +287,7 @@ class TendonActuation:
 
 
 def _stretching(law: TendonLaw, compliance: float) -> TendonLaw:
-    """A law in which no tendon is inextensible."""
+    """A copy of the law in which inextensible tendons have this compliance [1/N]."""
     given = law.parameters.compliance
     if np.all(given > 0.0):
         return law

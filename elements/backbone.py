@@ -105,7 +105,7 @@ def add_residual_flexibility(stiffness: Array, lengths: Array, share: float = 1.
     lengths
         Of the elements [m], shape (E,).
     share
-        Of that flexibility [1].
+        Part of that flexibility that is added [1].
     """
     residual = lengths[:, None] ** 2 / (12.0 * stiffness[:, 5:3:-1])
     stiffness[:, 1:3] = 1.0 / (1.0 / stiffness[:, 1:3] + share * residual)
@@ -133,7 +133,7 @@ def subdivide(
     thickness
         Of the rigid insert at every disk [m].
     extra
-        Further arc lengths where a node is wanted, such as loads [m].
+        Further arc lengths that need a node, such as those of loads [m].
     tolerance
         Nodes closer than this are one [m].
 
@@ -269,17 +269,17 @@ class ElementChain:
 
     @staticmethod
     def _beyond(wrenches: Array, positions: Array, rotations: Array) -> Array:
-        """Sum of the wrenches on a node and all beyond it, in its own frame: (N, 2, 3) to (N, 2, 3)."""
+        """Sum of the wrenches on each node and all nodes distal to it, in its own frame: (N, 2, 3) to (N, 2, 3)."""
         lever = skew(positions)
         world = wrenches @ rotations.swapaxes(1, 2)
-        # Moments about the origin can be added, and come back to the nodes.
+        # Moments are summed about the origin and then referred back to the nodes.
         world[:, 1:] -= world[:, :1] @ lever
         beyond = world[::-1].cumsum(axis=0)[::-1]
         beyond[:, 1:] += beyond[:, :1] @ lever
         return np.asarray(beyond @ rotations)
 
     def add_unbalanced(self, k: NodeBlocks, wrenches: Array, positions: Array, rotations: Array) -> None:
-        """Add to a tangent by the nodes what unbalanced wrenches do as the elements turn them.
+        """Add to a nodal tangent the geometric terms of unbalanced wrenches.
 
         Away from equilibrium the tangent depends on the unknowns it is taken in. With the elements' twists, whose
         poses follow by exponentials, it has besides the derivatives of the wrenches the second derivatives of the
@@ -326,7 +326,7 @@ def strain_matrices(twists: Array) -> Array:
 
 @dataclass(frozen=True)
 class BackboneItems:
-    """What `add_backbone` made: Exudyn's node and object numbers."""
+    """Exudyn's node and object numbers of the items created by `add_backbone`."""
 
     nodes: list[Any]
     beams: list[Any]

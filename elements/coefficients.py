@@ -25,7 +25,7 @@ MAX_STEP = 0.5
 
 
 class CoefficientLaw(Protocol):
-    """How large the friction coefficient is at a hole."""
+    """Law of the friction coefficient at a hole."""
 
     def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
         """Coefficient of friction and its derivatives, hole by hole.
@@ -74,7 +74,7 @@ def evaluate_laws(
     Parameters
     ----------
     laws
-        One a tendon; None is a constant coefficient.
+        One for each tendon; None is a constant coefficient.
     constant
         Coefficients of tendons without a law [1], shape (m, n-1).
     mask
@@ -93,7 +93,7 @@ def evaluate_laws(
 
 
 class Linearisation(NamedTuple):
-    """Tensions that belong to some coefficients, and what the laws say of the coefficients there.
+    """Tensions for given coefficients, and the coefficients that the laws return at those tensions.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Linearisation(NamedTuple):
     slopes : callable
         Of the tensions for given coefficients.
     law : Coefficients
-        What the laws give at these tensions.
+        Coefficients that the laws return at these tensions.
     by_tension : ndarray, shape (m, n-1, n)
         Of the laws' coefficients by the tensions [1/N].
     by_coefficient : ndarray, shape (m, n, n-1)
@@ -124,14 +124,14 @@ class Linearisation(NamedTuple):
 def solve_coefficients(
     linearise: Callable[[Array], Linearisation], start: Array
 ) -> tuple[Array, Linearisation]:
-    """Coefficients that the laws confirm at the tensions they lead to.
+    """Coefficients that satisfy the laws at the tensions they lead to.
 
     Newton's method, its steps halved where they increase the error.
 
     Parameters
     ----------
     linearise
-        Tensions, and what the laws say of them, for given coefficients.
+        Returns the linearisation for given coefficients.
     start
         Coefficients to start from [1], shape (m, n-1).
 
@@ -139,7 +139,7 @@ def solve_coefficients(
     -------
     coefficient : ndarray, shape (m, n-1)
     linearisation : Linearisation
-        There. Its tensions are nan where no solution was found.
+        At these coefficients. Its tensions are nan where no solution was found.
     """
     mu, now = start, linearise(start)
     error = float(np.max(np.abs(now.law.value - mu), initial=0.0))
@@ -160,7 +160,7 @@ def solve_coefficients(
                 break
             factor *= 0.5
         if new >= error and error <= ACCEPTED:
-            # Round-off: no step improves what is good enough.
+            # Round-off: no step improves a converged iterate.
             break
         mu, now, error = trial, there, new
     if not error <= ACCEPTED:

@@ -1,4 +1,4 @@
-"""Box-constrained linear complementarity: which holes stick and which slip in one linearised step."""
+"""Box-constrained linear complementarity problem: which holes stick and which slip in one linearised step."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ Array = NDArray[np.float64]
 def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -> tuple[Array, bool]:
     """Find ``-1 <= s <= 1`` with ``w = right - matrix s`` zero inside, ``>= 0`` at +1, ``<= 0`` at -1.
 
-    Block principal pivoting: all indices that break a condition change sides at once; when the number of them
-    does not fall any more, one at a time, the least index first, which ends for every P-matrix.
+    Block principal pivoting: all indices that violate a condition are exchanged at once. When their number no
+    longer falls, one index is exchanged at a time, the lowest first, which terminates for every P-matrix.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
     right
         Shape (k,).
     start
-        A guess whose sides are tried first, shape (k,).
+        Initial guess; it sets the first partition of the indices, shape (k,).
     max_blocks
         Pivots with whole blocks, and in units of ``k`` single ones, before giving up.
 

@@ -66,7 +66,7 @@ def add_disk(
 
 @lru_cache(maxsize=64)
 def _cylinder(half: float, radius: float, color: tuple[float, ...]) -> Any:
-    """Graphics of a disk; the same for all disks, because drawing them takes as long as solving several steps."""
+    """Graphics of a disk, cached: creating them takes as long as solving several steps."""
     return graphics.Cylinder(
         pAxis=[-half, 0.0, 0.0], vAxis=[2.0 * half, 0.0, 0.0], radius=radius, color=list(color), nTiles=32
     )

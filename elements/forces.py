@@ -1,6 +1,6 @@
 """Forces in one configuration of a robot: tensions with friction, section forces, and all their derivatives.
 
-`ForceModel` holds what does not change, `TendonForces` the values in one configuration.
+`ForceModel` has the constant data, `TendonForces` the values in one configuration.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from tdcr_fe.elements.section import SectionForces, nodal_sum
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
 
 Array = NDArray[np.float64]
-#: From this many unknowns on it pays that a segment touches two nodes only.
+#: From this many unknowns on, the sparse product (a segment depends on two nodes only) is faster.
 SPARSE_WIDTH = 200
 
 
 class Measurement(NamedTuple):
-    """Tendons and elements of a robot in one configuration.
+    """Geometry of the tendons and elements of a robot in one configuration.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Measurement(NamedTuple):
 
 @dataclass(frozen=True)
 class ForceModel:
-    """What the forces of a robot are computed from.
+    """Mesh, tendons and laws from which the forces of a robot are computed.
 
     Attributes
     ----------
@@ -153,7 +153,7 @@ class ForceModel:
         time
             At its end [s].
         law
-            Another law than the model's own.
+            Replaces the model's law.
         """
         shape = measured.shape
         field = (law or self.law).evaluate(base_tension, shape.lengths, shape.angles, state, time=time)
@@ -189,14 +189,14 @@ class TendonForces:
     # ------------------------------------------------------------------ slips
 
     def slip_change(self, nodes: Array, base_tension: Array | None) -> Array:
-        """Change of the slips behind the mobilisations in a step, the mobilisations kept [m], shape (m, g).
+        """Change of the slips that drive the mobilisations in a step at fixed mobilisations [m], shape (m, g).
 
         Parameters
         ----------
         nodes
             Body-frame increments of all nodes, shape (6 N,).
         base_tension
-            Change of the tensions at the base [N], shape (m,); None where they are kept.
+            Change of the tensions at the base [N], shape (m,); None where they are constant.
         """
         f, s, law = self.field, self.measured.shape, self.model.law
         moved = nodes if self.model.columns is None else nodes[self.model.columns]
@@ -211,7 +211,7 @@ class TendonForces:
         return law.slips(released)
 
     def slip_rows(self) -> tuple[Array, Array, Array]:
-        """Derivatives of the slips behind the frictional mobilisations.
+        """Derivatives of the slips that drive the frictional mobilisations.
 
         Returns
         -------
@@ -280,13 +280,13 @@ class TendonForces:
         return self._to_all_nodes(d).T
 
     def tangent(self) -> Array:
-        """What Exudyn's Jacobian lacks, by itself; see `add_tangent`."""
+        """The terms missing from Exudyn's Jacobian, as a matrix of their own; see `add_tangent`."""
         k = np.zeros((6 * self.model.mesh.arc_lengths.size,) * 2)
         self.add_tangent(k)
         return k
 
     def add_tangent(self, k: Array, loads_jacobian: bool = False) -> None:
-        """Add what Exudyn's Jacobian lacks: derivative of the forces by the nodes.
+        """Add the terms missing from Exudyn's Jacobian: derivatives of the forces by the nodes.
 
         The change of the tensions with the configuration, and the section forces; the geometric stiffness of the
         straight segments is Exudyn's own.
@@ -296,8 +296,8 @@ class TendonForces:
         k
             Changed in place, shape (6 N, 6 N).
         loads_jacobian
-            Whether Exudyn's Jacobian was asked to contain the derivatives of loads; the turning of the
-            body-fixed loads that carry the section forces is then in it already.
+            Whether Exudyn's Jacobian contains the derivatives of loads, and so already the rotation of the
+            body-fixed loads that represent the section forces.
         """
         f = self.field
         d_lengths, d_angles = self.measured.shape.derivatives
@@ -333,7 +333,7 @@ class TendonForces:
         return k.reshape(width, width)
 
     def _add_section_tangent(self, k: Array, loads_jacobian: bool) -> None:
-        """Section forces: change with the twists, and with the frames in which they are given."""
+        """Section forces: derivatives by the twists and by the frames in which they are expressed."""
         assert self.model.section is not None
         element = self.model.section.wrench_tangent(self.measured.twists, self.field.tension[:, 0])
         for e, block in enumerate(element):
@@ -342,7 +342,7 @@ class TendonForces:
             return
         wrench = self.section_wrenches()
         turned = skew(wrench[:, :3]), skew(wrench[:, 3:])
-        # The residual is taken in frames that move along; Exudyn's Jacobian of it has these terms too.
+        # The residual is expressed in the nodes' moving frames; Exudyn's Jacobian of it has these terms too.
         for n in range(len(wrench)):
             i = 6 * n
             k[i : i + 3, i + 3 : i + 6] -= turned[0][n]

@@ -51,7 +51,7 @@ class FrictionModel(Protocol):
 
     @property
     def active(self) -> bool:
-        """Whether there is any friction at all."""
+        """Whether the model has friction."""
         ...
 
     def slip_operator(self, n: int) -> Array:
@@ -119,7 +119,7 @@ FRICTION_MODELS: dict[str, FrictionModel] = {
 
 @dataclass(frozen=True)
 class TendonParameters:
-    """Numbers of all tendons of one robot; shorter tendons are padded at the end.
+    """Parameters of all tendons of one robot; shorter tendons are padded at the end.
 
     Attributes
     ----------
@@ -134,8 +134,8 @@ class TendonParameters:
     compliance : ndarray, shape (m,)
         ``1 / EA`` of the tendon, zero where inextensible [1/N].
     laws : tuple of CoefficientLaw or None
-        By tendon, what gives its coefficients of friction instead of ``friction``; None, or an empty tuple, where
-        they are constant.
+        Law of each tendon's coefficients of friction, used instead of ``friction``; None, or an empty tuple, where
+        the coefficients are constant.
     """
 
     lengths: Array
@@ -157,9 +157,9 @@ class FrictionState:
     mobilisation : ndarray, shape (m, g)
         Part of the available friction that acts, in [-1, 1].
     slip_rate : ndarray, shape (m, g), or None
-        Rate of the slip over the last step that took time [m/s]; None is zero.
+        Slip rate over the last step of nonzero duration [m/s]; None is zero.
     time : float
-        When it was committed [s].
+        Time at which it was committed [s].
     """
 
     slip: Array
@@ -180,7 +180,7 @@ class TensionDerivatives(NamedTuple):
     d_base : ndarray, shape (m, n)
         By the tension at the base [1].
     by_mobilisation : ndarray, shape (m, n, g)
-        By the mobilisations, where these are kept [N].
+        By the mobilisations, where these are independent unknowns [N].
     """
 
     d_length: Array
@@ -204,7 +204,7 @@ class TensionField:
     released_d_length, released_d_tension : ndarray, shape (m, n)
         Of the released lengths, with respect to its own length [1] and its own tension [m/N].
     slip_rate : ndarray, shape (m, g), or None
-        Rate of the slips [m/s]; None where no coefficient of friction asks for it.
+        Rate of the slips [m/s]; None where no friction law depends on it.
     time : float
         [s].
     depends_on_length : bool
@@ -254,7 +254,7 @@ class TensionField:
 
     @property
     def by_mobilisation(self) -> Array:
-        """Of the tensions with respect to the mobilisations, where these are kept [N], shape (m, n, g)."""
+        """Of the tensions with respect to the mobilisations, where these are unknowns [N], shape (m, n, g)."""
         return self.derivatives.by_mobilisation
 
 
@@ -264,11 +264,11 @@ class TendonLaw:
     Parameters
     ----------
     parameters
-        Numbers of the tendons.
+        Parameters of the tendons.
     law
-        Which slip drives which holes.
+        Friction model: the slip that drives the friction at each hole.
     presliding
-        Distance a tendon creeps through a hole from rest to full friction [m].
+        Slip through a hole from rest to full friction [m].
     """
 
     def __init__(self, parameters: TendonParameters, law: FrictionModel, presliding: float = 1e-6) -> None:
@@ -281,7 +281,7 @@ class TendonLaw:
         self._mu = parameters.friction if law.active else zero
         self._adhesion = parameters.adhesion if law.active else zero
         self._has_adhesion = bool(np.any(self._adhesion > 0.0))
-        #: From released segment lengths to the slip behind each mobilisation, shape (g, n).
+        #: Slip operator: from released segment lengths to the slip that drives each mobilisation, shape (g, n).
         self.slip_operator = law.slip_operator(n)
         self._hole_incidence = law.hole_incidence(n)
         self.groups = self.slip_operator.shape[0]
@@ -308,7 +308,7 @@ class TendonLaw:
         return FrictionState(np.zeros((m, self.groups)), np.zeros((m, self.groups)))
 
     def slips(self, released: Array) -> Array:
-        """Slip behind each mobilisation from the released segment lengths [m], (m, n) to (m, g)."""
+        """Slip that drives each mobilisation, from the released segment lengths [m], (m, n) to (m, g)."""
         return released @ self.slip_operator.T
 
     def at_holes(self, mobilisation: Array) -> Array:
@@ -343,14 +343,14 @@ class TendonLaw:
         mobilisation
             Shape (m, g).
         state
-            History at the beginning of the step, from which slip rates are counted; None is at rest.
+            History at the beginning of the step, from which slip rates are computed; None is at rest.
         time
             At the end of the step [s]. Where none has passed since ``state``, slip rates stay as they were.
 
         Returns
         -------
         TensionField
-            With the mobilisations held fixed.
+            With the mobilisations fixed.
         """
         at_holes = self.at_holes(mobilisation)
         if self._laws:
@@ -461,7 +461,7 @@ class TendonLaw:
         Parameters
         ----------
         solved
-            Where the laws are met.
+            Linearisation at the coefficients that satisfy the laws.
         angles
             Turning angles [rad], shape (m, n-1).
         rate_by_length
@@ -504,7 +504,7 @@ class TendonLaw:
         state
             History at the beginning of the step.
         presliding
-            Another presliding distance than the law's own [m].
+            Replaces the law's presliding distance [m].
         time
             As in `field`.
 
@@ -555,7 +555,7 @@ class TendonLaw:
         return FrictionState(field.slip, field.mobilisation, field.slip_rate, field.time)
 
     def with_parameters(self, **changes: Any) -> TendonLaw:
-        """The same law with other numbers."""
+        """A copy of the law with other parameters."""
         return TendonLaw(replace(self.parameters, **changes), self.law, self.presliding)
 
 

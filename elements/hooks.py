@@ -1,7 +1,7 @@
-"""Sharing Exudyn's solver hooks among several robots and the user's own functions.
+"""Share Exudyn's solver hooks among several robots and the user's own functions.
 
-A system has one hook of each kind. `SceneHooks` takes them, calls what was there before, and notices a function
-that the user sets later: it becomes part of the chain instead of switching the tendons off.
+A system has one hook of each kind. `SceneHooks` occupies them and calls any function that was set before. A function
+that the user sets later is added to the chain, so that it does not disable the tendons.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
 
-#: Name under which the hooks live in ``mbs.variables``.
+#: Key of the hooks in ``mbs.variables``.
 KEY = "tdcr_fe.hooks"
 
 _KINDS = ("PreNewtonResidual", "SystemJacobian", "PostStep")
 
 
 class PointLoadItem(Protocol):
-    """A concentrated load that a solver takes from what was applied last to what was set since."""
+    """A concentrated load that a solver ramps from its last applied value to the value set since."""
 
     #: Force [N] and moment [N m] in the last solved state, shape (6,).
     applied: NDArray[np.float64]
@@ -63,7 +63,7 @@ class SceneHooks:
 
     @classmethod
     def of(cls, mbs: exu.MainSystem) -> SceneHooks:
-        """The hooks of a system, made at the first call."""
+        """The hooks of a system, created at the first call."""
         if KEY not in mbs.variables:
             mbs.variables[KEY] = cls(mbs)
         hooks = mbs.variables[KEY]
@@ -77,7 +77,7 @@ class SceneHooks:
         return hooks
 
     def adopt(self) -> None:
-        """Take every hook again, keeping what the user has set as part of the chain."""
+        """Reinstall every hook, keeping the user's functions as part of the chain."""
         for kind in _KINDS:
             present = _function(getattr(self.mbs, f"Get{kind}UserFunction")())
             if present == self._own[kind]:
@@ -92,7 +92,7 @@ class SceneHooks:
 
     @contextmanager
     def without_post_step(self) -> Iterator[None]:
-        """Call no function after a step: Exudyn's solvers run one when they are initialised."""
+        """Disable the post-step hook: Exudyn's solvers call it when they are initialised."""
         present = _function(self.mbs.GetPostStepUserFunction())
         self.mbs.SetPostStepUserFunction(0)
         try:
@@ -143,7 +143,7 @@ class SceneHooks:
 
 
 def _function(present: Any) -> Callable[..., Any] | None:
-    """What a getter of Exudyn returned, as a Python function or None."""
+    """The return value of one of Exudyn's getters, as a Python function or None."""
     if isinstance(present, dict):
         present = present.get("function")
     return present if callable(present) else None

@@ -77,7 +77,7 @@ def euler_parameters_of_rotation(r: Array) -> Array:
 
 
 def euler_parameters_near(r: Array, near: Array) -> Array:
-    """Euler parameters of rotation matrices (n, 3, 3), of both signs those nearer to given ones (n, 4)."""
+    """Euler parameters of rotation matrices (n, 3, 3), with the sign that is nearer to given ones (n, 4)."""
     # The symmetric matrix 4 e e^T takes any vector that is not across e to a multiple of e, with the nearer sign.
     products = r.reshape(-1, 9).dot(_SHEPPERD_LINEAR)
     products += _SHEPPERD_CONSTANT
@@ -132,14 +132,14 @@ _SERIES = _series()
 
 
 def coefficients(w: Array) -> Array:
-    """What exponential and inverse tangent need of rotation vectors (..., 3), by their angle ``a``: (..., 6).
+    """Coefficients of the exponential and the inverse tangent for rotation vectors (..., 3) of angle ``a``: (..., 6).
 
     ``sin a / a``, ``(1 - cos a) / a^2``, ``(a - sin a) / a^3`` for the exponential; for the inverse of its tangent,
     ``1 + ad / 2 + c ad^2 + d ad^4``, the factors ``1 / 2``, ``c`` and ``d``.
     """
     angle2 = (w * w).dot(_ONES3)
     if angle2.size == 0 or angle2.max() < 0.5:
-        # Digits are lost to cancellation near zero in the closed form; the series has none to lose.
+        # Near zero the closed form suffers from cancellation; the series does not.
         return np.asarray((angle2[..., None] ** _POWERS).dot(_SERIES))
     small = angle2 < 0.5
     series = np.where(small, angle2, 0.0)[..., None] ** _POWERS @ _SERIES

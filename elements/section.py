@@ -104,7 +104,7 @@ class SuperelasticSection:
     precurvature: Array
 
     def gradient(self, twists: Array, lengths: Array) -> Array:
-        """What the section carries beyond linear elasticity, with respect to the twists, shape (..., E, 6)."""
+        """Gradient of the energy beyond linear elasticity with respect to the twists, shape (..., E, 6)."""
         bend = twists[..., 4:] / lengths[:, None] - self.precurvature[1:]
         k = np.sqrt(np.einsum("...i,...i->...", bend, bend))
         w = self.threshold / 40.0
@@ -118,7 +118,7 @@ class SuperelasticSection:
 
 @dataclass(frozen=True)
 class SectionForces:
-    """All forces of this kind in one backbone.
+    """Section forces of one backbone: classical tendons and superelastic softening.
 
     Attributes
     ----------
@@ -159,7 +159,7 @@ class SectionForces:
 
 
 def nodal_sum(element_wrenches: Array) -> Array:
-    """Add the wrenches of elements up at the nodes: (E, 12) to (E+1, 6)."""
+    """Assemble element wrenches at the nodes: (E, 12) to (E+1, 6)."""
     total = np.zeros((len(element_wrenches) + 1, 6))
     total[:-1] += element_wrenches[:, :6]
     total[1:] += element_wrenches[:, 6:]

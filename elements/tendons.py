@@ -17,7 +17,7 @@ class CableShape:
     """Lengths and angles of all tendons of a robot, with derivatives.
 
     Derivatives are with respect to the body-frame twists ``[v, w]`` of the nodes that carry holes, laid out as
-    ``6 * node + component``; they are formed when first asked for.
+    ``6 * node + component``; they are computed at the first access.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class CableGeometry:
         self._exists = mask.astype(float)
         self._turns = turns.astype(float)
         self._padded = not bool(np.all(mask))
-        # Each derivative is made of forces on holes: both ends of the segments, then the three holes of the turns.
+        # Each derivative is a sum of forces on holes: at the ends of the segments, then at the three holes of each turn.
         # The row of the derivative and the hole do not change, so they are computed once.
         hole = np.arange(m * (n + 1)).reshape(m, n + 1)
         segment = np.arange(m * n).reshape(m, n)
@@ -102,7 +102,7 @@ class CableGeometry:
         holes = np.concatenate(
             (hole[:, :-1], hole[:, 1:], hole[:, :-2], hole[:, 1:-1], hole[:, 2:]), axis=1
         ).ravel()
-        # Padded entries would write zeros over the anchor's; they are left out.
+        # Padded entries would overwrite the anchor's values with zeros, so they are left out.
         real = np.flatnonzero(np.concatenate((mask, mask, turns, turns, turns), axis=1).ravel())
         self._entry = real if self._padded else None
         row, self._hole = rows[real], holes[real]
@@ -213,7 +213,7 @@ class CableGeometry:
             Differences of neighbouring unit vectors (m, n-1, 3) and their squared lengths (m, n-1).
         """
         square = chord * (1.0 - 0.25 * chord)
-        # One over the sine; a tendon that does not turn has no preferred direction to turn into, and gets none.
+        # One over the sine; a straight tendon turns in no defined direction, so its derivative is set to zero.
         weight = np.sqrt(np.abs(square)) / (square + 1e-24)
         versed = (0.5 * chord)[..., None]
         near, far, back, middle, front = self._parts
