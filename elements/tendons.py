@@ -93,7 +93,7 @@ class CableGeometry:
         self._exists = mask.astype(float)
         self._turns = turns.astype(float)
         self._padded = not bool(np.all(mask))
-        # Each derivative is a sum of forces on holes: at the ends of the segments, then at the three holes of each turn.
+        # Each derivative is a sum of forces on holes: at the ends of segments, then at the three holes of each turn.
         # The row of the derivative and the hole do not change, so they are computed once.
         hole = np.arange(m * (n + 1)).reshape(m, n + 1)
         segment = np.arange(m * n).reshape(m, n)
