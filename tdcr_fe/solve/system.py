@@ -202,7 +202,8 @@ class SceneSystem:
     Raises
     ------
     ValueError
-        The system is not assembled, has no robot, or has first-order states.
+        The system is not assembled, has no robot, or has states that this solver does not solve: first-order
+        states, or the data coordinates of contact items.
     """
 
     def __init__(self, mbs: exu.MainSystem) -> None:
@@ -224,6 +225,12 @@ class SceneSystem:
             raise ValueError(
                 "the scene has first-order (ODE1) states, which the quasi-static solver does not solve; "
                 "use mbs.SolveDynamic, or leave these items out"
+            )
+        if mbs.systemData.DataSize():
+            raise ValueError(
+                "the scene has data coordinates, as of contact items, which the quasi-static solver does not update; "
+                "use mbs.SolveStatic or mbs.SolveDynamic, or describe the contact by a connector whose force is a "
+                "function of the user"
             )
         self.layout = SceneLayout.of(mbs, self.robots, with_clamps=True)
         self._reactions = self._survey()
