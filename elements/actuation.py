@@ -7,7 +7,7 @@ same `ForceModel` and commit to the same history.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import exudyn as exu
@@ -207,7 +207,7 @@ class TendonActuation:
         forces = self.model.after(measured, tension, self.state, t, soft)
         pulled = driven & (tension > 0.0)
         slope = np.where(pulled, -1.0 / forces.base_slip_by_base(), 0.0)
-        return replace(forces, base_response=slope[:, None] * forces.base_slip_by_holes())
+        return forces._replace(base_response=slope[:, None] * forces.base_slip_by_holes())
 
     def current_forces(self) -> TendonForces:
         """Forces evaluated last; before any solver has run, those of the scene at zero tension."""

@@ -160,8 +160,7 @@ class ForceModel:
         return TendonForces(self, measured, base_tension, field)
 
 
-@dataclass(frozen=True, eq=False)
-class TendonForces:
+class TendonForces(NamedTuple):
     """Tensions and section forces in one configuration, with their derivatives.
 
     Derivatives are by body-frame increments ``[v, w]`` of the nodes.

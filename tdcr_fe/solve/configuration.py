@@ -6,7 +6,6 @@ A `Configuration` is a value; `ConfigurationSpace` builds, moves and compares th
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from math import acos
 from typing import NamedTuple
 
@@ -25,8 +24,7 @@ Array = NDArray[np.float64]
 _ONES4 = np.ones(4)
 
 
-@dataclass(frozen=True)
-class Unknowns:
+class Unknowns(NamedTuple):
     """The numbers that determine a configuration; small, and can be pickled.
 
     Attributes
@@ -45,8 +43,7 @@ class Unknowns:
     bases: tuple[Array, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Configuration:
+class Configuration(NamedTuple):
     """A configuration of the scene, with the poses that follow from its unknowns. Its arrays are never changed.
 
     Attributes
@@ -154,7 +151,7 @@ class ConfigurationSpace:
         multipliers = np.array(data.GetAECoordinates())
         return self.build(Unknowns(coordinates, multipliers, tuple(twists), tuple(bases)))
 
-    def build(self, unknowns: Unknowns) -> Configuration:
+    def build(self, unknowns: Unknowns, near: Array | None = None) -> Configuration:
         """A configuration from its unknowns.
 
         Parameters
@@ -162,10 +159,13 @@ class ConfigurationSpace:
         unknowns
             The coordinates of beam nodes among them follow from the twists and bases; of the given ones only the
             signs of the Euler parameters are used.
+        near
+            Euler parameters that have these signs, shape (N, 4), where they are known.
         """
-        near = self._beams(unknowns.coordinates)[:, 3:] + self._reference[:, 3:]
-        chains = tuple(ElementChain(twists) for twists in unknowns.twists)
-        poses = tuple(chain.poses(base) for base, chain in zip(unknowns.bases, chains, strict=True))
+        if near is None:
+            near = self._beams(unknowns.coordinates)[:, 3:] + self._reference[:, 3:]
+        chains = tuple([ElementChain(twists) for twists in unknowns.twists])
+        poses = tuple([chain.poses(base) for base, chain in zip(unknowns.bases, chains, strict=True)])
         if len(poses) == 1:
             positions, rotations = poses[0]
         else:
@@ -227,7 +227,7 @@ class ConfigurationSpace:
             coordinates[reduction.other_coordinates] += rest[:n2]
             multipliers[reduction.other_multipliers] += rest[n2:]
         moved = Unknowns(coordinates, multipliers, twists, tuple(bases))
-        return Move(self.build(moved), fraction, turn)
+        return Move(self.build(moved, start.parameters), fraction, turn)
 
     def write(self, configuration: Configuration, initial: bool = False) -> None:
         """Make this the current configuration of Exudyn's scene; with ``initial`` the initial one, too."""

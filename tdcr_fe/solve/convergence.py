@@ -30,6 +30,8 @@ class ResidualScales:
     ----------
     weights : ndarray
         By unknown: forces by one, moments by a lever of a fiftieth of the length, gaps in joints by the length.
+    nodes : int
+        Number of beam nodes.
     forces : int
         Number of unknowns whose residual is a force or moment; gaps follow.
     length : float
@@ -39,6 +41,7 @@ class ResidualScales:
     """
 
     weights: Array
+    nodes: int
     forces: int
     length: float
     elastic_force: float
@@ -53,7 +56,9 @@ class ResidualScales:
         elastic = min(
             float(np.min(r.mesh.stiffness[:, 5])) / float(r.mesh.arc_lengths[-1]) ** 2 for r in robots
         )
-        return cls(np.concatenate((nodes, other, gaps)), len(nodes) + len(other), length, elastic)
+        return cls(
+            np.concatenate((nodes, other, gaps)), reduction.nodes, len(nodes) + len(other), length, elastic
+        )
 
     def relative_residual(self, unbalanced: Array, base_tension: Sequence[Array], load_size: float) -> float:
         """Largest unbalanced force, moment or gap over its scale [1].
@@ -92,9 +97,9 @@ class ResidualScales:
         error = np.where(forces.base_tension[which] > 0.0, np.abs(gap), np.maximum(-gap, 0.0))
         return float(np.max(error)) / self.length
 
-    def step_size(self, step: Array, nodes: int) -> float:
+    def step_size(self, step: Array) -> float:
         """Largest displacement over the length, or rotation, of any node in a step [1]."""
-        largest = np.abs(step[: 6 * nodes].reshape(-1, 6)).max(axis=0).tolist()
+        largest = np.abs(step[: 6 * self.nodes].reshape(-1, 6)).max(axis=0).tolist()
         return max(max(largest[:3]) / self.length, *largest[3:])
 
 
@@ -119,16 +124,18 @@ def balanced(residual: float, settings: SolverSettings) -> bool:
     return residual <= settings.tolerance
 
 
-def stalled(residual: float, step: float, settings: SolverSettings) -> bool:
+def stalled(residual: float, step: Array, scales: ResidualScales, settings: SolverSettings) -> bool:
     """Whether a step is so small that what is left of the residual is round-off of very stiff parts.
 
     Parameters
     ----------
     residual
-        Before the step [1].
+        Relative residual before the step [1].
     step
-        Its size [1].
+        Change of the unknowns.
+    scales
+        Of the scene.
     settings
         Of the solver.
     """
-    return residual < STALLED_RESIDUAL and step <= settings.step_tolerance
+    return residual < STALLED_RESIDUAL and scales.step_size(step) <= settings.step_tolerance

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,8 +96,7 @@ class NewtonResult:
         return f"{self.status.value} ({found})"
 
 
-@dataclass(frozen=True, eq=False)
-class NewtonStep:
+class NewtonStep(NamedTuple):
     """Change of all unknowns, and where it comes from.
 
     Attributes
@@ -145,17 +145,15 @@ def newton(
         Another presliding distance than that of the settings [m].
     """
     presliding = settings.presliding if presliding is None else presliding
-    limit = 10 * settings.max_iterations if damped else settings.max_iterations
-    history = tuple(
-        np.where(r.by_displacement, x, np.nan) for r, x in zip(system.robots, target.inputs, strict=True)
-    )
-    trial = replace(
-        state,
+    trial = state._replace(
         base_tension=tuple(
             np.where(r.by_displacement, old, new)
             for r, old, new in zip(system.robots, state.base_tension, target.inputs, strict=True)
         ),
-        prescribed=history,
+        prescribed=tuple(
+            np.where(r.by_displacement, new, np.nan)
+            for r, new in zip(system.robots, target.inputs, strict=True)
+        ),
     )
     numbering = system.numbering()
     residual = system.residual(trial, target, numbering)
@@ -163,6 +161,19 @@ def newton(
         system.release_clamps()
         numbering = system.numbering()
         residual = system.residual(trial, target, numbering)
+    return _iterate(system, numbering, residual, settings, presliding, damped)
+
+
+def _iterate(
+    system: SceneSystem,
+    numbering: Numbering,
+    residual: Residual,
+    settings: SolverSettings,
+    presliding: float,
+    damped: bool,
+) -> NewtonResult:
+    """Newton's iteration from a first residual."""
+    limit = 10 * settings.max_iterations if damped else settings.max_iterations
     residuals: list[float] = []
     step: NewtonStep | None = None
     turn, chord = 0.0, False
@@ -200,10 +211,9 @@ def newton(
                 step = _full_step(system, residual, numbering, presliding, 0.0, iteration)
         except np.linalg.LinAlgError:
             return end(NewtonStatus.SINGULAR, iteration, np.nan)
-        size = system.layout.scales.step_size(step.change, system.layout.reduction.nodes)
-        last = stalled(residual.size, size, settings)
+        last = stalled(residual.size, step.change, system.layout.scales, settings)
         trial, turn = _advance(system, residual.state, step, numbering, settings.max_turn)
-        residual = system.residual(trial, target, numbering, iteration + 1)
+        residual = system.residual(trial, residual.target, numbering, iteration + 1)
         error = _friction_error(residual, presliding) if last else np.nan
         if last and error <= FRICTION_TOLERANCE:
             residuals.append(residual.size)
@@ -251,7 +261,7 @@ def _full_step(
 def _chord_step(before: NewtonStep, numbering: Numbering, residual: Residual) -> NewtonStep:
     """A step with the tangent of the iteration before, in the frames of that; friction stays fixed."""
     change = before.linearization.step(numbering, residual)
-    return replace(before, change=_padded(change, numbering))
+    return before._replace(change=_padded(change, numbering))
 
 
 def _damped_step(
@@ -275,7 +285,7 @@ def _damped_step(
         if turn <= DAMPED_TURN and not climbs:
             break
         damping = max(4.0 * damping, least)
-    return replace(step, damping=0.2 * damping if turn < 0.2 * DAMPED_TURN else damping)
+    return step._replace(damping=0.2 * damping if turn < 0.2 * DAMPED_TURN else damping)
 
 
 def _padded(fixed: Array, numbering: Numbering) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,7 @@ Array = NDArray[np.float64]
 ByRobot = tuple[Array, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class SolverState:
+class SolverState(NamedTuple):
     """Everything that a step begins with. Its arrays are never changed.
 
     Attributes

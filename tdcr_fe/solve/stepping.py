@@ -310,6 +310,8 @@ class LoadStepper:
             taut = (before.base_tension[i] > 0.0)[:, None]
             if self.ramp.loads_change and np.any(taut & frictional):
                 return True
+            if np.array_equal(before.mobilisation[i], after.mobilisation[i]):
+                continue
             old, new = np.trunc(before.mobilisation[i]), np.trunc(after.mobilisation[i])
             pulled = (after.base_tension[i] > 0.0)[:, None] & (new < 1.0)
             if np.any((old != new) & frictional & (taut | pulled)):

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 import exudyn as exu
 import numpy as np
@@ -32,8 +32,7 @@ Array = NDArray[np.float64]
 _EYE6 = np.eye(6)
 
 
-@dataclass(frozen=True, eq=False)
-class Residual:
+class Residual(NamedTuple):
     """What is not in equilibrium in a state, under a target.
 
     Attributes
@@ -46,8 +45,8 @@ class Residual:
         Reduced residual; zero at clamped bases, whose joints bear whatever acts on them.
     on_bases : tuple of ndarray, shape (6,)
         By clamped robot, the wrench on its base.
-    clamp_gap : float
-        Largest gap in the joint of a clamped base [m, 1].
+    raw : ndarray
+        Exudyn's residual.
     size : float
         Largest residual over its scale, prescribed displacements included [1].
     """
@@ -57,7 +56,7 @@ class Residual:
     forces: tuple[TendonForces, ...]
     unbalanced: Array
     on_bases: tuple[Array, ...]
-    clamp_gap: float
+    raw: Array
     size: float
 
 
@@ -102,8 +101,7 @@ class Factorisation:
         return 1 if turned % 2 == 0 else -1
 
 
-@dataclass(frozen=True, eq=False)
-class Linearization:
+class Linearization(NamedTuple):
     """Equilibrium at fixed friction, linearised and factorised.
 
     Attributes
@@ -220,7 +218,7 @@ class SceneSystem:
         settings.solution.sensors.active = False
         settings.staticSolver.verboseMode = 0
         self._settings = settings
-        self._kernel = self._initialised_kernel()
+        self._kernel = _static_kernel(mbs, self.hooks, settings)
         if self._kernel.GetODE1size():
             raise ValueError(
                 "the scene has first-order (ODE1) states, which the quasi-static solver does not solve; "
@@ -234,26 +232,6 @@ class SceneSystem:
             )
         self.layout = SceneLayout.of(mbs, self.robots, with_clamps=True)
         self._reactions = self._survey()
-
-    def _initialised_kernel(self) -> Any:
-        """Exudyn's static solver, ready to evaluate residual and Jacobian; the scene stays as it is."""
-        kernel, data = exu.MainSolverStatic(), self.mbs.systemData
-        start = np.array(data.GetODE2Coordinates())
-        multipliers = np.array(data.GetAECoordinates())
-        # Exudyn's advice on large systems is about its own solvers.
-        warned = exu.config.suppressWarnings
-        exu.config.suppressWarnings = True
-        try:
-            with self.hooks.without_post_step():
-                ready = kernel.InitializeSolver(self.mbs, self._settings)
-        finally:
-            exu.config.suppressWarnings = warned
-        if not ready:
-            raise RuntimeError("Exudyn could not initialise its static solver for this system")
-        data.SetODE2Coordinates(start)
-        if multipliers.size:
-            data.SetAECoordinates(multipliers)
-        return kernel
 
     @property
     def length(self) -> float:
@@ -282,8 +260,7 @@ class SceneSystem:
         """A state with the unknowns of another run and its own history; unchanged where the meshes differ."""
         if not self.layout.space.fits(stored.unknowns):
             return state
-        return replace(
-            state,
+        return state._replace(
             configuration=self.layout.space.build(stored.unknowns),
             base_tension=stored.base_tension,
             mobilisation=stored.mobilisation,
@@ -363,14 +340,12 @@ class SceneSystem:
         for base in layout.clamped:
             on_bases.append(unbalanced[base].copy())
             unbalanced[base] = 0.0
-        n2 = layout.reduction.n2
-        gap = max((float(np.abs(raw[n2 + joint]).max()) for joint in layout.clamps.values()), default=0.0)
         size = layout.scales.relative_residual(unbalanced, state.base_tension, target.load_size)
         for part in numbering.robots:
             if part.driven.size:
                 own, displacement = forces[part.index], target.inputs[part.index]
                 size = max(size, layout.scales.displacement_error(own, displacement, part.driven))
-        return Residual(state, target, forces, unbalanced, tuple(on_bases), gap, size)
+        return Residual(state, target, forces, unbalanced, tuple(on_bases), raw, size)
 
     def tangent(self, residual: Residual, first: bool = True) -> Array:
         """Derivative of the reduced residual at fixed friction and tensions at the base.
@@ -471,7 +446,9 @@ class SceneSystem:
 
     def clamps_are_closed(self, residual: Residual) -> bool:
         """Whether the joints of clamped bases are closed where the bases are kept."""
-        return residual.clamp_gap <= 1e-9 * self.length
+        n2, clamps = self.layout.reduction.n2, self.layout.clamps.values()
+        gap = max((float(np.abs(residual.raw[n2 + joint]).max()) for joint in clamps), default=0.0)
+        return gap <= 1e-9 * self.length
 
     def release_clamps(self) -> None:
         """Treat clamped bases as any other joint from now on: what they sit on has been moved."""
@@ -510,7 +487,28 @@ class SceneSystem:
         for (i, joint), acting in zip(self.layout.clamps.items(), residual.on_bases, strict=True):
             multipliers[joint] -= self._reactions[i] @ acting
         unknowns = Unknowns(old.coordinates, multipliers, old.twists, old.bases)
-        return replace(configuration, unknowns=unknowns)
+        return configuration._replace(unknowns=unknowns)
+
+
+def _static_kernel(mbs: exu.MainSystem, hooks: SceneHooks, settings: exu.SimulationSettings) -> Any:
+    """Exudyn's static solver, ready to evaluate residual and Jacobian; the scene stays as it is."""
+    kernel, data = exu.MainSolverStatic(), mbs.systemData
+    start = np.array(data.GetODE2Coordinates())
+    multipliers = np.array(data.GetAECoordinates())
+    # Exudyn's advice on large systems is about its own solvers.
+    warned = exu.config.suppressWarnings
+    exu.config.suppressWarnings = True
+    try:
+        with hooks.without_post_step():
+            ready = kernel.InitializeSolver(mbs, settings)
+    finally:
+        exu.config.suppressWarnings = warned
+    if not ready:
+        raise RuntimeError("Exudyn could not initialise its static solver for this system")
+    data.SetODE2Coordinates(start)
+    if multipliers.size:
+        data.SetAECoordinates(multipliers)
+    return kernel
 
 
 def _clamps(mbs: exu.MainSystem, robots: Sequence[TendonActuation]) -> dict[int, NDArray[np.int_]]:

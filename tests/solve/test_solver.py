@@ -99,8 +99,8 @@ def test_tangent_of_the_complete_system_against_differences(robot, model):
         found = []
         h = 1e-6
         for sign in (1.0, -1.0):
-            moved = space.build(replace(unknowns, twists=(unknowns.twists[0] + sign * h * change,)))
-            shifted = replace(state, configuration=moved)
+            moved = space.build(unknowns._replace(twists=(unknowns.twists[0] + sign * h * change,)))
+            shifted = state._replace(configuration=moved)
             found.append(system.residual(shifted, target(*tensions), numbering).unbalanced)
         difference = (found[0] - found[1]) / (2 * h)
         predicted = k[:, : 6 * n] @ nodes.ravel()
@@ -119,7 +119,7 @@ def test_forces_and_slips_by_mobilisation_against_differences(axial_stiffness):
     h = 1e-6
 
     def at(s):
-        residual = system.residual(replace(result.state, mobilisation=(s,)), target(*tensions), numbering)
+        residual = system.residual(result.state._replace(mobilisation=(s,)), target(*tensions), numbering)
         own = residual.forces[0]
         return (
             residual.unbalanced[6 : 6 * len(handle.nNodes)],
@@ -127,7 +127,7 @@ def test_forces_and_slips_by_mobilisation_against_differences(axial_stiffness):
             own.field.base_slip,
         )
 
-    forces = system.residual(replace(result.state, mobilisation=(s,)), target(*tensions), numbering).forces[0]
+    forces = system.residual(result.state._replace(mobilisation=(s,)), target(*tensions), numbering).forces[0]
     columns, (_, _, own), base = (
         forces.mobilisation_columns()[6:],
         forces.slip_rows(),

@@ -98,7 +98,7 @@ def test_tangent_is_the_derivative_of_the_potential():
     rest, twists = mesh.reference_twists, unknowns.twists[0]
 
     def potential(step):
-        moved = space.build(replace(unknowns, twists=(twists + step * direction.reshape(-1, 6),)))
+        moved = space.build(unknowns._replace(twists=(twists + step * direction.reshape(-1, 6),)))
         change = moved.twists[0] - rest
         elastic = 0.5 * np.sum(change**2 * mesh.stiffness / mesh.lengths[:, None])
         return elastic + 1.5 * np.sum(moved.measured[0].shape.lengths) + 0.3 * EULER * moved.positions[-1][2]

@@ -165,7 +165,7 @@ def _with_signs(state: SolverState, signs: Signs) -> SolverState:
     (old,) = state.friction
     mobilisation = -np.asarray(signs, dtype=float)[:, None]
     new = replace(old, slip=np.zeros((len(signs), 1)), mobilisation=mobilisation)
-    return replace(state, friction=(new,), mobilisation=(mobilisation,))
+    return state._replace(friction=(new,), mobilisation=(mobilisation,))
 
 
 def _solve(simulation: Simulation, start: SolverState, target: Actuation, slip: Array) -> Array:
