@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0.dev0"
 
-#: Where every public name is; the block above says the same to type checkers.
+#: Module of every public name; the block above repeats this for type checkers.
 _PUBLIC = {
     "tdcr_fe.effects": ("Experiment", "effect", "with_effects"),
     "tdcr_fe.identify": ("IdentificationResult", "IdentifySettings", "identify"),

@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         143 by SIGTERM.
     """
     # Threads cost more than they gain on matrices of this size, four times on a busy machine. Numpy reads this
-    # when it is first imported, which the commands do only after this line; what the user has set stands.
+    # when it is first imported, which the commands do only after this line. A value set by the user is kept.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(
@@ -63,11 +63,11 @@ def _run(argv: Sequence[str] | None) -> int:
     except KeyboardInterrupt:
         complain("interrupted; no results were written")
         return INTERRUPTED
-    except BrokenPipeError:  # whoever read our output has gone
+    except BrokenPipeError:  # the reader of the output was closed
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return SUCCESS
     except OSError as error:  # a disk that is full, a directory that is read-only
-        complain(f"cannot go on: {error}")
+        complain(f"stopped: {error}")
         return WRONG_INPUT
     except Exception as error:
         from tdcr_fe.io.problems import InputError

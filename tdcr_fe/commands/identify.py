@@ -1,4 +1,4 @@
-"""The command ``tdcr-fe identify``: reads a folder, closes the loop, writes ``result.json`` and ``report.html``."""
+"""The command ``tdcr-fe identify``: finds the effects that the model of measured data lacks, and writes the report."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def add_identify_parser(commands: Any) -> None:
         "2 the input is wrong; 130 interrupted (143 by SIGTERM), what was found is written.",
     )
     parser.add_argument(
-        "folder", help="holds robot.toml, loading.csv, observations.csv and perhaps model.toml"
+        "folder", help="contains robot.toml, loading.csv, observations.csv and, optionally, model.toml"
     )
     parser.add_argument(
         "-o", "--out", metavar="OUT", required=True, help="directory for result.json and report.html"
@@ -42,7 +42,7 @@ def add_identify_parser(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Close the loop on a folder."""
+    """Identify what the model of a folder of measured data lacks."""
     from tqdm import tqdm
 
     from tdcr_fe.identify.identification import NotSolved, identify

@@ -18,15 +18,17 @@ def add_paper_parser(commands: Any) -> None:
     """Add ``tdcr-fe paper``."""
     parser = commands.add_parser(
         "paper",
-        help="reproduce the paper's figures and tables, and judge its claims",
-        description="Solve every figure and table of the paper, put its claims to the test, and write one page "
+        help="reproduce the paper's figures and tables, and test its claims",
+        description="Solve every figure and table of the paper, test its claims, and write one page "
         "(report.html), the numbers (report.json), the cases as input for 'tdcr-fe run' (cases/) and the tables as "
         "input for 'tdcr-fe identify' (datasets/).",
         epilog="Exit status: 0 done, whatever the verdicts; 2 the input is wrong; 130 interrupted (143 by SIGTERM), "
         "the report has what was finished.",
     )
     parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for the report")
-    parser.add_argument("--no-effects", action="store_true", help="leave out the closed loop on the tables")
+    parser.add_argument(
+        "--no-effects", action="store_true", help="leave out the identification on the tables"
+    )
     parser.add_argument(
         "--docs", metavar="DOCS", help="also write paper.md and its pictures into this folder"
     )
@@ -36,7 +38,7 @@ def add_paper_parser(commands: Any) -> None:
 
 @contextmanager
 def remembered_interruption() -> Iterator[Callable[[], bool]]:
-    """Whether SIGINT or SIGTERM arrived, also where the exception that they raise was handled on the way.
+    """Whether SIGINT or SIGTERM arrived, even if the exception that it raised has been handled since.
 
     In another thread than the main one, where Python allows no signal handlers, it is always False.
 

@@ -43,7 +43,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Solve a scenario and write what came out; with ``--schema`` print a schema."""
+    """Solve a scenario and write the results; with ``--schema`` print a schema."""
     if args.schema is not None:
         from tdcr_fe.io.json_schema import json_schema
 
@@ -96,7 +96,7 @@ def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> 
         complain(duration)
     try:
         result = _solve(scenario, args.quiet)
-    except ValueError as error:  # a contradiction that only the solver knows
+    except ValueError as error:  # a contradiction that only the solver can detect
         raise InputError([Problem(str(scenario.path), "", "", str(error))]) from error
     found = [warning for warning in result.warnings if warning not in odd]
     result = replace(result, warnings=(*odd, *found))

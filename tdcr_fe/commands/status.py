@@ -1,4 +1,4 @@
-"""What all commands share: exit statuses, how they read a number, and how they speak on stderr."""
+"""Exit statuses, whole-number arguments and messages on stderr, shared by all commands."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def complain(text: str) -> None:
 
 
 def at_least_one(text: str) -> int:
-    """A whole number from 1, as `argparse` wants it.
+    """A whole number from 1, as a type for `argparse`.
 
     Raises
     ------

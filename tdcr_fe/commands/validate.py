@@ -15,9 +15,9 @@ def add_validate_parser(commands: Any) -> None:
         "validate",
         help="finite elements against the independent shooting reference; write the report",
         description="Solve the same cases with finite elements and with the independent Cosserat shooting "
-        "reference, and write OUT/report.html and OUT/report.json. What is finished is kept in OUT/cases, so a "
-        "run that was interrupted goes on where it stopped.",
-        epilog="Exit status: 0 all hold, 1 a case or a requirement fails, 2 the input is wrong, 130 interrupted.",
+        "reference, and write OUT/report.html and OUT/report.json. Finished cases are kept in OUT/cases, so a "
+        "run that was interrupted continues where it stopped.",
+        epilog="Exit status: 0 all cases and requirements pass, 1 one fails, 2 the input is wrong, 130 interrupted.",
     )
     parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for the report")
     parser.add_argument("--full", action="store_true", help="every case; without it a quick set")
@@ -29,7 +29,7 @@ def add_validate_parser(commands: Any) -> None:
 
 
 def validate(args: argparse.Namespace) -> int:
-    """Solve the cases, write the report, print what holds."""
+    """Solve the cases, write the report, print the result of every requirement."""
     from tdcr_fe.io.atomic import check_output_folder
 
     out = check_output_folder(args.out)

@@ -1,4 +1,4 @@
-"""Candidate effects: what a model of a real robot may lack, each usable by hand and by the closed loop."""
+"""Candidate effects: what a model of a real robot may lack, for use in a scenario and by `identify`."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def effect(name: str) -> Effect:
 
 
 def with_effects(experiment: Experiment, effects: Mapping[str, Mapping[str, float]]) -> Experiment:
-    """Add several effects to a experiment.
+    """Add several effects to an experiment.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def with_effects(experiment: Experiment, effects: Mapping[str, Mapping[str, floa
 
 
 def with_effect(experiment: Experiment, name: str, **values: float) -> Experiment:
-    """Add one effect to a experiment: ``with_effect(experiment, "gravity", g_z=-9.81)``."""
+    """Add one effect to an experiment: ``with_effect(experiment, "gravity", g_z=-9.81)``."""
     return with_effects(experiment, {name: values})
 
 

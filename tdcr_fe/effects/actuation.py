@@ -1,4 +1,4 @@
-"""Effects between the command and the base plate: gain, backlash, friction of the actuation; with their own history."""
+"""Effects between the command and the base plate: gain, backlash, friction of the actuation; each with its history."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from tdcr_fe.model.loading import Load, LoadStep, resolve
 
 @dataclass(frozen=True)
 class Play:
-    """Arrived value ``a`` that stays between two growing bounds of the command and changes only where it meets one.
+    """Play operator: the output ``a`` stays between two increasing bounds of the command and moves only at a bound.
 
     Attributes
     ----------
     low, high : callable
         Bounds, from the command.
     pushes, pulls : callable
-        Inverses: the command at which a growing one pushes ``a`` up by the lower bound, and at which a falling one
-        pulls it down by the upper.
+        Inverses: the command at which a rising command pushes ``a`` up at the lower bound, and at which a falling
+        one pulls it down at the upper bound.
     """
 
     low: Callable[[float], float]
@@ -30,11 +30,11 @@ class Play:
     pulls: Callable[[float], float]
 
     def arrive(self, before: float, command: float) -> float:
-        """What arrives at a command [N or m]."""
+        """Output at a command [N or m]."""
         return min(max(before, self.low(command)), self.high(command))
 
     def kink(self, before: float, start: float, end: float) -> float | None:
-        """Load factor of a ramp of the command where the arriving value begins to move; None if at once or never."""
+        """Load factor of a ramp of the command at which the output begins to move; None if at once or never."""
         if start == end:
             return None
         factor = ((self.pushes if end > start else self.pulls)(before) - start) / (end - start)
@@ -84,7 +84,7 @@ def displacement_that_arrives(commands: Iterable[float], backlash: float) -> lis
 
 
 def loads_between(old: Mapping[str, Load], new: Mapping[str, Load], factor: float) -> dict[str, Load]:
-    """Loads on the way from one step to the next."""
+    """Loads at a load factor between two steps."""
     result = {}
     for name, load in new.items():
         start = old.get(name)
@@ -106,19 +106,19 @@ def pass_through(
     displacement: Callable[[list[float]], Play] | None = None,
     slack: float = 0.0,
 ) -> Experiment:
-    """Replace the commands of every tendon by what arrives behind a play.
+    """Replace the commands of every tendon by the output of a play operator.
 
-    Where several inputs change in one step, what arrives of one may begin to move on the way; the step is divided
-    there, because the order in which tendons move matters to friction.
+    Where several inputs change in one step, the output of one may begin to move within the step. The step is divided
+    there, because friction depends on the order in which tendons move.
 
     Parameters
     ----------
     experiment
         With the commands.
     tension
-        Play of tendons driven by tension; None leaves them alone.
+        Play of tendons driven by tension; None leaves them unchanged.
     displacement
-        From the commands of a tendon [m] to its play; None leaves them alone.
+        From the commands of a tendon [m] to its play; None leaves them unchanged.
     slack
         Travel before which a tendon driven by displacement does not move at all [m].
     """
@@ -177,9 +177,11 @@ class ActuatorGain(Effect):
     """Commanded displacement or tension off by a factor."""
 
     name = "actuator_gain"
-    description = "Command and action differ by a factor: radius of a spool, scale of a load cell, a gear."
+    description = (
+        "Command and actual value differ by a factor: radius of a spool, scale of a load cell, a gear."
+    )
     separating_experiment = "measure tension or travel at the base plate itself"
-    parameters = (Parameter("gain", "1", 0.05, 20.0, 1.0, 0.03, "what is done over what is commanded"),)
+    parameters = (Parameter("gain", "1", 0.05, 20.0, 1.0, 0.03, "actual over commanded value"),)
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""

@@ -1,4 +1,4 @@
-"""What an effect is: the contract that every candidate keeps, and what it acts on."""
+"""Interface of an effect, and the experiment that it acts on."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Values = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Observation:
-    """How what the robot does becomes what is measured: ``measured = Exp(rotation) (p + R offset)``.
+    """Map from the robot's pose to the measured position: ``measured = Exp(rotation) (p + R offset)``.
 
     Attributes
     ----------
@@ -35,18 +35,18 @@ class Observation:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Everything that an effect can act on: a robot, its model, what is done to it, and how it is measured.
+    """Everything that an effect can act on: a robot, its model, its loading sequence, and the observation.
 
     Attributes
     ----------
     robot : Robot
     model : Model
     steps : tuple of LoadStep
-        The commanded loading sequence, turned by effects into the one that arrives.
+        The commanded loading sequence; effects turn it into the actual one.
     observation : Observation
     ends : tuple of (int, float) or None
-        Where effects divide a load step, because what arrives has a kink on the way: for every one of ``steps``, the
-        commanded step that it belongs to and the load factor of it at its end. None: they are the same.
+        Set where effects divide load steps because an input has a kink within the step: for every one of ``steps``, the
+        commanded step that it belongs to and the load factor at its end. None: the steps are the commanded ones.
     """
 
     robot: Robot
@@ -75,9 +75,9 @@ class Parameter:
     lower, upper : float
         Bounds.
     null_value : float
-        Where the effect changes nothing; an effect may take it from the declared robot instead.
+        Value at which the effect changes nothing; an effect may take it from the declared robot instead.
     scale : float
-        A change that one would notice: the natural size of a step of this number.
+        Typical noticeable change of this number.
     meaning : str
     inverse : bool
         Fitted through its inverse, because its null value is infinite.
@@ -163,7 +163,7 @@ class Effect:
     def probe_points(
         self, experiment: Experiment, excitation: ExcitationRange
     ) -> list[list[dict[str, float]]]:
-        """Points whose difference from the null values gives the sensitivities, none too strong.
+        """Probe points near the null values, whose finite differences give the sensitivities.
 
         Returns
         -------

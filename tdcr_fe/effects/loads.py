@@ -11,7 +11,9 @@ class Gravity(Effect):
     """Weight of backbone and disks."""
 
     name = "gravity"
-    description = "Backbone, disks and payload have weight, or the robot does not stand as the model says."
+    description = (
+        "Backbone, disks and payload have weight, or the robot's orientation differs from the model's."
+    )
     separating_experiment = "measure the unloaded shape in two orientations of the base"
     parameters = tuple(
         Parameter(f"g_{axis}", "m/s^2", -12.0, 12.0, 0.0, 1.0, f"acceleration of gravity along {axis}")
@@ -19,7 +21,7 @@ class Gravity(Effect):
     )
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """What is declared."""
+        """Declared gravity."""
         return dict(zip(("g_x", "g_y", "g_z"), experiment.model.gravity, strict=True))
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:

@@ -102,7 +102,7 @@ class Precurvature(Effect):
     )
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """What is declared."""
+        """The declared values."""
         x, y = experiment.robot.backbone.precurvature
         return {"kappa_x": x, "kappa_y": y}
 
@@ -127,11 +127,11 @@ class RigidDisks(Effect):
     )
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """What is declared."""
+        """The declared values."""
         return {"thickness": experiment.robot.disks.thickness}
 
     def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
-        """Something flexible is left in the shortest bay."""
+        """Largest thickness that leaves a flexible part of the shortest bay."""
         s = (0.0, *experiment.robot.disks.positions)
         first = 2.0 * s[1]
         return {"thickness": (0.0, 0.95 * min([first, *(b - a for a, b in itertools.pairwise(s))]))}
@@ -167,7 +167,7 @@ class Creep(Effect):
     )
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """What is declared."""
+        """The declared values."""
         return {"rate": experiment.robot.backbone.creep_rate}
 
     def probe_points(

@@ -12,12 +12,12 @@ from tdcr_fe.model.routing import TwistedRouting
 
 
 def _mean(declared: Sequence[float]) -> float:
-    """Mean of what the tendons declare; exactly their value where all declare the same."""
+    """Mean of the tendons' declared values; exactly their value where all are the same."""
     return declared[0] if len(set(declared)) == 1 else sum(declared) / max(1, len(declared))
 
 
 def _shifted(declared: float, null: float, value: float) -> float:
-    """A tendon's own value when the mean goes from ``null`` to ``value``: in proportion, or uniform from zero."""
+    """A tendon's value when the mean changes from ``null`` to ``value``: in proportion, or uniform from zero."""
     return declared * value / null if null > 0.0 and declared != null else value
 
 
@@ -76,7 +76,7 @@ class HoleAdhesion(Effect):
     parameters = (Parameter("drop", "N", 0.0, 10.0, 0.0, 5e-3, "tension that one hole takes"),)
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """The mean of what the tendons declare; zero where the model has no friction."""
+        """The mean of the tendons' declared values; zero where the model has no friction."""
         tendons = experiment.robot.tendons
         if experiment.model.friction == "none" or not tendons:
             return {"drop": 0.0}
@@ -139,12 +139,12 @@ class HoleClearance(Effect):
     parameters = (Parameter("clearance", "m", 0.0, 5e-3, 0.0, 1e-4, "how far the tendon can shift sideways"),)
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """The mean of what the tendons declare."""
+        """The mean of the tendons' declared values."""
         tendons = experiment.robot.tendons
         return {"clearance": _mean([t.clearance for t in tendons]) if tendons else 0.0}
 
     def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
-        """At most half of the smallest offset, or what is declared."""
+        """At most half of the smallest offset, or the declared value."""
         offsets = [
             math.hypot(x, y)
             for t in experiment.robot.tendons
@@ -177,16 +177,16 @@ class TendonStretch(Effect):
 
     name = "tendon_stretch"
     description = (
-        "Tendons stretch, so that what is pulled in at the base does not all arrive: "
+        "Tendons stretch, so that part of the displacement at the base is lost as elongation: "
         "thin steel rope, nylon, aramid."
     )
-    separating_experiment = "hold the robot straight by hand, pull, and measure displacement over tension"
+    separating_experiment = "hold the robot straight, pull, and measure displacement over tension"
     parameters = (
         Parameter("axial_stiffness", "N", 1.0, math.inf, math.inf, 1e-3, "EA of the tendons", inverse=True),
     )
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """What is declared; where tendons differ, the stiffness of their mean compliance."""
+        """The declared value; where tendons differ, the stiffness of their mean compliance."""
         tendons = experiment.robot.tendons
         if len({t.axial_stiffness for t in tendons}) == 1:
             declared = tendons[0].axial_stiffness

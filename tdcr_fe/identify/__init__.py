@@ -1,4 +1,4 @@
-"""Closing the loop: from measured data to the effects that a declared model lacks."""
+"""Identification: from measured data to the effects that a declared model lacks."""
 
 from __future__ import annotations
 

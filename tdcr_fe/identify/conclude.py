@@ -100,7 +100,7 @@ def _verdict(state: SearchState, explained: bool, insufficient: str) -> Verdict:
 
 
 def _noise(problem: FitProblem, estimated: bool) -> Noise:
-    """What sigma alone gives, in the measures of a misfit."""
+    """Noise given by sigma, in the measures of a misfit."""
     all_readings = np.ones(len(problem.readings.values), dtype=bool)
     size = problem.misfit(np.ones(len(problem.readings.values)), all_readings)
     return Noise(size.rms_position, size.rms_coordinate, size.rms_angle, size.rms_by_quantity, estimated)
@@ -205,7 +205,7 @@ def _remaining(
     moment: Array,
     edges: Array,
 ) -> Remainder:
-    """Where and what is left, as texts."""
+    """Location and kind of the remaining error, as texts."""
     problem = state.problem
     if insufficient:
         return Remainder("not known", insufficient, moment, edges)

@@ -1,4 +1,4 @@
-"""Criteria by which models are compared: BIC, reduced chi-square, effective noise, thresholds, and what noise is."""
+"""Criteria by which models are compared: BIC, reduced chi-square, effective noise, thresholds, test for noise."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def chi_square_threshold(parameters: int, significance: float) -> float:
 
 
 def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float) -> bool:
-    """Whether a larger model is worth its parameters, on the fitted and on the held-out readings."""
+    """Whether a larger model improves the criteria enough, on the fitted and on the held-out readings."""
     if not new.solved:
         return False
     level = reduced_chi_square(problem, new)

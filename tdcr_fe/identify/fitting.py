@@ -21,7 +21,7 @@ NOTHING = 0.02
 #: Share of the extrapolated discretisation error that may be wrong.
 UNSURE = 1.0 / 3.0
 
-#: The computation is trusted to this share of the length, and to as many radians.
+#: Assumed error of the simulation, as a fraction of the length and in radians [1, rad].
 NUMERICS = 2e-5
 
 
@@ -58,8 +58,8 @@ def fit(
 ) -> Fit:
     """Levenberg and Marquardt with bounds.
 
-    On the way, every run follows the path of the one before, which is fast; what comes out is simulated on its
-    own path, and improved from there where that differs.
+    During the iteration every run follows the reference path of the previous one, which is fast. The result is then
+    simulated on its own path, and improved from there if it differs.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def fit(
         Points to begin from; the best is taken. The second and later ones are tried only where the first does not
         improve on ``guide`` alone.
     give_up_above
-        A fit that hardly moves while its cost is above this is given up.
+        A fit that converges slowly while its cost is above this is abandoned.
     max_iterations
         Steps.
     guide
@@ -129,8 +129,8 @@ def _descend(
 ) -> Fit:
     """Iterate from a fit on the path of its run.
 
-    Between fresh sensitivities, what each step shows is put into the old ones (Broyden), which costs no run.
-    ``last``: fresh ones at the end.
+    Between full evaluations of the sensitivities they are updated by Broyden's method, which costs no run.
+    ``last``: evaluate them once more at the end.
     """
     effects = now.effects
     every = now.free
@@ -195,7 +195,7 @@ def _descend(
 def _proposal(
     problem: FitProblem, now: Fit, free: Sequence[tuple[str, str]], j: Array, damping: float
 ) -> tuple[Array, Array, float]:
-    """Coordinates, the next step from them, and the fall of the cost that the linear model promises."""
+    """Coordinates, the next step from them, and the fall of the cost predicted by the linear model."""
     fitted = problem.fitted
     by_name = {e.name: e for e in now.effects}
     z = problem.coordinates(now.effects, now.values, free)
@@ -212,7 +212,7 @@ def _proposal(
 def covariance(problem: FitProblem, fit: Fit, inflate: bool = True) -> Array:
     """Of the coordinates of the free parameters, shape (p, p).
 
-    Larger where the misfit is above noise, and by what the errors of the computation itself can do.
+    Enlarged where the misfit is above noise, and by the effect of the simulation's own errors.
     """
     if not fit.free:
         return np.zeros((0, 0))
@@ -223,11 +223,11 @@ def covariance(problem: FitProblem, fit: Fit, inflate: bool = True) -> Array:
     inner = np.linalg.pinv((j / norm).T @ (j / norm), rcond=1e-10)
     dof = max(1, int(np.count_nonzero(fitted)) - len(fit.free))
     factor = max(1.0, fit.cost / dof) if inflate else 1.0
-    # A systematic error too small to be seen moves the parameters most where it looks like what they do.
+    # An undetectable systematic error biases the parameters most where it is parallel to their sensitivities.
     scale = np.where(problem.readings.is_position, problem.data.robot.backbone.length, 1.0) / problem.sigma
     known = (problem.readings.is_position | problem.readings.is_angle) & fitted
     factor += NUMERICS**2 * float(np.sum(scale[known] ** 2))
-    # The error of mesh and path that was taken out is known to about a third; so is what it does to the parameters.
+    # The extrapolated error of mesh and path is known to about a third; so is its effect on the parameters.
     shift = inner / np.outer(norm, norm) @ (j.T @ (UNSURE * problem.correction[fitted] * np.sqrt(w)))
     return np.asarray(inner / np.outer(norm, norm) * factor + np.outer(shift, shift))
 

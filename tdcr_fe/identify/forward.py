@@ -1,4 +1,4 @@
-"""The forward model: from a experiment to what would be read, many experiments at a time, on several processes."""
+"""The forward model: predicts the readings of many experiments at a time, on several processes."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 
 Array = NDArray[np.float64]
 
-#: Smallest fraction of a load step that is tried, alone and along a neighbour's path.
+#: Smallest fraction of a load step that is tried, without and with a reference path.
 SMALLEST, GUIDED = 1.0 / 256.0, 1.0 / 16.0
 
-#: Into how many substeps a load step is divided at most for the sake of its path.
+#: Maximum substeps used to resolve path dependence.
 DIVISIONS = 16
 
-#: How a simulation that was interrupted says so.
+#: Message of a simulation that was interrupted.
 INTERRUPTED = "interrupted"
 
 #: Runs kept in memory.
@@ -41,7 +41,7 @@ CACHE = 400
 
 @dataclass(frozen=True)
 class Run:
-    """What is kept of one simulated loading sequence.
+    """Results of one simulated loading sequence that predictions need.
 
     Attributes
     ----------
@@ -53,11 +53,11 @@ class Run:
     displacements, base_tensions, distal_tensions : ndarray, shape (n_steps, n_tendons)
         [m, N, N].
     solved : int
-        Steps that were solved, from the first on; the rest holds NaN.
+        Number of steps solved, from the first on; the others are NaN.
     message : str
         Why it ended.
     trajectory : object
-        Guide for neighbouring runs; None where none was recorded.
+        Reference path for neighbouring runs; None where none was recorded.
     ends : tuple of (int, float)
         Of the steps of the trajectory, as in `Experiment.step_ends`.
     elements : int
@@ -94,7 +94,7 @@ def _simulate(task: tuple[Experiment, Any, bool, float]) -> Run:
     experiment, guide, record, path_tolerance = task
     trajectory: list[Any] | None = [] if record else None
     ends = experiment.step_ends
-    # Where effects divide a step on the way, its parts are simulated and its end is kept.
+    # Where effects divide a step, its parts are simulated and the end of the last one is kept.
     whole = [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
     steps, m = len(whole), len(experiment.robot.tendons)
     waypoints = None
@@ -120,7 +120,7 @@ def _simulate(task: tuple[Experiment, Any, bool, float]) -> Run:
         ValueError,
         np.linalg.LinAlgError,
         IndexError,
-    ) as error:  # a robot that cannot be, or a guide that does not fit
+    ) as error:  # an impossible robot, or a reference path that does not fit
         if guide is not None:
             return _simulate((experiment, None, record, path_tolerance))
         nothing = np.full((steps, m), np.nan)
@@ -136,7 +136,7 @@ def _simulate(task: tuple[Experiment, Any, bool, float]) -> Run:
         )
     if result.message == INTERRUPTED:
         raise KeyboardInterrupt
-    # Along a fit, what cannot follow its neighbour is too far away and dear to solve: it counts as not solved.
+    # In a fit, a run that cannot follow its reference path is too far away and costly: it counts as not solved.
     if not result.converged and guide is not None and not record:
         return _simulate((experiment, None, record, path_tolerance))
     kept = [result.steps[j] for j in whole if j < len(result.steps)]
@@ -192,10 +192,10 @@ def _divide(joined: dict[int, list[Any]], ends: Sequence[tuple[int, float]]) -> 
 
 
 def divide_steps(experiment: Experiment, which: set[int], parts: int) -> Experiment:
-    """Divide commanded steps into equal parts, so that what depends on the path is resolved.
+    """Divide commanded steps into equal parts to resolve path dependence.
 
     Steps already divided, of a fixed number of substeps, or in which a tendon changes from tension to displacement stay
-    whole; without friction at each hole, and where it is found anew in each load step, so do all.
+    whole. Without friction at each hole, or with friction that has no history, all steps stay whole.
 
     Parameters
     ----------
@@ -347,18 +347,18 @@ class ForwardModel:
         experiments
             What to simulate; experiments that differ in the observation only share a run.
         path_tolerance
-            Of the solver. Not part of a run's identity: it grows once, and earlier, more accurate runs serve as well.
+            Of the solver. Not part of a run's key: it grows once, and earlier, more accurate runs remain valid.
         guide
-            A neighbour's run with its trajectory; makes a run three times as fast, for sensitivities.
+            A neighbouring run with its trajectory, used as reference path; three times as fast, for sensitivities.
         record
             Record trajectories.
         """
         kind = f"free{record}"
         if guide is not None:
-            self._guides[id(guide)] = guide  # kept, so that its id stays its own
+            self._guides[id(guide)] = guide  # a reference keeps the id unique
             kind = f"guided{id(guide)}{record}"
         keys = [_key(s, kind) for s in experiments]
-        if not record:  # a recorded run serves as well
+        if not record:  # a recorded run can be used too
             keys = [k[:-5] + "True" if k[:-5] + "True" in self._cache else k for k in keys]
         todo = {k: s for k, s in zip(keys, experiments, strict=True) if k not in self._cache}
         trajectory = None if guide is None else (guide.trajectory, guide.ends, guide.elements)

@@ -1,4 +1,4 @@
-"""Which steps are held out: whole branches of loading, so that memory of a curve does not pass for knowledge."""
+"""Choice of held-out steps: whole branches of loading, so that neighbouring fitted steps do not predict them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def inputs(data: MeasuredData) -> Array:
 
 
 def directions(data: MeasuredData) -> NDArray[np.int_]:
-    """What grows (+1) and falls (-1) towards every step, shape (n_steps, n_tendons + 3)."""
+    """Inputs that rise (+1) and fall (-1) towards every step, shape (n_steps, n_tendons + 3)."""
     table = inputs(data)
     change = np.diff(table, axis=0, prepend=np.zeros((1, table.shape[1])))
     return np.where(np.abs(change) < 1e-9, 0, np.sign(change)).astype(int)
@@ -56,8 +56,8 @@ def blocks(data: MeasuredData) -> list[list[int]]:
 def choose_held_out(data: MeasuredData, share: float = 0.3) -> tuple[int, ...]:
     """Positions of the steps that are held out.
 
-    Whole blocks, about every third, chosen so that what is fitted still sees every input as far as possible. One
-    monotone branch alone: its last levels. Fewer than four steps with readings: none.
+    Whole blocks, about every third, chosen so that the fitted steps cover the range of every input as far as
+    possible. With a single monotone branch, its last levels. With fewer than four steps with readings, none.
 
     Parameters
     ----------

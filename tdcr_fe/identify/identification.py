@@ -1,4 +1,4 @@
-"""Identification: the residual of a declared robot is traced to effects that it lacks, until noise is left."""
+"""Identification: traces the residual of a declared robot to effects that it lacks, until only noise is left."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ PATH_SHARE, LOOSEST = 0.6, 3e-4
 
 
 class NotSolved(Exception):
-    """The declared model does not converge on this loading sequence; says where and why."""
+    """The declared model does not converge on this loading sequence; the message names the step and the reason."""
 
 
 def identify(
     data: MeasuredData, settings: IdentifySettings | None = None, progress: Progress | None = None
 ) -> IdentificationResult:
-    """Trace what a declared model leaves unexplained to effects that it lacks.
+    """Trace the residual of a declared model to effects that it lacks.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def identify(
     Raises
     ------
     TypeError
-        ``data`` is of another type; the message says what to call.
+        ``data`` is of another type; the message names the function to call.
     NotSolved
         The declared model does not converge.
     KeyboardInterrupt

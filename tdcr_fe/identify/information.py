@@ -8,10 +8,10 @@ from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.io.measured import MeasuredData
 
-#: With fewer readings than this no model can be judged.
+#: Smallest number of readings from which models are compared.
 FEWEST = 4
 
-#: Readings beyond the fitted parameters that it takes to judge a model where no steps could be held out.
+#: Degrees of freedom needed for a verdict where no steps could be held out.
 TO_SPARE = 10
 
 
@@ -40,7 +40,7 @@ def insufficient_data(problem: FitProblem, declared: Fit, best: Fit, explained: 
 
 
 def unusable_data(problem: FitProblem, declared: Fit) -> str:
-    """Why no model can be judged by these data, so that no search is worth its time; empty where one can."""
+    """Why these data cannot discriminate between models, so that no search is made; empty where they can."""
     if problem.count < FEWEST:
         readings = "1 reading" if problem.count == 1 else f"{problem.count} readings"
         return f"{readings}: at least {FEWEST} are needed to judge a model"

@@ -1,4 +1,4 @@
-"""What to do after an identification: the corrected robot as text that ``tdcr-fe run`` takes."""
+"""The corrected robot of an identification as a ``scenario.toml`` for ``tdcr-fe run``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Is a residual noise? Its size, its structure, outliers, and sigma where none was given."""
+"""Tests of whether a residual is noise: size, structure, outliers; and estimates of sigma."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from tdcr_fe.io.measured import MeasuredData, Reading
 
 Array = NDArray[np.float64]
 
-#: Residuals count up to this many sigma where noise is judged, so that a few bad readings do not decide.
+#: Residuals are clipped at this many sigma in tests of noise, so that a few outliers do not dominate.
 CLIP = 4.0
 
-#: A reading farther off than this many sigma (of the misfit that is left, where that is larger) stands out.
+#: A reading with a residual above this many sigma (of the remaining misfit, where that is larger) is an outlier.
 OUTLIER = 5.0
 
 
@@ -72,7 +72,7 @@ def estimate_sigma(data: MeasuredData, residual: Array) -> tuple[Array, bool]:
 
 
 def clipped(r: Array) -> Array:
-    """Residuals limited to what noise can give."""
+    """Residuals clipped to the range of noise."""
     return np.clip(r, -CLIP, CLIP)
 
 

@@ -193,7 +193,7 @@ class AddedEffect:
 
 @dataclass(frozen=True)
 class Candidate:
-    """What became of one candidate in one round.
+    """Result of one candidate in one round.
 
     Attributes
     ----------
@@ -282,7 +282,7 @@ class IdentificationResult:
     sigma_estimated : bool
         Whether any sigma was not given.
     outliers : tuple of (int, float)
-        Indices of readings that stand out, and their residual over sigma.
+        Indices of outliers, and their residual over sigma.
     correlation : ndarray
         Of the fitted parameters, in the order of `parameter_names`.
     parameter_names : tuple of str

@@ -1,4 +1,4 @@
-"""The frozen problem of an identification: readings, noise, held-out rows, discretisation; and what a model leaves."""
+"""The frozen problem of an identification: readings, noise, held-out rows, discretisation, and fitted models."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ Array = NDArray[np.float64]
 #: Values of parameters, by effect and parameter name.
 Point = dict[str, dict[str, float]]
 
-#: A single reading counts in full up to this many of its sigma (of the present misfit, where that is larger).
+#: Robust threshold of a residual in sigma (of the present misfit, where that is larger) [1].
 ROBUST = 4.0
 
-#: Tolerated discretisation error, rms over sigma: hundreds of readings do not turn it into a signal.
+#: Tolerated discretisation error, rms over sigma: too small to become significant with hundreds of readings.
 MESH = 0.1
 
 #: Elements per bay, at most.
 FINEST = 6
 
-#: Order of the discretisation error that is counted on; four where bending is small.
+#: Assumed order of the discretisation error; four where bending is small.
 ORDER = 3.2
 
-#: A step that moves a reading by more than this, over sigma, when it is divided, stays divided.
+#: A step stays divided if dividing it changes a reading by more than this, over sigma.
 PATH = 0.4
 
-#: Into how many parts steps are divided to see whether that matters; twice as many where it does.
+#: Number of parts in the test of whether dividing a step matters; twice as many are used where it does.
 PARTS = 4
 
 
 @dataclass(frozen=True)
 class Readings:
-    """What follows from the readings alone: arrays in their order, and how they are predicted.
+    """Arrays that follow from the readings alone, in their order, and their predictor.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class FitProblem:
     data : MeasuredData
     readings : Readings
     forward : ForwardModel
-        Solves experiments; remembers what it has solved.
+        Solves experiments; caches its runs.
     sigma : ndarray, shape (n,)
         Standard uncertainty of every reading, in its unit.
     held_out : ndarray of bool, shape (n,)
@@ -97,7 +97,7 @@ class FitProblem:
     mesh_error : float
         Estimated discretisation error, rms over sigma [1].
     scales : mapping
-        Typical step of a parameter in its fitted coordinate, by effect and parameter; learnt from score tests.
+        Typical step of a parameter in its fitted coordinate, by effect and parameter; from the score tests.
     """
 
     data: MeasuredData
@@ -209,7 +209,7 @@ class FitProblem:
         )
 
     def excitation_range(self, run: Run) -> ExcitationRange:
-        """How far the data go."""
+        """Excitation range of the data."""
         bend = np.linalg.norm(run.curvature[..., :2], axis=-1)
         commanded = [t for s in self.data.steps for t in s.tensions.values()]
         needed = float(np.nanmax(run.base_tensions, initial=0.0))
@@ -289,7 +289,7 @@ class Fit:
 
     @property
     def anew(self) -> Fit:
-        """The same without its sensitivities, so that fresh ones are taken."""
+        """The same without its sensitivities, so that they are evaluated again."""
         return replace(self, jacobian=self.jacobian[:, :0])
 
     @property
@@ -307,9 +307,9 @@ def evaluate(problem: FitProblem, effects: Sequence[Effect], values: Point) -> F
 def refine(problem: FitProblem, effects: Sequence[Effect], values: Point) -> tuple[FitProblem, bool]:
     """Refine mesh and path until their errors stay below the noise near a point.
 
-    A run with one element per bay more and all steps divided shows whether either matters; if so, each is judged by
-    itself. Elements are added until the error, which falls with a power of their number, is small; steps that change
-    when they are divided stay divided. What is then left is extrapolated and taken out of the predictions.
+    A run with one element per bay more and all steps divided shows whether either matters; if so, each is tested
+    separately. Elements are added until the error, which falls with a power of their number, is small. Steps whose
+    result changes when they are divided stay divided. The remaining error is extrapolated and subtracted.
 
     Returns
     -------

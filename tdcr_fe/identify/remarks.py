@@ -1,4 +1,4 @@
-"""What a reader must know of fitted values: declared values that they contradict, and values that no robot has."""
+"""Remarks on fitted values: contradicted declared values, and implausible ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tdcr_fe.report.environment import estimate, quantity, significant, words
 HALF_WIDTH = 1.96
 #: Least strain at which a backbone softens: nickel-titanium transforms near 1 %, polymers yield above it [1].
 LEAST_THRESHOLD = 3e-3
-#: Gravity on earth, and by how much a fitted magnitude may differ before the report says so [m/s^2].
+#: Gravity on earth, and the deviation of a fitted magnitude above which the report warns [m/s^2].
 EARTH, EARTH_TOLERANCE = 9.81, 0.15
 
 
@@ -141,7 +141,7 @@ def _implausible(e: AddedEffect, result: IdentificationResult) -> list[str]:
         return [
             f"A superelastic backbone is not plausible here: the fitted threshold is a strain of "
             f"{_percent(value['threshold_strain'])}{seen}. Nickel-titanium transforms near 1 %, polymers yield above "
-            "it. The effect stands for another cause that softens the robot."
+            "it. The effect probably represents another cause that softens the robot."
         ]
     if e.name == "gravity":
         size = math.sqrt(sum(x * x for x in value.values()))
@@ -149,7 +149,7 @@ def _implausible(e: AddedEffect, result: IdentificationResult) -> list[str]:
             return [f"The magnitude of the fitted gravity is {quantity(size, 'm/s^2')}, as on earth."]
         return [
             f"The magnitude of the fitted gravity is {quantity(size, 'm/s^2')}, not {EARTH} m/s²: either "
-            "the declared masses are wrong, or the effect stands for another cause."
+            "the declared masses are wrong, or the effect represents another cause."
         ]
     if e.name == "friction_coefficient" and value["mu"] > 1.0:
         return [f"A friction coefficient of {significant(value['mu'])} is above that of common materials."]
@@ -157,7 +157,7 @@ def _implausible(e: AddedEffect, result: IdentificationResult) -> list[str]:
 
 
 def remarks(result: IdentificationResult) -> dict[str, list[str]]:
-    """Sentences by name of the effect, for effects of which there is something to say."""
+    """Remarks by name of the effect, for effects that have any."""
     data = result.data
     found = {
         e.name: _contradictions(e, data.robot, data.model) + _implausible(e, result) for e in result.effects

@@ -63,7 +63,7 @@ def headline(result: IdentificationResult) -> str:
 
 
 def measure(result: IdentificationResult) -> str:
-    """What the errors on the first screen are."""
+    """Measure of the errors on the first screen, in words."""
     if result.before_fit.rms_position is not None:
         return "rms distance in space between measured and predicted markers"
     if result.before_fit.rms_angle is not None:
@@ -86,7 +86,7 @@ def size(misfit: Misfit) -> str:
 
 
 def noise_size(result: IdentificationResult) -> str:
-    """What the noise alone gives in the same measure."""
+    """The noise in the same measure."""
     if result.before_fit.rms_position is not None:
         return _millimetres(result.noise.rms_position)
     if result.before_fit.rms_angle is not None:
@@ -95,7 +95,7 @@ def noise_size(result: IdentificationResult) -> str:
 
 
 def sentences(result: IdentificationResult) -> list[str]:
-    """What else stands on the first screen, in sentences."""
+    """Further sentences on the first screen."""
     what = measure(result)
     if result.effects:
         text = f"The {what} falls from {size(result.before_fit)} to {size(result.after_fit)}"

@@ -26,13 +26,13 @@ class Score:
     drop : float
         Fall of the sum of squares over the fitted readings, to first order.
     drop_held : float
-        What the same change does to the readings held out.
+        Fall of the sum of squares over the held-out readings for the same change.
     starts : list of Point
         Where a fit may begin.
     signature : ndarray, shape (n, k)
         Change of the predictions over sigma, by direction.
     note : str
-        Why it is refused; empty where it is not.
+        Reason of refusal; empty where it is not refused.
     scales : mapping
         Typical steps of its parameters in their fitted coordinates.
     """
@@ -178,7 +178,7 @@ def _direction(
 def _room(
     problem: FitProblem, e: Effect, null: dict[str, float], direction: dict[str, float]
 ) -> tuple[float, float]:
-    """How far an amplitude may go down and up before a parameter meets a bound."""
+    """Range of an amplitude within the bounds of the parameters."""
     low, high = -np.inf, np.inf
     for p in e.parameters:
         d = direction[p.name]

@@ -65,7 +65,7 @@ class Search:
 
 @dataclass(frozen=True)
 class SearchState:
-    """All that is known at one time.
+    """State of the search; every stage returns a new one.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class SearchState:
     scores, local_scores : mapping
         Scores of candidates, and of local causes, beside a model.
     candidates : tuple of Candidate
-        What became of each, for the report.
+        Result of each, for the report.
     refused : mapping of str to str
         Effects that are not tried, with the reason.
     rivals : mapping of str to tuple of str
@@ -107,11 +107,11 @@ class SearchState:
         return cls(problem, declared, declared, {frozenset(): declared})
 
     def with_fit(self, fit: Fit) -> SearchState:
-        """A fit more."""
+        """With another fit."""
         return replace(self, fits={**self.fits, frozenset(fit.names): fit})
 
     def with_history(self, sentence: str) -> SearchState:
-        """A sentence more."""
+        """With another sentence of history."""
         return replace(self, history=(*self.history, sentence))
 
 
@@ -140,7 +140,7 @@ def search_effects(search: Search, state: SearchState) -> Stage:
 
 
 def forward_selection(search: Search, state: SearchState, locate: bool = True) -> Stage:
-    """Add one effect at a time, several models side by side.
+    """Forward selection: add one effect at a time, several models in parallel (beam search).
 
     ``locate``: after the first round, see whether a single local cause explains everything.
     """
@@ -171,7 +171,7 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
         explained = residual_is_noise(problem, best, search.significance)
         level = [best] if explained or number > 1 else [best, *others]
         if number == 1 and not explained and locate:
-            # One local cause that explains everything spares the search for several effects that mimic it.
+            # If one local cause explains everything, the search for several effects that mimic it is skipped.
             located = local_search(search, state, alone=True)
             if located.local is not None and residual_is_noise(
                 located.problem, located.local, search.significance
@@ -186,7 +186,7 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
 
 
 def backward_selection(search: Search, state: SearchState) -> Stage:
-    """Drop effects that the others make unnecessary."""
+    """Backward selection: drop effects that the others make unnecessary."""
     while len(state.best.effects) > 1:
         unnecessary: list[tuple[Effect, Fit]] = []
         for e in state.best.effects:
@@ -227,8 +227,8 @@ def local_search(search: Search, state: SearchState, alone: bool = False) -> Sea
     found: list[tuple[float, Fit, Score]] = []
     problem = state.problem
     for base in sorted(bases.values(), key=lambda f: bic(problem, f))[:3]:
-        # To first order a local cause must do about as well as the best model, or it is not worth a fit; the best one
-        # has more margin, because linearisation misleads.
+        # A local cause is fitted only if it does about as well as the best model to first order; the best candidate
+        # has more margin, because the linearisation is inaccurate.
         margin = 0.1 * base.cost + 5.0 * state.best.cost if base is not state.best else math.inf
         state, scored = _local_scores(state, base)
         threshold = chi_square_threshold(1, search.significance)
@@ -271,7 +271,7 @@ def with_intermediate_models(state: SearchState) -> SearchState:
 def _propose(
     search: Search, state: SearchState, number: int, level: Sequence[Fit], progress: float
 ) -> tuple[SearchState, list[tuple[Fit, Score]]]:
-    """The best candidates beside each model, by what they promise to first order."""
+    """The best candidates beside each model, by the predicted fall of the misfit to first order."""
     proposals: list[tuple[float, Fit, Score]] = []
     for fit in level:
         beside = _list(fit.names) or "the declared model"
@@ -335,7 +335,7 @@ def _race(
     known: float,
     progress: float,
 ) -> tuple[SearchState, list[tuple[Fit, Score, Fit]]]:
-    """Fit models, each a fitted one and an effect more, roughly; those near the best to the end, by cost."""
+    """Fit models, each a fitted one with one more effect: all roughly, and those near the best to convergence."""
     rough: list[tuple[Fit, Score, Fit]] = []
     for parent, score in starters:
         effects = (*parent.effects, score.effect)
@@ -358,7 +358,7 @@ def _race(
 
 
 def _rough_fit(problem: FitProblem, parent: Fit, score: Score, known: float) -> Fit:
-    """A few iterations from the first start; from the others where that does not promise enough."""
+    """A few iterations from the first start; from the others where its cost stays too high."""
     effects = (*parent.effects, score.effect)
     starts = score.starts
     first = fitting.fit(problem, effects, starts[:1], 3.0 * known, 5, parent.run, polish=False)
@@ -369,7 +369,7 @@ def _rough_fit(problem: FitProblem, parent: Fit, score: Score, known: float) -> 
 
 
 def _swap_one(search: Search, state: SearchState) -> tuple[SearchState, bool]:
-    """Try others in place of each effect until one explains more; the rivals seen on the way are kept."""
+    """Try others in place of each effect until one explains more; indistinguishable rivals found so far are kept."""
     for e in state.best.effects:
         state, rest = _without(state, e)
         state, every = _scores(state, rest)
@@ -416,7 +416,7 @@ def _with_rival_sets(search: Search, state: SearchState) -> SearchState:
 
 
 def _with_rival(state: SearchState, name: str, rival: str) -> SearchState:
-    """A rival of an effect more, once."""
+    """With another rival of an effect, without duplicates."""
     known = state.rivals.get(name, ())
     if rival in known:
         return state
@@ -441,7 +441,7 @@ def _with_local(state: SearchState, fits: Sequence[Fit]) -> SearchState:
 
 
 def _refined(state: SearchState) -> SearchState:
-    """Refine the discretisation where the best model is, and evaluate what was fitted anew."""
+    """Refine the discretisation at the best model, and evaluate its fits again."""
     before = state.best
     threshold = min(state.problem.robust_threshold, robust_threshold(before.residual))
     problem = replace(state.problem, robust_threshold=threshold)
@@ -488,7 +488,7 @@ def _without(state: SearchState, effect: Effect) -> tuple[SearchState, Fit]:
 def fitted_model(
     state: SearchState, effects: Sequence[Effect], starts: Sequence[Point]
 ) -> tuple[SearchState, Fit]:
-    """Fit a model, once."""
+    """Fit a model, or return the fit made before."""
     key = frozenset(e.name for e in effects)
     if key not in state.fits:
         new = fitting.fit(state.problem, effects, starts)
@@ -497,7 +497,7 @@ def fitted_model(
 
 
 def _scores(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]:
-    """Scores of all candidates beside a fitted model, once."""
+    """Scores of all candidates beside a fitted model, computed once."""
     key = frozenset(fit.names)
     if key not in state.scores:
         others = [e for e in EFFECTS if e.name not in fit.names and e.name not in state.refused]
@@ -535,7 +535,7 @@ def _with_scales(state: SearchState, scores: Sequence[Score]) -> SearchState:
 
 
 def _likeness(a: Array | None, b: Array | None) -> float:
-    """Largest cosine between what two effects can do to the readings; zero where one is not known."""
+    """Largest cosine between the sensitivities of two effects; zero where one is not known."""
     if a is None or b is None or not a.size or not b.size:
         return 0.0
     first, second = np.linalg.qr(a)[0], np.linalg.qr(b)[0]

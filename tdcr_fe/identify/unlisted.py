@@ -1,4 +1,4 @@
-"""Causes on no list: single soft bays, springs at one location, and the missing moment derived from the shape."""
+"""Causes that are not effects: single soft bays, springs at one location, and the missing moment from the shape."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class SideSpring(Effect):
     def __init__(self, at: float, run: Run, rest: Array) -> None:
         self.at = at
         self.name = f"spring at s = {at:.4g} m"
-        self.description = "Something holds the robot at one location: a cable, a hose, a compliant wall."
+        self.description = "Something restrains the robot at one location: a cable, a hose, a compliant wall."
         self.parameters = (Parameter("stiffness", "N/m", 0.0, 1e4, 0.0, 0.05, "of the spring"),)
         node = int(np.argmin(np.abs(run.s - at)))
         moved = run.positions[:, node] - rest
@@ -107,7 +107,7 @@ def local_candidates(problem: FitProblem, fit: Fit) -> list[list[Effect]]:
 
 
 def missing_moment(problem: FitProblem, fit: Fit) -> tuple[Array, Array]:
-    """Bending moment that would have to act besides the model's, per load step and bay, from the shape itself.
+    """Bending moment missing in the model, per load step and bay, from the measured shape.
 
     An extra curvature in a bay turns everything beyond it; the extra curvatures that turn the model's shape into
     the measured one, as smooth along the backbone as the noise allows, times the bending stiffness, are the
@@ -165,7 +165,7 @@ def missing_moment(problem: FitProblem, fit: Fit) -> tuple[Array, Array]:
         if not rows:
             continue
         a, b = np.array(rows), np.array(right)
-        # The weight of smoothness: the largest at which what is left is noise.
+        # The weight of smoothness: the largest at which the residual is noise.
         best = np.zeros(2 * bays)
         for weight in np.logspace(4, -4, 17) * np.mean(a**2):
             whole = np.concatenate((a, np.sqrt(weight) * smooth, np.sqrt(weight) * 1e-2 * prior))

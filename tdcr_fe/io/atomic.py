@@ -1,4 +1,4 @@
-"""Write texts, JSON and folders of files such that they are there as a whole, or as they were before."""
+"""Write texts, JSON and folders of files atomically: either all of a file is written or the old one stays."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tdcr_fe.io.problems import InputError, Problem
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON can hold it: arrays as lists, numbers that are not finite as null."""
+    """A value as JSON can represent it: arrays as lists, numbers that are not finite as null."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, np.ndarray):
@@ -38,7 +38,7 @@ def to_json(value: Any, indent: int | None = 2) -> str:
 def write_text(text: str, path: str | os.PathLike[str]) -> None:
     """Write a text file in UTF-8; its folder is made where it does not exist.
 
-    A file that is there is replaced only when the new one is whole.
+    An existing file is replaced only when the new one is complete.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -46,7 +46,7 @@ def write_text(text: str, path: str | os.PathLike[str]) -> None:
     try:
         partial.write_bytes(
             text.encode("utf-8", errors="backslashreplace")
-        )  # names of files may hold any byte
+        )  # file names may contain any byte
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)

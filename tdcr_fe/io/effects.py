@@ -1,4 +1,4 @@
-"""The ``[effects]`` table of `scenario.toml`: effects by hand, for ``tdcr-fe run``."""
+"""The ``[effects]`` table of `scenario.toml`: effects given by the user, for ``tdcr-fe run``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tdcr_fe.model.robot import Robot
 def read_effects(
     table: Any, robot: Robot, model: Model, steps: tuple[LoadStep, ...], report: Report
 ) -> tuple[Robot, Model, tuple[LoadStep, ...]]:
-    """Apply a table such as ``gravity = { g_z = -9.81 }`` to what a scenario describes.
+    """Apply a table such as ``gravity = { g_z = -9.81 }`` to the robot, model and steps of a scenario.
 
     Parameters
     ----------

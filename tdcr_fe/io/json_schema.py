@@ -28,7 +28,7 @@ def _effects_schema() -> dict[str, Any]:
         }
     return {
         "type": "object",
-        "description": "effects by hand, by name",
+        "description": "effects that the model includes, by name",
         "properties": properties,
         "additionalProperties": False,
     }
@@ -37,7 +37,7 @@ def _effects_schema() -> dict[str, Any]:
 def json_schema(file: Literal["robot", "scenario", "model"]) -> dict[str, Any]:
     """JSON schema (draft 2020-12) of ``robot.toml``, ``scenario.toml`` or ``model.toml``.
 
-    What must hold between keys, such as holes within the disks, is checked by reading the file alone.
+    Conditions between keys, such as holes within the disks, are checked only when the file is read.
 
     Raises
     ------

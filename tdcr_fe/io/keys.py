@@ -47,7 +47,7 @@ class Raw(Kind):
 def _table(
     name: str, schema: Mapping[str, Any], description: str, keys: str = "", default: Any = REQUIRED
 ) -> Field:
-    """A table ``[name]``; ``keys`` says what it must hold."""
+    """A table ``[name]``; ``keys`` names its required keys."""
     return Field(name, Raw(dict, schema), Quantity(description, allowed=f"a table [{name}]{keys}"), default)
 
 
@@ -65,7 +65,7 @@ def _routing_key(options: tuple[str, ...]) -> Field:
 
 
 def tendon_keys(routing: type[Routing] | None) -> dict[str, Field]:
-    """Keys of ``[[tendons]]`` with a routing; where it is not known, those of all routings, none of them required."""
+    """Keys of ``[[tendons]]`` with a routing; if the routing is unknown, those of all routings, none required."""
     own = dict(fields_of(Tendon))
     name = own.pop("name")
     if routing is not None:

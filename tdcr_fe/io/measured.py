@@ -24,10 +24,10 @@ from tdcr_fe.model.settings import SolverSettings
 
 OBSERVATION_COLUMNS = ("step", "quantity", "location", "value", "sigma")
 
-#: Fraction of rows left out above which the rest is not trusted [1].
+#: Largest fraction of rows that may be left out before the data set is refused [1].
 MOST_LEFT_OUT = 0.5
 
-#: Fraction of values that look like another unit above which all values are doubted [1].
+#: Largest fraction of values that look like another unit before the data set is refused [1].
 MANY_IN_ANOTHER_UNIT = 0.1
 
 
@@ -79,7 +79,7 @@ class BadRow:
     line : int
         In that file, its header being line 1.
     column, value : str
-        Where the mistake is, and what stands there.
+        Column with the mistake, and the text found there.
     allowed : str
         What is allowed there.
     unit : str
@@ -101,7 +101,7 @@ class BadRow:
 
 @dataclass(frozen=True)
 class MeasuredData:
-    """A robot as declared, what was done to it, and what was measured.
+    """A declared robot, its loading sequence, and the readings.
 
     Attributes
     ----------
@@ -162,7 +162,7 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
     Parameters
     ----------
     folder
-        Holds ``robot.toml``, ``loading.csv``, ``observations.csv`` and perhaps ``model.toml``.
+        Contains ``robot.toml``, ``loading.csv``, ``observations.csv`` and, optionally, ``model.toml``.
     strict
         Refuse readings that are not sound, instead of leaving them out by name.
 
@@ -466,12 +466,12 @@ def _sigma_fault(known: Channel, sigma: float, length: float) -> _Fault | None:
 
 
 def _refuse_if_doubtful(bad: Sequence[BadRow], total: int, robot: Robot, file: str) -> None:
-    """Stop where so much was left out that the rest cannot be trusted.
+    """Refuse the data set if too many rows were left out.
 
     Raises
     ------
     InputError
-        Says how many rows, why, and which unit was probably meant.
+        Names the number of rows, the reasons, and the unit that was probably meant.
     """
     in_unit = [b for b in bad if b.unit and b.column == "value"]
     several_units = len(in_unit) > MANY_IN_ANOTHER_UNIT * total and len(in_unit) > 2

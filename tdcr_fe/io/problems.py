@@ -1,4 +1,4 @@
-"""Mistakes in the input: which file, which key, what stands there and what is allowed."""
+"""Mistakes in the input: file, key, value and what is allowed."""
 
 from __future__ import annotations
 

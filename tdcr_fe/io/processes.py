@@ -1,8 +1,8 @@
 """Worker processes that end with their parent, and SIGTERM as an orderly interruption.
 
-A worker blocks on a pipe whose writing end exists in the parent alone. When the parent closes it, or dies in whatever
-way (also by ``kill -9``), the operating system ends the pipe and the worker exits at once. This needs neither polling
-nor a particular platform.
+A worker blocks on a pipe whose writing end exists only in the parent. When the parent closes it or ends for any reason
+(also by ``kill -9``), the operating system closes the pipe and the worker exits at once. This needs no polling and
+works on every platform.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def sigterm_as_interrupt() -> Iterator[Termination]:
     Yields
     ------
     Termination
-        Tells afterwards which signal it was, also where the exception was handled on the way.
+        Reports afterwards which signal arrived, even if the exception has been handled since.
     """
     termination = Termination()
     if threading.current_thread() is not threading.main_thread():

@@ -1,4 +1,4 @@
-"""What `summary.json` says of a run: versions, input, model, settings, convergence and warnings."""
+"""Contents of `summary.json`: versions, input, model, settings, convergence and warnings of a run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tdcr_fe.model.results import SequenceResult
 
 
 def versions() -> dict[str, str]:
-    """Versions of this package and of what computes its results."""
+    """Versions of this package and of the libraries that its results depend on."""
     found = {"tdcr_fe": __version__}
     for name in ("exudyn", "numpy", "scipy"):
         try:
@@ -25,7 +25,7 @@ def versions() -> dict[str, str]:
 def summary(
     result: SequenceResult, digests: Mapping[str, str] | None = None, steps_asked: int | None = None
 ) -> dict[str, Any]:
-    """What `summary.json` holds.
+    """The contents of `summary.json`.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def summary(
     digests
         SHA-256 of the input files, by name.
     steps_asked
-        Length of the loading sequence; None takes it that all of it was solved.
+        Number of steps in the loading sequence; None means that all of it was solved.
     """
     model = result.model
     return {

@@ -10,9 +10,9 @@ from tdcr_fe.io.atomic import write_folder, write_json
 from tdcr_fe.io.summary import summary
 from tdcr_fe.model.results import SequenceResult
 
-#: Every table and summary that `write_results` leaves behind.
+#: Every table and summary that `write_results` writes.
 RESULT_FILES = ("steps.csv", "shape.csv", "tensions.csv", "summary.json")
-#: Every picture that may come with them.
+#: Every picture that it may write.
 PICTURE_FILES = ("shapes.png", "tensions.png", "hysteresis.png")
 
 
@@ -28,9 +28,9 @@ def write_results(
     Parameters
     ----------
     result
-        What was solved; a sequence that did not converge is written as far as it came.
+        The result; of a sequence that did not converge the solved steps are written.
     out
-        Directory; made where it does not exist. Files of ours that are there are replaced.
+        Directory; created if it does not exist. Result files of an earlier run are replaced.
     digests
         SHA-256 of the input files, by name.
     steps_asked

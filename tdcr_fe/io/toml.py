@@ -1,7 +1,7 @@
 """Read `robot.toml`, `scenario.toml` and `model.toml` into the frozen description.
 
-Every mistake in the files is found in one pass and named with file, key, value and what is allowed. What a key may
-hold stands at the field of the description, see `tdcr_fe.model.schema`.
+All mistakes in the files are found in one pass and reported with file, key, value and what is allowed. The allowed
+values of a key are annotations of the field of the description, see `tdcr_fe.model.schema`.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ TableReader = Callable[[Any, Robot, Model, Steps, Report], tuple[Robot, Model, S
 
 @dataclass(frozen=True)
 class Scenario:
-    """What a `scenario.toml` and the `robot.toml` that it names say.
+    """Contents of a `scenario.toml` and of the `robot.toml` that it names.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Scenario:
 
 @dataclass(frozen=True)
 class RobotParts:
-    """What of a robot is sound: enough to check a scenario against it."""
+    """The valid parts of a robot: enough to check a scenario against it."""
 
     robot: Robot | None = None
     length: float | None = None
@@ -87,7 +87,7 @@ class RobotParts:
 
 @dataclass(frozen=True)
 class _Discs:
-    """What of the disks is sound: the disks, None where their positions are not, and their radius [m]."""
+    """The valid parts of the disks: the disks, None where their positions are invalid, and their radius [m]."""
 
     disks: Disks | None = None
     radius: float | None = None
@@ -133,7 +133,7 @@ def _build_disks(data: Any, length: float | None, reporter: Reporter) -> _Discs:
     count = values.pop("count")
     if count is not None:
         values["positions"] = Disks.equally_spaced(count, length).positions
-    # A value that is not sound has been reported; its default, or the largest radius, stands for it.
+    # An invalid value has been reported; its default, or the largest radius, is used instead.
     disks = Disks(**{"radius": 1000.0, **{k: v for k, v in values.items() if k not in bad}})
     found = disk_contradictions(disks, length)
     if count is not None:
@@ -151,7 +151,7 @@ def _build_disks(data: Any, length: float | None, reporter: Reporter) -> _Discs:
 def _build_tendon(
     i: int, data: Any, found: _Discs, length: float | None, reporter: Reporter
 ) -> tuple[Tendon | None, str | None]:
-    """A tendon, None where it is not sound; and its name, None where that is not sound."""
+    """A tendon, None where it is invalid; and its name, None where that is invalid."""
     key = f"tendons[{i}]"
     kind = data.get("routing") if isinstance(data, dict) else None
     routing = ROUTINGS.get(kind) if isinstance(kind, str) else None
@@ -173,7 +173,7 @@ def _build_tendon(
     arcs = (0.0, *(s for s in disks.positions if s <= end + ARC_TOLERANCE))
     fields = {k: v for k, v in values.items() if k in fields_of(Tendon)}
     try:
-        # Where the name is not sound, another stands for it: the rest can still be checked.
+        # An invalid name is replaced, so that the rest can still be checked.
         built = routing.from_table({k: values[k] for k in own if k in values}, arcs)
         tendon = Tendon(**{"name": "?", **fields, "routing": built})
     except FieldError as error:
@@ -190,7 +190,7 @@ def _build_tendon(
 def _check_offsets(
     key: str, values: Mapping[str, Any], own: set[str], radius: float | None, reporter: Reporter
 ) -> None:
-    """All that can be said of a tendon's holes without the rest of the robot."""
+    """Check a tendon's holes as far as possible without the rest of the robot."""
     for name in ("offset", "end_offset"):
         offset = values.get(name)
         if offset is not None and radius is not None and offset > radius:
@@ -238,7 +238,7 @@ def _load(
 ) -> tuple[dict[str, Any] | None, str]:
     """Contents of a TOML file and its digest; None where it cannot be read, with the reason in ``problems``.
 
-    ``named`` is where another file names this one, and takes the blame for a file that is not there.
+    ``named`` is the key of another file that names this one; a missing file is reported there.
     """
     file = str(path)
 
@@ -320,7 +320,7 @@ def read_model(path: str | os.PathLike[str]) -> Model:
 
 
 def read_model_file(path: str | os.PathLike[str]) -> tuple[Model, SolverSettings]:
-    """Read `model.toml`, which holds the tables `[model]` and `[solver]` alone.
+    """Read `model.toml`, which contains only the tables `[model]` and `[solver]`.
 
     Returns
     -------

@@ -33,7 +33,7 @@ def value_to_toml(value: Any) -> str:
 
 
 def _table(instance: Any) -> dict[str, Any]:
-    """Fields of an object that stand in a file, without those that are nothing: None, empty, or zero by default."""
+    """Fields of an object that are written to a file, without those that are None, empty, or zero by default."""
     values = {name: (getattr(instance, name), f.default) for name, f in fields_of(type(instance)).items()}
     return {name: v for name, (v, default) in values.items() if not _is_nothing(v, default)}
 
@@ -88,7 +88,7 @@ def model_to_toml(model: Model, settings: SolverSettings | None = None) -> str:
     Parameters
     ----------
     model, settings
-        What is written; None leaves out the table `[solver]`.
+        Description to write; None leaves out the table `[solver]`.
     """
     lines = ["[model]", *_lines(_table(model))]
     if settings is not None:
@@ -108,7 +108,7 @@ def scenario_to_toml(
     Parameters
     ----------
     model, steps
-        What is written.
+        Description to write.
     robot
         Path of the `robot.toml`, relative to where the scenario will lie.
     settings

@@ -1,4 +1,4 @@
-"""Refusal of arguments of the wrong type at the public functions, with a hint of what to call."""
+"""Type errors for arguments of public functions, with a hint of what to call."""
 
 from __future__ import annotations
 

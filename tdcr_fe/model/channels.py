@@ -1,4 +1,4 @@
-"""Measured channels: every quantity that a data set may hold, each an object in the list `CHANNELS`.
+"""Measured channels: every quantity that a data set may contain, each an object in the list `CHANNELS`.
 
 Adding a channel takes one object in that list: its name, unit and kind of location, what is plausible, how it is
 displayed, and how it is predicted from a solved step. Reading, prediction, fitting, reports and the maker of blind data
@@ -27,16 +27,16 @@ Location = float | str | None
 #: An arc length that is this near to a node is at the node [m].
 AT_NODE = 2e-6
 
-#: Positions and displacements beyond this many lengths of the backbone are not of this robot [1].
+#: Largest plausible position or displacement over the length of the backbone [1].
 LARGEST_POSITION = 1.5
 
-#: Curvatures that turn the section by more than this along the whole backbone are not of this robot [rad].
+#: Largest plausible rotation of the section along the whole backbone, which bounds the curvature [rad].
 LARGEST_TURN = 100.0
 
 
 @dataclass(frozen=True)
 class ObservedStep:
-    """A solved step as instruments see it.
+    """The quantities of a solved step from which readings are predicted.
 
     Attributes
     ----------
@@ -139,9 +139,9 @@ class Channel:
         See `Prediction`.
     limits, largest_sigma, resolution : callable
         From the backbone's length [m] to the lowest and highest plausible value, the largest plausible sigma, and the
-        sigma below which an estimate from scatter is not believed.
+        smallest sigma that may be estimated from scatter.
     display_unit, display_factor : str, float
-        Unit in which people read, and the factor from `unit` to it.
+        Unit in reports and pictures, and the factor from `unit` to it.
     at_rest : callable
         Value of the straight, unloaded robot, from the location.
     mistaken_unit, mistaken_factor : str, float

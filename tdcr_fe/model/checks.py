@@ -1,6 +1,6 @@
-"""What must hold between the fields of a description; used for files and for Python alike.
+"""Conditions between the fields of a description, checked for files and for Python objects.
 
-What a single field may hold stands at the field itself, see `tdcr_fe.model.schema`.
+The bounds of a single field are its annotations, see `tdcr_fe.model.schema`.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def name_contradictions(names: Sequence[str]) -> list[Contradiction]:
 
 
 def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: float) -> list[Contradiction]:
-    """What is wrong with one tendon among sound disks on a backbone of that length [m]."""
+    """What is wrong with one tendon, given valid disks on a backbone of that length [m]."""
     key = f"tendons[{index}]"
     found = []
     if tendon.friction is not None and tendon.friction_coefficient != 0.0:

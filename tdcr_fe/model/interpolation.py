@@ -35,7 +35,7 @@ def interpolate_positions(nodes: Array, positions: Array, rotations: Array, s: A
     rotations
         Of the sections, shape (n, 3, 3).
     s
-        Arc lengths asked for, within the nodes' [m], any shape.
+        Arc lengths, within the range of the nodes [m], any shape.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What is done to a robot: concentrated loads, load steps, model choices; frozen data, no solver."""
+"""Concentrated loads, load steps and model choices as frozen data."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class LoadStep:
     substeps : int or None
         Fixed number of substeps; None lets the solver choose.
     time : float or None
-        Time at the end of the step [s]; only creep asks for it.
+        Time at the end of the step [s]; used by creep and by friction laws that depend on the slip rate.
     """
 
     label: Annotated[str, Quantity("for tables and pictures")] = ""

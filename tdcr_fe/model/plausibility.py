@@ -1,7 +1,7 @@
-"""Warnings of values that hardly any robot has: unit slips, missing masses, loads far beyond the elastic range.
+"""Warnings of implausible values: wrong units, missing masses, loads far beyond the elastic range.
 
-Such values are allowed. Each warning names the key as it stands in the files, the value and, where a factor of a usual
-unit explains it, the unit that was probably meant.
+Such values are allowed. Each warning names the key as in the files, the value and, where a factor of a usual unit
+explains it, the unit that was probably meant.
 """
 
 from __future__ import annotations

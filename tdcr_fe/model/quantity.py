@@ -1,4 +1,4 @@
-"""What a field of the description may hold: unit, bounds and description, and the mistake of a value that may not."""
+"""Unit, bounds and description of a field, and the mistake of a value that is not allowed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Mistake(NamedTuple):
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a field holds; the metadata of ``Annotated``.
+    """Unit, bounds and description of a field; the metadata of ``Annotated``.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Quantity:
     gt, ge, lt, le : float or None
         Bounds of every number in it.
     allowed : str
-        The sentence of what is allowed, where the one made from type, unit and bounds does not say enough.
+        What is allowed, as text; replaces the one made from type, unit and bounds.
     note : str
         Added to that sentence.
     name : bool
@@ -49,7 +49,7 @@ class Quantity:
     min_items : int
         Fewest items of a sequence.
     in_file : bool
-        Whether the field stands in the file; otherwise it follows from others.
+        Whether the field is a key of the file; otherwise it follows from others.
     infinite : bool
         Whether infinity is allowed.
     variants : mapping of str to type, or None

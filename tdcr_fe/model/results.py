@@ -1,4 +1,4 @@
-"""What a simulation gives back: one `StepResult` per load step, and the sequence of them. Imports no solver."""
+"""Results of a simulation: one `StepResult` per load step, and their sequence. Imports no solver."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class StepResult:
     rotations : ndarray, shape (n, 3, 3)
         World rotation of the sections; the third column is the tangent.
     base_tensions : ndarray, shape (n_tendons,)
-        Tension that arrives at the base plate [N].
+        Tension at the base plate [N].
     displacements : ndarray, shape (n_tendons,)
         Tendon pulled in at the base plate since the unloaded, just taut state [m].
     tensions : tuple of ndarray, each of shape (n_segments,)
@@ -55,12 +55,12 @@ class StepResult:
     actuation : Actuation or None
         Tendon inputs and loads that act at the end of the step; None where a result was made without a loading.
     discretisation_error : float or None
-        Estimated error of the mesh: largest displacement of a node from where exact elements would have it [m]. None
-        where it was not estimated.
+        Estimated error of the mesh: largest distance of a node from its position with exact elements [m]. None where it
+        was not estimated.
     buckling_load_fraction : float or None
         Largest axial compression of a bay over its buckling load ``pi^2 EI / a^2`` [1].
     details : mapping
-        Whatever else the solver tells: smallest eigenvalue, trials of signs, energies ...
+        Further values reported by the solver: smallest eigenvalue, trials of signs, energies ...
     """
 
     step: int
@@ -188,7 +188,7 @@ class SequenceResult:
         Raises
         ------
         RuntimeError
-            A step failed; the message names it and says what to try.
+            A step failed; the message names it and advises what to try.
         """
         if not self.converged:
             raise RuntimeError(self.message)

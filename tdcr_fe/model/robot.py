@@ -185,7 +185,7 @@ class Backbone:
         return bending, torsion
 
 
-#: Number of disks at equal distances; in files it may stand in place of their positions.
+#: Number of disks at equal distances; in files it may replace their positions.
 DiskCount = Annotated[int, Quantity("disks at equal distances, the last at the tip", ge=1, le=10_000)]
 
 

@@ -63,16 +63,16 @@ class Routing:
 
     @property
     def fixed_arc_lengths(self) -> tuple[float, ...] | None:
-        """Arc lengths of the only holes that it is made for [m]; None where it is made for any."""
+        """Arc lengths of the holes that it was made for [m]; None where it applies to any arc lengths."""
         return None
 
     def deciding_field(self, hole: int) -> str:
-        """The field that decides how far a hole lies from the backbone; hole 0 is in the base plate."""
+        """The field that determines the distance of a hole from the backbone; hole 0 is in the base plate."""
         return "offset"
 
     @classmethod
     def from_table(cls, values: Mapping[str, Any], hole_arc_lengths: tuple[float, ...]) -> Routing:
-        """The routing that sound values of a table of ``robot.toml`` describe.
+        """The routing described by the valid values of a table of ``robot.toml``.
 
         Parameters
         ----------
@@ -251,7 +251,7 @@ class ConvergingRouting(Routing):
 class PointsRouting(Routing):
     """A free list of holes.
 
-    Between the holes, which only the classical model asks for, the path is the natural cubic spline
+    Between the holes, where only the classical model needs it, the path is the natural cubic spline
     through them.
 
     Attributes
@@ -357,7 +357,7 @@ class TwistedRouting(Routing):
 
 
 def hole_count_text(count: int, needed: int) -> tuple[str, str]:
-    """What was given and what is allowed, where a list of ``count`` holes stands for ``needed``."""
+    """The value found and what is allowed, where a list has ``count`` holes but ``needed`` are required."""
     return (
         f"{count} hole{'s' * (count != 1)}",
         f"{needed} are needed: one in the base plate and one in every disk up to the tendon's end",

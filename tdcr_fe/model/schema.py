@@ -1,4 +1,4 @@
-"""Bounds, units and descriptions as annotations of dataclass fields, checked alike in Python and in files.
+"""Bounds, units and descriptions as annotations of dataclass fields, checked for Python objects and files.
 
 A field such as ``length: Annotated[float, Quantity("from base plate to tip", unit="m", gt=0.0)]`` is checked by
 `check_fields` when the object is made, by `tdcr_fe.io.toml` when a file is read, and described by
@@ -21,7 +21,7 @@ import numpy as np
 from tdcr_fe.model.quantity import Mistake, Quantity
 from tdcr_fe.model.wording import join, meant, shown
 
-#: Stands for a field without a default.
+#: Marks a field without a default.
 REQUIRED: Any = object()
 
 _WORDS = {1: "one", 2: "two", 3: "three"}
@@ -50,7 +50,7 @@ class Kind:
         note
             Takes each mistake.
         from_file
-            Whether tables stand for objects.
+            Whether objects are given as tables.
         """
         raise NotImplementedError
 
@@ -117,7 +117,7 @@ class Whole(Kind):
 
 
 class Text(Kind):
-    """A text; with ``name`` one that can stand in tables."""
+    """A text; with ``name`` one that can be a name in tables."""
 
     def allowed(self, q: Quantity) -> str:
         """See `Kind.allowed`."""
@@ -166,7 +166,7 @@ class Choice(Kind):
 
 @dataclass(frozen=True)
 class OneOf(Kind):
-    """One of a few texts, or a value of another kind; the first kind says what is allowed."""
+    """One of a few texts, or a value of another kind."""
 
     choice: Choice
     others: tuple[Kind, ...]
@@ -382,7 +382,7 @@ class Field:
         return self.quantity.allowed or self.kind.allowed(self.quantity)
 
     def is_sound_float(self, value: float) -> bool:
-        """Whether a number is one that this field takes as it stands."""
+        """Whether a number is valid for this field without conversion."""
         return type(self.kind) is Number and math.isfinite(value) and self.quantity.holds(value)
 
     def take(self, value: Any, key: str, note: Note, from_file: bool = False) -> Any:
@@ -449,7 +449,7 @@ def field_from(name: str, hint: Any, default: Any = REQUIRED) -> Field:
     return Field(name, kind, quantity or Quantity(name), default, optional)
 
 
-#: Fields of the classes asked for so far: all of them, and those that stand in a file.
+#: Fields of the classes inspected so far: all of them, and those that are keys of a file.
 _KNOWN: dict[type, tuple[dict[str, Field], dict[str, Field]]] = {}
 
 
@@ -466,7 +466,7 @@ def all_fields_of(cls: type) -> dict[str, Field]:
 
 
 def fields_of(cls: type) -> dict[str, Field]:
-    """The fields of a dataclass that stand in a file, by name."""
+    """The fields of a dataclass that are keys of a file, by name."""
     return _known(cls)[1]
 
 
@@ -508,14 +508,14 @@ def check_fields(instance: Any) -> None:
 def take_table(
     fields: Mapping[str, Field], data: Any, key: str, note: Note, extra: Sequence[str] = ()
 ) -> tuple[dict[str, Any], set[str]]:
-    """The sound values of a table of a file, defaults filled in, and the names of the fields that are not sound.
+    """The valid values of a table of a file, defaults filled in, and the names of the invalid fields.
 
     Parameters
     ----------
     fields
         Keys of the table.
     data
-        What stands in the file.
+        Contents of the table.
     key
         Dotted key of the table; empty at the top of a file.
     note

@@ -16,7 +16,7 @@ class SolverSettings:
     Attributes
     ----------
     tolerance : float
-        Largest unbalanced force or moment, relative to the scale of the forces at work [1].
+        Largest unbalanced force or moment, relative to the scale of the acting forces [1].
     step_tolerance : float
         A Newton step that moves no node by more than this fraction of the length, and turns none by more than
         this angle, also ends the iteration [1, rad].
@@ -33,10 +33,10 @@ class SolverSettings:
     min_substep : float
         Smallest substep tried where Newton does not converge, as a fraction of the load step [1].
     max_substep_turn : float
-        Where a section turns by more than this in a substep, the step is checked against its halves: a
-        long step may land on an equilibrium that the robot does not reach from where it is [rad].
+        Where a section turns by more than this in a substep, the substep is compared with its halves: a long step may
+        converge to an equilibrium that the robot does not reach along its path [rad].
     presliding : float
-        Distance that a tendon creeps through a hole from rest to full friction [m].
+        Slip of a tendon through a hole from rest to full friction [m].
     mesh_tolerance : float
         Largest estimated discretisation error, as a fraction of the backbone's length, which the automatic mesh has to
         meet and above which a step carries a warning [1]. Infinity leaves the estimate out.
@@ -44,7 +44,7 @@ class SolverSettings:
 
     tolerance: Annotated[
         float,
-        Quantity("largest unbalanced force, relative to the scale of the forces at work", ge=1e-13, le=1e-2),
+        Quantity("largest unbalanced force, relative to the scale of the acting forces", ge=1e-13, le=1e-2),
     ] = 1e-8
     step_tolerance: Annotated[
         float,

@@ -15,7 +15,7 @@ def quoted(text: str) -> str:
 
 
 def bare(name: str) -> str:
-    """A bare key, or a quoted one where TOML asks for it."""
+    """A bare key, or a quoted one where TOML requires it."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
 
 
@@ -27,7 +27,7 @@ def join(key: str, *parts: str | int) -> str:
 
 
 def shown(value: Any, limit: int = 60) -> str:
-    """A value as it would stand in a TOML file, its middle left out where it is long."""
+    """A value as written in a TOML file, its middle left out where it is long."""
     if isinstance(value, bool):
         text = "true" if value else "false"
     elif isinstance(value, str):
