@@ -1,9 +1,14 @@
-"""When an iteration has converged: sizes of residuals and steps relative to their scales, and the test itself."""
+"""When an iteration has converged: the list of tests, and sizes of residuals and steps relative to their scales.
+
+Adding a test takes its function here, its entry in `CONVERGENCE_TESTS`, and what it says in `NewtonStatus`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,25 +108,135 @@ class ResidualScales:
         return max(max(largest[:3]) / self.length, *largest[3:])
 
 
-def friction_error(
-    forces: Sequence[TendonForces],
-    mobilisation: Sequence[Array],
-    history: Sequence[FrictionState],
-    presliding: float,
-) -> float:
-    """Largest distance of any mobilisation from the one that its slip leads to [1], by robot as in `SolverState`."""
+class NewtonStatus(Enum):
+    """How a Newton solve ended."""
+
+    CONVERGED = "converged"
+    STALLED = "converged: the steps have become so small that the rest of the residual is round-off"
+    NO_BALANCE = "the forces do not balance"
+    NO_FRICTION_STATE = "the stick-slip iteration did not converge"
+    SINGULAR = "the tangent is singular: something in the scene moves freely"
+    NOT_FINITE = "the residual is not a number"
+
+    @property
+    def converged(self) -> bool:
+        """Whether there is a solution."""
+        return self in (NewtonStatus.CONVERGED, NewtonStatus.STALLED)
+
+
+class Iterate(NamedTuple):
+    """What the tests see of an iteration.
+
+    Attributes
+    ----------
+    residual : float
+        Largest unbalanced force, gap or miss of a prescribed displacement over its scale [1].
+    step : ndarray or None
+        Change of all unknowns that led here, for `ResidualScales.step_size`; None at the start.
+    scales : ResidualScales
+    forces : tuple of TendonForces
+        By robot.
+    mobilisation : tuple of ndarray
+        By robot [1].
+    history : tuple of FrictionState
+        By robot, at the last solution.
+    presliding : float
+        Presliding distance [m].
+    """
+
+    residual: float
+    step: Array | None
+    scales: ResidualScales
+    forces: tuple[TendonForces, ...]
+    mobilisation: tuple[Array, ...]
+    history: tuple[FrictionState, ...]
+    presliding: float
+
+
+def friction_error(iterate: Iterate) -> float:
+    """Largest distance of any mobilisation from the one that its slip leads to [1]."""
     worst = 0.0
-    for own, s, before in zip(forces, mobilisation, history, strict=True):
+    for own, s, before in zip(iterate.forces, iterate.mobilisation, iterate.history, strict=True):
         law = own.model.law
         if law.has_friction:
-            trial = law.trial_mobilisation(own.field.slip, before, presliding)
+            trial = law.trial_mobilisation(own.field.slip, before, iterate.presliding)
             worst = max(worst, float((np.abs(trial.clip(-1.0, 1.0) - s) * law.frictional).max()))
     return worst
 
 
-def balanced(residual: float, settings: SolverSettings) -> bool:
-    """Whether forces, gaps and prescribed displacements are met within the tolerance."""
-    return residual <= settings.tolerance
+@dataclass(frozen=True)
+class ConvergenceTest:
+    """One condition that a solution meets.
+
+    Attributes
+    ----------
+    error : function
+        From an iterate to a number, not negative [1].
+    tolerance : function
+        From the settings to the largest error allowed [1].
+    status : NewtonStatus
+        Of a solve that does not meet it.
+    measured : str
+        What the error is, in words.
+    """
+
+    error: Callable[[Iterate], float]
+    tolerance: Callable[[SolverSettings], float]
+    status: NewtonStatus
+    measured: str
+
+
+#: All conditions of a solution, in the order in which they are tested; a test is made where those before it are met.
+CONVERGENCE_TESTS: tuple[ConvergenceTest, ...] = (
+    ConvergenceTest(
+        lambda iterate: iterate.residual,
+        lambda settings: settings.tolerance,
+        NewtonStatus.NO_BALANCE,
+        "the relative residual is",
+    ),
+    ConvergenceTest(
+        friction_error,
+        lambda settings: FRICTION_TOLERANCE,
+        NewtonStatus.NO_FRICTION_STATE,
+        "a mobilisation is off by",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Unmet:
+    """A test that is not met.
+
+    Attributes
+    ----------
+    status : NewtonStatus
+    text : str
+        What is measured, how large it is, and what is allowed.
+    """
+
+    status: NewtonStatus
+    text: str
+
+
+def first_unmet(iterate: Iterate, settings: SolverSettings, *, balance: bool = True) -> Unmet | None:
+    """The first test that an iterate does not meet; None where it is a solution.
+
+    Parameters
+    ----------
+    iterate
+        State of the iteration.
+    settings
+        Of the solver.
+    balance
+        Whether balance is among the tests; it is not where an iteration has stalled, see `stalled`.
+    """
+    for test in CONVERGENCE_TESTS:
+        if test.status is NewtonStatus.NO_BALANCE and not balance:
+            continue
+        error, tolerance = test.error(iterate), test.tolerance(settings)
+        if not error <= tolerance:
+            return Unmet(test.status, f"{test.measured} {error:.1e}, tolerance {tolerance:.0e}")
+    return None
 
 
 def stalled(residual: float, step: Array, scales: ResidualScales, settings: SolverSettings) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 from math import isfinite
 from typing import NamedTuple
 
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.backbone import ElementChain
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.convergence import FRICTION_TOLERANCE, balanced, friction_error, stalled
+from tdcr_fe.solve.convergence import Iterate, NewtonStatus, Unmet, first_unmet, stalled
 from tdcr_fe.solve.friction_step import all_keep_slipping, friction_step, mobilisations, slip_residual
 from tdcr_fe.solve.numbering import Numbering
 from tdcr_fe.solve.state import SolverState, Target
@@ -26,22 +25,6 @@ Array = NDArray[np.float64]
 CHORD_CONTRACTION = 3.0
 #: A damped step turns no section by more than this; below a fifth of it the damping is reduced [rad].
 DAMPED_TURN = 0.5
-
-
-class NewtonStatus(Enum):
-    """How a Newton solve ended."""
-
-    CONVERGED = "converged"
-    STALLED = "converged: the steps have become so small that the rest of the residual is round-off"
-    NO_BALANCE = "the forces do not balance"
-    NO_FRICTION_STATE = "the stick-slip iteration did not converge"
-    SINGULAR = "the tangent is singular: something in the scene moves freely"
-    NOT_FINITE = "the residual is not a number"
-
-    @property
-    def converged(self) -> bool:
-        """Whether there is a solution."""
-        return self in (NewtonStatus.CONVERGED, NewtonStatus.STALLED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +40,8 @@ class NewtonResult:
         Relative residual before each iteration, and at the end [1].
     iterations : int
         Linear solves.
-    friction_error : float
-        Largest distance of a mobilisation from the one that its slip leads to, at the end [1].
+    unmet : Unmet or None
+        The convergence test that the last iterate does not meet, where that is why it ended.
     forces : tuple of TendonForces
         By robot, in that state.
     linearization : Linearization or None
@@ -69,7 +52,7 @@ class NewtonResult:
     state: SolverState
     residuals: tuple[float, ...]
     iterations: int
-    friction_error: float
+    unmet: Unmet | None
     forces: tuple[TendonForces, ...]
     linearization: Linearization | None
 
@@ -86,13 +69,8 @@ class NewtonResult:
     def reason(self, settings: SolverSettings) -> str:
         """In words, how the solve ended, with its residuals."""
         found = f"relative residual {self.residual:.1e}, tolerance {settings.tolerance:.0e}"
-        if self.status is NewtonStatus.NO_FRICTION_STATE:
-            return (
-                f"{self.status.value} in {self.iterations} iterations: a mobilisation is off by "
-                f"{self.friction_error:.1e}, tolerance {FRICTION_TOLERANCE:.0e} ({found})"
-            )
-        if self.status is NewtonStatus.NO_BALANCE:
-            return f"{self.status.value} after {self.iterations} iterations ({found})"
+        if self.unmet is not None:
+            return f"{self.status.value} after {self.iterations} iterations: {self.unmet.text}"
         return f"{self.status.value} ({found})"
 
 
@@ -179,21 +157,33 @@ def _iterate(
     turn, chord = 0.0, False
     damping = system.layout.scales.elastic_force * system.length if damped else 0.0
 
-    def end(status: NewtonStatus, iterations: int, error: float) -> NewtonResult:
+    def end(status: NewtonStatus, iterations: int, unmet: Unmet | None = None) -> NewtonResult:
         linear = None if step is None else step.linearization
         final = _committed(system, residual, numbering, linear) if status.converged else residual.state
-        return NewtonResult(status, final, tuple(residuals), iterations, error, residual.forces, linear)
+        return NewtonResult(status, final, tuple(residuals), iterations, unmet, residual.forces, linear)
 
-    for iteration in range(limit + 1):
+    def tested() -> Iterate:
+        state, change = residual.state, None if step is None else step.change
+        return Iterate(
+            residual.size,
+            change,
+            system.layout.scales,
+            residual.forces,
+            state.mobilisation,
+            state.friction,
+            presliding,
+        )
+
+    iteration = 0
+    while True:
         residuals.append(residual.size)
         if not isfinite(residual.size):
-            return end(NewtonStatus.NOT_FINITE, iteration, np.nan)
-        met = balanced(residual.size, settings)
-        error = _friction_error(residual, presliding) if met or iteration == limit else np.nan
-        if met and error <= FRICTION_TOLERANCE:
-            return end(NewtonStatus.CONVERGED, iteration, error)
+            return end(NewtonStatus.NOT_FINITE, iteration)
+        unmet = first_unmet(tested(), settings)
+        if unmet is None:
+            return end(NewtonStatus.CONVERGED, iteration)
         if iteration == limit:
-            break
+            return end(unmet.status, limit, unmet)
         # Where little is left to do, the tangent at hand does it; should it not, the next step has its own.
         chord = (
             step is not None
@@ -210,20 +200,14 @@ def _iterate(
             else:
                 step = _full_step(system, residual, numbering, presliding, 0.0, iteration)
         except np.linalg.LinAlgError:
-            return end(NewtonStatus.SINGULAR, iteration, np.nan)
+            return end(NewtonStatus.SINGULAR, iteration)
         last = stalled(residual.size, step.change, system.layout.scales, settings)
         trial, turn = _advance(system, residual.state, step, numbering, settings.max_turn)
         residual = system.residual(trial, residual.target, numbering, iteration + 1)
-        error = _friction_error(residual, presliding) if last else np.nan
-        if last and error <= FRICTION_TOLERANCE:
+        iteration += 1
+        if last and first_unmet(tested(), settings, balance=False) is None:
             residuals.append(residual.size)
-            return end(NewtonStatus.STALLED, iteration + 1, error)
-    return end(NewtonStatus.NO_FRICTION_STATE if met else NewtonStatus.NO_BALANCE, limit, error)
-
-
-def _friction_error(residual: Residual, presliding: float) -> float:
-    state = residual.state
-    return friction_error(residual.forces, state.mobilisation, state.friction, presliding)
+            return end(NewtonStatus.STALLED, iteration)
 
 
 def _full_step(

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.newton import NewtonResult, NewtonStatus, newton
+from tdcr_fe.solve.convergence import NewtonStatus
+from tdcr_fe.solve.newton import NewtonResult, newton
 from tdcr_fe.solve.ramp import Ramp
 from tdcr_fe.solve.state import SolverState, StoredState
 from tdcr_fe.solve.system import Linearization, SceneSystem

@@ -17,7 +17,9 @@ from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.robot import Robot, Superelastic, Tendon
 from tdcr_fe.model.routing import HelicalRouting
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.newton import NewtonStatus, newton
+from tdcr_fe.solve import convergence
+from tdcr_fe.solve.convergence import CONVERGENCE_TESTS, ConvergenceTest, NewtonStatus
+from tdcr_fe.solve.newton import newton
 from tdcr_fe.solve.state import Target
 from tdcr_fe.solve.stepping import StepFailed
 from tdcr_fe.solve.system import SceneSystem
@@ -202,6 +204,24 @@ def test_a_stored_state_is_small_and_starts_another_run():
     warm = system.warm_start(system.current_state(), stored)
     result = newton(system, warm, target(1.0), SolverSettings())
     assert result.iterations == 0 and result.converged
+
+
+def test_every_test_of_the_list_decides_on_convergence(monkeypatch):
+    """One more, which refuses all iterates: no solve converges, and its text says why."""
+    _keep, _, system, solution = solved(paper(0.3), [1.0])
+    assert newton(system, solution.state, target(1.0), SolverSettings()).iterations == 0
+    test = ConvergenceTest(
+        lambda iterate: 2.0, lambda settings: 1.0, NewtonStatus.NO_FRICTION_STATE, "too much:"
+    )
+    monkeypatch.setattr(convergence, "CONVERGENCE_TESTS", (*CONVERGENCE_TESTS, test))
+    settings = SolverSettings(max_iterations=3, step_tolerance=1e-15)
+    result = newton(system, solution.state, target(1.0), settings)
+    assert result.status is NewtonStatus.NO_FRICTION_STATE and result.iterations == 3
+    assert "after 3 iterations: too much: 2.0e+00, tolerance 1e+00" in result.reason(settings)
+    monkeypatch.undo()
+    assert CONVERGENCE_TESTS is convergence.CONVERGENCE_TESTS
+    far = newton(system, solution.state, target(2.5), SolverSettings(max_iterations=1))
+    assert far.status is NewtonStatus.NO_BALANCE and "the relative residual is" in far.reason(settings)
 
 
 def test_a_body_that_moves_freely_is_reported():
