@@ -1,0 +1,130 @@
+"""What a solve says when it ends without a solution, and what it leaves behind when it is interrupted."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from robots import LENGTH, distance, paper, pull, scene, solve
+from threadpoolctl import threadpool_info, threadpool_limits
+
+import tdcr_fe.solve.convergence as convergence
+import tdcr_fe.solve.stepping as stepping
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.convergence import NewtonStatus, Unmet
+from tdcr_fe.solve.newton import NewtonResult, newton
+from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.solve.state import Target
+from tdcr_fe.solve.statics import SolveTDCR
+from tdcr_fe.solve.system import SceneSystem
+
+UNMET = {
+    NewtonStatus.NO_BALANCE: Unmet(
+        NewtonStatus.NO_BALANCE, "the relative residual is 1.0e-03, tolerance 1e-08"
+    ),
+    NewtonStatus.NO_FRICTION_STATE: Unmet(
+        NewtonStatus.NO_FRICTION_STATE, "a mobilisation is off by 1.0e-03, tolerance 1e-04"
+    ),
+}
+
+
+def ended(status, residual):
+    """A solve that ended without a solution."""
+    return NewtonResult(status, None, (residual,), 20, UNMET.get(status), (), None)
+
+
+def test_a_friction_state_that_is_not_found_is_not_called_a_residual(monkeypatch):
+    """Version 0.1 said "no equilibrium after 20 iterations, residual 7.8e-09": below the tolerance of 1e-8."""
+    monkeypatch.setattr(convergence, "FRICTION_TOLERANCE", -1.0)
+    _keep, mbs, _ = scene(paper(0.3))
+    system = SceneSystem(mbs)
+    result = newton(system, system.current_state(), Target((np.array([1.0]),)), SolverSettings())
+    assert result.status is NewtonStatus.NO_FRICTION_STATE and result.residual < 1e-8
+    text = result.reason(SolverSettings())
+    assert re.search(r"stick-slip iteration did not converge.*a mobilisation is off by \S+, tolerance", text)
+    assert "residual" not in text
+
+
+@pytest.mark.parametrize("status", [s for s in NewtonStatus if not s.converged])
+def test_every_failure_names_size_and_tolerance_and_advises_settings_that_exist(status):
+    text = f"{ended(status, 1e-3).reason(SolverSettings())} {stepping._advice(status)}"
+    assert "1.0e-03, tolerance 1e-0" in text
+    for name in re.findall(r"(\w+) = [\d.e-]+ in the \[solver\] table", text):
+        assert hasattr(SolverSettings(), name)
+
+
+def test_a_step_whose_friction_needs_more_presliding_is_reported(monkeypatch):
+    """Where only ten times the presliding distance converges, the step carries the factor and a warning."""
+
+    def stubborn(system, state, target, settings, *, damped=False, presliding=None):
+        result = newton(system, state, target, settings, damped=damped, presliding=presliding)
+        if presliding is not None and presliding > 5e-6:
+            return result
+        return ended(NewtonStatus.NO_FRICTION_STATE, 1e-9)
+
+    monkeypatch.setattr(stepping, "newton", stubborn)
+    result = solve(paper(0.3), pull(1.0), SolverSettings(min_substep=1.0))
+    assert result.steps[0].details["presliding_factor"] == 10.0
+    assert result.warnings[-1] == (
+        "step 1: The stick-slip iteration did not converge; one substep used 10 times the presliding distance. "
+        "Use smaller load steps."
+    )
+
+
+def test_a_resolved_path_gives_no_warning_and_an_unresolved_one_its_size():
+    steps = [*pull(1.0), LoadStep("", {"t1": 0.3}, loads={"tip": Load(LENGTH, (0.0, 0.03, 0.0))})]
+    coarse = solve(paper(0.3), steps, SolverSettings(max_substeps=2))
+    (text,) = coarse.warnings
+    error = coarse.steps[1].details["refinement_error"]
+    assert f"the last refinement moved a node by {error:.1e} of the length" in text
+    assert solve(paper(0.3), steps).warnings == ()
+
+
+def test_an_interrupt_within_a_step_keeps_the_steps_before(monkeypatch):
+    """Ctrl-C in the third step: two steps are there, and the message says so."""
+
+    def interrupted(*args, **kwargs):
+        if args[2].inputs[0][0] > 1.0:
+            raise KeyboardInterrupt
+        return newton(*args, **kwargs)
+
+    monkeypatch.setattr(stepping, "newton", interrupted)
+    result = simulate(paper(0.3), Model(elements_per_bay=1), pull(0.5, 1.0, 1.5, 2.0))
+    assert len(result.steps) == 2 and not result.converged
+    assert result.failed_step == 3 and result.message == "interrupted"
+
+
+def test_an_interrupt_leaves_a_scene_at_the_beginning_of_the_step(monkeypatch):
+    _keep, mbs, handle = scene(paper(0.3))
+    handle.set_tensions([1.0])
+    SolveTDCR(mbs)
+    before, history = handle.shape()[0], handle.actuation.state
+
+    def interrupted(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    handle.set_tensions([2.0])
+    with monkeypatch.context() as patch:
+        patch.setattr(stepping, "newton", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            SolveTDCR(mbs)
+    assert distance(handle.shape()[0], before) < 1e-12
+    assert np.array_equal(handle.actuation.state.slip, history.slip)
+    SolveTDCR(mbs)
+    assert distance(handle.tip_position, solve(paper(0.3), pull(1.0, 2.0)).tips[-1]) < 1e-9
+
+
+def test_solves_use_one_thread_and_leave_the_limit_as_it_was():
+    """Threads only cost processor time on matrices of this size; what the caller had set comes back."""
+    seen = []
+
+    def count():
+        return [x["num_threads"] for x in threadpool_info() if x["user_api"] == "blas"]
+
+    with threadpool_limits(2, user_api="blas"):
+        before = count()
+        simulate(paper(0.3), Model(elements_per_bay=1), pull(1.0), progress=lambda step: seen.append(count()))
+        assert count() == before
+    assert seen and all(n == 1 for n in seen[0])
