@@ -1,4 +1,4 @@
-"""`CreateTDCR` and `SolveTDCR` as methods of ``exudyn.MainSystem``, beside the library's own."""
+"""`CreateTDCR` and `SolveTDCR` as methods of ``exudyn.MainSystem``, in addition to the library's own."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ _MM = 1e3
 
 @dataclass(frozen=True)
 class Scale:
-    """How loads become arrows.
+    """Scales of load arrows.
 
     Attributes
     ----------
@@ -134,7 +134,7 @@ def draw_spatial(
 
 
 def legend_handles(result: SequenceResult, scale: Scale) -> list[Line2D]:
-    """What the arrows mean, for the legend; the size of the largest of each kind is part of the text."""
+    """Legend entries of the arrows; the text includes the largest value of each kind."""
     handles = []
     for size, colour, text, unit in (
         (scale.largest_force, FORCE, "force (longest arrow:", "N"),

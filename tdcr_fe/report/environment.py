@@ -96,7 +96,7 @@ def quantity(value: float | None, unit: str, digits: int = 3) -> str:
 
 
 def estimate(value: float, half_width: float | None, unit: str) -> str:
-    """A number with the half-width of its interval, both to the last digit that means something.
+    """A number with the half-width of its interval, both to the last significant digit.
 
     Parameters
     ----------

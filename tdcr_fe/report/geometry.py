@@ -1,4 +1,4 @@
-"""What pictures of a run are drawn from: backbone curves, rims of disks, lines of tendons, loads, in metres."""
+"""Geometry for pictures of a run: backbone curves, rims of disks, lines of tendons, loads, in metres."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from tdcr_fe.model.robot import Tendon
 
 Array = NDArray[np.float64]
 
-#: As many steps are drawn with disks, tendons and loads; the others as a thin backbone.
+#: Number of steps drawn with disks, tendons and loads; the others are drawn as a thin backbone.
 DETAILED_STEPS = 6
-#: As many steps are drawn at most, spread over the sequence, the first and the last among them.
+#: Largest number of steps drawn, spread over the sequence, the first and the last among them.
 DRAWN_STEPS = 60
 #: A tendon is slack where its tension is below this part of the largest tension of the run [1].
 SLACK = 1e-6
@@ -109,7 +109,7 @@ class LoadVector:
 
 
 def load_vectors(step: StepResult) -> list[LoadVector]:
-    """Forces and moments that act at the end of a step; none where the result does not know them."""
+    """Forces and moments that act at the end of a step; none where the result does not contain them."""
     found = []
     for name, load in (step.actuation.loads if step.actuation is not None else {}).items():
         position, rotation = poses(step, np.array([load.at]))

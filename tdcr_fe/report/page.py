@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from tdcr_fe.report.environment import environment
 
-#: What a verdict or a mark in a table means to the reader: as required, in part, not as required, or undecided.
+#: Level of a verdict or a mark in a table: as required, in part, not as required, or undecided.
 Level = Literal["good", "part", "bad", "open"]
 
 
@@ -91,7 +91,7 @@ class Page:
         One sentence.
     level : Level
     sentences : tuple of str
-        What else the reader must know, one or two lines each.
+        Further sentences of the first screen, one or two lines each.
     cards : tuple of Card
     pictures : tuple of Picture
         Of the first screen.

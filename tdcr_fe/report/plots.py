@@ -230,7 +230,7 @@ def shapes(result: SequenceResult) -> Figure:
 
 # -------------------------------------------------------------------------------------------------- tensions
 
-#: Marker of a hole, and its text, by what the picture calls its state.
+#: Marker of a hole and its legend text, by the state of the hole.
 _MARKERS = {
     "pull": ("v", "hole slips, tendon pulled"),
     "release": ("^", "hole slips, tendon released"),
@@ -430,7 +430,7 @@ def _tensions_if_any(result: SequenceResult) -> Figure | None:
     return tensions(result) if result.robot.tendons else None
 
 
-#: Pictures by file name; None from a function means that it has nothing to show.
+#: Pictures by file name; a function returns None where there is nothing to draw.
 PICTURES: dict[str, Callable[[SequenceResult], Figure | None]] = {
     "shapes.png": shapes,
     "tensions.png": _tensions_if_any,
@@ -439,7 +439,7 @@ PICTURES: dict[str, Callable[[SequenceResult], Figure | None]] = {
 
 
 def save_pictures(result: SequenceResult, out: str | os.PathLike[str], dpi: float = 150.0) -> list[Path]:
-    """Draw every picture that the result has something to show in.
+    """Draw every picture for which the result has data.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ def CreateTDCR(
     Raises
     ------
     TypeError
-        ``mbs``, ``robot`` or ``model`` is something else; the message says what to call.
+        ``mbs``, ``robot`` or ``model`` is of another type; the message names the function to call.
     ValueError
         The model needs too much memory, two robots have one name, an argument is no rotation, or a load lies beyond
         the tip.
@@ -131,7 +131,7 @@ def CreateTDCR(
 
 
 def check_types(mbs: Any, robot: Any, model: Any) -> None:
-    """Refuse arguments of another type, and say what to call."""
+    """Refuse arguments of another type; the error names the function to call."""
     if not isinstance(mbs, exu.MainSystem):
         hint = "SC = exudyn.SystemContainer(); mbs = SC.AddSystem() makes one."
         raise arguments.wrong_type("CreateTDCR", "mbs", mbs, "an exudyn.MainSystem", hint)
@@ -178,10 +178,10 @@ def add_actuation(
     name: str,
     presliding: float,
 ) -> TendonActuation:
-    """Make the forces of tendons and section, and connect them to Exudyn's solvers."""
+    """Create the forces of tendons and section, and connect them to Exudyn's solvers."""
     hole_nodes = np.array([0, *(mesh.node_at(s) for s in robot.disks.positions)])
     section = section_forces(robot, model, mesh, rigid)
-    # Without tendons there is no path: nothing then differs between the two.
+    # Without tendons the two tendon paths are the same.
     continuous = model.tendon_path == "continuous" and bool(robot.tendons)
     geometry = None if continuous else cable_geometry(robot)
     if geometry is not None:

@@ -61,7 +61,7 @@ class TDCR:
     rigid : ndarray of bool, shape (N-1,)
         Which elements are rigid inserts.
     actuation : TendonActuation
-        Tendons, friction and section forces behind the items.
+        Tendons, friction and section forces.
     """
 
     mbs: exu.MainSystem
@@ -201,7 +201,7 @@ class TDCR:
             return
         self._compliance = factor
         softer = self.mesh.stiffness.copy()
-        # The residual bending flexibility in the shear grows by the same factor.
+        # The residual bending flexibility in the shear is scaled by the same factor.
         add_residual_flexibility(softer, self.mesh.lengths, factor - 1.0)
         softer[:, 3:] /= factor
         for beam, stiffness, rigid in zip(self.oBeams, softer, self.rigid, strict=True):
@@ -277,7 +277,7 @@ class TDCR:
             raise ValueError(f"robot {self.name!r} cannot be read yet; call mbs.Assemble() first")
 
     def _field(self) -> TensionField:
-        """Tensions as last solved; before any solver has run, those of an unloaded robot."""
+        """Tensions solved last; before any solver has run, those of an unloaded robot."""
         if self.actuation.forces is None:
             self._need_assembly()
         return self.actuation.current_forces().field

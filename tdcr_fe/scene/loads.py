@@ -21,7 +21,7 @@ Frame = Literal["world", "section"]
 class PointLoad:
     """Exudyn's items of one concentrated load.
 
-    ``mbs.SolveTDCR`` takes the load from what acted in the last solved state, `applied`, to what was `set` since.
+    ``mbs.SolveTDCR`` ramps the load from its value in the last solved state, `applied`, to the value `set` since.
 
     Attributes
     ----------
@@ -46,13 +46,13 @@ class PointLoad:
 
     @property
     def value(self) -> Array:
-        """Force [N] and moment [N m] as set, in the load's frame, shape (6,)."""
+        """Force [N] and moment [N m] that were set, in the load's frame, shape (6,)."""
         vectors = [self.mbs.GetLoadParameter(load, "loadVector") for load in (self.lForce, self.lTorque)]
         return (np.array(vectors, dtype=float) @ self._turn).ravel()
 
     @property
     def _turn(self) -> Array:
-        """From the load's frame to the axes in which Exudyn takes it."""
+        """Rotation from the load's frame to the axes in which Exudyn applies it."""
         return BEAM_TO_SECTION.T if self.frame == "section" else np.eye(3)
 
 

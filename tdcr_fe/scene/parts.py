@@ -1,4 +1,4 @@
-"""The bodies of a robot in a scene: disks, tip mass, gravity on them, and the joint that holds the base."""
+"""The bodies of a robot in a scene: disks, tip mass, gravity on them, and the joint of the base."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def add_gravity(mbs: exu.MainSystem, bodies: list[Any], gravity: Vector, name: s
 
 
 def add_ground(mbs: exu.MainSystem, pose: BasePose, disk_radius: float, name: str) -> Any:
-    """Add a base plate on ground and return the marker that carries the robot."""
+    """Add a base plate on ground and return the marker to which the robot is joined."""
     plate = base_plate(
         pose.position,
         pose.rotation,

@@ -9,7 +9,7 @@ import exudyn.itemInterface as eii
 
 
 def _output(fileName: str, key: str, storeInternal: bool) -> dict[str, Any]:
-    """Where a sensor writes: to a file of its own where a prefix is given, in memory where wanted."""
+    """Arguments for a sensor's output: a file of its own if a prefix is given, and memory if requested."""
     file = f"{fileName}_{key}.txt" if fileName else ""
     return {"storeInternal": storeInternal, "fileName": file, "writeToFile": bool(fileName)}
 

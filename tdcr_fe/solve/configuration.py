@@ -1,4 +1,4 @@
-"""Configurations of a scene: beams by the twists of their elements and the pose of their base, all else by coordinates.
+"""Configurations of a scene: element twists and base pose of the beams, coordinates of everything else.
 
 A `Configuration` is a value; `ConfigurationSpace` builds, moves and compares them and writes them into Exudyn's scene.
 """
@@ -25,7 +25,7 @@ _ONES4 = np.ones(4)
 
 
 class Unknowns(NamedTuple):
-    """The numbers that determine a configuration; small, and can be pickled.
+    """The independent unknowns of a configuration; small, and can be pickled.
 
     Attributes
     ----------
@@ -78,13 +78,13 @@ class Configuration(NamedTuple):
 
 
 class Move(NamedTuple):
-    """A configuration that a step led to.
+    """Configuration after a step.
 
     Attributes
     ----------
     configuration : Configuration
     fraction : float
-        Of the step that was taken [1].
+        Fraction of the step that was taken [1].
     turn : float
         Of the element that turns most in the whole step [rad].
     """
@@ -106,7 +106,7 @@ class ConfigurationSpace:
     reduction
         Which of Exudyn's unknowns are beam nodes, and which are kept as they are.
     clamped
-        Numbers of the robots whose base stays where its clamp holds it.
+        Numbers of the robots with a clamped base.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class ConfigurationSpace:
         )
 
     def from_scene(self) -> Configuration:
-        """The current configuration of Exudyn's scene; clamped bases are where their clamps hold them."""
+        """The current configuration of Exudyn's scene; clamped bases have the pose of their clamps."""
         data = self.mbs.systemData
         twists, bases = [], []
         for i, robot in enumerate(self.robots):
@@ -199,7 +199,7 @@ class ConfigurationSpace:
         Parameters
         ----------
         start
-            Where from.
+            Configuration to start from.
         step
             Body-frame increments of the beam nodes, then changes of everything else.
         chains
@@ -242,7 +242,7 @@ class ConfigurationSpace:
             data.SetAECoordinates(unknowns.multipliers, exu.ConfigurationType.Initial)
 
     def fits(self, unknowns: Unknowns) -> bool:
-        """Whether unknowns belong to a scene like this, with the same meshes."""
+        """Whether unknowns fit this scene: the same numbers of coordinates and the same meshes."""
         elements = [len(r.nodes) - 1 for r in self.robots]
         return [len(t) for t in unknowns.twists] == elements and (
             len(unknowns.coordinates) == self._reduction.n2

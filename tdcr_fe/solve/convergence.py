@@ -21,7 +21,7 @@ from tdcr_fe.solve.reduction import BodyFrameReduction
 
 Array = NDArray[np.float64]
 
-#: Largest allowed distance of a mobilisation from the one that its slip leads to [1].
+#: Largest allowed difference between a mobilisation and that of its trial state [1].
 FRICTION_TOLERANCE = 1e-4
 #: Only below this relative residual may an iteration end because its steps have become too small [1].
 STALLED_RESIDUAL = 1e-3
@@ -29,7 +29,7 @@ STALLED_RESIDUAL = 1e-3
 
 @dataclass(frozen=True)
 class ResidualScales:
-    """What residuals are compared with.
+    """Scales of the residuals.
 
     Attributes
     ----------
@@ -240,7 +240,7 @@ def first_unmet(iterate: Iterate, settings: SolverSettings, *, balance: bool = T
 
 
 def stalled(residual: float, step: Array, scales: ResidualScales, settings: SolverSettings) -> bool:
-    """Whether a step is so small that what is left of the residual is round-off of very stiff parts.
+    """Whether a step is so small that the remaining residual is round-off of very stiff parts.
 
     Parameters
     ----------

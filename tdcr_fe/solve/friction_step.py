@@ -1,8 +1,8 @@
 """Friction in one Newton step: every hole sticks or slips, a small complementarity problem. Pure functions.
 
 Equilibrium is linear in a step, friction is not. With everything but the mobilisations eliminated, their conditions
-are a box-constrained linear complementarity problem. Where every hole keeps slipping as it does, which is the rule
-while loading, there is nothing to solve, and the step at fixed friction is the step.
+are a box-constrained linear complementarity problem. Where every hole continues to slip in its direction, as is
+usual during loading, the step at fixed friction already satisfies these conditions.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def mobilisations(numbering: Numbering, state: SolverState) -> Array:
 def slip_residual(
     numbering: Numbering, forces: Sequence[TendonForces], state: SolverState, step: Array, presliding: float
 ) -> Array:
-    """By how much the slips would run ahead of their mobilisations after a step at fixed friction [m], shape (k,).
+    """Slip residual: excess of the slips over those of their mobilisations after a fixed-friction step [m], shape (k,).
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def slip_residual(
 
 
 def all_keep_slipping(mobilisation: Array, residual: Array) -> bool:
-    """Whether every hole slips, and goes on slipping the same way in a step at fixed friction."""
+    """Whether every hole slips, and continues in the same direction in a step at fixed friction."""
     return bool(((np.abs(mobilisation) >= 1.0) & (mobilisation * residual >= 0.0)).all())
 
 
@@ -75,7 +75,7 @@ def friction_step(
     mobilisation: Array,
     presliding: float,
 ) -> Array:
-    """The step in which the mobilisations are solved too, shape (total,).
+    """Complementarity step: the step with the mobilisations as unknowns, shape (total,).
 
     Parameters
     ----------

@@ -3,8 +3,8 @@
 The estimate is a defect correction. In a solved state every element of the backbone has a wrench at its first node.
 Under that wrench the Cosserat equations along the element are integrated to high accuracy (collocation at four Gauss
 points), own weight and tendons that follow the backbone included. Where the exact relative pose of the element's ends
-differs from that of the finite element, the difference ``e`` is an eigenstrain that the mesh has left out. The exact
-elements, held in the solved configuration, would load the nodes with
+differs from that of the finite element, the difference ``e`` is an eigenstrain that the mesh neglects. Exact
+elements, fixed in the solved configuration, would load the nodes with
 
     r = B^T K e + r_w ,
 
@@ -61,13 +61,13 @@ CHUNK = 8
 MOST_PER_BAY, MOST_ELEMENTS, MOST_MESHES = 32, 320, 6
 #: Largest growth of a bay's number of elements from one mesh to the next.
 GROWTH = 4
-#: Share of its buckling load from which a bay is warned of.
+#: Fraction of its buckling load above which a bay causes a warning [1].
 NEAR_BUCKLING = 0.5
 
 
 @dataclass(frozen=True)
 class ElementModel:
-    """What the elements of one backbone are made of.
+    """Stiffness, weight and bays of the elements of one backbone.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class ElementModel:
 
     @classmethod
     def of(cls, handle: TDCR) -> ElementModel:
-        """The elements of a robot in a scene, with the compliance that they have now."""
+        """The elements of a robot in a scene, with their current compliance."""
         mesh, robot = handle.mesh, handle.robot
         stiffness = mesh.stiffness.copy()
         growth = handle.compliance_factor
@@ -132,7 +132,7 @@ class ElementModel:
 
 @dataclass(frozen=True)
 class SolvedState:
-    """A solved state, as the estimate needs it.
+    """Quantities of a solved state that the estimate needs.
 
     Attributes
     ----------
@@ -146,8 +146,8 @@ class SolvedState:
         Of the elements where the tangent was factorised: in the solved state, or one iteration before. Forces and
         changes are taken by the twists of these elements, in which the tangent changes little.
     solve : callable
-        Takes wrenches on the nodes (6 N, k) to body-frame increments of the nodes (6 N, k) by that tangent, friction
-        mobilisations kept and displacement-driven tendons taut.
+        Solves for body-frame increments of the nodes (6 N, k) under wrenches on the nodes (6 N, k) with that tangent,
+        with mobilisations fixed and displacement-driven tendons taut.
     """
 
     twists: Array
@@ -188,7 +188,7 @@ class MeshEstimate:
     Attributes
     ----------
     nodes : ndarray, shape (N-1, 3)
-        Estimated way from the nodes 1 .. N-1 to where exact elements would have them, world axes [m].
+        Estimated displacement of the nodes 1 .. N-1 to their positions with exact elements, world axes [m].
     by_bay : ndarray, shape (B,), or None
         Largest displacement of a node that each bay's own defect causes [m]; None where the error is below the goal.
     bay_loads : ndarray, shape (B,)
@@ -347,7 +347,7 @@ def exact_elements(
 def defects(
     model: ElementModel, twists: Array, rotations: Array, tensions: Array
 ) -> tuple[Array, Array | None]:
-    """Forces by the elements' twists, and couples, that exact elements would exert more in the solved configuration.
+    """Additional forces (by the elements' twists) and couples of exact elements in the solved configuration.
 
     Parameters
     ----------
@@ -379,7 +379,7 @@ def defects(
     tangent = inverse_tangent_se3(twists)
     eigenstrain = (tangent @ change[..., None])[..., 0]
     force = _stiffness_times(model, twists, eigenstrain)
-    # The wrench is that of the exact pose; it has another generalised force where the pose differs.
+    # The wrench belongs to the exact pose; its generalised force differs where the pose differs.
     moved = _transposed(inverse_tangent_se3(-twists - eigenstrain), gradient) - own_wrenches
     from_first: Array = np.linalg.inv(to_first).astype(np.float64)
     force += _transposed(from_first, moved)
@@ -393,7 +393,7 @@ def defects(
 def displacements(
     states: Sequence[SolvedState], twists: Array, rotations: Array, forces: Array, couples: Array | None
 ) -> Array:
-    """Displacement of the nodes that forces by the elements' twists cause, the base held.
+    """Displacement of the nodes caused by forces on the elements' twists, with the base fixed.
 
     Parameters
     ----------
@@ -447,7 +447,7 @@ def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float = n
     states
         Any number; the elements of all are integrated at once.
     goal
-        Error above which the bays that cause it are found as well [m].
+        Error above which the contribution of each bay is computed as well [m].
 
     Returns
     -------
@@ -483,11 +483,11 @@ def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float = n
 def bay_loads(model: ElementModel, twists: Array, tensions: Array) -> Array:
     """Axial compression of every bay over its buckling load ``pi^2 EI / a^2`` [1], shape (S, B).
 
-    ``a`` is the free length of the bay between two disks. The load is that of a bay whose ends cannot turn against each
-    other and are free to sway (clamped-clamped with sway): disks are held in their direction by the tendons, not in
+    ``a`` is the free length of the bay between two disks. The load is that of a bay whose ends cannot rotate relative
+    to each other but are free to sway (clamped-clamped with sway): tendons restrain the orientation of the disks, not
     their position. A last bay without a disk at its end is a cantilever, ``pi^2 EI / (4 a^2)``. EI is the tangent
-    stiffness where the section is superelastic. Tendons that follow the backbone put no bay between disks in
-    compression; there the value is zero.
+    stiffness where the section is superelastic. Tendons that follow the backbone do not compress the bays between
+    disks; there the value is zero.
 
     Parameters
     ----------
@@ -528,7 +528,7 @@ class MeshMonitor:
     simulation
         The run.
     goal
-        Error above which the bays that cause it are found as well [m].
+        Error above which the contribution of each bay is computed as well [m].
     """
 
     def __init__(self, simulation: Simulation, goal: float) -> None:
@@ -536,11 +536,11 @@ class MeshMonitor:
         self._model = ElementModel.of(self._handle)
         self._compliance = self._handle.compliance_factor
         self._waiting: list[SolvedState] = []
-        #: Estimates so far, one per step, without those that wait.
+        #: Estimates so far, one per step, without those of pending states.
         self.estimates: list[MeshEstimate] = []
 
     def record(self) -> bool:
-        """Take the present state along; whether estimates have been made since the last call."""
+        """Add the present state to the pending ones; return whether new estimates have been computed."""
         changed = self._handle.compliance_factor != self._compliance
         if changed:
             self.flush()
@@ -553,7 +553,7 @@ class MeshMonitor:
         return True
 
     def flush(self) -> None:
-        """Estimate the states that wait."""
+        """Estimate the pending states."""
         self.estimates += estimate(self._model, self._waiting, self._goal)
         self._waiting = []
 

@@ -1,4 +1,4 @@
-"""Newton's method in strain space: from a state and a target to the state in equilibrium with it."""
+"""Newton's method in strain space: the state in equilibrium with a target."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class NewtonResult:
     ----------
     status : NewtonStatus
     state : SolverState
-        Where it converged, the solution with its history committed; else the last iterate.
+        If converged, the solution with its history committed; else the last iterate.
     residuals : tuple of float
         Relative residual before each iteration, and at the end [1].
     iterations : int
@@ -45,7 +45,7 @@ class NewtonResult:
     forces : tuple of TendonForces
         By robot, in that state.
     linearization : Linearization or None
-        The last one; None where the start was a solution.
+        The last one; None if the initial state was a solution.
     """
 
     status: NewtonStatus
@@ -81,11 +81,11 @@ class NewtonStep(NamedTuple):
     ----------
     change : ndarray, shape (total,)
     linearization : Linearization
-        It was computed with.
+        The linearisation used.
     friction_kept : bool
-        Whether every hole keeps slipping as it does, so that another step with the same tangent is meaningful.
+        Whether every hole continues to slip in its direction, so that a chord step may follow.
     damping : float
-        It was computed with [N m].
+        Damping used [N m].
     """
 
     change: Array
@@ -110,17 +110,17 @@ def newton(
     system
         The scene; it is left in the last iterate.
     state
-        Where to start, and the history.
+        Initial state, and the history.
     target
-        What acts; loads are those that stand in the scene.
+        Inputs and time; loads are those already in the scene.
     settings
         Numerics.
     damped
-        Follow the motion of a heavily damped robot instead of Newton's straight way: slower, and it finds
-        the equilibrium that a robot falls into where it snaps through (pseudo-transient continuation; C. T.
+        Follow the motion of a heavily damped robot instead of taking Newton steps: slower, but it finds the
+        equilibrium that a robot reaches by snap-through (pseudo-transient continuation; C. T.
         Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508-523).
     presliding
-        Another presliding distance than that of the settings [m].
+        Presliding distance, replaces that of the settings [m].
     """
     presliding = settings.presliding if presliding is None else presliding
     trial = state._replace(
@@ -218,7 +218,7 @@ def _full_step(
     damping: float,
     iteration: int,
 ) -> NewtonStep:
-    """A step with a new tangent: at fixed friction where every hole keeps slipping, else with friction solved too."""
+    """A step with a new tangent: at fixed friction where every hole keeps slipping, else a complementarity step."""
     linear = system.linearize(residual, numbering, damping, first=iteration == 0)
     fixed = linear.step(numbering, residual)
     if not numbering.has_friction:
@@ -243,7 +243,7 @@ def _full_step(
 
 
 def _chord_step(before: NewtonStep, numbering: Numbering, residual: Residual) -> NewtonStep:
-    """A step with the tangent of the iteration before, in the frames of that; friction stays fixed."""
+    """Chord step: with the tangent and frames of the previous iteration, at fixed friction."""
     change = before.linearization.step(numbering, residual)
     return before._replace(change=_padded(change, numbering))
 
@@ -256,7 +256,7 @@ def _damped_step(
     damping: float,
     iteration: int,
 ) -> NewtonStep:
-    """A step of the damped motion: as long as it turns no section far, and never up to a saddle.
+    """A step of the damped motion, limited in rotation, and never towards a saddle point.
 
     The damping it returns is that for the next step.
     """
@@ -314,9 +314,9 @@ def _advance(
 def _committed(
     system: SceneSystem, residual: Residual, numbering: Numbering, linear: Linearization | None
 ) -> SolverState:
-    """A solution, its history committed and its clamps bearing what acts on the bases."""
+    """A solution with its history committed and the reactions of its clamps recovered."""
     state, sign = residual.state, residual.state.tangent_sign
-    # With prescribed displacements the sign also changes where a tendon falls slack, and says nothing.
+    # With prescribed displacements the sign also changes where a tendon goes slack, so it is not used.
     if linear is not None and not numbering.any_driven:
         sign = linear.factorisation.sign
     return SolverState(

@@ -13,7 +13,7 @@ from tdcr_fe.elements.actuation import TendonActuation
 
 @dataclass(frozen=True, eq=False)
 class RobotUnknowns:
-    """Where one robot stands among the unknowns.
+    """Positions of one robot's unknowns.
 
     Attributes
     ----------

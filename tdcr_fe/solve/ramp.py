@@ -1,4 +1,4 @@
-"""From what acts on a scene now to what was set: tendons, concentrated loads and time, ramped together."""
+"""Ramps of a load step: tendon inputs, concentrated loads and time from their current to their set values."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class LoadRamp:
 
 @dataclass(frozen=True, eq=False)
 class Ramp:
-    """What a load step does to a scene.
+    """Change of inputs, loads and time in a load step.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Ramp:
     before_increment : callable or None
         Called with the time [s] before every solve.
     user_loads : bool
-        Whether functions of the user may change loads on the way.
+        Whether user functions may change loads within the step.
     """
 
     inputs: tuple[InputRamp, ...]
@@ -70,7 +70,7 @@ class Ramp:
         before_increment: Callable[[float], None] | None = None,
         user_loads: bool = False,
     ) -> Ramp:
-        """From what acts in a state to what was set.
+        """Ramp from the inputs and loads of a state to those that were set.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class Ramp:
         return self.user_loads or any(bool((load.start != load.end).any()) for load in self.loads)
 
     def apply(self, system: SceneSystem, load_factor: float) -> Target:
-        """Give the scene the loads and the time of a load factor in [0, 1], and say what acts then."""
+        """Apply loads and time at a load factor in [0, 1] to the scene, and return the target."""
         time = self.start_time + load_factor * (self.end_time - self.start_time)
         system.mbs.systemData.SetTime(time)
         if self.before_increment is not None:
@@ -112,7 +112,7 @@ class Ramp:
         return Target(tuple(ramp(load_factor, time) for ramp in self.inputs), loads, time)
 
     def set_end(self) -> None:
-        """Let the loads stand in the scene as they were set, however far they were solved."""
+        """Set the loads in the scene to their full values, whether or not the step was solved."""
         for load in self.loads:
             load.item.set(load.end[:3], load.end[3:])
 
@@ -122,7 +122,7 @@ def _between(start: Array, end: Array, load_factor: float) -> Array:
 
 
 def _input_ramp(system: SceneSystem, state: SolverState, i: int) -> InputRamp:
-    """How the inputs of a robot change: linearly from those of a state, or as its own function of time says."""
+    """Ramp of the inputs of a robot: linear from those of a state, or the user's function of time."""
     robot = system.robots[i]
     if callable(robot.inputs):
         return lambda load_factor, time: robot.input_values(time)
@@ -130,7 +130,7 @@ def _input_ramp(system: SceneSystem, state: SolverState, i: int) -> InputRamp:
     if np.any(driven):
         prescribed = state.prescribed[i]
         if np.any(np.isnan(prescribed[driven])):
-            # From tension to displacement: the ramp begins at what the tendon is pulled in.
+            # From tension to displacement: the ramp begins at the current displacement of the tendon.
             slip = system.forces(state, state.time)[i].field.base_slip
             prescribed = np.where(np.isnan(prescribed), slip, prescribed)
         start = np.where(driven, prescribed, start)

@@ -46,7 +46,7 @@ class BlockPattern:
 
 
 class BodyFrameReduction:
-    """Which of Exudyn's unknowns are kept, and how they become those of the strain-space solver.
+    """Map from Exudyn's unknowns to those of the strain-space solver.
 
     Parameters
     ----------
@@ -55,8 +55,8 @@ class BodyFrameReduction:
     beam
         ODE2 coordinate numbers of all beam nodes, shape (N, 7).
     dropped
-        Numbers of the algebraic equations that are met by themselves: the nodes' norm constraints, and joints that
-        hold a node where it is kept anyway.
+        Numbers of the algebraic equations that are satisfied by construction: the nodes' norm constraints, and joints
+        of clamped bases.
     """
 
     def __init__(self, mbs: exu.MainSystem, beam: Index, dropped: Sequence[int]) -> None:
@@ -145,8 +145,8 @@ class BodyFrameReduction:
         frames
             See `frames`.
         search_couplings
-            Look for couplings between beam nodes that no object announced (contact, for one); where there
-            are any, they are taken along from now on.
+            Search for couplings between beam nodes that do not follow from the objects' node lists (contact, for
+            example); those found are included from then on.
         """
         flat = j.reshape(-1)
         if search_couplings:

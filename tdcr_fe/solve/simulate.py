@@ -1,4 +1,4 @@
-"""Loading sequences: from a description and load steps to solved steps, on a mesh refined where it is automatic."""
+"""Simulation of a loading sequence, with automatic mesh refinement: `simulate`."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def simulate(
     Raises
     ------
     TypeError
-        An argument is of another type; the message says what is expected and what to call.
+        An argument is of another type; the message names the expected type and the function to call.
     ValueError
         The description contradicts itself (see `tdcr_fe.model.loading.resolve` and `tdcr_fe.scene.builder.CreateTDCR`).
     """

@@ -32,7 +32,7 @@ class Simulation:
     robot, model
         Description.
     steps
-        The loading sequence, resolved with `tdcr_fe.model.loading.resolve`; says where nodes for loads are needed.
+        The loading sequence, resolved with `tdcr_fe.model.loading.resolve`; determines the nodes needed for loads.
     settings
         Numerics.
 
@@ -52,7 +52,7 @@ class Simulation:
     ) -> None:
         self.settings = settings or SolverSettings()
         keys = {self._key(name, load) for step in steps for name, load in step.loads.items()}
-        # Exudyn's system container owns the system: it must live as long as we use it.
+        # Exudyn's system container owns the system, so a reference to it is kept.
         self.container = exu.SystemContainer()
         mbs = self.container.AddSystem()
         self.handle: TDCR = CreateTDCR(
@@ -87,7 +87,7 @@ class Simulation:
         Parameters
         ----------
         target
-            What acts at the end of the step.
+            Inputs and loads at the end of the step.
         substeps
             Fixed number; None chooses by refinement.
         reference_path
@@ -130,7 +130,7 @@ class Simulation:
         return self._last
 
     def _set_creep(self, moment: float) -> None:
-        """Make the backbone as compliant as it is at a time [s]."""
+        """Set the compliance of the backbone to that at a time [s]."""
         self.handle.set_compliance_factor(self.handle.robot.backbone.compliance_factor(moment))
 
     def restore(self, state: SolverState) -> None:
@@ -171,7 +171,7 @@ class Simulation:
 
 
 def step_warnings(number: int, report: LoadStepReport) -> list[str]:
-    """What a user should know about a solved load step."""
+    """Warnings on a solved load step."""
     found = []
     if report.snapped:
         found.append(

@@ -14,8 +14,8 @@ With friction the forces have no potential and the tangent is not symmetric. Wha
 tangent along which the robot moves while every hole keeps its mobilisation: `Stability.smallest` is the smallest
 eigenvalue of its symmetric part (positive: the second-order work of every disturbance is positive, which is
 sufficient for stability, R. Hill, J. Mech. Phys. Solids 6 (1958) 236-249), and `Stability.divergence` the smallest
-real part of its eigenvalues (zero: a static bifurcation or limit point). Holes that stick hold the tendon as well,
-so that the robot at rest is stiffer than that.
+real part of its eigenvalues (zero: a static bifurcation or limit point). Sticking holes restrain the tendon in
+addition, so the robot at rest is stiffer than this tangent.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Stability:
 
     @property
     def stable(self) -> bool:
-        """Whether every disturbance meets resistance."""
+        """Whether the smallest eigenvalue is positive."""
         return self.smallest > 0.0
 
 

@@ -16,7 +16,7 @@ ByRobot = tuple[Array, ...]
 
 
 class SolverState(NamedTuple):
-    """Everything that a step begins with. Its arrays are never changed.
+    """The complete state at the beginning of a step. Its arrays are never changed.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class SolverState(NamedTuple):
     time : float
         At which it was solved [s].
     tangent_sign : int
-        Sign of the determinant of the last tangent, 0 where it is not known or says nothing about stability.
+        Sign of the determinant of the last tangent, 0 where it is unknown or unrelated to stability.
     """
 
     configuration: Configuration
@@ -56,7 +56,7 @@ class SolverState(NamedTuple):
         )
 
     def stored(self) -> StoredState:
-        """What is needed to start from here again, without the poses that follow."""
+        """The state as its unknowns alone, from which it can be restored."""
         return StoredState(self.configuration.unknowns, self.base_tension, self.mobilisation, self.friction)
 
 
@@ -80,14 +80,14 @@ class StoredState:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What a state has to be in equilibrium with.
+    """Inputs, loads and time with which a state has to be in equilibrium.
 
     Attributes
     ----------
     inputs : tuple of ndarray, shape (m,)
         By robot, tension [N] or displacement [m] of every tendon at the base.
     loads : tuple of ndarray, shape (6,)
-        Concentrated loads, force [N] and moment [N m] in their own frames; they stand in the scene already.
+        Concentrated loads, force [N] and moment [N m] in their own frames; they are already in the scene.
     time : float
         Time that user functions see [s].
     """

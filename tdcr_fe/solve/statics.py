@@ -24,10 +24,10 @@ def SolveTDCR(
 ) -> dict[str, Any]:
     """Take all robots of a scene, and the scene with them, to the inputs that were set.
 
-    Every tendon moves from what it has now to what ``set_tensions`` and ``set_displacements`` of its robot said
-    last, every concentrated load of a robot from what acted in the last solved state to what its ``set`` said, and
-    time runs from ``startTime`` to ``endTime``: your load user functions and your ``PreNewtonResidual`` and
-    ``PreStep`` functions see that time. Loads of your own act in full from the beginning. The step is refined as in
+    Every tendon input is ramped from its current value to that of the last ``set_tensions`` or ``set_displacements`` of
+    its robot, every concentrated load of a robot from its value in the last solved state to that of the last ``set``,
+    and time from ``startTime`` to ``endTime``: your load user functions and your ``PreNewtonResidual`` and ``PreStep``
+    functions are called with that time. Loads of your own act in full from the beginning. The step is refined as in
     `tdcr_fe.solve.simulate.simulate`, so that the path of the friction is resolved. The solved state is left in the
     scene, at rest, as current and as initial configuration, so that a next call, ``mbs.SolveStatic`` or
     ``mbs.SolveDynamic`` continues from it, histories of the holes included.
@@ -52,7 +52,7 @@ def SolveTDCR(
     Raises
     ------
     StepFailed
-        Says where, the residual, and what to try. The scene is then in the last state that converged.
+        The message has the load factor, the residual, and what to try. The scene is then in the last converged state.
     ValueError
         The system is not assembled, has no robot, or has first-order states.
     """

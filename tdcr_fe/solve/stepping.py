@@ -1,8 +1,8 @@
-"""Substeps of a load step: as many as convergence and the path dependence of friction ask for.
+"""Substeps of a load step, chosen by convergence and by the path dependence of friction.
 
-With friction the answer depends on the path, but only where a hole changes its state on the way. Where one does, the
-step is refined into two, four, eight substeps and so on, until doubling has changed nothing twice: once is no proof,
-as a slip may reverse and return within a substep.
+With friction the solution depends on the path, but only where a hole changes its state within the step. Where one does,
+the step is refined into two, four, eight substeps and so on, until two successive doublings have changed the solution
+by less than the tolerance. One is not enough, as slip may reverse and return within a substep.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ class Path:
     state : SolverState
         At its end.
     forces : tuple of TendonForces
-        By robot, in that state; empty where the scene was last evaluated in another.
+        By robot, in that state; empty if the scene was last evaluated in another state.
     linearization : Linearization or None
-        The last one of the last substep; None where that began at its solution.
+        The last one of the last substep; None if that substep needed no iteration.
     increments : tuple of (float, SolverState)
         Load factor and state at the end of every substep.
     iterations : int
@@ -106,7 +106,7 @@ class Path:
 
 @dataclass(frozen=True)
 class LoadStepReport:
-    """How a load step went.
+    """Report on a solved load step.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class LoadStepReport:
     residual : float
         Relative residual at the end [1].
     snapped : bool
-        Whether the robot jumped to another equilibrium on the way.
+        Whether the robot jumped to another equilibrium within the step.
     presliding_factor : float
         Largest factor on the presliding distance that a substep needed for the stick-slip iteration to converge [1].
     refinement_error : float
@@ -155,7 +155,7 @@ class StepFailed(Exception):
     Attributes
     ----------
     load_factor : float
-        Up to which the step was solved [1].
+        Load factor up to which the step was solved [1].
     residual : float
         Relative residual of the failed attempt [1].
     state : SolverState
@@ -206,8 +206,8 @@ class LoadStepper:
             A fixed number (each is still halved where it does not converge); None chooses by refinement.
         reference_path
             Increments of a similar run: the same substeps are taken, each from the state of that run. For
-            neighbours of a solved sequence, as sensitivities ask for: the path is then divided alike, so that
-            differences are smooth, and two iterations a substep are enough.
+            sensitivities by finite differences: the path is then divided in the same way, so that differences are
+            smooth, and two iterations a substep are enough.
 
         Raises
         ------
@@ -249,7 +249,7 @@ class LoadStepper:
         return replace(solved, rejected=solved.rejected + result.iterations)
 
     def _along(self, state: SolverState, reference: Sequence[Increment]) -> Path:
-        """The substeps of a reference path, each from its solution; without it where that misleads."""
+        """The substeps of a reference path, each started from its solution; if one fails, it is solved without."""
         path, start = Path(state), 0.0
         for point in reference:
             end = point.load_factor
@@ -264,7 +264,7 @@ class LoadStepper:
     # ------------------------------------------------------------------ refinement
 
     def _refined(self, state: SolverState) -> Path:
-        """The load step, in as many substeps as its path dependence asks for."""
+        """The load step, refined until its path dependence is resolved."""
         path = self._substep(state, 0.0, 1.0)
         path_dependent = path.substeps > 1 or self._path_dependent(state, path.state)
         if not (path_dependent or self._branch_jump_suspected(state, path.state)):
@@ -293,7 +293,7 @@ class LoadStepper:
         return float(np.max(np.abs(moved))) / self.system.length
 
     def _branch_jump_suspected(self, before: SolverState, after: SolverState) -> bool:
-        """Whether a step went so far, or so strangely, that the robot may not follow it."""
+        """Whether a substep may have jumped to another branch: large rotation or a sign change of the tangent."""
         space = self.system.layout.space
         turn = space.turn_between(before.configuration, after.configuration)
         return turn > self.settings.max_substep_turn or before.tangent_sign * after.tangent_sign < 0
@@ -301,8 +301,8 @@ class LoadStepper:
     def _path_dependent(self, before: SolverState, after: SolverState) -> bool:
         """Whether any hole under tension changed its state.
 
-        A tendon that is pulled from slack, and slips towards the base at every hole, has no choice of path. Where loads
-        change, a slip may reverse and return.
+        A tendon that is pulled from slack and slips towards the base at every hole does not depend on the path. Where
+        loads change, slip may reverse and return.
         """
         for i, robot in enumerate(self.system.robots):
             if not robot.law.has_friction:
@@ -322,9 +322,9 @@ class LoadStepper:
     def _slip_reversal_suspected(self, path: Path) -> bool:
         """Whether any hole that slips may have reversed within the last substep.
 
-        The slips of the last two substeps are taken as a parabola. Where that has come back by more than a
-        twentieth of the presliding distance at the end, the hole sticks by then or slips the other way, although on
-        the whole it went on.
+        The slips of the last two substeps are interpolated by a parabola. If it has returned by more than a twentieth
+        of the presliding distance at the end, the hole sticks or slips in the opposite direction there, although the
+        net slip continues.
         """
         if path.substeps < 3:
             return False
@@ -346,7 +346,7 @@ class LoadStepper:
     # ------------------------------------------------------------------ failure
 
     def _rescue(self, state: SolverState, start: float, end: float, failed: NewtonResult) -> Path:
-        """The smallest substep does not converge: let the robot snap through, then allow more presliding."""
+        """For a smallest substep that does not converge: try snap-through, then a larger presliding distance."""
         spent = 0
         for factor in RESCUE_FACTORS:
             result = newton(

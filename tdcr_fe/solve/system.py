@@ -1,4 +1,4 @@
-"""The equations of a whole scene: the only user of Exudyn's solver kernel, its reduction and the clamps of the bases.
+"""Equations of a whole scene: residual, tangent and base reactions from Exudyn's solver kernel.
 
 Residual and Jacobian come from Exudyn. Every beam node is taken in body-frame increments; an increment of the nodes
 becomes an increment of the elements' strains, and the poses are rebuilt from the base by exact exponentials.
@@ -33,7 +33,7 @@ _EYE6 = np.eye(6)
 
 
 class Residual(NamedTuple):
-    """What is not in equilibrium in a state, under a target.
+    """Residual of a state under a target.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Residual(NamedTuple):
     forces : tuple of TendonForces
         By robot.
     unbalanced : ndarray
-        Reduced residual; zero at clamped bases, whose joints bear whatever acts on them.
+        Reduced residual; zero at clamped bases, whose joints provide the reactions.
     on_bases : tuple of ndarray, shape (6,)
         By clamped robot, the wrench on its base.
     raw : ndarray
@@ -96,7 +96,7 @@ class Factorisation:
     @cached_property
     def sign(self) -> int:
         """Sign of the determinant; it changes where an equilibrium loses its stability."""
-        # Rows that changed places, and negative pivots; both at once change nothing.
+        # The parity of row exchanges and negative pivots.
         turned = np.count_nonzero((self.pivots != np.arange(len(self.pivots))) ^ (self.lu.diagonal() < 0.0))
         return 1 if turned % 2 == 0 else -1
 
@@ -133,7 +133,7 @@ class Linearization(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SceneLayout:
-    """How the unknowns of Exudyn's scene become those of the solver.
+    """Map from the unknowns of Exudyn's scene to those of the solver.
 
     Attributes
     ----------
@@ -239,13 +239,13 @@ class SceneSystem:
         return self.layout.scales.length
 
     def numbering(self) -> Numbering:
-        """Order of the unknowns, with tendons driven as they are now."""
+        """Order of the unknowns for the current driving of the tendons."""
         return Numbering.of(self.robots, self.layout.space.slices, self.layout.reduction.count)
 
     # ------------------------------------------------------------------ states
 
     def current_state(self, time: float = 0.0) -> SolverState:
-        """The state the scene and its robots are in, with time counted from a value [s]; slip rates stay."""
+        """The current state of the scene and its robots at a given time [s]; slip rates are kept."""
         return SolverState(
             self.layout.space.from_scene(),
             tuple(r.base_tension for r in self.robots),
@@ -274,8 +274,8 @@ class SceneSystem:
         state
             The state.
         forces
-            By robot, where the scene was last evaluated in this state and carries them already; None computes and
-            applies them.
+            By robot, if the scene was last evaluated in this state, so that they are already applied; None computes
+            and applies them.
         """
         if not forces:
             forces = self.forces(state, state.time)
@@ -312,18 +312,18 @@ class SceneSystem:
     def residual(
         self, state: SolverState, target: Target, numbering: Numbering, iteration: int = 0
     ) -> Residual:
-        """What is not in equilibrium.
+        """Residual of a state under a target.
 
         Parameters
         ----------
         state
             Written into the scene.
         target
-            Inputs and time; loads are those that stand in the scene.
+            Inputs and time; loads are those already in the scene.
         numbering
             Of the unknowns.
         iteration
-            That the user's ``PreNewtonResidual`` function is given.
+            Number of the iteration, passed to the user's ``PreNewtonResidual`` function.
         """
         layout = self.layout
         layout.space.write(state.configuration)
@@ -355,8 +355,7 @@ class SceneSystem:
         residual
             The last one evaluated, whose state is in the scene.
         first
-            Whether it is the first one of an iteration. Contact, and what the user adds, may then couple nodes that
-            were not coupled before.
+            Whether it is the first one of a solve. Contact and the user's additions may then couple further nodes.
 
         Returns
         -------
@@ -432,7 +431,7 @@ class SceneSystem:
                 found.append(np.zeros(0, dtype=bool))
                 continue
             gap = (own.field.base_slip - residual.target.inputs[part.index])[which]
-            # A tendon is taut where its tension, or else the pull it lacks, is positive.
+            # A tendon is taut where its tension, or else its displacement deficit, is positive.
             slack = own.base_tension[which] - gap * stiffness <= 0.0
             k[part.nodes, part.tensions] = own.base_tension_columns()[:, which]
             rows = own.base_slip_rows()[which]
@@ -445,18 +444,18 @@ class SceneSystem:
     # ------------------------------------------------------------------ clamps
 
     def clamps_are_closed(self, residual: Residual) -> bool:
-        """Whether the joints of clamped bases are closed where the bases are kept."""
+        """Whether the joints of clamped bases are closed."""
         n2, clamps = self.layout.reduction.n2, self.layout.clamps.values()
         gap = max((float(np.abs(residual.raw[n2 + joint]).max()) for joint in clamps), default=0.0)
         return gap <= 1e-9 * self.length
 
     def release_clamps(self) -> None:
-        """Treat clamped bases as any other joint from now on: what they sit on has been moved."""
+        """Treat clamped bases as any other joint from now on, because their supports have been moved."""
         self.layout = SceneLayout.of(self.mbs, self.robots, with_clamps=False)
         self._reactions = self._survey()
 
     def _survey(self) -> dict[int, Array]:
-        """Look for couplings between nodes that no object announced, and for what the clamps of bases can bear.
+        """Search for further couplings between nodes, and compute the influence of the clamps' multipliers.
 
         Returns
         -------
@@ -478,7 +477,7 @@ class SceneSystem:
         return found
 
     def with_base_reactions(self, residual: Residual) -> Configuration:
-        """The configuration of a state in equilibrium, its clamps bearing what acts on the bases."""
+        """The configuration of a state in equilibrium with the reactions of its clamps."""
         configuration = residual.state.configuration
         if not self.layout.clamps:
             return configuration

@@ -1,4 +1,4 @@
-"""Linear algebra of small matrices in one thread: several threads only cost processor time."""
+"""Limit linear algebra to one thread: for small matrices more threads only cost processor time."""
 
 from __future__ import annotations
 

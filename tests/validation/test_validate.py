@@ -211,7 +211,7 @@ def test_the_command_writes_one_html_file_and_json_and_its_status_tells(tmp_path
     assert written["versions"]["exudyn"]
     page = (out / "report.html").read_text()
     assert "2 of 2" not in page
-    assert "All 2 cases hold" in page
+    assert "All 2 cases pass" in page
     sources = re.findall(r'(?:src|href)="([^"]*)"', page)
     assert sources
     assert all(s.startswith(("data:", "#")) for s in sources)

@@ -1,9 +1,9 @@
 """Arbitration: an independent integration of a solved state, with other equations, variables and integrator.
 
-Where the two solvers differ, this says which of them solves the Cosserat equations. It takes only the wrench at
+Where the two solvers differ, it determines which of them solves the Cosserat equations. It takes only the wrench at
 the base and the tensions from a solution, integrates pose (as a quaternion) and wrench in the world frame from the
-base to the tip with scipy's adaptive `solve_ivp`, and looks at two things that the right solution must give: the
-same shape, and no wrench left beyond the tip.
+base to the tip with scipy's adaptive `solve_ivp`, and tests two properties of the exact solution: the same shape,
+and zero wrench beyond the tip.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Integration:
-    """What integrating once more gave.
+    """Deviations found by the independent integration.
 
     Attributes
     ----------
     shape : float
         Largest distance between the shapes at base, disks and tip, over the length [1].
     force, moment : float
-        Left beyond the tip, over EI/L^2 and EI/L [1].
+        Wrench beyond the tip, over EI/L^2 and EI/L [1].
     """
 
     shape: float

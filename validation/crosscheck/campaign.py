@@ -1,4 +1,4 @@
-"""Runs cases and studies in parallel processes; keeps what is finished, so that a run can be interrupted."""
+"""Run cases and studies in parallel processes, and keep finished records, so that a run can be resumed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Task = Case | Study
 
 @cache
 def versions() -> dict[str, str]:
-    """What the outcome depends on besides the case: packages, and a digest of this package's own source."""
+    """Versions that a record depends on: packages, and a digest of this package's source."""
     digest = hashlib.sha256()
     for package in (
         "elements",
@@ -42,7 +42,7 @@ def versions() -> dict[str, str]:
     return {**package_versions(), "source": digest.hexdigest()[:16]}
 
 
-#: Modules whose change does not change a number.
+#: Modules that do not affect the numbers.
 _NO_NUMBERS = ("campaign", "figures", "report")
 
 
@@ -65,7 +65,7 @@ def solve(task: Task) -> Record:
 
 
 def _silence_exudyn() -> None:
-    """Keep Exudyn's own messages off the terminal."""
+    """Suppress Exudyn's messages on the terminal."""
     import exudyn
 
     exudyn.config.printToConsole = False
@@ -91,7 +91,7 @@ def recall(folder: Path, task: Task) -> Record | None:
 def run(
     tasks: Sequence[Task], folder: Path, processes: int, progress: Callable[[Record, bool], None]
 ) -> dict[str, Record]:
-    """Solve tasks, or recall them where they are finished.
+    """Solve tasks, or load the records of those finished before.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def run(
     Raises
     ------
     KeyboardInterrupt
-        Interrupted; what was finished is kept in ``folder``.
+        Interrupted; finished records are kept in ``folder``.
     """
     records: dict[str, Record] = {}
     left: list[Task] = []

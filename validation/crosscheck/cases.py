@@ -25,7 +25,7 @@ ELEMENTS_PER_BAY = 4
 PRESLIDING = 1e-6
 #: Tolerances [% of the length], [% of the tendon's largest tension].
 TIP_TOLERANCE, TENSION_TOLERANCE = 0.05, 0.1
-#: What the median over all cases must stay below [% of the length].
+#: Upper bound of the median over all cases [% of the length].
 MEDIAN_TOLERANCE = 0.01
 #: Least order of mesh convergence.
 LEAST_ORDER = 1.9
@@ -95,8 +95,8 @@ def bay_buckling_load(disks: int) -> float:
 def highest_tension(disks: int) -> float:
     """Sum of the tensions that a case goes up to [N].
 
-    4 N, but not more than 30 % of the load at which the backbone between two disks would buckle. What becomes of the
-    error beyond is a study of its own, see `tdcr_fe.validation.crosscheck.studies.near_buckling`.
+    4 N, but not more than 30 % of the load at which the backbone between two disks would buckle. The error beyond this
+    load is the subject of `tdcr_fe.validation.crosscheck.studies.near_buckling`.
     """
     return min(MOST_TENSION, MOST_COMPRESSION * bay_buckling_load(disks))
 
@@ -282,7 +282,7 @@ def histories() -> Iterator[Case]:
 
 
 def variants() -> Iterator[Case]:
-    """Everything else that a description may hold."""
+    """Cases for the remaining properties of a description."""
 
     def case(name: str, robot: Robot, steps: Sequence[LoadStep], load: str = "no load", **model: Any) -> Case:
         return Case(
@@ -367,7 +367,7 @@ def variants() -> Iterator[Case]:
 
 
 def all_cases() -> list[Case]:
-    """Every case; those of the quick set say so."""
+    """Every case; those of the quick set are marked."""
     cases = [*grid(), *large_bending(), *histories(), *variants()]
     if len({case.id for case in cases}) != len(cases):
         raise RuntimeError("two cases have one id")

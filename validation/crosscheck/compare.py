@@ -1,4 +1,4 @@
-"""One case on both sides: deviations of shape, orientation, tensions and hole states, in plain numbers."""
+"""Compare both solvers on one case: deviations of shape, orientation, tensions and hole states."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SLACK = 1e-6
 
 
 def compare(case: Case) -> Record:
-    """Solve a case on both sides.
+    """Solve a case with both solvers and compare the solutions.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def compare(case: Case) -> Record:
     ref = solve_reference(
         case.robot, case.model, case.steps, settings=ReferenceSettings(presliding=PRESLIDING, sample_at=at)
     )
-    # Timed apart: the shape between the nodes is for the comparison only.
+    # Timed separately: the shape between the nodes is for the comparison only.
     states = [increments[-1].state.friction[0] for increments in path[: len(fe.steps)]]
     slips = np.array([state.slip for state in states])
     steps = []
@@ -103,7 +103,7 @@ def compare(case: Case) -> Record:
 def _reasons(
     case: Case, fe: SequenceResult, ref: SequenceResult, deviation: float, tension: float, off: int
 ) -> list[str]:
-    """Why a case fails, in sentences; empty where it holds."""
+    """Why a case fails, in sentences; empty where it passes."""
     reasons = []
     if not fe.converged:
         reasons.append(f"finite elements: {fe.message}")

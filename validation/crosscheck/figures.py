@@ -185,7 +185,7 @@ def disks(studies: Sequence[Record]) -> str:
 
 
 def history(case: Record) -> str:
-    """Hysteresis of one tendon, tension over displacement, and what every hole does at every step."""
+    """Hysteresis of one tendon, tension over displacement, and the state of every hole at every step."""
     with styled():
         figure = Figure(figsize=(12.0, 2.9))
         grid = figure.add_gridspec(1, 4, width_ratios=(1.1, 1.1, 1.2, 1.2), wspace=0.32)

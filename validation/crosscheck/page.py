@@ -32,7 +32,7 @@ INTEGRATION_TOLERANCE = 1e-4
 
 
 def to_html(outcome: Record) -> str:
-    """The report as one file that needs nothing else."""
+    """The report as one self-contained HTML file."""
     return render(page(outcome), "tdcr_fe.validation.crosscheck")
 
 
@@ -43,11 +43,11 @@ def page(outcome: Record) -> Page:
     recalled = f", {time['recalled']} records from an earlier run" if time["recalled"] else ""
     full = " --full" if outcome["set"] == "full" else ""
     if outcome["passed"]:
-        verdict = f"All {counts['cases']} cases hold."
+        verdict = f"All {counts['cases']} cases pass."
     elif counts["failing"]:
         verdict = f"{counts['failing']} of {counts['cases']} cases fail."
     else:
-        verdict = f"All {counts['cases']} cases hold; a requirement does not."
+        verdict = f"All {counts['cases']} cases pass; a requirement fails."
     return Page(
         title=f"Cross-validation, {outcome['set']} set, {outcome['date']}",
         verdict=verdict,
@@ -104,7 +104,7 @@ def _deviations(outcome: Record) -> tuple[Picture, ...]:
 
 
 def _sections(outcome: Record) -> list[Section]:
-    """A section for every kind of evidence that there is."""
+    """A section for every kind of evidence in the outcome."""
     studies = outcome["studies"]
     cases = [c for c in outcome["cases"] if c["converged"]]
     found = [
@@ -247,7 +247,7 @@ def _bounds(cases: Sequence[Record]) -> list[Record]:
 
 
 def _method(outcome: Record) -> Section:
-    """How it is done; its numbers come from the cases themselves."""
+    """The method; its numbers come from the cases themselves."""
     large = [
         max(step.tensions.values())
         for case in all_cases()

@@ -1,4 +1,4 @@
-"""Judges the records of cases and studies, and writes report.html and report.json."""
+"""Evaluate the records of cases and studies against the requirements, and write report.html and report.json."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from tdcr_fe.validation.crosscheck.studies import Study
 
 Record = dict[str, Any]
 
-#: So many cases, those that differ most, are arbitrated by an independent integration.
+#: Number of cases, those with the largest deviations, that are arbitrated by an independent integration.
 ARBITRATIONS = 5
 #: Deviations that the reference may have: from closed forms, from the results of other codes (they agree with
 #: each other to 1e-8 and are quoted to 1e-9 m) [% of the length].
 CLOSED_TOLERANCE, LITERATURE_TOLERANCE = 1e-6, 2e-6
 #: How far a tension may be outside its Capstan bounds, relative to itself [1].
 BOUND_TOLERANCE = 1e-8
-#: What is left out of report.json, because only the pictures need it.
+#: Fields left out of report.json, because only the pictures need them.
 _PICTURES_ONLY = (
     "s", "shape_finite_element", "shape_reference", "mobilisation_finite_element", "mobilisation_reference",
     "friction_share_finite_element", "friction_share_reference",
@@ -62,7 +62,7 @@ def judge(
     processes: int,
     recalled: int,
 ) -> Record:
-    """Everything that the report says, before it is written.
+    """The contents of the report: counts, worst cases, requirements and verdict.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def judge(
     wall_time
         Of the whole run [s].
     processes
-        How many worked.
+        Number of worker processes.
     recalled
         How many records were finished before.
     """
@@ -192,11 +192,11 @@ def headline(outcome: Record) -> list[str]:
     """The outcome in a few lines, for a terminal."""
     counts, time = outcome["counts"], outcome["time"]
     lines = [
-        f"{counts['cases'] - counts['failing']} of {counts['cases']} cases hold ({outcome['set']} set, "
+        f"{counts['cases'] - counts['failing']} of {counts['cases']} cases pass ({outcome['set']} set, "
         f"{counts['steps']} load steps, {time['wall']:.0f} s)"
     ]
     for r in outcome["requirements"]:
-        mark = "holds" if r["passed"] else "FAILS"
+        mark = "pass" if r["passed"] else "FAIL"
         lines.append(f"  {mark}  {r['what']}: {r['found']} {r['unit']} ({r['required']})")
     return lines
 
@@ -211,7 +211,7 @@ def write(outcome: Record, out: Path) -> None:
 
 
 def to_json(outcome: Record) -> Record:
-    """What scripts read: the outcome without what only pictures need."""
+    """The outcome for scripts: without the fields that only pictures need."""
 
     def slim(case: Record) -> Record:
         steps = [{k: v for k, v in s.items() if k not in _PICTURES_ONLY} for s in case["steps"]]

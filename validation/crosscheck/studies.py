@@ -1,6 +1,6 @@
-"""Studies beside the cases.
+"""Studies in addition to the cases.
 
-Mesh and disk convergence, compression of a bay, closed forms, figures of other codes, time, arbitrations.
+Mesh and disk convergence, compression of a bay, closed forms, results of other codes, time, arbitrations.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Record = dict[str, Any]
 
 #: Elements per bay of the mesh study.
 MESHES = (2, 4, 8, 16)
-#: Below this share of the length a deviation is not judged by its order any more: the reference's own accuracy.
+#: Accuracy of the reference over the length; smaller deviations are left out of the convergence order [1].
 FLOOR = 2e-8
 
 
@@ -91,7 +91,7 @@ def _slug(title: str) -> str:
 
 
 def run_study(study: Study) -> Record:
-    """Carry a study out; plain numbers, ready for JSON."""
+    """Run a study; returns plain numbers, ready for JSON."""
     functions: dict[str, Callable[..., Record]] = {
         "mesh": mesh_convergence,
         "disks": disk_convergence,
@@ -305,7 +305,7 @@ LITERATURE: tuple[tuple[str, Robot, str, LoadStep, tuple[float, ...], tuple[floa
 
 
 def literature(number: int) -> Record:
-    """One of `LITERATURE` on both sides."""
+    """One of `LITERATURE` with both solvers."""
     title, robot, path, step, tip, tangent = LITERATURE[number]
     length = robot.backbone.length
     record: Record = {"title": title, "tip": list(tip), "tangent": list(tangent)}
@@ -374,7 +374,7 @@ CLOSED_FORMS: dict[str, Callable[[], tuple[Robot, Model, list[LoadStep], list[fl
 
 
 def closed_form(name: str) -> Record:
-    """One of `CLOSED_FORMS` on both sides."""
+    """One of `CLOSED_FORMS` with both solvers."""
     robot, model, steps, tip = CLOSED_FORMS[name]()
     fe, ref = _both(robot, replace(model, elements_per_bay=ELEMENTS_PER_BAY), steps)
     deviation = {
@@ -428,7 +428,7 @@ def timing(name: str) -> Record:
 
 
 def arbitrate(case_id: str, number: int) -> Record:
-    """Which side is wrong where a case differs most: both refined, and an independent integration.
+    """Arbitration of a case with a large deviation: both solvers refined, and an independent integration.
 
     Parameters
     ----------

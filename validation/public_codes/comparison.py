@@ -21,7 +21,7 @@ from tdcr_fe.validation.public_codes.equations import solve
 
 Array = NDArray[np.float64]
 
-#: Largest distance of the tip, as a fraction of the length, unless the summary's estimate says more.
+#: Largest distance of the tip, as a fraction of the length, unless the summary's error estimate is larger.
 TOLERANCE = 5e-4
 
 
@@ -95,7 +95,7 @@ def draw(number: int) -> Case:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Tip by the command and by the equations.
+    """Tip position by the command and by the equations.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 """Equations of two public codes for robots without friction, solved with numpy and scipy at tight tolerance.
 
-The codes are read for how they pose the problem; nothing of them is copied.
+Only the formulation of the codes is used; no code is copied.
 
 - Continuous tendons: the distributed wrench of D. C. Rucker, R. J. Webster III, IEEE Trans. Robot. 27 (2011) 1033-1044,
   as solved by the model "Cosserat rod" of SvenLilge/tdcr-modeling (P. Rao et al., Frontiers in Robotics and AI 7 (2021)

@@ -1,4 +1,4 @@
-"""Independent Cosserat shooting reference: numpy and scipy only, shares nothing but the robot description."""
+"""Independent Cosserat shooting reference: numpy and scipy only, independent but for the robot description."""
 
 from tdcr_fe.validation.reference.extras import Extras, HoleFriction, Spring
 from tdcr_fe.validation.reference.sequence import solve_reference

@@ -1,4 +1,4 @@
-"""Exact solutions of rods, to know the error of the reference itself."""
+"""Exact solutions of rods, from which the error of the reference itself is computed."""
 
 from __future__ import annotations
 

@@ -2,10 +2,9 @@
 
 Each unknown v has bounds and a value F(v): F is zero between the bounds, not negative at the lower bound and
 not positive at the upper. For the mobilisation s in -1..1 of friction at a hole
-``F = presliding (s - s_before) - moved``: stick between the bounds, pull at +1 (more has passed
-than sticking allows), release at -1. For the tension T >= 0 of a tendon driven by displacement
-``F = taken in - displacement``: zero where it is taut; where it is slack its path is shorter than what is
-left of the tendon.
+``F = presliding (s - s_before) - slip``: stick between the bounds, pull at +1 (the slip exceeds the presliding
+range), release at -1. For the tension T >= 0 of a tendon driven by displacement ``F = take-up - displacement``:
+zero where it is taut; where it is slack its path is shorter than the remaining tendon.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a robot may have beyond its description (springs to ground, single holes that differ), for blind data."""
+"""Properties beyond the robot description (springs to ground, holes with their own friction), for blind data."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Spring:
 
 @dataclass(frozen=True)
 class HoleFriction:
-    """One hole with its own friction; with an adhesion above every tension it never lets the tendon pass.
+    """One hole with its own friction; with an adhesion above every tension the tendon never slips.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class HoleFriction:
 
 @dataclass(frozen=True)
 class Extras:
-    """Everything beyond the description.
+    """All properties beyond the description.
 
     Attributes
     ----------

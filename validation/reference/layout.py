@@ -1,4 +1,4 @@
-"""Where the multiple shooting cuts the backbone: stations, intervals between them, and what sits at each."""
+"""Stations and intervals of the multiple shooting, with the masses at the stations."""
 
 from __future__ import annotations
 

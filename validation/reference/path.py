@@ -1,12 +1,12 @@
-"""Takes the robot through one load step, in substeps small enough that the friction history is resolved.
+"""Solve one load step in substeps small enough to resolve the friction history.
 
-The history of a hole is taken as monotone within a substep: only its net slip is seen. A hole that slips one way
-and then the other within a substep is therefore followed wrongly, and so is a robot that leaves its branch of
-equilibria. Two estimates find this. A substep taken whole and the same substep taken in two halves from the same
-state must end in the same configuration (step doubling). And a parabola through what has passed each hole at the
-substep's beginning, middle and end must not turn round beyond these points, where step doubling is blind: the
-effect of such a slip on the shape is estimated. A substep is bisected until both are within the tolerance twice in
-succession; of the last bisection the halves are kept.
+Slip at a hole is assumed monotone within a substep: only the net slip enters. A reversal of slip within a substep is
+therefore missed, and so is a jump to another branch of equilibria. Two error estimates detect this. First, a whole
+substep and its two halves from the same state must give the same configuration (step doubling). Second, step
+doubling may miss a reversal whose extremum lies between the ends of the halves: a parabola is put through the slip
+at the beginning, middle and end of the substep, and the effect on the shape of an extremum beyond these values is
+estimated. A substep is bisected until both estimates are within the tolerance twice in succession; the halves of the
+last bisection are kept.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ SLIPPING = 1.0 - 1e-9
 #: Factors on the presliding distance of the continuation that is tried where Newton's method fails.
 _CONTINUATION = (1e5, 1e4, 1e3, 100.0, 10.0, 1.0)
 
-#: Part of the tolerance of a load step that a substep may use up, however short it is: where a hole turns round
-#: abruptly, the whole error of the step arises in a few short substeps.
+#: Fraction of the tolerance of a load step that any substep may use, however short: where the slip at a hole
+#: reverses abruptly, the whole error of the step arises in a few short substeps.
 _SMALLEST = 1.0 / 8.0
 
-#: How many bisections in succession must change nothing: a hole that moves to and fro within its presliding distance
-#: ends where it would have ended at rest, so that one agreement may be chance.
+#: Number of successive bisections that must agree: a hole that moves back and forth within its presliding distance
+#: ends as if it had been at rest, so that a single agreement may be coincidence.
 _AGREEMENTS = 2
 
 #: Friction coefficients that depend on the normal force: repetitions at most, and the change that ends them [1].
@@ -73,7 +73,7 @@ class Ramp:
 
     @classmethod
     def between(cls, statics: Statics, before: Actuation | None, target: Actuation, state: State) -> Ramp:
-        """From a state to what a step asks for; a tendon that changes its mode starts where it is."""
+        """Ramp from a state to the targets of a step; a tendon that changes its mode starts from its present value."""
         tendons = statics.tendons
         tension = state.tensions[tendons.first] if tendons.count else np.zeros(0)
         pulled = tendons.base_sum @ tendons.taken_in(state.lengths, state.tensions)[0]
@@ -95,7 +95,7 @@ class Ramp:
         return (1.0 - factor) * self.times[0] + factor * self.times[1]
 
     def driver(self, factor: float) -> Driver:
-        """What the actuators impose at a load factor 0..1 of the step."""
+        """Prescribed inputs at a load factor 0..1 of the step."""
         return Driver(self.by_displacement, (1.0 - factor) * self.begin + factor * self.end)
 
     def loads(self, factor: float) -> list[tuple[float, Load]]:
@@ -127,7 +127,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Unresolved:
-    """A part of a load step where the last bisection still made more of a difference than its share.
+    """A part of a load step where the last bisection exceeded its share of the tolerance.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ class Path:
     unresolved: tuple[Unresolved, ...] = ()
 
     def then(self, other: Path) -> Path:
-        """Give this part followed by the next."""
+        """Join this part and the next."""
         return Path(
             other.end,
             self.iterations + other.iterations,
@@ -187,7 +187,7 @@ class LoadStepPath:
     statics
         Equilibrium of the robot.
     ramp
-        What changes.
+        Change of inputs, loads and time.
     settings
         Tolerance of the path, largest substep, number of bisections.
     """
@@ -223,7 +223,7 @@ class LoadStepPath:
         return replace(both, bisections=both.bisections + 1)
 
     def resolved(self, start: Point) -> Path:
-        """As many substeps as the tolerance of the path asks for.
+        """Substeps refined until the tolerance of the path is met.
 
         Raises
         ------
@@ -242,7 +242,7 @@ class LoadStepPath:
     def _refine(
         self, start: Point, begin: float, end: float, whole: Path | NotConverged, level: int, agreed: int = 0
     ) -> Path:
-        """One substep, known as a whole, in halves; refined until that changes nothing twice in succession."""
+        """Refine one solved substep by bisection until two successive bisections agree."""
         middle, last = 0.5 * (begin + end), level >= self.settings.max_bisections
         failed = int(isinstance(whole, NotConverged))
         first = self._attempt(start, middle)
@@ -268,7 +268,7 @@ class LoadStepPath:
         except NotConverged:
             if isinstance(whole, NotConverged):
                 raise
-            # the coarser solution is kept; all that it moved is in doubt
+            # the coarser solution is kept; its whole displacement counts as error
             error = self._difference(start, whole.end)
             return replace(whole, refinement_error=error, unresolved=(Unresolved(begin, end, error),))
         both = one.then(two)
@@ -284,12 +284,11 @@ class LoadStepPath:
         return float(np.max(gap)) / self.statics.robot.backbone.length
 
     def _unseen_slip(self, start: Point, middle: Point, end: Point) -> float:
-        """Estimated effect of slip that turned round between the points, largest displacement over the length [1].
+        """Estimated effect of a slip reversal between the points, largest displacement over the length [1].
 
-        What has passed a hole is taken as a parabola through the three points. Where its extremum lies beyond all of
-        them, the hole may have slipped that far and back unseen; if it reached its bound on the way, its
-        mobilisation is now wrong by what went beyond. The effect on the shape is that of the tension this makes up
-        for, on a straight rod.
+        The slip at a hole is interpolated by a parabola through the three points. If its extremum lies beyond all of
+        them, the hole may have slipped that far and back. If the mobilisation reached its bound there, it is now wrong
+        by the excess. The effect on the shape is that of the corresponding tension on a straight rod.
         """
         tendons = self.statics.tendons
         if not tendons.n_friction:
@@ -310,7 +309,7 @@ class LoadStepPath:
         return float(np.max(wrong * self._effect(end)))
 
     def _effect(self, point: Point) -> Array:
-        """Displacement of the tip over the length that full friction makes, by friction variable [1]."""
+        """Displacement of the tip over the length caused by full friction, by friction variable [1]."""
         statics, tendons, state = self.statics, self.statics.tendons, point.state
         backbone = statics.robot.backbone
         before = state.tensions[tendons.holes]
@@ -328,7 +327,7 @@ class LoadStepPath:
             return failure
 
     def _substep(self, start: Point, factor: float) -> Path:
-        """Newton from the last point; with friction, then by way of larger presliding distances."""
+        """Newton from the last point; if it fails with friction, continuation in the presliding distance."""
         statics, ramp = self.statics, self.ramp
         forces, driver = statics.forces(ramp.loads(factor)), ramp.driver(factor)
         backbone = statics.robot.backbone
@@ -351,7 +350,7 @@ class LoadStepPath:
     def _consistent(
         self, unknowns: Array, forces: Forces, driver: Driver, start: Point, presliding: float
     ) -> Attempt:
-        """Solve with friction coefficients that belong to the normal forces found, by repetition."""
+        """Solve with friction coefficients consistent with the normal forces, by fixed-point iteration."""
         statics, tendons = self.statics, self.statics.tendons
         if len(tendons.dependent):
             tendons.mu = tendons.coefficients(start.state.tensions, start.state.angles)
@@ -372,7 +371,7 @@ class LoadStepPath:
 
 
 def commit(statics: Statics, start: Point, state: State) -> Point:
-    """The point reached: what has passed the holes since ``start``, and the work lost there."""
+    """The point reached, with the slip and the dissipation at the holes since ``start``."""
     tendons, old = statics.tendons, start.history
     after = tendons.taken_in(state.lengths, state.tensions)[0]
     dissipated = start.dissipated

@@ -1,4 +1,4 @@
-"""Poses between the stations: the shape at the nodes to report and at the samples that the settings ask for."""
+"""Poses between the stations: at the reported nodes and at the samples requested by the settings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 class Sampler:
-    """Poses at the nodes to report and at the samples that the settings ask for."""
+    """Poses at the reported nodes and at the samples requested by the settings."""
 
     def __init__(self, statics: Statics) -> None:
         layout, settings = statics.layout, statics.settings

@@ -63,7 +63,7 @@ def bending_curvature(
 ) -> tuple[Array, Array]:
     """Inverse of `bending_moment`: curvature [1/m] and slope dM/dk [N m^2] at a moment >= 0 [N m].
 
-    The moment is concave in the curvature, so Newton from the elastic curvature climbs to the root.
+    The moment is concave in the curvature, so Newton's method from the elastic curvature converges monotonically.
     """
     curvature = moment / stiffness
     for _ in range(60):

@@ -50,13 +50,13 @@ def solve_reference(
     settings
         Numerical settings; None takes the defaults.
     extras
-        What the robot has beyond its description.
+        Properties beyond the robot description.
 
     Returns
     -------
     SequenceResult
-        With nodes at base, disks, load points, tip and where the settings ask for samples. ``details`` of a
-        step: "dissipation" [J], by tendon the work lost at each hole since the start; "mobilisation" [1], by
+        With nodes at base, disks, load points, tip and the samples of the settings. ``details`` of a
+        step: "dissipation" [J], by tendon the work dissipated at each hole since the start; "mobilisation" [1], by
         tendon and hole; "base_wrench" [N m, N], shape (6,), internal wrench just above the base plate (of
         rod and tendons together in the classical model); "bisections", substeps that had to be halved to
         converge; "refinement_error", the change of the shape over the length [1] that halving every substep made,
@@ -67,8 +67,8 @@ def solve_reference(
     Raises
     ------
     ValueError
-        The classical model is asked for friction, a coefficient of friction depends on the slip rate, or a load
-        step does not fit the robot.
+        Friction with the classical model, a coefficient of friction that depends on the slip rate, or a load step
+        that does not fit the robot.
     """
     settings = settings or ReferenceSettings()
     clock = time.perf_counter()
@@ -112,7 +112,7 @@ def solve_reference(
 
 
 def _warnings(name: str, path: Path, count: int | None, statics: Statics) -> list[str]:
-    """Where the path of a load step is not resolved, or more substeps were needed than were asked for."""
+    """Warnings where the path of a load step is not resolved, or more substeps were needed than prescribed."""
     if count is not None:
         if not (path.bisections and statics.tendons.n_friction):
             return []

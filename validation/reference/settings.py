@@ -1,4 +1,4 @@
-"""Numerical choices of the reference: how finely it integrates and how hard it iterates."""
+"""Numerical settings of the reference: integration steps, tolerances and iteration limits."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ class ReferenceSettings:
     samples_per_bay : int
         Extra points between neighbouring nodes at which the shape is given.
     substeps : int or None
-        Substeps of a load step that does not say how many; None chooses them by step doubling.
+        Substeps of a load step without a number of its own; None chooses them by step doubling.
     path_tolerance : float
-        What halving every substep of a load step may still move a node by, over the length [1]; spread over the
-        step, so that each substep has its share.
+        Largest displacement of a node, over the length, by halving every substep of a load step [1]; distributed over
+        the substeps.
     initial_substeps : int
         Substeps that step doubling begins with; four to each are solved at least.
     presliding : float
-        Motion of a tendon through a hole from no friction to full friction [m].
+        Slip of a tendon through a hole from rest to full friction [m].
     max_interval : float
         Longest interval of the multiple shooting, over the length of the backbone [1].
     max_step : float

@@ -26,7 +26,7 @@ from tdcr_fe.validation.reference.tendons import (
 
 Array = NDArray[np.float64]
 
-#: Newton steps over which the merit must fall.
+#: Number of Newton steps over which the merit function must decrease.
 _MEMORY = 3
 
 
@@ -103,7 +103,7 @@ class Statics:
     settings
         Numerical settings.
     extras
-        What the robot has beyond its description.
+        Properties beyond the robot description.
     """
 
     def __init__(
@@ -284,7 +284,7 @@ class Statics:
     def _apply_loads(
         self, rod: Array, rows: Array, forces: Forces, rotations: Array, positions: Array, twists: Array
     ) -> None:
-        """Take concentrated loads and springs off the balance; their derivatives come from the section's rotation."""
+        """Subtract concentrated loads and springs from the balance; derivatives come from the section's rotation."""
         m, turn = twists.shape[2], twists[:, :3]
         back = np.swapaxes(rotations[1:], 1, 2)
         moment, force = forces.world[1:, :3], forces.world[1:, 3:]
@@ -320,7 +320,7 @@ class Statics:
     def _pull(
         self, rod: Array, rows: Array, segments: Segments, tension: Array, rotations: Array, turn: Array
     ) -> None:
-        """Take the wrenches of straight segments on the disks off the balance (paper, Eqs. 12 and 32)."""
+        """Subtract the wrenches of straight segments on the disks from the balance (paper, Eqs. 12 and 32)."""
         tendons, m = self.tendons, turn.shape[2]
         pulled = tension[:, None] * segments.directions
         d_pulled = tension[:, None, None] * segments.d_directions
@@ -341,7 +341,7 @@ class Statics:
                 rows[at[k] - 1, :6, self.rod_size + k] -= by_tension[k]
 
     def _longest_share(self, step: Array) -> float:
-        """Share of a Newton step that turns no interval by more than a radian, to keep integration sane."""
+        """Fraction of a Newton step that turns no interval by more than a radian, so that integration stays stable."""
         change = step[: self.rod_size].reshape(self.n, self.width)[:, :3] / self.section.stiffness[:, :3]
         turn = np.linalg.norm(change, axis=1) * self.layout.lengths * ~self.layout.section.rigid
         return min(1.0, 1.0 / max(float(np.max(turn)), 1e-12))
@@ -359,9 +359,9 @@ class Statics:
         start
             Unknowns to start from.
         forces, driver, history
-            What acts, what is imposed, and what the tendons remember.
+            Loads, prescribed inputs, and friction history.
         presliding
-            Motion from no to full friction [m].
+            Slip from rest to full friction [m].
         """
         x = start.copy()
         friction, driven = self.tendons.n_friction, np.flatnonzero(driver.by_displacement)
@@ -372,7 +372,7 @@ class Statics:
         rest = np.concatenate((history.passed, driver.values[driven]))
 
         def look(unknowns: Array) -> _Look:
-            # a trial may run away; its merit is then not finite, and it is refused
+            # a trial may diverge; its merit is then not finite, and it is rejected
             with np.errstate(over="ignore", invalid="ignore"):
                 state, residual, jacobian, equations = self.evaluate(unknowns, forces, driver)
             choice = gap = np.zeros(0)
@@ -444,7 +444,7 @@ class Statics:
 
 @dataclass(frozen=True)
 class _Look:
-    """Everything known at one set of unknowns: equations, derivatives, and how far off they are."""
+    """Equations, derivatives and residual at one set of unknowns."""
 
     state: State
     residual: Array

@@ -1,4 +1,4 @@
-"""Tendons: their segments, what has passed each hole, and how the tension changes at a hole."""
+"""Tendons: segments, slip at the holes, and transfer of tension at a hole."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def coefficient_at_rest(tendon: Tendon) -> float:
     if isinstance(law, ForceDependentFriction):
         return law.mu * (law.smallest_force / law.reference_force) ** law.exponent
     raise ValueError(
-        f"friction law {law.kind!r} of tendon {tendon.name!r}; the reference is rate-independent and knows "
+        f"friction law {law.kind!r} of tendon {tendon.name!r}; the reference is rate-independent and implements "
         "'constant' and 'force-dependent'"
     )
 
@@ -86,7 +86,7 @@ def tension_after(
 
 @dataclass(frozen=True)
 class Driver:
-    """What the actuators impose.
+    """Prescribed inputs of the tendons.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class History:
     mobilisation : ndarray, shape (n_friction,)
         [1].
     passed : ndarray, shape (n_friction,)
-        Tendon that has passed towards the base since the unloaded state [m].
+        Slip towards the base since the unloaded state [m].
     """
 
     mobilisation: Array
@@ -188,12 +188,12 @@ class Tendons:
         self._friction(model, np.array(owner, dtype=np.intp))
 
     def _friction(self, model: Model, owner: Index) -> None:
-        """Friction variable of every hole, and the sums that give how much tendon has passed it."""
+        """Friction variable of every hole, and the slip operator."""
         self.rest = np.zeros(self.size)
         self.base_sum = np.zeros((self.count, self.size))
         for i in range(self.count):
             self.base_sum[i, self.first[i] : self.last[i]] = 1.0
-        #: Sums what the segments beyond each hole have given off.
+        #: Slip operator: sums the released lengths of the segments beyond each hole.
         self.beyond = self.base_sum[owner] * (np.arange(self.size) > self.holes[:, None])
         rough = (self.mu > 0.0) | (self.adhesion > 0.0)
         #: Friction variable of every hole; -1 without friction.
@@ -214,7 +214,7 @@ class Tendons:
     def coefficients(self, tension: Array, angles: Array) -> Array:
         r"""Friction coefficients at the holes in a solved state [1], shape (n_holes,).
 
-        Where a law says so, :math:`\mu(N) = \mu_0 ((N^2 + N_s^2) / N_0^2)^{p/2}` with the normal force
+        For a force-dependent law, :math:`\mu(N) = \mu_0 ((N^2 + N_s^2) / N_0^2)^{p/2}` with the normal force
         :math:`N = (T_{before} + T_{after}) \sin(\theta / 2)` of the tendon's two pulls.
 
         Parameters
@@ -237,7 +237,7 @@ class Tendons:
         return History(np.zeros(self.n_friction), np.zeros(self.n_friction))
 
     def taken_in(self, lengths: Array, tension: Array) -> tuple[Array, Array, Array]:
-        """Unstretched tendon given off by each segment [m] and its derivatives by length and tension."""
+        """Released length of each segment [m] and its derivatives by length and tension."""
         stretch = 1.0 + self.flexibility * tension
         return self.rest - lengths / stretch, -1.0 / stretch, lengths * self.flexibility / stretch**2
 
@@ -252,7 +252,7 @@ class Tendons:
         driver: Driver,
         force_scale: float,
     ) -> TendonEquations:
-        """Equations for the tensions, and what has passed the holes.
+        """Equations for the tensions, and slip at the holes.
 
         Parameters
         ----------
@@ -263,7 +263,7 @@ class Tendons:
         tension, mobilisation
             Unknowns [N], (n_segments,), and [1], (n_friction,).
         driver
-            What is imposed.
+            Prescribed inputs.
         force_scale
             Of the residual [N].
         """
@@ -305,9 +305,9 @@ class Tendons:
 
 @dataclass(frozen=True)
 class TendonEquations:
-    """Equations of n tensions, and what has passed, with derivatives.
+    """Equations of n tensions, and slips, with derivatives.
 
-    What complementarity decides comes last: the mobilisations, and the base tensions of the tendons that are
+    The unknowns of the complementarity problem come last: the mobilisations, and the base tensions of the tendons
     driven by displacement; c unknowns together.
 
     Attributes
@@ -315,7 +315,7 @@ class TendonEquations:
     residual : ndarray, shape (n,)
         Scaled [1].
     by_rod, by_tension, by_choice : ndarray, shapes (n, z), (n, n), (n, c)
-        Derivatives by the unknowns of the rod, the tensions and what complementarity decides.
+        Derivatives by the unknowns of the rod, the tensions and the unknowns of the complementarity problem.
     passed : ndarray, shape (c,)
         Tendon that has passed hole or base plate towards the base since the unloaded state [m].
     passed_by_rod, passed_by_tension : ndarray, shapes (c, z), (c, n)
@@ -360,7 +360,7 @@ class Segments:
 def _shifted(
     tendons: Tendons, rotations: Array, positions: Array, twists: Array
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    r"""Where tendons sit in oversized holes, with derivatives; tails first, then heads.
+    r"""Positions of tendons in oversized holes, with derivatives; tails first, then heads.
 
     With the unit vectors t between the middles of neighbouring holes, a tendon pulls at a hole along
     :math:`b = t_{after} - t_{before}` (below the base plate it runs straight down). In the plane of the disk
@@ -420,7 +420,7 @@ def straight_segments(tendons: Tendons, rotations: Array, positions: Array, twis
     Parameters
     ----------
     tendons
-        Which holes they join.
+        Holes at both ends of every segment.
     rotations, positions
         Of the stations, (n + 1, 3, 3) and [m] (n + 1, 3).
     twists
