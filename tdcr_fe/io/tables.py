@@ -1,4 +1,7 @@
-"""Result files of a simulation: `steps.csv`, `shape.csv`, `tensions.csv`, `summary.json` and pictures."""
+"""Result files of a simulation: `steps.csv`, `shape.csv`, `tensions.csv`, `summary.json` and pictures.
+
+Their columns are in `tdcr_fe.model.frames`.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""The tables of a result as pandas data frames."""
+"""The tables of a result as pandas data frames: the columns of `steps.csv`, `shape.csv` and `tensions.csv`."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 if TYPE_CHECKING:
-    from tdcr_fe.model.results import SequenceResult
+    from tdcr_fe.model.results import SequenceResult, StepResult
 
 Array = NDArray[np.float64]
 
@@ -40,28 +41,45 @@ def quaternions(rotations: Array) -> Array:
     return np.asarray(q + 0.0, dtype=float)  # no negative zeros
 
 
+#: Columns of `steps.csv` that hold one value each, in order: before and after those of the tendons.
+BEFORE_TENDONS: dict[str, Callable[[StepResult], object]] = {
+    "step": lambda s: s.step,
+    "label": lambda s: s.label,
+    "converged": lambda s: bool(s.converged),
+    "iterations": lambda s: int(s.iterations),
+}
+AFTER_TENDONS: dict[str, Callable[[StepResult], object]] = {
+    "tip_x": lambda s: float(s.tip[0]),
+    "tip_y": lambda s: float(s.tip[1]),
+    "tip_z": lambda s: float(s.tip[2]),
+    "tangent_x": lambda s: float(s.tangent[0]),
+    "tangent_y": lambda s: float(s.tangent[1]),
+    "tangent_z": lambda s: float(s.tangent[2]),
+    "bending_angle_deg": lambda s: math.degrees(s.bending_angle),
+    "chord_angle_deg": lambda s: math.degrees(s.chord_angle),
+    "tip_offset": lambda s: s.tip_offset,
+}
+#: Columns of `steps.csv` that every tendon has: the beginning of their names, and the values of all tendons.
+OF_TENDONS: dict[str, Callable[[StepResult], Array]] = {
+    "tension": lambda s: s.base_tensions,
+    "displacement": lambda s: s.displacements,
+}
+
+
 def steps_frame(result: SequenceResult) -> pd.DataFrame:
     """One row per load step: actuation, tip pose and angles, with the columns of `steps.csv`."""
-    names = result.robot.tendon_names
+    columns = [
+        *BEFORE_TENDONS,
+        *(f"{quantity}_{tendon}" for quantity in OF_TENDONS for tendon in result.robot.tendon_names),
+        *AFTER_TENDONS,
+    ]
     rows = [
         [
-            *(s.step, s.label, bool(s.converged), int(s.iterations)),
-            *map(float, s.base_tensions),
-            *map(float, s.displacements),
-            *map(float, s.tip),
-            *map(float, s.tangent),
-            math.degrees(s.bending_angle),
-            math.degrees(s.chord_angle),
-            s.tip_offset,
+            *(value(s) for value in BEFORE_TENDONS.values()),
+            *(float(x) for values in OF_TENDONS.values() for x in values(s)),
+            *(value(s) for value in AFTER_TENDONS.values()),
         ]
         for s in result.steps
-    ]
-    columns = [
-        *("step", "label", "converged", "iterations"),
-        *(f"tension_{n}" for n in names),
-        *(f"displacement_{n}" for n in names),
-        *("tip_x", "tip_y", "tip_z", "tangent_x", "tangent_y", "tangent_z"),
-        *("bending_angle_deg", "chord_angle_deg", "tip_offset"),
     ]
     return pd.DataFrame(rows, columns=columns)
 
