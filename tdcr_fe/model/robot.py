@@ -340,6 +340,11 @@ class Robot:
         end = self.end(tendon)
         return tendon.routing.position(self.hole_arc_lengths(tendon), end)
 
+    def hole_points(self, tendon: Tendon) -> Array:
+        """The tendon's holes with their position along the tangent, zero in upright disks [m], shape (n + 1, 3)."""
+        along = tendon.routing.axial(self.hole_arc_lengths(tendon), self.end(tendon))
+        return np.column_stack((self.holes(tendon), along))
+
     def with_backbone(self, **changes: Any) -> Robot:
         """A copy with fields of the backbone replaced."""
         return replace(self, backbone=replace(self.backbone, **changes))

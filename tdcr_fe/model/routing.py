@@ -61,6 +61,18 @@ class Routing:
         """
         raise NotImplementedError
 
+    def axial(self, s: ArrayLike, end: float) -> Array:
+        """How far the holes lie beyond their sections along the tangent, as in tilted disks [m], shape (n,).
+
+        Zero in upright disks. It acts where tendons are straight between their holes.
+
+        Parameters
+        ----------
+        s, end
+            As in `position`.
+        """
+        return np.zeros_like(np.asarray(s, dtype=float))
+
     @property
     def fixed_arc_lengths(self) -> tuple[float, ...] | None:
         """Arc lengths of the holes that it was made for [m]; None where it applies to any arc lengths."""
@@ -334,6 +346,10 @@ class TwistedRouting(Routing):
     def fixed_arc_lengths(self) -> tuple[float, ...] | None:
         """See `Routing.fixed_arc_lengths`."""
         return self.base.fixed_arc_lengths
+
+    def axial(self, s: ArrayLike, end: float) -> Array:
+        """See `Routing.axial`."""
+        return self.base.axial(s, end)
 
     def deciding_field(self, hole: int) -> str:
         """See `Routing.deciding_field`."""

@@ -58,7 +58,7 @@ def add_tendons(
     for i, tendon in enumerate(robot.tendons):
         prefix = f"{name}.{tendon.name}"
         color = TENDON_COLORS[i % len(TENDON_COLORS)]
-        holes = _hole_markers(mbs, robot.holes(tendon), mesh, first_beam, disks, prefix)
+        holes = _hole_markers(mbs, robot.hole_points(tendon), mesh, first_beam, disks, prefix)
         items.holes.append(holes)
         items.segments.append(_segments(mbs, holes, prefix, color, show))
     return items
@@ -75,7 +75,7 @@ def _hole_markers(
             eii.MarkerBodyRigid(
                 name=f"{prefix}.mHole{k}",
                 bodyNumber=body,
-                localPosition=[float(x), float(hole[0]), float(hole[1])],
+                localPosition=[float(x + hole[2]), float(hole[0]), float(hole[1])],
                 visualization={"show": False},
             )
         )
@@ -112,7 +112,7 @@ def cable_geometry(robot: Robot) -> CableGeometry:
     nodes = np.zeros((m, n + 1), dtype=int)
     mask = np.zeros((m, n), dtype=bool)
     for i, (tendon, count) in enumerate(zip(robot.tendons, counts, strict=True)):
-        offsets[i, : count + 1, 1:] = robot.holes(tendon)
+        offsets[i, : count + 1] = robot.hole_points(tendon) @ BEAM_TO_SECTION
         offsets[i, count + 1 :] = offsets[i, count]
         nodes[i] = np.minimum(np.arange(n + 1), count)
         mask[i, :count] = True

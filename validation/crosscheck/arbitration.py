@@ -149,7 +149,7 @@ def _point_wrenches(
         for tendon, tension in zip(robot.tendons, step.tensions, strict=True):
             arcs = robot.hole_arc_lengths(tendon)
             nodes = [node(s) for s in arcs]
-            holes = np.concatenate((robot.holes(tendon), np.zeros((len(arcs), 1))), axis=1)
+            holes = robot.hole_points(tendon)
             arms = np.einsum("nij,nj->ni", step.rotations[nodes], holes)
             edges = np.diff(step.positions[nodes] + arms, axis=0)
             pull = tension[:, None] * edges / np.linalg.norm(edges, axis=1)[:, None]

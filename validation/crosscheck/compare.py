@@ -247,7 +247,7 @@ def turning_angles(robot: Robot, step: StepResult, tendon: int) -> Array:
     t = robot.tendons[tendon]
     arcs = robot.hole_arc_lengths(t)
     nodes = np.array([int(np.argmin(np.abs(step.s - s))) for s in arcs])
-    holes = np.concatenate((robot.holes(t), np.zeros((len(arcs), 1))), axis=1)
+    holes = robot.hole_points(t)
     points = step.positions[nodes] + np.einsum("nij,nj->ni", step.rotations[nodes], holes)
     edges = np.diff(points, axis=0)
     sine = np.linalg.norm(np.cross(edges[:-1], edges[1:]), axis=1)

@@ -24,8 +24,7 @@ Mask = NDArray[np.bool_]
 
 def hole_points(robot: Robot, tendon: Tendon) -> Array:
     """Where the tendon passes base plate and disks, in their section frames [m], shape (n + 1, 3)."""
-    holes = robot.holes(tendon)
-    return np.concatenate((holes, np.zeros((len(holes), 1))), axis=1)
+    return robot.hole_points(tendon)
 
 
 def coefficient_at_rest(tendon: Tendon) -> float:
