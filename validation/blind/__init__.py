@@ -1,4 +1,4 @@
-"""Blind data: what a robot with hidden effects would show, made by the reference, to judge the closed loop."""
+"""Blind benchmark of the identification: data of robots with hidden effects, simulated by the reference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command ``python -m tdcr_fe.validation.blind``: the identification over blind sets, with a progress bar."""
+"""The command ``python -m tdcr_fe.validation.blind``: runs the blind benchmark with a progress bar."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0 done, 1 a set failed, 130 interrupted, 143 by SIGTERM (start it again, and it goes on).
+        Exit status: 0 done, 1 a set failed, 130 interrupted, 143 by SIGTERM (start it again to resume).
     """
     parser = argparse.ArgumentParser(
         prog="python -m tdcr_fe.validation.blind",
-        description="Blind data made by the reference, given to the identification, and scored.",
+        description="Simulate blind data with the reference, run the identification on them, and score it.",
     )
     parser.add_argument("-n", type=at_least_one, default=60, metavar="COUNT", help="number of sets (60)")
     parser.add_argument(
-        "-o", required=True, metavar="OUT", help="folder; what is in it already is not done again"
+        "-o", required=True, metavar="OUT", help="folder; finished sets in it are not repeated"
     )
-    parser.add_argument("--processes", type=at_least_one, default=1, help="sets worked on at a time (1)")
+    parser.add_argument("--processes", type=at_least_one, default=1, help="number of sets at a time (1)")
     parser.add_argument("--seed", type=int, default=0, help="of the plan (0)")
     parser.add_argument("--only", type=int, nargs="+", metavar="SET", help="seeds of the sets to do")
     parser.add_argument("--page", metavar="FILE", help="page of the documentation that gets the tables")
@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             try:
                 scores = run_benchmark(recipes, args.o, args.processes, progress)
             except KeyboardInterrupt:
-                print("interrupted; start it again, and it goes on", file=sys.stderr)
+                print("interrupted; start it again to resume", file=sys.stderr)
                 return termination.status
     summary = write_report(scores, args.o)
     if args.page:

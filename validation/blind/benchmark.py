@@ -1,4 +1,4 @@
-"""Runs the identification over many blind sets and keeps every result, so that it can go on later."""
+"""Run the identification on many blind sets and keep every result, so that the run can be resumed."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ def run_benchmark(
     recipes
         See `tdcr_fe.validation.blind.plan`.
     out
-        Gets ``sets/SEED`` (what the loop reads), ``answers/SEED.json`` and ``results/SEED.json``; what is
-        there already is not done again.
+        Receives ``sets/SEED`` (input of the identification), ``answers/SEED.json`` and ``results/SEED.json``;
+        existing results are not repeated.
     processes
-        Sets worked on at a time, each in a process of its own.
+        Number of sets at a time, each in a process of its own.
     progress
         Called after every set.
 

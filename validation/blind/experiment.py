@@ -1,4 +1,4 @@
-"""Draws a robot and what a careful experimenter does to it."""
+"""Draw a random robot and a loading sequence such as a careful experimenter would use."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting, Routing
 from tdcr_fe.validation.blind.recipes import Drive
 
-#: By how much tendons that are not pulled are let out, beyond what the bending asks for [m].
+#: Slack given to tendons that are not pulled, beyond that needed for the bending [m].
 _LET_OUT = 2e-3
 
 
@@ -70,7 +70,7 @@ def draw_robot(kind: str, rng: np.random.Generator) -> Robot:
 
 @dataclass
 class _Course:
-    """The sequence so far: commands of all tendons and the tip force."""
+    """Builder of a loading sequence: commands of all tendons and the tip force."""
 
     names: tuple[str, ...]
     by_displacement: bool
@@ -81,7 +81,7 @@ class _Course:
     branches: list[str] = field(default_factory=list)
 
     def mark(self, branch: str) -> None:
-        """A step with what acts now."""
+        """Add a step with the current commands."""
         kept = {n: round(v, 7) for n, v in self.values.items()}
         self.steps.append(
             LoadStep(
@@ -140,7 +140,7 @@ def draw_loading(
     -------
     steps : tuple of LoadStep
     branches : tuple of str
-        What the experimenter calls each step.
+        Label of each step.
     """
     names, pulled_in = robot.tendon_names, drive == "displacement"
     two = any(t.end is not None for t in robot.tendons)
@@ -155,7 +155,7 @@ def draw_loading(
         value = rest + share * (top[name] - rest)
         if not pulled_in:
             return {name: value}
-        # what is not pulled is let out by more than the bending asks for
+        # tendons that are not pulled are let out by more than the bending requires
         return {n: value if n == name else -(0.7 * value + _LET_OUT) for n in names}
 
     def sideways(size: float = 1.0) -> tuple[float, float, float]:

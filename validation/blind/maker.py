@@ -1,4 +1,4 @@
-"""Makes one blind set on the reference: a folder of measured data, and the answer that is kept apart from it."""
+"""Make one blind set with the reference: a folder of measured data, and the answer in a separate file."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from tdcr_fe.validation.reference import Extras, HoleFriction, ReferenceSettings
 Array = NDArray[np.float64]
 Values = dict[str, dict[str, float]]
 
-#: Substeps of every load step of the truth, so that what depends on the path is resolved.
+#: Substeps of every load step of the true robot, to resolve path dependence.
 SUBSTEPS = 16
 
-#: The declared model is off by this many sigma at least, and at most in a weak set [1].
+#: Smallest misfit of the declared model over sigma, and the largest in a weak set [1].
 DETECTABLE, WEAK = 5.0, 2.0
 
 
 class NotMade(Exception):
-    """The truth of a recipe cannot be solved; says where it ends."""
+    """The true robot of a recipe cannot be solved; the message names the step."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What is hidden in a blind set.
+    """The hidden truth of a blind set.
 
     Attributes
     ----------
@@ -44,15 +44,15 @@ class Answer:
     effects : dict
         By listed effect, the true value of every parameter.
     off_list : dict
-        What is on no list: "kind", where along the backbone ("start", "end" [m], "bay" from 1), and its size.
+        The unlisted effect: "kind", location along the backbone ("start", "end" [m], "bay" from 1), and its size.
     noise_free : list of float
-        What readings would be without noise, in their order.
+        Readings without noise, in their order.
     declared_off : float
         Root mean square of the declared model's misfit, without noise, over sigma [1].
     detectable : bool
         Whether that is at least `DETECTABLE`.
     substeps : int
-        Of every load step of the truth.
+        Of every load step of the true robot.
     robot : str
     """
 
@@ -86,12 +86,12 @@ def make_blind(folder: str | os.PathLike[str], recipe: Recipe | int, substeps: i
     recipe
         What to make, or a seed for a clean set.
     substeps
-        Of every load step of the truth.
+        Of every load step of the true robot.
 
     Returns
     -------
     Answer
-        What is hidden.
+        The hidden truth.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def _what_is_read(setup: Experiment, arc_lengths: tuple[float, ...], more: list[
 
 
 def read(result: SequenceResult, setup: Experiment, marks: list[Mark]) -> Array:
-    """What instruments without noise would show.
+    """Readings without noise.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ def read(result: SequenceResult, setup: Experiment, marks: list[Mark]) -> Array:
     """
     names = tuple(setup.robot.tendon_names)
     look = setup.observation
-    # Where effects divide a step on the way, its end is read.
+    # Where effects divide a step, its end is read.
     end = {k: j for j, (k, _) in enumerate(setup.step_ends)}
     observed = {
         k: ObservedStep.of(result.steps[end[k]], names, look.rotation, look.offset) for k, _, _ in marks
@@ -247,7 +247,7 @@ def _either(rng: np.random.Generator, low: float, high: float) -> float:
 def _draw_effects(
     recipe: Recipe, declared: Experiment, base: SequenceResult, rng: np.random.Generator
 ) -> Values:
-    """Values of the listed effects, as real robots have them."""
+    """Random values of the listed effects, in the range of real robots."""
     robot, steps = declared.robot, declared.steps
     backbone, length = robot.backbone, robot.backbone.length
     bay = float(np.min(np.diff((0.0, *robot.disks.positions))))
@@ -329,7 +329,7 @@ def _largest_curvature(step: Any) -> float:
 
 
 def _stronger(declared: Experiment, values: Values, factor: float) -> Values:
-    """All effects scaled about where they are absent, within their bounds; a softening section begins earlier."""
+    """All effects scaled about their null values, within their bounds; a softening section begins earlier."""
     result: Values = {}
     for name, own in values.items():
         e = effect(name)
@@ -347,7 +347,7 @@ def _stronger(declared: Experiment, values: Values, factor: float) -> Values:
 
 
 def _detectable(recipe: Recipe, declared: Experiment, values: Values, off: Any) -> Values:
-    """The effects made stronger until each shows by itself, or weaker until they hardly show."""
+    """The effects strengthened until each is detectable by itself, or weakened until barely detectable."""
     result: Values = {}
     for name, own in values.items():
         alone: Values = {name: own}
@@ -367,7 +367,7 @@ def _detectable(recipe: Recipe, declared: Experiment, values: Values, off: Any) 
 def _draw_off_list(
     recipe: Recipe, declared: Experiment, rng: np.random.Generator
 ) -> tuple[dict[str, Any], tuple[StiffnessPatch, ...], Extras]:
-    """What is on no list, for the answer and for the truth."""
+    """The unlisted effect, for the answer and for the true robot."""
     wanted = [n for n in recipe.effects if n in OFF_LIST]
     if not wanted:
         return {}, (), Extras()

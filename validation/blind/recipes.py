@@ -1,4 +1,4 @@
-"""Which blind sets are made: robots, hidden effects, noise; a plan that covers them all early."""
+"""Recipes of blind sets: robot, hidden effects, noise; and a plan in which every kind occurs early."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ Drive = Literal["tension", "displacement"]
 #: Kinds of robots: one tendon of any routing, three of one routing, two segments of three tendons each.
 ROBOTS = ("single", "parallel", "helical", "converging", "points", "two-segment")
 
-#: What is on no list.
+#: Hidden effects that are not on the list of `identify`.
 OFF_LIST = ("soft_spot", "side_spring", "stuck_hole")
 
-#: Effects that only data driven by tension show, and those that only data driven by displacement show.
+#: Effects detectable only in data driven by tension, and only in data driven by displacement.
 BY_TENSION = ("actuator_loss", "friction_coefficient", "hole_adhesion", "stuck_hole")
 BY_DISPLACEMENT = ("actuator_backlash", "tendon_stretch")
 
@@ -43,7 +43,7 @@ class Recipe:
     Attributes
     ----------
     seed : int
-        Of everything that is drawn.
+        Of all random numbers.
     robot : str
         A member of `ROBOTS`.
     effects : tuple of str
@@ -52,7 +52,7 @@ class Recipe:
         Standard deviation of the noise on positions [m].
     drive : "tension" or "displacement"
     weak : bool
-        Effects so weak that the declared model is about two sigma off.
+        Effects so weak that the misfit of the declared model is about two sigma.
     """
 
     seed: int
@@ -77,7 +77,7 @@ class Recipe:
 
     @property
     def kind(self) -> str:
-        """What the set is counted as: "clean", "single", "pair", "off-list" or "weak"."""
+        """Category of the set: "clean", "single", "pair", "off-list" or "weak"."""
         if self.weak:
             return "weak"
         if set(self.effects) & set(OFF_LIST):
@@ -94,7 +94,7 @@ def plan(count: int, seed: int = 0) -> list[Recipe]:
     """Recipes of a benchmark.
 
     Rounds of 28 sets, each with every listed effect alone once, four clean sets, three pairs, one of each
-    that is on no list, and a weak one; half of the sets have a noise of 0.1 mm.
+    unlisted effect, and a weak one; half of the sets have a noise of 0.1 mm.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Writes a benchmark's tables: JSON, Markdown, and a picture of the confusion table."""
+"""Write a benchmark's tables: JSON, Markdown, and a picture of the confusion table."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from tdcr_fe.io.atomic import write_text
 from tdcr_fe.validation.blind.scoring import NOISE_FLOOR, Score, summarise
 
-#: Where a page of the documentation holds the tables.
+#: Marks around the tables in a page of the documentation.
 BEGIN, END = "<!-- tables of the benchmark: begin -->", "<!-- tables of the benchmark: end -->"
 
 
@@ -52,7 +52,7 @@ def write_into_page(text: str, page: str | os.PathLike[str]) -> None:
     text
         Markdown.
     page
-        File that holds both marks.
+        File that contains both marks.
 
     Raises
     ------

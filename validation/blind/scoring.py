@@ -1,4 +1,4 @@
-"""Marks what the closed loop found in one blind set against the answer, and sums up many."""
+"""Score the identification of a blind set against the answer, and summarise many sets."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ Score = dict[str, Any]
 #: Two-sided 95 % of a normal distribution.
 _WIDTH = 1.96
 
-#: Held-out misfit over that of the truth that still counts as down to the noise [1].
+#: Largest ratio of the held-out misfit to that of the true robot that counts as noise level [1].
 NOISE_FLOOR = 1.15
 
 
 def score(answer: Answer, result: IdentificationResult) -> Score:
-    """Mark one result.
+    """Score one result.
 
     Parameters
     ----------
     answer
-        What was hidden.
+        The hidden truth.
     result
-        What was found.
+        Result of the identification.
 
     Returns
     -------
     dict
-        "outcome": "right" (the names hidden, no other), "named together" (where a name differs it is among those
-        said to be indistinguishable from one that was named), "wrong"; for sets with an effect on no list
-        "honest" (not said to be explained) or "overconfident". Errors before and after, over the noise of the
-        held-out positions; hits of the 95 % intervals; where the remainder is said to be.
+        "outcome": "right" (the hidden names, no other), "named together" (a differing name is among those reported
+        as indistinguishable from one that was named), "wrong"; for sets with an unlisted effect "honest" (the
+        verdict is not "explained") or "overconfident". Errors before and after, over the noise of the held-out
+        positions; hits of the 95 % intervals; location of the remaining error.
     """
     recipe = answer.recipe
     named = [e.name for e in result.effects]
@@ -89,7 +89,7 @@ def score(answer: Answer, result: IdentificationResult) -> Score:
 
 
 def _together(hidden: Sequence[str], named: Sequence[str], rivals: dict[str, list[str]]) -> bool:
-    """Whether every hidden effect is named, or said to be indistinguishable from one that is, and none is left."""
+    """Whether every hidden effect is named or indistinguishable from a named one, and no further effect is named."""
     missing = [n for n in hidden if n not in named]
     extra = [n for n in named if n not in hidden]
     if len(missing) != len(extra):
@@ -103,7 +103,7 @@ def _together(hidden: Sequence[str], named: Sequence[str], rivals: dict[str, lis
 
 
 def _held_out(answer: Answer, result: IdentificationResult) -> tuple[float, float, float]:
-    """RMS of noise, of what is left and of what was there before, on held-out positions [m]."""
+    """RMS of noise, of the final and of the declared model's error, on held-out positions [m]."""
     data, held = result.data, set(result.held_out_steps)
     use = [i for i, r in enumerate(data.readings) if r.step in held and r.quantity.startswith("position_")]
     noise = np.array([data.readings[i].value - answer.noise_free[i] for i in use])
@@ -113,7 +113,7 @@ def _held_out(answer: Answer, result: IdentificationResult) -> tuple[float, floa
 
 
 def _intervals(answer: Answer, result: IdentificationResult) -> tuple[list[str], list[str]]:
-    """Parameters of rightly named effects whose 95 % interval holds the truth, and those whose does not."""
+    """Parameters of correctly named effects whose 95 % interval contains the true value, and the others."""
     inside: list[str] = []
     outside: list[str] = []
     for e in result.effects:
@@ -172,8 +172,8 @@ def summarise(scores: Iterable[Score]) -> dict[str, Any]:
     -------
     dict
         By kind: "sets", "right", "named_together", "wrong"; of single effects also for a noise up to 0.12 mm;
-        "noise_floor": how many right answers come down to it; "coverage"; "clean"; "off_list"; "confusion": by
-        what is hidden, how often what is named.
+        "noise_floor": how many right answers reach the noise level; "coverage"; "clean"; "off_list"; "confusion":
+        by hidden effects, how often each is named.
     """
     scores = list(scores)
 

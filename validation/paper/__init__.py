@@ -1,6 +1,6 @@
-"""The paper, reproduced and put to the test: its cases, its tables, its algorithm and its claims.
+"""Reproduction and test of the paper: its cases, its tables, its algorithm and its claims.
 
 Wang, Du, Mao: Cosserat Rod-Based Tendon Friction Modeling, Simulation, and Experiments for Tendon-Driven Continuum
-Robots, Micromachines 2025, 16(3), 346, https://doi.org/10.3390/mi16030346. What is typed in from it lies in
+Robots, Micromachines 2025, 16(3), 346, https://doi.org/10.3390/mi16030346. Data copied from it are in
 ``data/``; `run.run_paper` computes everything else.
 """

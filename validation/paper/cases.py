@@ -1,4 +1,4 @@
-"""The paper's robots and scenarios as packaged files: where they lie, and reading them."""
+"""The paper's robots and scenarios as packaged files, and functions that read them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MODELS: dict[str, Model] = {
     "per-hole": Model("straight", "per-hole"),
 }
 
-#: What the models are called in figures and tables.
+#: Names of the models in figures and tables.
 MODEL_NAMES: dict[str, str] = {
     "classical": "classical, continuous",
     "discrete": "discrete, no friction",
@@ -43,7 +43,7 @@ class PaperCase:
         Name of its folder.
     title : str
     assumed : str
-        What the paper does not say and was chosen.
+        Assumption where the paper is silent.
     marked : tuple of str
         Labels of the steps that are the paper's own; the others lead there in small steps.
     robot : Robot
@@ -124,7 +124,7 @@ def write_cases(folder: str | os.PathLike[str]) -> list[Path]:
     Parameters
     ----------
     folder
-        Gets one folder a figure, each with ``robot.toml`` and one ``MODEL.toml`` a model.
+        Receives one folder for each figure, with ``robot.toml`` and one ``MODEL.toml`` a model.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The paper's claims and limitations judged by the numbers of a run: verdict, evidence, reason."""
+"""Evaluate the paper's claims and limitations by the numbers of a run: verdict, evidence, reason."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.validation.paper.run import SEARCH_TENSIONS, CaseStudy, PaperRun, TableStudy, euler_load
 
-#: Differences of the tip's displacement below this are no order of models: the mesh's error [m].
+#: Error of the mesh; smaller differences of the tip displacement do not order the models [m].
 TIE = 5e-5
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """One claim, judged.
+    """Verdict on one claim.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Verdict:
     evidence : str
         The numbers.
     reason : str
-        Why it is so.
+        Explanation.
     """
 
     claim: str
@@ -38,7 +38,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Order:
-    """Size of the deformation in one state of one case, by model: distance of the tip from its unloaded place [m]."""
+    """Deformation in one state of one case, by model: distance of the tip from its unloaded position [m]."""
 
     case: str
     title: str
@@ -74,7 +74,7 @@ def orders(run: PaperRun) -> list[Order]:
 
 
 def verdicts(run: PaperRun) -> list[Verdict]:
-    """Judge everything that was run."""
+    """Verdicts on all claims for which the run has numbers."""
     found: list[Verdict] = []
     judges: list[tuple[bool, Callable[[PaperRun], list[Verdict]]]] = [
         (bool(run.cases), _order_of_models),
@@ -129,9 +129,9 @@ def _order_of_models(run: PaperRun) -> list[Verdict]:
             "Tip displacement by tendons alone, classical against discrete: "
             f"{numbers('classical', 'discrete')}. True in "
             f"{a[0]} of {a[1]} states without and {b[0]} of {b[1]} with load.",
-            "A straight segment runs farther from the bent backbone than a tendon that follows it: its mean lever is "
-            "d + h²κ/12, 3 % more than d at 58 degrees over 13 bays. Only in the helix does the chord cut the corner "
-            "towards the backbone, so that there the discrete model bends less.",
+            "A straight segment is farther from the bent backbone than a tendon that follows it: its mean lever arm is "
+            "d + h²κ/12, 3 % more than d at 58 degrees over 13 bays. Only in the helix is the chord nearer to the "
+            "backbone, so that there the discrete model bends less.",
         ),
         Verdict(
             "1b. Friction reduces the deformation, for every routing",
@@ -141,9 +141,9 @@ def _order_of_models(run: PaperRun) -> list[Verdict]:
             f"{c[0]} of {c[1]} states without and {d[0]} of {d[1]} with load.",
             "Where one tendon pulls to one side, friction takes tension from the distal bays and the robot "
             "bends less. Two "
-            "turns of a helix nearly cancel along the robot; friction spoils the cancellation, and the tip "
+            "turns of a helix nearly cancel along the robot; with friction they do not, and the tip "
             "moves more. "
-            "Where a load bends the robot far beyond what the tendon did, the tendon is drawn back through the "
+            "Where a load bends the robot far beyond the bending by the tendon, the tendon is drawn back through the "
             "holes and "
             "friction changes sign.",
         ),
@@ -185,7 +185,7 @@ def _accuracy(run: PaperRun) -> list[Verdict]:
             + "; ".join(parts)
             + f". Rows without load, stiffness and dead band fitted: {'; '.join(unloaded)}. "
             f"Offsets and angles of Table 1 alone disagree by {good:.1f} % of the length on average." + loop,
-            "The percentage's base is not said. Neither one stiffness (tendon offset and friction coefficient "
+            "The basis of the percentage is not given. Neither one stiffness (tendon offset and friction coefficient "
             "are nearly "
             "interchangeable with it) nor a dead band of the actuation comes near it: the best is "
             f"{min(best):.1f} %, {min(best) / 0.3:.0f} times as much, and the tables contradict "
@@ -209,7 +209,7 @@ def _bifurcation(run: PaperRun) -> list[Verdict]:
     quiet = [k[0] for k in across if k not in critical and not any(c[0] <= k[0] for c in critical)]
     robot = run.cases["fig5"].case.robot if "fig5" in run.cases else None
     evidence = (
-        f"The simulation's own 1.2 N and +y: smallest eigenvalue {own.smallest:.2f} up to {own.loads[-1]:g} N (1 "
+        f"The paper's 1.2 N and load along +y: smallest eigenvalue {own.smallest:.2f} up to {own.loads[-1]:g} N (1 "
         f"unloaded, 0 critical). Its rod, {len(across)} searches at 1.2 to 30 N of tension, four directions across the "
         f"robot, with and without friction, up to {own.loads[-1]:g} N: "
     )
@@ -253,11 +253,11 @@ def _bifurcation(run: PaperRun) -> list[Verdict]:
     if critical:
         reason += (
             "Tension softens a robot with a helical tendon: pulled many times harder than in the simulation, it can be "
-            "turned over by a load against its lean (with friction the figure is that of holes which go on as they do; "
-            "holes that stick hold the robot somewhat longer). "
+            "overturned by a load against its bending direction (with friction, the value at fixed mobilisation, "
+            "and sticking holes stabilise the robot further). "
         )
     reason += (
-        "A push along the robot has a threshold, near Euler's load, which the curved shape rounds off: the deflection "
+        "A push along the robot has a threshold near Euler's load, smoothed by the curved shape: the deflection "
         "grows rapidly there, without bifurcating. A load that is not quite across the robot is a plausible reading of "
         "what was seen."
     )
@@ -330,9 +330,9 @@ def _consistency(run: PaperRun) -> list[Verdict]:
             "Tables 1-4 are measurements of one elastic robot each",
             "does not hold" if either > rows // 2 else "holds in part",
             f"{text}. {rows - either} rows pass every check (by themselves: see the remarks on their table).",
-            "Chords longer than the robot, offsets that do not fit the angle beside them, loads that act like "
+            "Chords longer than the robot, offsets that do not fit the angle in the same row, loads that act like "
             "a tenth of "
-            "themselves: no parameter of any model can repair these.",
+            "themselves: no parameter of any model can explain these.",
         )
     ]
 
@@ -405,11 +405,11 @@ def _friction(run: PaperRun) -> list[Verdict]:
             "Limitation: nonlinear friction is neglected",
             "matters",
             "Fig. 3 at 1.5 N, tip moves by " + "; ".join(parts) + ".",
-            "An even bend presses the tendon about equally on every hole, so a coefficient that depends on the "
+            "With uniform bending the tendon presses about equally on every hole, so a coefficient that depends on the "
             "pressure acts "
             "like another constant coefficient; what changes is how it grows from one tension to the next. "
-            "Adhesion takes "
-            "the same from a small tension as from a large one, which a coefficient cannot mimic.",
+            "Adhesion reduces "
+            "small and large tensions by the same amount, which a coefficient cannot represent.",
         )
     ]
 
@@ -425,10 +425,10 @@ def _dynamics(run: PaperRun) -> list[Verdict]:
             "Limitation: quasi-static only",
             "matters" if run.dynamics[0].left > 1e-3 else "matters little",
             "Fig. 3 to 1.5 N against the quasi-static tip: " + "; ".join(parts) + ".",
-            "With friction the overshoot is not forgotten: the holes hold part of it. Slower than three "
+            "With friction part of the overshoot remains, because the holes stick. Slower than three "
             "periods of the first "
-            f"mode (0.3 s) it is small, and {1e3 * slow.left:.1f} mm at {slow.ramp:g} s; weights put on by "
-            "hand are in between.",
+            f"mode (0.3 s) it is small, and {1e3 * slow.left:.1f} mm at {slow.ramp:g} s; weights applied manually "
+            "are in between.",
         )
     ]
 

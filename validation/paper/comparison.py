@@ -1,4 +1,4 @@
-"""Measured against model, row by row of the paper's tables."""
+"""Compare measured and model values, row by row of the paper's tables."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from tdcr_fe.validation.paper.tables import paper_table
 
 Array = NDArray[np.float64]
 
-#: The direction of each table's load; that of Tables 1 and 2 is not said: in the plane of bending.
+#: Direction of each table's load; for Tables 1 and 2 it is not given and assumed in the plane of bending.
 LOAD_DIRECTION = {1: (1.0, 0.0), 2: (1.0, 0.0), 3: (0.0, 1.0), 4: (1.0, 0.0)}
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One number of a table and what the model says.
+    """One value of a table and that of the model.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ def row_steps(
     row
         Of `paper_table`.
     robot
-        Tells tendons and length.
+        Gives tendons and length.
     loaded
         With the concentrated load.
     dead_band
@@ -164,8 +164,8 @@ class Deviation:
     rms_angle, max_angle : float
         [rad]; nan where there are none.
     mean_percent : float
-        Mean absolute deviation of the offsets in per cent of the length; what stands for them where there are none is
-        up to who made it.
+        Mean absolute deviation of the offsets in per cent of the length; where there are no offsets, of the quantity
+        passed as ``shares`` to `summarise`.
     """
 
     count: int
@@ -223,7 +223,7 @@ def deviation(
 
 @dataclass(frozen=True)
 class TableFit:
-    """What had to be changed for a table's chord angles to fit as well as they can.
+    """Fit of a table's chord angles: stiffness factor and dead band.
 
     Attributes
     ----------
@@ -234,7 +234,7 @@ class TableFit:
     robot : Robot
         With that stiffness.
     rms_angle : float
-        Of what is left, over the rows fitted [rad].
+        Of the residual, over the fitted rows [rad].
     """
 
     factor: float
@@ -286,7 +286,7 @@ def fit_table(number: int, model: Model | None = None, dead_band: bool = False) 
         found = angles(float(np.exp(x[0])), x[1] * lowest if dead_band else 0.0)
         return np.where(np.isfinite(found), found - measured, 1.0)
 
-    # The declared rod is far too soft for some tables: start where the first order says.
+    # The declared rod is far too soft for some tables: start from the first-order estimate.
     start = np.log(np.median(table["stiffness_from_tension_Nm2"]) / declared.backbone.EI)
     x0 = [start, 0.3] if dead_band else [start]
     low, high = ([start - 2.5, 0.0], [start + 2.5, 1.0]) if dead_band else ([start - 2.5], [start + 2.5])

@@ -1,4 +1,4 @@
-"""Search for critical loads: a load is raised in small steps, and a loss of stability is closed in by bisection."""
+"""Search for critical loads: a load is raised in small steps, and a loss of stability is bracketed by bisection."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from tdcr_fe.solve.stepping import StepFailed
 
 Array = NDArray[np.float64]
 
-#: Places of the backbone that are farther apart along it than this share of the length may come near each other [1].
+#: Arc-length distance over the length above which two points count in the nearest approach [1].
 APART = 0.18
 
 
 @dataclass(frozen=True)
 class CriticalSearch:
-    """What was found while a load at the tip was raised.
+    """Result of raising a load at the tip.
 
     Attributes
     ----------
@@ -58,12 +58,12 @@ class CriticalSearch:
 
     @property
     def smallest(self) -> float:
-        """Smallest eigenvalue on the way [1]."""
+        """Smallest eigenvalue over all loads [1]."""
         return float(np.min(self.eigenvalues))
 
     @property
     def largest_rate(self) -> tuple[float, float]:
-        """Largest tip displacement per load on the way [m/N], and the load in the middle of that increment [N]."""
+        """Largest tip displacement per load [m/N], and the load in the middle of that increment [N]."""
         if len(self.loads) < 2:
             return 0.0, 0.0
         rates = np.linalg.norm(np.diff(self.tips, axis=0), axis=1) / np.diff(self.loads)
@@ -84,7 +84,7 @@ def search_critical_load(
     Parameters
     ----------
     robot, model
-        Description. What decides is the sign of the smallest real part of the tangent's eigenvalues, see
+        Description. The criterion is the sign of the smallest real part of the tangent's eigenvalues, see
         `tdcr_fe.solve.stability`.
     before
         Steps that come first (the tendons).
@@ -93,7 +93,7 @@ def search_critical_load(
     loads
         Sizes, ascending [N].
     tolerance
-        To which a critical load is closed in, as a share of it [1].
+        Relative accuracy of a critical load [1].
     """
     unit = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
     length = robot.backbone.length

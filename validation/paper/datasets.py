@@ -1,7 +1,7 @@
-"""The paper's tables as measured data for the closed loop of `tdcr_fe.identify`.
+"""The paper's tables as measured data for `tdcr_fe.identify`.
 
-Only readings that some robot can have are in a data set: a pair of offset and angle that contradict each other is left
-out, and so is a row with load whose load acts like a fraction of itself. What is left out is named, with its reason.
+A data set contains only readings that are possible for some robot. A contradictory pair of offset and angle is left
+out, and so is a row whose load acts like a fraction of itself. Every omission is listed with its reason.
 
 Every row starts from the robot at rest. Where a data set has rows without load only, the rows follow each other with
 rising tension, which is the same: the tendon is always being pulled. Step numbers are those of the rows; where a row
@@ -39,7 +39,7 @@ class TableData:
     left_out : tuple of (str, str)
         Row and state that is left out, and the reason.
     note : str
-        What was assumed, or what the format of the files cannot hold.
+        Assumptions, or what the file format cannot express.
     in_files : bool
         Whether `tdcr_fe.io.measured.write_measured` can write it.
     """
@@ -81,13 +81,13 @@ _NOTES = {
     ),
     "table2": (
         "There are no rows without load; all are used, because what speaks against them is the robot of Table 1, which "
-        "need not be this one. The place of the concentrated load is not said (here: the end of the first "
+        "need not be this one. The location of the concentrated load is not given (here: the end of the first "
         "segment), nor is its direction (here: in the plane of bending). The first segment gives its offset only. A "
         "load elsewhere than at the tip cannot be written into loading.csv."
     ),
     "table3": "",
     "table4": (
-        "Rows by rising tension, each from the robot at rest. The direction of the load is not said (here: in the "
+        "Rows by rising tension, each from the robot at rest. The direction of the load is not given (here: in the "
         "plane of bending)."
     ),
 }

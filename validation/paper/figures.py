@@ -179,7 +179,7 @@ def _draw_table(axis: Any, study: TableStudy) -> None:
 
 
 def draw_missing(run: PaperRun) -> Figure:
-    """Chord angles in the data sets of the closed loop: measured, as declared, and after each stage."""
+    """Chord angles in the data sets of the identification: measured, as declared, and after each stage."""
     looks = (
         ("#D55E00", "s", "as declared"),
         ("#0072B2", "^", "one stiffness"),

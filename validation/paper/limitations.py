@@ -1,4 +1,4 @@
-"""What the paper leaves out: disk thickness, nonlinear friction, dynamics; each added to a case of it."""
+"""Influence of what the paper neglects: disk thickness, nonlinear friction, dynamics, each on one of its cases."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Influence:
-    """What one change does to the tip.
+    """Influence of one change on the tip.
 
     Attributes
     ----------
@@ -176,7 +176,7 @@ class DynamicRun:
     tips : ndarray, shape (n, 3)
         [m].
     overshoot : float
-        By how much the tip goes beyond the quasi-static one, across the backbone [m].
+        Largest excess of the tip over its quasi-static position, across the backbone [m].
     left : float
         Distance of the tip, averaged over the last third of the run's rest, from the quasi-static one [m].
     swing : float

@@ -1,4 +1,4 @@
-"""What the declared robots of the paper's tables lack: the closed loop on every table, before and after."""
+"""Identification on every table of the paper: what the declared robots lack, before and after."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Stage:
     predicted : ndarray, shape (n,)
         Of every reading, in its unit.
     fitted, held_out : Deviation
-        What it leaves on the rows that were fitted and on those held out.
+        Deviations on the fitted and on the held-out rows.
     """
 
     name: str
@@ -46,21 +46,21 @@ class Stage:
 
 @dataclass(frozen=True)
 class MissingStudy:
-    """A table through the closed loop.
+    """Identification of one table.
 
     Attributes
     ----------
     table : TableData
     stiffness_factor : float or None
-        On the declared bending and torsional stiffness, with which the loop began; None where it began with the robot
-        as declared.
+        Factor on the declared bending and torsional stiffness at the start; None if it started from the declared
+        robot.
     stages : tuple of Stage
-        As declared; with that stiffness; with what the loop added.
+        As declared; with that stiffness; with the effects added.
     held_out_rows : tuple of int
     max_effects : int
-        What the loop was allowed to add.
+        Largest number of effects allowed.
     result : IdentificationResult or None
-        None where the loop could not begin.
+        None if the identification could not begin.
     failure : str
         Why.
     """
@@ -75,7 +75,7 @@ class MissingStudy:
 
 
 def predicted(readings: Sequence[Reading], data: MeasuredData, robot: Robot) -> Array:
-    """What a robot gives for readings of angles, offsets and positions; nan where there is no solution."""
+    """Predictions of a robot for readings of angles, offsets and positions; nan where there is no solution."""
     result = simulate(robot, data.model, data.steps)
     steps = dict(zip(data.step_ids, result.steps, strict=False))
 
@@ -105,11 +105,11 @@ def scaled(robot: Robot, factor: float) -> Robot:
 
 
 def first_stiffness(table: TableData) -> float | None:
-    """Factor on the declared stiffness with which the loop begins; None where the declared one will do.
+    """Factor on the declared stiffness at the start of the identification; None where the declared one suffices.
 
-    Where the tensions ask for more than `STIFFNESS_FACTOR` times what is declared, the declared robot is bent several
-    times too far, up to folding over, and no small change of any number shows what is missing. There one factor is
-    fitted to the angles of the rows that are not held out.
+    Where the tensions require more than `STIFFNESS_FACTOR` times the declared stiffness, the declared robot bends
+    several times too far, up to folding over, and sensitivities there are not informative. Then one factor is fitted
+    to the angles of the rows that are not held out.
     """
     data = table.data
     asked = paper_table(table.number)["stiffness_from_tension_Nm2"].to_numpy()
@@ -135,7 +135,7 @@ def first_stiffness(table: TableData) -> float | None:
 
 
 def study_missing(name: str) -> MissingStudy:
-    """One data set of `tdcr_fe.validation.paper.datasets` through the closed loop.
+    """Run the identification on one data set of `tdcr_fe.validation.paper.datasets`.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def study_missing(name: str) -> MissingStudy:
     if factor is not None:
         data = replace(data, robot=scaled(data.robot, factor))
         stages.append(stage("one stiffness", measured - predicted(data.readings, data, data.robot)))
-    # Two rows for an effect: fewer leave nothing to contradict it.
+    # At least two rows for each effect: with fewer nothing could contradict it.
     most = max(1, (len(table.rows) - len(held_rows)) // 2)
     try:
         result = identify(data, IdentifySettings(max_effects=most))
@@ -171,7 +171,7 @@ def study_missing(name: str) -> MissingStudy:
 
 
 def tried(study: MissingStudy) -> list[tuple[str, float, float | None]]:
-    """Effects that the loop fitted in its first round, best first: misfit over that before, fitted and held out."""
+    """Effects fitted in the first round, best first: misfit over that before, fitted and held out."""
     result = study.result
     if result is None:
         return []
@@ -185,17 +185,17 @@ def tried(study: MissingStudy) -> list[tuple[str, float, float | None]]:
 
 
 def remarks(study: MissingStudy) -> list[str]:
-    """What a study says, in sentences."""
+    """Summary of a study, in sentences."""
     sentences: list[str] = []
     rows = len(study.table.rows)
     if study.stiffness_factor is not None:
         sentences.append(
             f"Identification begins with {study.stiffness_factor:.2f} times the declared stiffness, fitted to the "
-            "rows that are not held out: the tensions ask for more than three times what is declared, and "
+            "rows that are not held out: the tensions require more than three times the declared stiffness, and "
             "bend the declared robot several times too far."
         )
     if not study.held_out_rows:
-        sentences.append(f"{rows} rows are too few to hold one out: nothing tests what is added.")
+        sentences.append(f"{rows} rows are too few to hold one out: added effects are not tested.")
     elif len(study.held_out_rows) == 1:
         sentences.append(
             f"Held out is row {study.held_out_rows[0]}, the highest tension: one row is a weak test."
@@ -209,8 +209,8 @@ def remarks(study: MissingStudy) -> list[str]:
     if result.effects:
         free = len(result.parameter_names)
         sentences.append(
-            f"{free} number{'s' if free > 1 else ''} fitted to {rows - len(study.held_out_rows)} rows: what is found "
-            "bends the curve the right way, which does not prove that it is there."
+            f"{free} number{'s' if free > 1 else ''} fitted to {rows - len(study.held_out_rows)} rows: the result "
+            "changes the curve in the right direction, which does not prove that the cause is right."
         )
         for e in result.effects:
             if e.indistinguishable_from:

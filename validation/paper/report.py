@@ -50,7 +50,7 @@ def _deviation(d: Deviation) -> dict[str, Any]:
 def _reading(r: Reading) -> dict[str, Any]:
     scale, unit = (1e3, "mm") if r.quantity == "offset" else (180.0 / np.pi, "deg")
     gap = r.model - r.measured
-    # Of an angle: the arc that the end of a chord as long as the robot up to there runs through.
+    # For an angle: the arc swept by the end of a chord as long as the robot up to that point.
     reach = 0.125 if r.place == "end of segment 1" else 0.25
     share = 100.0 * abs(gap) / 0.25 * (1.0 if r.quantity == "offset" else reach)
     return {
@@ -121,7 +121,7 @@ def _influence(x: Influence) -> dict[str, Any]:
 
 
 def to_json(run: PaperRun, wall_time: float) -> dict[str, Any]:
-    """Everything that was found, without the shapes."""
+    """All results, without the shapes."""
     out: dict[str, Any] = {
         "paper": _PAPER,
         "versions": versions(),
@@ -297,7 +297,7 @@ def _headline(data: dict[str, Any]) -> tuple[str, Level]:
         for n, c in counts.items()
         if n not in judged
     ]
-    line = f"Of the paper's claims {text}." if judged else "No claim was judged."
+    line = f"Of the paper's claims {text}." if judged else "No claim was tested."
     if data["interrupted"]:
         return f"Unfinished: interrupted in {data['interrupted']}. {line}", "open"
     level: Level = (
@@ -370,7 +370,7 @@ _ALT = {
 
 
 def html(run: PaperRun, data: dict[str, Any]) -> str:
-    """The page: one file, nothing fetched from elsewhere."""
+    """The report as one self-contained HTML page."""
     return render(page(run, data), _PACKAGE)
 
 
@@ -394,7 +394,7 @@ def write_report(run: PaperRun, out: Path, wall_time: float) -> list[Path]:
 
 
 def write_datasets(run: PaperRun, folder: Path) -> list[Path]:
-    """Write the tables as the closed loop was given them, one folder each, where files can hold them."""
+    """Write the data sets of the identification, one folder each, as far as files can express them."""
     written = []
     for name, study in run.missing.items():
         if study.table.in_files and study.result is not None:

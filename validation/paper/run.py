@@ -1,4 +1,4 @@
-"""Everything the report on the paper shows, computed: figures, tables, algorithm, identification, claims, limits."""
+"""Compute the contents of the report on the paper: figures, tables, algorithm, identification, limitations."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class ModelRun:
     failure : str
         Empty where all steps converged.
     reference_gap : float
-        Distance of the tip at the last step from that of the independent reference [m]; nan where it was not asked.
+        Distance of the tip at the last step from that of the independent reference [m]; nan where it was not computed.
     """
 
     steps: tuple[StepResult, ...]
@@ -111,7 +111,7 @@ class TableStudy:
     readings : dict
         By model: "declared", "stiffness" (one EI fitted), "dead band" (EI and a dead band fitted; not Table 2).
     deviations : dict
-        Alike, with parts "all", "without load", "with load", "consistent rows".
+        By model, with parts "all", "without load", "with load", "consistent rows".
     fits : dict of str to TableFit
     """
 
@@ -124,7 +124,7 @@ class TableStudy:
 
 @dataclass(frozen=True)
 class StiffnessStudy:
-    """Section 3.4 on made experiments: the reference's displacements, rounded to the paper's error.
+    """Section 3.4 on synthetic experiments: displacements of the reference with the paper's measurement error.
 
     Attributes
     ----------
@@ -152,7 +152,7 @@ class StiffnessStudy:
 
 @dataclass
 class PaperRun:
-    """All results; `tdcr_fe.validation.paper.claims.verdicts` judges them.
+    """All results; `tdcr_fe.validation.paper.claims.verdicts` evaluates them.
 
     ``interrupted`` names the part in which the user stopped the run; it is empty where everything was done.
     """
@@ -190,18 +190,18 @@ def run_paper(
     Parameters
     ----------
     parts
-        Some of `PARTS`; "effects" runs the closed loop of `tdcr_fe.identify` on every table.
+        Some of `PARTS`; "effects" runs `tdcr_fe.identify` on every table.
     progress
         Called with every task that was finished.
     interrupted
-        Whether an interruption was asked for. A simulation that is interrupted ends early without an exception, so
-        this is looked at after every task.
+        Whether an interruption was requested. A simulation that is interrupted ends early without an exception, so
+        this is checked after every task.
 
     Returns
     -------
     PaperRun
-        Where the user interrupts, with the parts that were finished (perhaps none), and with the tables that the
-        closed loop has been through; ``interrupted`` then names the part that was under way.
+        Where the user interrupts, with the finished parts (perhaps none) and the finished tables of the
+        identification; ``interrupted`` then names the unfinished part.
     """
     run = PaperRun()
     functions: dict[str, Callable[[PaperRun, Progress], None]] = {
@@ -226,7 +226,7 @@ def run_paper(
         try:
             functions[name](run, report)
         except (KeyboardInterrupt, Exception) as stop:
-            # a simulation that was interrupted has fewer steps than the part relies on, which ends it by an error
+            # an interrupted simulation has fewer steps than the part expects, which ends it by an error
             if not isinstance(stop, KeyboardInterrupt) and not (interrupted is not None and interrupted()):
                 raise
             if name != "effects":
@@ -262,7 +262,7 @@ def run_model(case: PaperCase, model: Model, reference: bool = False) -> ModelRu
     case, model
         What is solved.
     reference
-        Also by the independent reference.
+        Whether the independent reference solves it as well.
     """
     targets = resolve(case.robot, case.steps)
     simulation = Simulation(case.robot, model, targets)
@@ -360,7 +360,7 @@ def _critical(run: PaperRun, report: Progress) -> None:
                 SEARCH_LOADS,
             )
     report("helical, with friction")
-    # The robot of the experiments at its own tensions, as declared and as stiff as Table 3 asks for.
+    # The robot of the experiments at its own tensions, with the declared and with the fitted stiffness.
     stiff = run.tables[3].fits["stiffness"].robot if run.tables else fit_table(3).robot
     for kind, own in (("as declared", prototype(3)), ("stiffness of Table 3", stiff)):
         for tension in SEARCH_TENSIONS[1:]:
@@ -446,7 +446,7 @@ def made_experiments(robot: Robot, forces: Array, error: float = 0.0, seed: int 
 
 def _stiffness(run: PaperRun, report: Progress) -> None:
     declared = prototype(1)
-    factor = 1.35  # the glue and the disks stiffen the rod; this is what has to be found
+    factor = 1.35  # glue and disks stiffen the rod; the factor to be identified
     true = declared.with_backbone(
         bending_stiffness=factor * declared.backbone.EI, torsional_stiffness=factor * declared.backbone.GJ
     )
@@ -455,7 +455,7 @@ def _stiffness(run: PaperRun, report: Progress) -> None:
     forces = np.stack((size * np.cos(angle), size * np.sin(angle)), axis=1)
     three = np.pad(forces, ((0, 0), (0, 1)))
     moved = made_experiments(true, three, error=5e-5)
-    # Along the backbone nothing moves by more than the error: two components are identified.
+    # Displacements along the backbone are below the error: two components are identified.
     identified = identify_stiffness(forces, moved[:, :2])
     found = with_identified_stiffness(declared, identified)
     new = np.array([[0.0024, -0.0018, 0.0]])

@@ -1,10 +1,10 @@
-"""The algorithm of the paper's Fig. 2, taken literally: signs of the tendons' length rates found by trying.
+"""The algorithm of the paper's Fig. 2, taken literally: signs of the tendons' length rates by trial.
 
 In every load step one sign is assumed for each tendon, first that all of them shorten; the step is solved with the
 friction in these directions; the change of each tendon's length is compared with its sign; and the next combination
 is tried until all agree. There are 2^m combinations for m tendons with friction. Where none agrees the algorithm has
-no answer: a tendon that would lengthen if it were assumed to shorten, and the other way round, does not move at
-all. Its holes stick, with less friction than the Capstan equation allows.
+no solution: a tendon that would lengthen if it were assumed to shorten, and vice versa, does not move at all. Its
+holes stick, with less friction than the Capstan equation allows.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def trial_signs(
     for step, target in zip(steps, targets, strict=True):
         start = simulation.state
         slip = simulation.displacement.copy()
-        # A tendon without tension rubs nowhere: its sign says nothing, and is left as it is.
+        # A tendon without tension has no friction: its sign has no effect and is kept.
         rubs = (target.values > 0.0) | (forces.base_tension > 0.0)
         trials: list[Trial] = []
         consistent: Trial | None = None

@@ -21,7 +21,7 @@ class IdentifiedStiffness:
     matrix : ndarray, shape (n, n)
         [N/m].
     covariance : ndarray, shape (n, n)
-        Of the rows of the matrix as least squares sees it, for unit variance of the forces [1/m^2].
+        Least-squares covariance of the rows of the matrix, for unit variance of the forces [1/m^2].
     regularisation : float
         Weight ``lambda`` of ``|K|^2`` that was used [m^2].
     residual : float
@@ -67,7 +67,7 @@ def identify_stiffness(
         ``lambda`` [m^2]. None takes the value with the smallest generalised cross-validation score (G. H. Golub,
         M. Heath, G. Wahba, Technometrics 21 (1979) 215-223).
     symmetric
-        Return the symmetric part: a robot held at its base has no other, as long as the displacements are small.
+        Return the symmetric part: for small displacements the stiffness of a clamped robot is symmetric.
 
     Returns
     -------
@@ -135,7 +135,7 @@ def bending_stiffness_of_tip(transverse_stiffness: float, robot: Robot) -> float
     transverse_stiffness
         Force over displacement at the tip, both across the backbone [N/m].
     robot
-        Tells length and shear stiffness.
+        Gives length and shear stiffness.
     """
     length = robot.backbone.length
     bending = 1.0 / transverse_stiffness - length / robot.backbone.GA
@@ -148,7 +148,7 @@ def bending_stiffness_of_tip(transverse_stiffness: float, robot: Robot) -> float
 
 
 def with_identified_stiffness(robot: Robot, identified: IdentifiedStiffness) -> Robot:
-    """The robot with the bending stiffness that the identified matrix stands for, to be written as ``robot.toml``.
+    """The robot with the bending stiffness that follows from the identified matrix, to be written as ``robot.toml``.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def with_identified_stiffness(robot: Robot, identified: IdentifiedStiffness) -> 
     -------
     Robot
         With ``bending_stiffness`` from the mean of both transverse directions, and ``torsional_stiffness`` scaled
-        alike (it cannot be seen in such an experiment).
+        by the same factor (it cannot be identified in such an experiment).
     """
     transverse = float(np.mean(np.diag(identified.matrix)[:2]))
     stiffness = bending_stiffness_of_tip(transverse, robot)

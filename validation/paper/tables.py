@@ -1,18 +1,18 @@
-"""The paper's Tables 1-4 as typed in, and the check of every row against what any robot could do.
+"""The paper's Tables 1-4, and consistency checks of every row.
 
 Offsets are distances of a point from the z axis; angles are chord angles, between the line from the base to the point
-and the z axis (that is what the tables' own pairs fit to). Two checks need no model of the robot at all:
+and the z axis (the definition that fits the pairs in the tables). Two checks need no model of the robot:
 
 - the chord, ``offset / sin(angle)``, cannot be longer than the backbone between base and point;
-- a backbone that bends to one side evenly has the chord ``L sin(angle) / angle``; one that is much shorter asks for
+- a backbone that bends uniformly to one side has the chord ``L sin(angle) / angle``; a much shorter one requires
   a backbone folded back on itself at that small an angle.
 
-The third asks for elasticity only: what the tension does and what the load does must be met by one bending stiffness.
+The third assumes elasticity only: one bending stiffness must explain the deflections by tension and by load.
 To first order in the deflection
 
     EI_tension = T |int_0^L (L - s) r(s) ds| / offset,      EI_load = F L^3 / (3 (loaded - unloaded offset)),
 
-with ``r(s)`` the hole's place in the section. Both hold for any offset, routing and friction-free robot; friction
+with ``r(s)`` the hole's position in the section. Both are valid for any offset and routing without friction; friction
 makes ``EI_tension`` too large by less than the Capstan factor.
 """
 
@@ -57,7 +57,7 @@ def table_title(number: int) -> str:
 
 
 def typed_table(number: int) -> pd.DataFrame:
-    """A table of the paper exactly as printed; columns name their units.
+    """A table of the paper as printed; columns name their units.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def _check_stiffness(table: pd.DataFrame, robot: Robot, elastic: Sequence[list[s
         np.deg2rad(table["angle_deg"].to_numpy()),
         np.deg2rad(table["angle_loaded_deg"].to_numpy()),
     )
-    # Offsets from the angles: they are the ones that hang together in every table.
+    # Offsets are computed from the angles, which are consistent in every table.
     offset, offset_loaded = (length * np.sin(a) ** 2 / a for a in (angle, loaded))
     by_tension = tension * first_moment(robot, robot.tendons[0]) / offset
     with np.errstate(divide="ignore"):
@@ -226,20 +226,20 @@ def _check_order(table: pd.DataFrame, elastic: Sequence[list[str]]) -> None:
 
 
 def table_remarks(number: int) -> list[str]:
-    """What a table as a whole says about its robot."""
+    """Remarks on a table as a whole."""
     table = paper_table(number)
     robot = prototype(number)
     declared = robot.backbone.EI
     found = table["stiffness_from_tension_Nm2"].to_numpy()
     remarks = [
-        f"The tension column asks for EI {1e3 * found.min():.2f} to {1e3 * found.max():.2f}e-3 N m² from row to row; "
+        f"The tension column requires EI {1e3 * found.min():.2f} to {1e3 * found.max():.2f}e-3 N m² from row to row; "
         f"the rod as declared has {1e3 * declared:.2f}e-3."
     ]
     if number != 2:
         by_load = table["stiffness_from_load_Nm2"].to_numpy()
         good = by_load[by_load > 0.0]
         remarks.append(
-            f"The load column asks for EI {1e3 * good.min():.3g} to {1e3 * good.max():.3g}e-3 N m²: "
+            f"The load column requires EI {1e3 * good.min():.3g} to {1e3 * good.max():.3g}e-3 N m²: "
             f"{(good / found[by_load > 0.0]).min():.1f} to {(good / found[by_load > 0.0]).max():.0f} times the "
             "tension's."
         )
