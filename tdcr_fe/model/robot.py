@@ -138,6 +138,11 @@ class Backbone:
         return float(np.pi * self.radius**2)
 
     @property
+    def second_moment(self) -> float:
+        """Second moment of area about any axis through the centre of the section [m^4]."""
+        return float(np.pi * self.radius**4 / 4.0)
+
+    @property
     def shear_modulus(self) -> float:
         """``E / (2 (1 + nu))`` [Pa]."""
         return self.youngs_modulus / (2.0 * (1.0 + self.poisson_ratio))
@@ -147,14 +152,14 @@ class Backbone:
         """Bending stiffness [N m^2]."""
         if self.bending_stiffness is not None:
             return self.bending_stiffness
-        return float(self.youngs_modulus * np.pi * self.radius**4 / 4.0)
+        return float(self.youngs_modulus * self.second_moment)
 
     @property
     def GJ(self) -> float:
         """Torsional stiffness [N m^2]."""
         if self.torsional_stiffness is not None:
             return self.torsional_stiffness
-        return float(self.shear_modulus * np.pi * self.radius**4 / 2.0)
+        return float(self.shear_modulus * 2.0 * self.second_moment)
 
     @property
     def EA(self) -> float:

@@ -77,7 +77,6 @@ def build_mesh(
     )
     stiffness[rigid] *= INSERT_FACTORS
     add_residual_flexibility(stiffness, np.diff(arc))
-    second_moment = np.pi * b.radius**4 / 4.0
-    rotary = b.density * second_moment * np.array([2.0, 1.0, 1.0])
+    rotary = b.density * b.second_moment * np.array([2.0, 1.0, 1.0])
     precurvature = BEAM_TO_SECTION.T @ np.array([*b.precurvature, 0.0])
     return BackboneMesh(arc, stiffness, b.mass_per_length, rotary, precurvature), rigid

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from robots import BACKBONE, DISKS, LENGTH, distance, solve
+from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, solve
 from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.special import ellipk, ellipkinc
 
 from tdcr_fe.elements.backbone import ElementChain, relative_twists, subdivide
 from tdcr_fe.elements.poses import exp_se3, log_se3
-from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Backbone, Disks, Robot
+from tdcr_fe.scene.mesh import build_mesh
 
 ROD = Robot(BACKBONE, DISKS, (), name="rod")
 EI, GJ, EA, GA = BACKBONE.EI, BACKBONE.GJ, BACKBONE.EA, BACKBONE.GA
@@ -198,3 +199,39 @@ def test_increments_of_twists_against_differences():
 
     h = 1e-6
     assert ElementChain(twists).changes(change) == pytest.approx((moved(h) - moved(-h)) / (2 * h), abs=1e-8)
+
+
+@dataclass(frozen=True)
+class Tube(Backbone):
+    """A section of one's own: its area and second moment decide on stiffness and mass."""
+
+    bore: float = 0.0
+
+    @property
+    def area(self) -> float:
+        return float(np.pi * (self.radius**2 - self.bore**2))
+
+    @property
+    def second_moment(self) -> float:
+        return float(np.pi * (self.radius**4 - self.bore**4) / 4.0)
+
+
+def test_another_section_takes_its_area_and_second_moment_alone():
+    """A tube against a rod with the tube's stiffnesses and mass declared."""
+    solid = Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0)
+    tube = Tube(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0, bore=0.3e-3)
+    assert pytest.approx(solid.EI * (1 - 0.75**4)) == tube.EI
+    declared = replace(
+        solid,
+        density=5600.0 * tube.area / solid.area,
+        bending_stiffness=tube.EI,
+        torsional_stiffness=tube.GJ,
+        axial_stiffness=tube.EA,
+        shear_stiffness=tube.GA,
+    )
+    a, b = (solve(paper(0.3, backbone=x), pull(0.5, 0.2), gravity=(9.81, 0.0, 0.0)) for x in (tube, declared))
+    assert distance(a.tips, b.tips) < 1e-12
+    assert distance(a.tips, solve(paper(0.3), pull(0.5, 0.2), gravity=(9.81, 0.0, 0.0)).tips) > 0.05
+    # Of the rotary inertia, the hole takes the fourth power of the radii.
+    inertia = [build_mesh(paper(backbone=x), Model())[0].rotary_inertia for x in (tube, solid)]
+    assert inertia[0] == pytest.approx((1 - 0.75**4) * inertia[1])
