@@ -1,5 +1,7 @@
 """How tension passes along a tendon: Capstan friction with presliding at every hole, and its tangent.
 
+Laws of the coefficient of friction (constant, Stribeck, force-dependent) are in `tdcr_fe/model/friction.py`.
+
 A tendon is pulled at the base plate, runs through holes ``k = 1 .. n-1`` and is anchored at hole ``n``.
 Segment ``k`` lies between hole ``k-1`` and hole ``k``; it has length ``l_k`` and tension ``T_k``; the tendon turns
 by ``theta_k`` at hole ``k``. Tendon material that has passed hole ``k`` towards the base is the slip ``u_k``.
