@@ -268,7 +268,7 @@ class ElementChain:
         return twist_change(self.twists, increments[:-1], increments[1:], self._coefficients)
 
     @staticmethod
-    def _beyond(wrenches: Array, positions: Array, rotations: Array) -> Array:
+    def _distal_sum(wrenches: Array, positions: Array, rotations: Array) -> Array:
         """Sum of the wrenches on each node and all nodes distal to it, in its own frame: (N, 2, 3) to (N, 2, 3)."""
         lever = skew(positions)
         world = wrenches @ rotations.swapaxes(1, 2)
@@ -294,7 +294,7 @@ class ElementChain:
         positions, rotations
             Of the nodes, shapes (N, 3) and (N, 3, 3).
         """
-        beyond = self._beyond(wrenches.reshape(-1, 2, 3), positions, rotations)
+        beyond = self._distal_sum(wrenches.reshape(-1, 2, 3), positions, rotations)
         half = beyond.reshape(-1, 3).dot(_HALF_SKEW).reshape(-1, 2, 3, 3)
         # Half the coadjoint map, from the change of a twist to that of the wrench beyond it, is [[0, f], [f, m]]; here
         # after the transposed map that takes twists of an element's first node to its second.

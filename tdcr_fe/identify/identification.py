@@ -70,7 +70,7 @@ def identify(
     search.report("the declared model", 0.0)
     try:
         with ForwardModel(settings.processes) as forward:
-            problem, estimated = _pose(without_unread_steps(data), settings, forward)
+            problem, estimated = _build_problem(without_unread_steps(data), settings, forward)
             state = _search(search, _declared(problem), estimated)
             search.report("conclusions", 0.97)
     except _Interrupted as interruption:  # the workers have ended
@@ -112,7 +112,9 @@ def without_unread_steps(data: MeasuredData) -> MeasuredData:
     )
 
 
-def _pose(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> tuple[FitProblem, bool]:
+def _build_problem(
+    data: MeasuredData, settings: IdentifySettings, forward: ForwardModel
+) -> tuple[FitProblem, bool]:
     """The problem with sigma known, steps held out, mesh and path fine enough; and whether sigma was estimated."""
     positions = set(choose_held_out(data, settings.hold_out))
     at = {n: k for k, n in enumerate(data.step_ids)}

@@ -126,7 +126,7 @@ def _score(
         if np.all(strength < NOTHING):
             continue
         directions = [_direction(e, fixed, null, p[e.name]) for p in points]
-        low, high = np.array([_room(problem, e, null, d) for d in directions]).T
+        low, high = np.array([_amplitude_range(problem, e, null, d) for d in directions]).T
         k = fit.jacobian.shape[1]
         a = np.concatenate((fit.jacobian, signature), axis=1)
         w = np.minimum(1.0, problem.robust_threshold / np.maximum(np.abs(fit.residual), 1e-300)) ** 0.5
@@ -175,7 +175,7 @@ def _direction(
     }
 
 
-def _room(
+def _amplitude_range(
     problem: FitProblem, e: Effect, null: dict[str, float], direction: dict[str, float]
 ) -> tuple[float, float]:
     """Range of an amplitude within the bounds of the parameters."""

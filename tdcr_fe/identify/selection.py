@@ -308,7 +308,7 @@ def _fit_proposals(
     progress: float,
 ) -> tuple[SearchState, list[Fit]]:
     """Fit the candidates of a round; those that were solved, best first."""
-    state, raced = _race(search, state, proposals, math.inf, progress)
+    state, raced = _fit_and_rank(search, state, proposals, math.inf, progress)
     problem = state.problem
     for fit, score, new in raced:
         entries = tuple(
@@ -328,7 +328,7 @@ def _fit_proposals(
     return state, sorted(solved, key=lambda f: bic(problem, f))
 
 
-def _race(
+def _fit_and_rank(
     search: Search,
     state: SearchState,
     starters: Sequence[tuple[Fit, Score]],
@@ -379,7 +379,7 @@ def _swap_one(search: Search, state: SearchState) -> tuple[SearchState, bool]:
         needed = 0.3 * max(1e-9, rest.cost - state.best.cost)
         worth = [x for x in chosen[: search.settings.candidates] if x.drop >= needed]
         worth = [x for x in worth if identifiable(state.problem, rest, x)]
-        state, raced = _race(search, state, [(rest, x) for x in worth], state.best.cost, 0.75)
+        state, raced = _fit_and_rank(search, state, [(rest, x) for x in worth], state.best.cost, 0.75)
         problem, best = state.problem, state.best
         noise = effective_noise(problem, best, search.significance)
         for _, x, other in raced:
@@ -409,7 +409,7 @@ def _with_rival_sets(search: Search, state: SearchState) -> SearchState:
         if bic(problem, other) - bic(problem, best) >= BIC_DIFFERENCE * noise:
             continue
         for name in key - mine:
-            likeness = {e: _likeness(signatures.get(e), signatures.get(name)) for e in mine - key}
+            likeness = {e: _similarity(signatures.get(e), signatures.get(name)) for e in mine - key}
             like = max(likeness, key=lambda e: likeness[e])
             state = _with_rival(state, like, name)
     return state
@@ -534,7 +534,7 @@ def _with_scales(state: SearchState, scores: Sequence[Score]) -> SearchState:
     return replace(state, problem=replace(state.problem, scales=scales))
 
 
-def _likeness(a: Array | None, b: Array | None) -> float:
+def _similarity(a: Array | None, b: Array | None) -> float:
     """Largest cosine between the sensitivities of two effects; zero where one is not known."""
     if a is None or b is None or not a.size or not b.size:
         return 0.0

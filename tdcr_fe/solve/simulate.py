@@ -164,19 +164,19 @@ class _Run:
                 self.failed, self.message = number, "interrupted"
                 return None
             if estimated and self.monitor.record() and refine and self._too_coarse():
-                return self._finer()
+                return self._refined_mesh()
             self.solved.append(self.simulation.result(number, step.label, report, target))
             self.warnings += step_warnings(number, report)
             if self.progress is not None:
                 self.progress(self.solved[-1])
         self.monitor.flush()
-        return self._finer() if refine and self._too_coarse() else None
+        return self._refined_mesh() if refine and self._too_coarse() else None
 
     def _too_coarse(self) -> bool:
         """Whether any step estimated so far misses the tolerance."""
         return any(not e.largest <= self.goal for e in self.monitor.estimates)
 
-    def _finer(self) -> tuple[int, ...] | None:
+    def _refined_mesh(self) -> tuple[int, ...] | None:
         """Elements per bay of a finer mesh; None where the limit is reached."""
         counts = self.simulation.handle.model.elements_per_bay
         assert isinstance(counts, tuple)

@@ -214,7 +214,7 @@ class LoadStepper:
         StepFailed
         """
         if reference_path is not None:
-            return self._along(state, reference_path)
+            return self._along_reference(state, reference_path)
         if substeps is None:
             return self._refined(state)
         return self._equal_substeps(state, substeps)
@@ -248,7 +248,7 @@ class LoadStepper:
             solved = self._extended(self._substep(state, start, middle), middle, end)
         return replace(solved, rejected=solved.rejected + result.iterations)
 
-    def _along(self, state: SolverState, reference: Sequence[Increment]) -> Path:
+    def _along_reference(self, state: SolverState, reference: Sequence[Increment]) -> Path:
         """The substeps of a reference path, each started from its solution; if one fails, it is solved without."""
         path, start = Path(state), 0.0
         for point in reference:

@@ -231,7 +231,7 @@ class SceneSystem:
                 "function of the user"
             )
         self.layout = SceneLayout.of(mbs, self.robots, with_clamps=True)
-        self._reactions = self._survey()
+        self._reactions = self._couplings_and_reactions()
 
     @property
     def length(self) -> float:
@@ -452,9 +452,9 @@ class SceneSystem:
     def release_clamps(self) -> None:
         """Treat clamped bases as any other joint from now on, because their supports have been moved."""
         self.layout = SceneLayout.of(self.mbs, self.robots, with_clamps=False)
-        self._reactions = self._survey()
+        self._reactions = self._couplings_and_reactions()
 
-    def _survey(self) -> dict[int, Array]:
+    def _couplings_and_reactions(self) -> dict[int, Array]:
         """Search for further couplings between nodes, and compute the influence of the clamps' multipliers.
 
         Returns

@@ -153,7 +153,7 @@ def test_unknown_names_and_values_out_of_bounds_are_refused():
 # ------------------------------------------------------------------------------------------- before the base
 
 
-def test_play_of_tension_by_hand():
+def test_play_of_tension_in_a_worked_example():
     # Dead band 0.1 N, efficiency 0.8: pulling (T - 0.1) 0.8, releasing T / 0.8 + 0.1, held in between.
     commands = [0.05, 0.6, 1.1, 0.9, 0.5, 0.1, 0.0, 0.2]
     arrived = [0.0, 0.4, 0.8, 0.8, 0.725, 0.225, 0.1, 0.1]
@@ -170,7 +170,7 @@ def test_play_of_tension_stays_within_its_bounds_and_moves_only_at_them(commands
         last = a
 
 
-def test_play_of_displacement_by_hand():
+def test_play_of_displacement_in_a_worked_example():
     mm = [0.5, 2.0, 3.0, 2.5, 1.0, 1.5, 3.0]
     assert displacement_that_arrives(mm, 1.0) == [0.0, 1.0, 2.0, 2.0, 1.0, 1.0, 2.0]
     assert displacement_that_arrives([-x for x in mm], 1.0) == [0.0, -1.0, -2.0, -2.0, -1.0, -1.0, -2.0]
@@ -269,7 +269,7 @@ def test_friction_is_switched_on_where_the_model_has_none():
     assert tip(s) == pytest.approx(tip(setup(0.3)), abs=1e-12)
 
 
-def test_adhesion_takes_the_same_from_every_hole():
+def test_adhesion_is_the_same_tension_drop_at_every_hole():
     s = with_effect(setup(), "hole_adhesion", drop=0.01)
     result = simulate(s.robot, s.model, s.steps)
     assert np.diff(result.steps[-1].tensions[0]) == pytest.approx(-0.01, rel=1e-9)
@@ -327,7 +327,7 @@ def test_markers_move_with_their_section():
     assert moved == pytest.approx(rotation @ [1e-3, 2e-3, 0.0], abs=1e-12)
 
 
-def test_every_quantity_is_read_off():
+def test_every_channel_is_predicted():
     s = setup(0.3, steps=pulled(1.0))
     result = simulate(s.robot, s.model, s.steps).steps[0]
     readings = [Reading(1, q, None, 0.0) for q in ("bending_angle", "chord_angle", "tip_offset")]

@@ -31,7 +31,7 @@ def by_trying(matrix, right):
 
 @settings(deadline=None, max_examples=150)
 @given(st.integers(1, 5), st.integers(0, 10**6), st.sampled_from([0.05, 0.3, 1.0]))
-def test_solution_is_that_of_trying_everything(k, seed, skewness):
+def test_solution_is_that_of_exhaustive_search(k, seed, skewness):
     """Positive definite, unsymmetric matrices (every such one is a P-matrix), any first guess."""
     rng = np.random.default_rng(seed)
     a, b = rng.normal(size=(k, k)), rng.normal(size=(k, k))
@@ -68,7 +68,7 @@ def test_a_singular_block_is_reported():
     assert np.all(np.isfinite(s)) and np.all(np.abs(s) <= 1.0)
 
 
-def test_where_the_matrix_has_not_the_property_what_is_called_solved_is_solved():
+def test_every_reported_solution_is_one_for_other_matrices_too():
     """Random matrices with minors of both signs: some are not solved, and say so; the others meet every condition."""
     rng = np.random.default_rng(0)
     outcomes = []

@@ -53,7 +53,7 @@ def test_sliding_tendon_obeys_the_capstan_equation(kind, way):
     assert field.base_slip == pytest.approx(way * np.array([4e-3, 2e-3]), rel=1e-12)
 
 
-def test_slip_at_a_hole_is_what_the_segments_beyond_gave_up():
+def test_slip_at_a_hole_is_the_sum_of_released_lengths_beyond_it():
     """Paper's rate of the tendon's length, hole by hole; the per-tendon law counts the whole tendon."""
     given_up = np.array([[1.0, 2.0, 4.0, 8.0], [1.0, 2.0, 0.0, 0.0]])
     assert law(PerHoleFriction()).slips(given_up)[0] == pytest.approx([14.0, 12.0, 8.0])
@@ -210,7 +210,7 @@ def test_tensions_from_the_configuration_against_differences(kind, compliance, a
     assert slides == (scale > 1.0)
 
 
-def test_elastic_tendon_gives_up_its_stretch():
+def test_elastic_tendon_releases_its_stretch():
     """Slip at the base of a straight tendon under T: what its EA says, L (1 - 1/(1 + T/EA))."""
     x = law(PerHoleFriction(), mu=0.0, compliance=1.0 / 400.0)
     field = x.evaluate(np.array([4.0, 2.0]), LENGTHS, 0.0 * ANGLES, x.initial_state())

@@ -139,7 +139,7 @@ def test_tendons_without_a_law_beside_those_with_one():
     assert field.tension[0, 1] == pytest.approx(2.0 * np.exp(-(0.2 + 5.0 * 0.03) * 0.2), rel=1e-12)
 
 
-def test_a_model_without_friction_asks_no_law():
+def test_a_model_without_friction_calls_no_law():
     field = law((STRIBECK, HERTZ), NoFriction()).field(BASE, 0.9 * LENGTHS, ANGLES, np.zeros((2, 0)))
     assert np.array_equal(field.tension, np.array([[2.0] * 4, [1.0] * 4]))
     assert not law((STRIBECK, HERTZ), NoFriction()).has_friction

@@ -58,7 +58,7 @@ count = 13
         ("kind = 'stribek', static = 0.3", "kind"),
     ],
 )
-def test_a_law_that_makes_no_sense_is_refused_by_its_key(tmp_path, law, value):
+def test_an_invalid_law_is_refused_by_its_key(tmp_path, law, value):
     path = tmp_path / "robot.toml"
     path.write_text(
         "[backbone]\nlength = 0.25\nradius = 4e-4\nyoungs_modulus = 85e9\npoisson_ratio = 0.3\n[disks]\ncount = 13\n"
@@ -70,7 +70,7 @@ def test_a_law_that_makes_no_sense_is_refused_by_its_key(tmp_path, law, value):
     assert [p.key for p in caught.value.problems] == [f"tendons[0].friction.{value}"]
 
 
-def test_the_page_prints_what_it_shows_and_its_law_is_what_it_says():
+def test_output_and_law_of_the_page_are_those_stated():
     """A law of one's own in 20 lines: the angle of the page, and coefficients between its bounds."""
     names, printed, shown = run_page()
     assert printed == shown

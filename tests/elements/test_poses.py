@@ -91,7 +91,7 @@ def test_logarithm_undoes_the_exponential(xi, scale):
     assert poses.log_se3(*poses.exp_se3(scale * xi)) == pytest.approx(scale * xi, abs=1e-13)
 
 
-def test_one_large_rotation_in_a_stack_does_not_spoil_the_small_ones():
+def test_one_large_rotation_in_a_stack_keeps_the_accuracy_of_small_ones():
     xi = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 2.5], [1.0, 0.0, 0.0, 0.0, 0.0, 1e-3], [1.0, 0, 0, 0, 0, 0.02]])
     r, p = poses.exp_se3(xi)
     for k in range(3):

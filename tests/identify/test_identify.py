@@ -33,7 +33,7 @@ def test_steps_held_out_are_whole_branches():
     assert choose_held_out(two) == (5, 6, 7, 8, 9, 10)
 
 
-def test_one_monotone_branch_keeps_its_last_levels_aside():
+def test_one_monotone_branch_holds_out_its_last_levels():
     data = measured()
     one = replace(data, branches=("",) * 3, steps=data.steps[:3], step_ids=data.step_ids[:3],
                   readings=tuple(r for r in data.readings if r.step <= 3))  # fmt: skip

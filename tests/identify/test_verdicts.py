@@ -58,7 +58,7 @@ def test_readings_in_millimetres_without_sigma_stop_the_run(bent, tmp_path, caps
 
 
 @pytest.mark.parametrize("sigma", ["", "0.0001"])
-def test_a_single_reading_tells_nothing(bent, tmp_path, sigma):
+def test_a_single_reading_gives_no_verdict(bent, tmp_path, sigma):
     """e3bbe5d: "nothing missing"."""
     status, result = run(bent, tmp_path, lambda rows: [rows[3].rsplit(",", 1)[0] + "," + sigma])
     assert (status, result["verdict"], result["observations"]) == (0, "cannot tell", 1)
@@ -73,7 +73,7 @@ def test_without_sigma_noise_is_estimated_where_three_steps_allow_it(tmp_path):
     assert unknown_noise(data) == []
 
 
-def test_without_sigma_two_steps_tell_nothing(bent, tmp_path):
+def test_without_sigma_two_steps_give_no_verdict(bent, tmp_path):
     """e3bbe5d: the residual itself was taken for the noise, and "nothing missing" said."""
     status, result = run(
         bent,
@@ -84,7 +84,7 @@ def test_without_sigma_two_steps_tell_nothing(bent, tmp_path):
     assert "no sigma is given for position" in result["remaining"]["description"]
 
 
-def test_noise_larger_than_the_motion_tells_nothing(tmp_path):
+def test_noise_larger_than_the_motion_gives_no_verdict(tmp_path):
     status, result = run(measured(sigma=0.09), tmp_path)
     assert (status, result["verdict"]) == (0, "cannot tell")
     assert "the noise is larger than the motion of the robot" in result["remaining"]["description"]
@@ -119,7 +119,7 @@ def test_candidates_with_more_parameters_than_readings_are_not_fitted(bent):
     }
 
 
-def test_the_report_says_why_nothing_can_be_told(bent):
+def test_the_report_gives_the_reason_for_no_verdict(bent):
     result = identify(replace(bent, readings=bent.readings[:1]))
     assert headline(result).startswith("Cannot tell")
     assert any("at least 4 are needed" in s for s in sentences(result))

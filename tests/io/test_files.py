@@ -52,7 +52,7 @@ def problems_of(path: Path, further_tables=None) -> list[Problem]:
 # --------------------------------------------------------------------------------------------- what is right
 
 
-def test_robot_is_read_as_it_stands(tmp_path):
+def test_robot_is_read_as_written(tmp_path):
     robot = read_scenario(write(tmp_path)).robot
     assert robot == Robot(
         Backbone(0.25, 0.4e-3, 85e9, 0.3, 5600.0),
@@ -73,7 +73,7 @@ def test_robot_is_read_as_it_stands(tmp_path):
     )
 
 
-def test_scenario_is_read_as_it_stands(tmp_path):
+def test_scenario_is_read_as_written(tmp_path):
     scenario = read_scenario(write(tmp_path))
     assert scenario.model == Model("straight", "per-hole", 2, (0.0, 0.0, -9.81))
     assert scenario.steps == (
@@ -108,7 +108,7 @@ def test_model_file_holds_the_model_table_alone(tmp_path):
     assert [p.key for p in caught.value.problems] == ["robot", "model.friction"]
 
 
-def test_positions_of_disks_stand_for_their_count(tmp_path):
+def test_positions_of_disks_replace_their_count(tmp_path):
     changes = {"disks.count": REMOVED, "disks.positions": [0.05, 0.1, 0.15, 0.2, 0.25]}
     robot = read_scenario(write(tmp_path, changed(ROBOT, changes))).robot
     assert robot.disks.positions == (0.05, 0.1, 0.15, 0.2, 0.25)
@@ -324,7 +324,7 @@ def test_directory_in_place_of_a_file_is_named(tmp_path):
     assert (problem.file, problem.allowed) == (str(tmp_path), "is a directory, not a file")
 
 
-def test_name_too_long_for_a_file_is_no_accident(tmp_path):
+def test_name_too_long_for_a_file_is_an_input_error(tmp_path):
     (problem,) = problems_of(tmp_path / ("x" * 5000))
     assert "cannot be read" in problem.allowed
 
@@ -375,7 +375,7 @@ leaf = st.one_of(
 
 @settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
 @given(st.data())
-def test_no_value_in_any_place_is_an_accident(tmp_path_factory, data):
+def test_no_value_of_any_key_raises_an_unexpected_error(tmp_path_factory, data):
     """Any value in any place is taken or refused; nothing else comes out."""
     folder = tmp_path_factory.mktemp("any")
     texts = []

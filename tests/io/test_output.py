@@ -172,7 +172,7 @@ def test_nothing_half_written_remains_where_writing_fails(tmp_path, monkeypatch,
 
 
 @pytest.mark.parametrize("place", ["file", "file/below", "file/far/below"])
-def test_place_that_cannot_be_a_directory_is_an_input_error(tmp_path, place):
+def test_path_that_cannot_be_a_directory_is_an_input_error(tmp_path, place):
     (tmp_path / "file").write_text("mine")
     with pytest.raises(InputError, match="is a file; must be a directory"):
         write_results(arc_result(), tmp_path / place)

@@ -90,7 +90,7 @@ def test_text_with_a_comma_is_no_number(tmp_path):
         (b"step,branch\n1,gr\xfcn\n", "line 2", 'encoding: must be UTF-8 or UTF-16; save as "CSV UTF-8"'),
     ],
 )  # fmt: skip
-def test_what_a_file_leaves_open_is_asked_with_one_word(tmp_path, content, key, word):
+def test_ambiguous_file_is_refused_with_a_word_for_the_reason(tmp_path, content, key, word):
     path = tmp_path / "t.csv"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     found = problem(path)
@@ -102,7 +102,7 @@ def test_file_that_is_not_there_is_named(tmp_path):
     assert problem(tmp_path / "t.csv").allowed == "no such file"
 
 
-def test_a_decimal_comma_among_thousands_is_no_question(tmp_path):
+def test_a_decimal_comma_among_thousands_is_unambiguous(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text("step;value\n1;1,234\n2;0,5\n")
     assert read_table(path).value.tolist() == ["1.234", "0.5"]

@@ -110,11 +110,11 @@ def test_single_step_and_no_tendons_are_drawn(tmp_path):
         plots.tensions(result)
 
 
-def test_every_picture_is_known_to_whom_replaces_them():
+def test_every_picture_is_in_the_list_of_replaced_files():
     assert tuple(plots.PICTURES) == PICTURE_FILES
 
 
-def test_nothing_is_drawn_of_nothing(tmp_path):
+def test_nothing_is_drawn_without_steps(tmp_path):
     result = dataclasses.replace(arc_result(), steps=())
     assert plots.save_pictures(result, tmp_path) == []
     with pytest.raises(ValueError, match="no step was solved"):

@@ -62,7 +62,7 @@ def test_random_sequences_give_the_shapes_of_simulate(seed):
         assert distance(shape, step.positions) < 1e-9
 
 
-def test_a_load_that_fails_on_the_way_is_kept_as_set_and_continues_from_where_it_got():
+def test_a_load_that_fails_within_the_step_is_kept_as_set_and_resumed():
     """A load of 1e5 N: the scene is left in the last solved state, what was set stays set, and the way back is open."""
     _keep, mbs, handle, load = with_load(paper(0.3))
     handle.set_tensions([1.0])

@@ -33,7 +33,7 @@ def test_ratio_is_at_a_bound_where_a_hole_slips_and_inside_where_it_sticks(frict
                 assert -1.0 < x < 1.0
 
 
-def test_holes_let_go_from_the_base_on():
+def test_holes_begin_to_release_at_the_base():
     """After a reversal, release-slip spreads from the base plate: no hole lets go before its neighbour."""
     seen = []
     for step in solve(paper(0.3), pull(2.0, 1.8, 1.6, 1.4, 1.2, 1.0)).steps[1:]:

@@ -249,7 +249,7 @@ def test_failure_names_residual_place_and_cure():
     assert caught.value.load_factor == 0.0 and caught.value.residual > 0.0
 
 
-def test_scene_larger_than_a_thousand_coordinates_stays_silent(capfd):
+def test_scene_larger_than_a_thousand_coordinates_prints_nothing(capfd):
     """Numerics print nothing, Exudyn's advice on large systems included."""
     solve(paper(0.0), pull(1.0), friction="none", elements_per_bay=12)
     out = capfd.readouterr()

@@ -87,7 +87,7 @@ def test_loading_sequences_are_those_of_a_careful_experimenter(kind):
             assert np.all(np.diff([s.time for s in steps]) > 0.0)
 
 
-def test_the_folder_tells_the_declared_robot_and_nothing_of_the_answer(made):
+def test_the_folder_has_the_declared_robot_and_not_the_answer(made):
     folder, data, answer = made
     assert {p.name for p in folder.iterdir()} == {
         "robot.toml",
@@ -194,7 +194,7 @@ def test_names_are_right_among_those_named_together_or_wrong(made):
     assert outcome(made, "nothing missing", named=())["outcome"] == "wrong"
 
 
-def test_errors_are_told_over_the_noise_and_intervals_over_two_standard_errors(made):
+def test_errors_are_over_the_noise_and_intervals_of_two_standard_errors(made):
     marks = outcome(made)
     assert marks["after"] == pytest.approx(marks["noise_floor"])
     assert marks["before"] == pytest.approx(3.0 * marks["noise_floor"])
@@ -242,7 +242,7 @@ def test_summary_counts(made, tmp_path):
         write_into_page(text, page)
 
 
-def test_a_benchmark_goes_on_where_it_stopped(made, tmp_path):
+def test_a_benchmark_resumes_where_it_stopped(made, tmp_path):
     marks = outcome(made)
     (tmp_path / "results").mkdir()
     (tmp_path / "results" / "7.json").write_text(json.dumps(marks))

@@ -61,7 +61,7 @@ def test_the_search_stops_at_the_first_consistent_combination():
     assert found.solved and len(found.trials) == 1 and found.accepted.signs == (-1, -1, -1)
 
 
-def test_slack_tendons_are_not_asked():
+def test_slack_tendons_are_not_tried():
     """Two signs to try for one tendon under tension."""
     found = trial_signs(ROBOT, [LoadStep("", {"t1": 1.0})], try_all=True)[0]
     assert len(found.trials) == 2

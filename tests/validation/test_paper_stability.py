@@ -155,7 +155,7 @@ def test_search_finds_none_where_there_is_none():
     assert len(search.loads) == len(search.eigenvalues) == 5
 
 
-def test_a_helix_pulled_hard_is_turned_over_by_a_load_against_its_lean():
+def test_a_strongly_pulled_helix_is_overturned_by_a_load_against_its_bending():
     """The rod of the simulation, with friction: a static bifurcation at 30 N of tension, none at 20 N."""
     robot = paper_case("fig5").robot
     found = [

@@ -133,7 +133,7 @@ def test_three_consistent_rows_of_table_1_leave_nothing_to_hold_out():
     assert after.rms_angle < 0.2 * before.rms_angle
 
 
-def test_the_loop_begins_with_the_stiffness_that_the_tensions_ask_for():
+def test_identification_starts_from_the_stiffness_fitted_to_the_tensions():
     """Table 3: 3.5 to 9.5 times the declared stiffness from row to row."""
     assert 5.0 < first_stiffness(table_dataset("table3")) < 8.0
     assert first_stiffness(table_dataset("table1-angles")) is None

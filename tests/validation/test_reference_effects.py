@@ -68,7 +68,7 @@ def test_clearance_adds_to_the_offset_of_a_bent_planar_robot():
     assert loose.bending_angle == pytest.approx(exact.bending_angle, rel=2e-4)
 
 
-def test_clearance_of_a_straight_robot_shows_nowhere_until_it_bends():
+def test_clearance_has_no_effect_on_a_straight_robot():
     still = solve(robot(clearance=3e-4), pulls(0.0)).steps[0]
     np.testing.assert_allclose(still.tip, (0.0, 0.0, L), atol=1e-12)
     assert still.displacements[0] == pytest.approx(0.0, abs=1e-15)

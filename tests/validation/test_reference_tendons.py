@@ -270,7 +270,7 @@ def test_more_disks_approach_the_continuous_model():
     assert np.all(np.diff(np.log(errors)) / np.log(2.0) < -0.8)
 
 
-def test_large_bending_helix_and_convergence_need_no_hand_made_start():
+def test_large_bending_helix_and_convergence_need_no_initial_guess():
     assert run(robot(disks=13), pulls(4.5)).steps[0].bending_angle > 2.5
     angle = [s.bending_angle for s in run(robot(disks=20), pulls(2.0, 4.0, 4.7), "continuous").steps]
     assert np.degrees(angle[-1]) == pytest.approx(4.7 / 2.0 * np.degrees(angle[0]), rel=1e-9)

@@ -51,7 +51,7 @@ def test_the_cases_cover_routings_models_and_loads_with_5_to_20_disks():
         assert any(c.quick for c in mine)
 
 
-def test_both_sides_take_the_same_path_on_the_same_mesh():
+def test_both_solvers_take_the_same_path_on_the_same_mesh():
     for case in ALL:
         assert all(step.substeps for step in case.steps), case.id
         assert case.model.elements_per_bay == 4, case.id
@@ -128,7 +128,7 @@ def test_the_order_of_mesh_convergence_is_two_or_better():
     assert studies.observed_order([0.5, 0.25, 0.125], [4e-4, 1e-4, 2.5e-5]) == pytest.approx(2.0)
 
 
-def test_more_elements_undo_what_the_compression_of_a_bay_does_to_the_error():
+def test_more_elements_reduce_the_error_of_a_compressed_bay():
     """Helical tendon, five disks, gravity: order 1.9 or better at every share of a bay's buckling load."""
     found = studies.near_buckling("helical_straight_none_gravity_5")
     four, eight = (np.array(x) for x in found["deviation_percent"])
@@ -137,7 +137,7 @@ def test_more_elements_undo_what_the_compression_of_a_bay_does_to_the_error():
     assert four[found["shares"].index(cases.MOST_COMPRESSION)] < cases.TIP_TOLERANCE < four[-1]
 
 
-def test_closed_forms_know_the_error_of_both_sides():
+def test_closed_forms_give_the_error_of_both_solvers():
     for name in studies.CLOSED_FORMS:
         record = studies.closed_form(name)
         assert record["reference_percent"] < 1e-6, name
@@ -145,7 +145,7 @@ def test_closed_forms_know_the_error_of_both_sides():
 
 
 @pytest.mark.parametrize("number", range(len(studies.LITERATURE)))
-def test_both_sides_give_the_figures_of_two_public_codes(number):
+def test_both_solvers_give_the_results_of_two_public_codes(number):
     record = studies.literature(number)
     assert record["reference_percent"] < 2e-6
     assert record["finite_element_percent"] < 0.01
@@ -157,7 +157,7 @@ def few():
     return [replace(BY_ID[n], steps=BY_ID[n].steps[:4], quick=True) for n in names]
 
 
-def test_what_is_finished_is_kept_and_used_again_until_the_case_changes(tmp_path):
+def test_finished_records_are_reused_until_the_case_changes(tmp_path):
     seen = []
 
     def stop_after_one(record, known):
@@ -192,7 +192,7 @@ def test_an_error_fails_its_case_and_nothing_else():
     json.dumps(report.to_json(outcome), allow_nan=False)
 
 
-def test_the_command_writes_one_html_file_and_json_and_its_status_tells(tmp_path, monkeypatch, capsys):
+def test_the_command_writes_one_html_file_and_json_and_returns_its_status(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(cases, "all_cases", few)
     chosen = [s for s in studies.all_studies() if s.id in ("literature_0", "mesh_parallel_continuous_none")]
     monkeypatch.setattr(studies, "all_studies", lambda: [replace(s, quick=True) for s in chosen])

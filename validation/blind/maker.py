@@ -128,7 +128,7 @@ def _make(recipe: Recipe, rng: np.random.Generator, substeps: int) -> tuple[Meas
     arc_lengths = _markers(robot, rng)
     kinds = {"tendon_displacement": recipe.drive == "tension" and rng.random() < 0.5,
              "distal_tension": rng.random() < 0.2}  # fmt: skip
-    marks = _what_is_read(declared, arc_lengths, [k for k, wanted in kinds.items() if wanted])
+    marks = _planned_readings(declared, arc_lengths, [k for k, wanted in kinds.items() if wanted])
     sigma = {"m": recipe.sigma, "rad": recipe.sigma / 0.06, "N": 5e-3}
     scale = np.array([5e-5 if m[1] == "tendon_displacement" else sigma[channel(m[1]).unit] for m in marks])
 
@@ -187,7 +187,7 @@ def _markers(robot: Robot, rng: np.random.Generator) -> tuple[float, ...]:
     return tuple(robot.disks.positions[min(max(k, 1), count) - 1] for k in sorted({*chosen, count}))
 
 
-def _what_is_read(setup: Experiment, arc_lengths: tuple[float, ...], more: list[str]) -> list[Mark]:
+def _planned_readings(setup: Experiment, arc_lengths: tuple[float, ...], more: list[str]) -> list[Mark]:
     """Step from 0, quantity and location of every reading."""
     marks: list[Mark] = []
     for k in range(len(setup.steps)):

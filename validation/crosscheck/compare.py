@@ -48,7 +48,7 @@ def compare(case: Case) -> Record:
     states = [increments[-1].state.friction[0] for increments in path[: len(fe.steps)]]
     slips = np.array([state.slip for state in states])
     steps = []
-    tops = _tops(case.robot, ref)
+    tops = _highest_tensions(case.robot, ref)
     for i, (a, b) in enumerate(zip(fe.steps, ref.steps, strict=False)):
         moved = slips[i] - (slips[i - 1] if i else 0.0)
         steps.append(_compare_step(case, a, b, states[i].mobilisation, moved, tops))
@@ -122,7 +122,7 @@ def _reasons(
 _BOUNDS = ("outside_finite_element", "outside_reference", "off_bound_finite_element", "off_bound_reference")
 
 
-def _tops(robot: Robot, result: SequenceResult) -> Array:
+def _highest_tensions(robot: Robot, result: SequenceResult) -> Array:
     """Highest tension of every tendon in the sequence [N]."""
     return np.array(
         [
@@ -168,7 +168,7 @@ def _compare_step(
         * float(np.max(np.abs(a.displacements - b.displacements), initial=0.0))
         / length,
         "bending_deg": float(np.degrees(b.bending_angle)),
-        "turned_deg": _turned(b),
+        "turned_deg": _swept_angle(b),
         "iterations_finite_element": a.iterations,
         "iterations_reference": b.iterations,
         "substeps_finite_element": a.substeps,
@@ -198,7 +198,7 @@ def _compare_step(
     return record
 
 
-def _turned(step: StepResult) -> float:
+def _swept_angle(step: StepResult) -> float:
     """Angle that the tangent sweeps along the backbone [deg]; unlike the bending angle it may exceed 180."""
     tangents = step.rotations[:, :, 2]
     sine = np.linalg.norm(np.cross(tangents[:-1], tangents[1:]), axis=1)

@@ -163,7 +163,7 @@ def _accuracy(run: PaperRun) -> list[Verdict]:
             unloaded.append(f"Table {number} {alone:.1f} %")
             best.append(alone)
         parts.append(f"Table {number} {declared:.1f} % ({fitted:.1f} % after fitting)")
-    good = _self_contradiction(run.tables[1])
+    good = _inconsistency(run.tables[1])
     after = [
         f"{m.table.title} {m.stages[-1].fitted.mean_percent:.1f} %"
         + (f" (held out {m.stages[-1].held_out.mean_percent:.1f} %)" if m.held_out_rows else "")
@@ -194,7 +194,7 @@ def _accuracy(run: PaperRun) -> list[Verdict]:
     ]
 
 
-def _self_contradiction(study: TableStudy) -> float:
+def _inconsistency(study: TableStudy) -> float:
     """Mean gap of Table 1's offsets from those its own angles give for an even bend, in per cent of the length."""
     table = study.table
     offset = table["even_bend_chord_mm"] * np.sin(np.deg2rad(table["angle_deg"]))

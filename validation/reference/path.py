@@ -251,7 +251,7 @@ class LoadStepPath:
         if isinstance(first, Path) and isinstance(second, Path):
             halves = first.then(second)
             error = self._difference(whole.end, halves.end) if isinstance(whole, Path) else float("inf")
-            error = max(error, self._unseen_slip(start, first.end, halves.end))
+            error = max(error, self._missed_reversal(start, first.end, halves.end))
             met = error <= self._tolerance(end - begin)
             if last or (met and agreed + 1 >= _AGREEMENTS):
                 doubt = () if met else (Unresolved(begin, end, error),)
@@ -283,7 +283,7 @@ class LoadStepPath:
         gap = np.linalg.norm(a.state.positions - b.state.positions, axis=1)
         return float(np.max(gap)) / self.statics.robot.backbone.length
 
-    def _unseen_slip(self, start: Point, middle: Point, end: Point) -> float:
+    def _missed_reversal(self, start: Point, middle: Point, end: Point) -> float:
         """Estimated effect of a slip reversal between the points, largest displacement over the length [1].
 
         The slip at a hole is interpolated by a parabola through the three points. If its extremum lies beyond all of

@@ -371,7 +371,7 @@ class Statics:
         size = np.repeat([max(presliding, self.length_scale), self.length_scale], [friction, len(driven)])
         rest = np.concatenate((history.passed, driver.values[driven]))
 
-        def look(unknowns: Array) -> _Look:
+        def look(unknowns: Array) -> _Evaluation:
             # a trial may diverge; its merit is then not finite, and it is rejected
             with np.errstate(over="ignore", invalid="ignore"):
                 state, residual, jacobian, equations = self.evaluate(unknowns, forces, driver)
@@ -386,7 +386,7 @@ class Statics:
             else:
                 every = residual
             worst = float(np.max(np.abs(every), initial=0.0))
-            return _Look(
+            return _Evaluation(
                 replace(state, residual=worst),
                 residual,
                 jacobian,
@@ -420,7 +420,7 @@ class Statics:
                 return Attempt(now.state, True, iteration)
         return Attempt(now.state, False, self.settings.max_iterations)
 
-    def _newton_step(self, now: _Look, presliding: float, lower: Array, upper: Array) -> Array | None:
+    def _newton_step(self, now: _Evaluation, presliding: float, lower: Array, upper: Array) -> Array | None:
         """Change of all unknowns; None where the equations are singular."""
         smooth = self.smooth
         columns = np.concatenate((-now.residual[:, None], -now.jacobian[:, smooth:]), axis=1)
@@ -443,7 +443,7 @@ class Statics:
 
 
 @dataclass(frozen=True)
-class _Look:
+class _Evaluation:
     """Equations, derivatives and residual at one set of unknowns."""
 
     state: State
