@@ -1,4 +1,4 @@
-"""Results of a made-up solver for tests of tables and pictures: every step is a circular arc."""
+"""Synthetic results for tests of tables and pictures: every step is a circular arc."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def arc_step(robot: Robot, number: int, angle: float, phi: float, tensions: np.n
 
 
 def arc_result(robot: Robot | None = None, steps: list[LoadStep] | None = None, **rest) -> SequenceResult:
-    """What `simulate` might give: angle in proportion to tension, lagging; a tip load turns the plane."""
+    """Synthetic result with hysteresis: angle in proportion to tension, lagging; a tip load turns the plane."""
     robot = robot or paper_robot()
     names = robot.tendon_names
     if steps is None:

@@ -56,7 +56,7 @@ def capstan_violation(robot: Robot, step: StepResult) -> float:
 
 
 class Ledger:
-    """Where the energy went over a sequence of fine load steps with inextensible tendons.
+    """Energy balance over a sequence of fine load steps with inextensible tendons.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ def _straight(robot: Robot, like: StepResult) -> StepResult:
 def random_cycles(
     robot: Robot, cycles: int, seed: int, tension: float = 2.0, force: float = 0.05
 ) -> list[LoadStep]:
-    """Loading to random tensions on all tendons with a random force at the tip, and back to nothing."""
+    """Loading to random tensions on all tendons with a random force at the tip, and unloading to zero."""
     rng = np.random.default_rng(seed)
     steps = []
     for k in range(cycles):

@@ -42,7 +42,7 @@ def pull(*tensions: float, name: str = "t1", **rest: Any) -> list[LoadStep]:
 
 
 def solve(robot: Robot, steps: list[LoadStep], settings: Any = None, **model: Any) -> SequenceResult:
-    """Solve a sequence with one element per bay and per-hole friction unless said otherwise; it must converge."""
+    """Solve a sequence with one element per bay and per-hole friction unless given otherwise; it must converge."""
     result = simulate(
         robot, Model(**{"friction": "per-hole", "elements_per_bay": 1, **model}), steps, settings
     )

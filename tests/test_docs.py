@@ -133,7 +133,7 @@ def test_example_draws_its_picture_without_a_display(monkeypatch, tmp_path):
 
 
 def test_pictures_of_the_pages_are_those_of_the_demo(monkeypatch, tmp_path):
-    """Small grey copies differ by less than half of what is drawn; those of 0.1 showed an older run."""
+    """Small grey copies differ by less than half of the drawn lines; those of 0.1 showed an older run."""
     from PIL import Image
 
     monkeypatch.syspath_prepend(str(ROOT / "docs"))

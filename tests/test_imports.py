@@ -109,7 +109,7 @@ def test_the_reference_shares_only_data(path):
     "path", [p for p in PRODUCT if layer(module_of(p)) == LAYERS.index("model")], ids=name
 )
 def test_the_description_imports_no_solver(path):
-    """Neither exudyn nor anything that would bring it in."""
+    """Neither exudyn nor anything that imports it."""
     found = imports(path)
     assert not {m for m in found if m.startswith("exudyn")}
     assert not {m for m in found if m.startswith("tdcr_fe.") and not m.startswith("tdcr_fe.model")}

@@ -127,7 +127,7 @@ def test_the_wheel_holds_the_package_and_neither_tests_nor_documentation(wheel):
 
 
 def test_python_started_in_a_clone_solves_beside_an_installed_copy(wheel, tmp_path):
-    """The folder in the clone hides the installed package, and must be whole: e3bbe5d found no elements there."""
+    """The folder in the clone shadows the installed package, and must be complete: e3bbe5d found no elements there."""
     zipfile.ZipFile(wheel).extractall(tmp_path / "site")
     printed = {}
     for cwd in (ROOT, tmp_path):

@@ -1,4 +1,4 @@
-"""The command: exit statuses, what it prints and what it leaves behind. The solver is a stand-in."""
+"""The command: exit statuses, output and files. The solver is a stand-in."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tdcr_fe.io.tables import RESULT_FILES
 
 @pytest.fixture
 def calls(monkeypatch):
-    """Stand-in for the solver; every call is noted."""
+    """Stand-in for the solver; every call is recorded."""
     noted = []
 
     def simulate(robot, model, steps, settings=None, progress=None):

@@ -1,4 +1,4 @@
-"""Random robots and scenarios through ``tdcr-fe run``: no traceback, complete tables, the answer of the Python API.
+"""Random robots and scenarios through ``tdcr-fe run``: no traceback, complete tables, the results of the Python API.
 
 Where the reference covers a case, its tip is met within the tolerance, or the summary says more. The seed of a failing
 case is in the name of its test. The slow set: ``pytest -m slow tests/commands/test_properties.py``.
@@ -51,7 +51,7 @@ def numbers(table: dict[str, list[str]], *names: str) -> np.ndarray:
 
 
 def check_tables(scenario: Scenario, result: SequenceResult, out: Path) -> None:
-    """Every table holds every step, tendon and segment, and the numbers of the Python API bit for bit."""
+    """Every table has every step, tendon and segment, and the numbers of the Python API bit for bit."""
     steps, tensions, shape = (read_table(out / f"{name}.csv") for name in ("steps", "tensions", "shape"))
     robot, count = scenario.robot, len(result.steps)
     assert [int(k) for k in steps["step"]] == list(range(1, count + 1))
@@ -75,7 +75,7 @@ def check_tables(scenario: Scenario, result: SequenceResult, out: Path) -> None:
 
 
 def reference_covers(case: RandomScenario, scenario: Scenario) -> bool:
-    """Without friction the answer does not depend on the path, and the reference is quick."""
+    """Without friction the solution does not depend on the path, and the reference is fast."""
     few = len(scenario.robot.disks.positions) <= 13
     return few and scenario.model.friction == "none" and case.seed % 2 == 0
 

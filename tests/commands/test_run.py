@@ -1,4 +1,4 @@
-"""``tdcr-fe run`` as users call it: whole tables whatever the robot, and warnings before a long or odd solve."""
+"""``tdcr-fe run`` as users call it: complete tables for every robot, and warnings before a long or implausible run."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_tension_of_every_segment_is_written_whatever_the_path_and_the_ends(
 
 
 def test_odd_values_are_warned_of_before_solving_and_in_the_summary(tmp_path, capsys, monkeypatch):
-    """In 0.1 gravity without mass ended with exit status 0 and no word."""
+    """In 0.1 gravity without mass ended with exit status 0 and no warning."""
     path = write_robot(tmp_path, "straight", "none")
     robot = (tmp_path / "robot.toml").read_text()
     (tmp_path / "robot.toml").write_text(

@@ -1,4 +1,4 @@
-"""The complementarity solver against trying every combination of sides."""
+"""The complementarity solver against an exhaustive search over all active sets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tdcr_fe.elements.complementarity import solve_box
 
 
 def by_trying(matrix, right):
-    """The one combination of sides that meets every condition."""
+    """The one active set that satisfies every condition."""
     k = len(right)
     found = []
     for sides in product((-1, 0, 1), repeat=k):
@@ -69,7 +69,7 @@ def test_a_singular_block_is_reported():
 
 
 def test_every_reported_solution_is_one_for_other_matrices_too():
-    """Random matrices with minors of both signs: some are not solved, and say so; the others meet every condition."""
+    """Random matrices with minors of both signs: some are reported as unsolved; the others satisfy every condition."""
     rng = np.random.default_rng(0)
     outcomes = []
     for _ in range(300):

@@ -84,7 +84,7 @@ def test_adhesion_never_makes_a_tendon_push():
 
 
 def test_a_reversal_has_to_slide_twice_the_presliding_distance():
-    """From full pull to full release; half way there the hole holds nothing back."""
+    """From full pull to full release; at half of the slip the friction is zero."""
     x = law(PerHoleFriction(), presliding=1e-6)
     tension = np.array([2.0, 1.0])
     state = x.commit(x.evaluate(tension, LENGTHS - 1e-3 * MASK, ANGLES, x.initial_state()))
@@ -151,7 +151,7 @@ def central(function, x, h):
 
 
 def own(d, tendons=2):
-    """Of (m, n, m, k), what a tendon does to itself; what it does to another must vanish."""
+    """The diagonal blocks of (m, n, m, k), by tendon; the coupling between tendons must vanish."""
     for i in range(tendons):
         for j in range(tendons):
             if i != j:
@@ -211,7 +211,7 @@ def test_tensions_from_the_configuration_against_differences(kind, compliance, a
 
 
 def test_elastic_tendon_releases_its_stretch():
-    """Slip at the base of a straight tendon under T: what its EA says, L (1 - 1/(1 + T/EA))."""
+    """Slip at the base of a straight tendon under T, from its EA: L (1 - 1/(1 + T/EA))."""
     x = law(PerHoleFriction(), mu=0.0, compliance=1.0 / 400.0)
     field = x.evaluate(np.array([4.0, 2.0]), LENGTHS, 0.0 * ANGLES, x.initial_state())
     assert field.base_slip == pytest.approx(

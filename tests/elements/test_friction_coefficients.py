@@ -32,7 +32,7 @@ RISING = ForceDependentFriction(0.3, reference_force=0.2, exponent=0.5, smallest
 
 
 class ForceAndRate:
-    """A law that sees both arguments, and the direction of the rate."""
+    """A law that depends on both arguments, and on the direction of the rate."""
 
     def coefficient(self, normal_force, slip_rate):
         mu = 0.3 + 0.2 * normal_force + 0.05 * np.tanh(slip_rate / 1e-3)
@@ -116,7 +116,7 @@ def test_steady_sliding_has_the_coefficient_of_its_rate_at_every_hole(rate, way)
 
 
 def test_no_time_keeps_the_rate_and_no_history_has_none():
-    """Static friction while no time passes; a committed state, looked at again, has the same tensions."""
+    """Static friction while no time passes; a committed state, evaluated again, has the same tensions."""
     x = law((STRIBECK, STRIBECK))
     lengths = LENGTHS - 1e-3 * MASK
     at_rest = x.evaluate(BASE, lengths, ANGLES, x.initial_state())
@@ -181,7 +181,7 @@ def central(function, x, h):
 
 
 def own(d):
-    """Of (m, n, m, k), what a tendon does to itself; what it does to another must vanish."""
+    """The diagonal blocks of (m, n, m, k), by tendon; the coupling between tendons must vanish."""
     assert np.max(np.abs(d[0, :, 1])) < 1e-6 and np.max(np.abs(d[1, :, 0])) < 1e-6
     return np.stack([d[i, :, i] for i in range(2)])
 

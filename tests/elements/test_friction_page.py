@@ -18,7 +18,7 @@ FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def run_page():
-    """Names that the page's Python leaves, what it printed, and what the page says it prints."""
+    """Names defined by the page's Python, its output, and the output shown on the page."""
     fences = FENCE.findall(PAGE.read_text(encoding="utf-8"))
     names = {"__name__": __name__}
     printed = io.StringIO()
@@ -71,7 +71,7 @@ def test_an_invalid_law_is_refused_by_its_key(tmp_path, law, value):
 
 
 def test_output_and_law_of_the_page_are_those_stated():
-    """A law of one's own in 20 lines: the angle of the page, and coefficients between its bounds."""
+    """A user-defined law: the angle of the page, and coefficients between its bounds."""
     names, printed, shown = run_page()
     assert printed == shown
     law = names["CoatedFriction"](0.1, 0.4, 0.2)

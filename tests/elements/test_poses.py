@@ -78,7 +78,7 @@ def test_rate_of_euler_parameters_against_differences(a, w):
 @settings(deadline=None, max_examples=60)
 @given(TWIST, st.sampled_from([1.0, 1e-2, 1e-4, 1e-9]))
 def test_exponential_is_the_matrix_exponential(xi, scale):
-    """Whatever series or closed form is behind it."""
+    """For angles on both sides of the switch between series and closed form."""
     r, p = poses.exp_se3(scale * xi)
     whole = expm(matrix(scale * xi))
     assert r == pytest.approx(whole[:3, :3], abs=1e-14)

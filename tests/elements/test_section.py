@@ -144,7 +144,7 @@ def test_classical_helical_tendon_of_another_code():
 
 
 def test_length_of_the_classical_tendon_is_its_integral():
-    """What is pulled in is rest length less length, by quadrature over the known arc."""
+    """The displacement is the unloaded length less the length, by quadrature over the known arc."""
     robot = paper()
     step = solve(robot, pull(1.0), friction="none", tendon_path="continuous").steps[0]
     k = step.bending_angle / LENGTH

@@ -24,7 +24,7 @@ def geometry(seed: int = 0) -> CableGeometry:
 
 
 def random_poses(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Four nodes some centimetres apart, turned anyhow."""
+    """Four nodes some centimetres apart, with random rotations."""
     rng = np.random.default_rng(seed)
     p = np.array([[0.02 * k, 0.0, 0.0] for k in range(4)]) + 0.005 * rng.normal(size=(4, 3))
     return p, Rotation.from_rotvec(0.5 * rng.normal(size=(4, 3))).as_matrix()
@@ -95,7 +95,7 @@ def test_a_straight_tendon_has_angle_zero_and_no_derivative():
 
 
 def test_clearance_shifts_the_tendon_towards_where_it_is_pulled():
-    """At a bend the tendon lies at the inner edge of an oversized hole; base plate and anchor as they are told."""
+    """At a bend the tendon lies at the inner edge of an oversized hole; at base plate and anchor it is not shifted."""
     count, radius, gap = 3, 0.05, 0.2e-3
     angle = 0.4 * np.arange(count + 1)
     p = radius * np.stack((np.sin(angle), 1 - np.cos(angle), 0 * angle), axis=1)

@@ -1,4 +1,4 @@
-"""The closed loop on small robots: right names, honest verdicts, whole branches held out."""
+"""Identification on small robots: right names, justified verdicts, whole branches held out."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Honest verdicts through the command: too few or doubtful data, interruptions, and workers that end with it."""
+"""Verdicts of the command on insufficient or faulty data, interruptions, and the end of its workers."""
 
 import json
 import os
@@ -91,7 +91,7 @@ def test_noise_larger_than_the_motion_gives_no_verdict(tmp_path):
 
 
 def test_few_readings_that_an_effect_follows_prove_nothing(bent):
-    """Nine readings of three steps: what is added is named, but no steps are left to test it."""
+    """Nine readings of three steps: effects may be named, but no steps are left to test them."""
     steps = {2, 7, 10}
     few = tuple(r for r in bent.readings if r.step in steps and r.location == 0.2)
     begun = time.process_time()

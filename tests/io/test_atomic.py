@@ -1,4 +1,4 @@
-"""Files are there as a whole, or as they were before."""
+"""Files are written completely, or keep their old contents."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Input files: what is right is read as it stands; every mistake is named with file, key, value and cure."""
+"""Input files: valid values are read unchanged; every mistake is named with file, key, value and what is allowed."""
 
 from __future__ import annotations
 
@@ -376,7 +376,7 @@ leaf = st.one_of(
 @settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
 @given(st.data())
 def test_no_value_of_any_key_raises_an_unexpected_error(tmp_path_factory, data):
-    """Any value in any place is taken or refused; nothing else comes out."""
+    """Any value of any key is accepted or refused; no other error occurs."""
     folder = tmp_path_factory.mktemp("any")
     texts = []
     for text in (ROBOT, SCENARIO):

@@ -1,4 +1,4 @@
-"""JSON schema for editors: what the reader takes it takes, and single wrong values it refuses, too."""
+"""JSON schema for editors: it accepts what the reader accepts, and refuses single wrong values."""
 
 from __future__ import annotations
 

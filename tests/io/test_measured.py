@@ -1,4 +1,4 @@
-"""Measured data: what is read is what was written, and every bad row is named."""
+"""Measured data: written data are read back unchanged, and every bad row is named."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Result files: the columns that other people's scripts rely on, and nothing half-written."""
+"""Result files: documented columns, and no incomplete files."""
 
 from __future__ import annotations
 

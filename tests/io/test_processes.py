@@ -1,4 +1,4 @@
-"""Worker processes end with their parent, whatever ends it."""
+"""Worker processes end with their parent, however it ends."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Tables of any spreadsheet are read alike; where a file leaves a choice open, one word says which."""
+"""Tables of any spreadsheet give the same data; an ambiguous file is refused with a word for the reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Public functions refuse arguments of another type by name, and say what to call."""
+"""Public functions refuse arguments of another type by name, and name the function to call."""
 
 import exudyn as exu
 import pytest

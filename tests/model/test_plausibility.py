@@ -1,4 +1,4 @@
-"""Values that no robot has are warned of by name before solving; robots that exist are not."""
+"""Implausible values cause a warning by name before solving; values of real robots do not."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ NUMBERS = [p for p in FIELDS if type(p.values[1].kind).__name__ == "Number"]
 
 @pytest.mark.parametrize(("cls", "field"), FIELDS)
 def test_value_of_another_type_is_refused_by_the_name_of_the_field(cls, field):
-    """In 0.1 no constructor looked at types: a text for a length failed in the middle of a solve."""
+    """In 0.1 no constructor checked types: a text for a length failed in the middle of a solve."""
     count = getattr(field.kind, "count", None) or 1
     for wrong in (object(), {"a": object()}, [object()] * count):
         with pytest.raises(TypeError, match=rf"{cls.__name__}\.{field.name}.* = "):
@@ -62,7 +62,7 @@ def test_value_of_another_type_is_refused_by_the_name_of_the_field(cls, field):
 
 @pytest.mark.parametrize(("cls", "field"), NUMBERS)
 def test_number_that_is_not_finite_or_out_of_bounds_is_refused_by_name(cls, field):
-    """In 0.1 NaN precurvature, negative adhesion, clearance and mass were taken."""
+    """In 0.1 NaN precurvature, negative adhesion, clearance and mass were accepted."""
     q = field.quantity
     bad = [math.nan, -math.inf] + [math.inf] * (not q.infinite)
     bad += [b for b in (q.gt, q.lt) if b is not None]
@@ -98,7 +98,7 @@ def test_all_mistakes_of_one_object_are_named_at_once():
     ],
 )
 def test_patch_that_is_not_on_the_rod_is_refused(patch, words):
-    """In 0.1 patches beyond the rod were taken."""
+    """In 0.1 patches beyond the rod were accepted."""
     with pytest.raises(ValueError, match=words):
         Robot(dataclasses.replace(BACKBONE, patches=(patch,)), DISKS)
 

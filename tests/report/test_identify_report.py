@@ -1,4 +1,4 @@
-"""The report on an identification: first screen, next step, remarks on values; on a made-up result."""
+"""The report on an identification: first screen, next step, remarks on values; on a synthetic result."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def test_an_effect_on_the_measurement_is_not_part_of_the_scenario(tmp_path):
 
 
 def test_a_declared_value_that_the_fit_contradicts_is_named():
-    """Tendons of 107 N where 2474 N is declared: 0.1 said nothing."""
+    """Tendons of 107 N where 2474 N is declared: 0.1 had no remark."""
     stretch = added("tendon_stretch", ("actuator_gain",), axial_stiffness=(107.0, 5.0, "N"))
     (text,) = remarks(result(stretch))["tendon_stretch"]
     text = text.replace("\N{NO-BREAK SPACE}", " ")
@@ -163,7 +163,7 @@ def test_a_declared_value_that_the_fit_contradicts_is_named():
 
 
 def test_an_effect_that_cannot_act_at_the_strain_seen_is_named():
-    """Superelastic at a strain of 0.027 %: 0.1 said nothing."""
+    """Superelastic at a strain of 0.027 %: 0.1 had no remark."""
     soft = added("superelastic", threshold_strain=(2.7e-4, 1e-5, "1"), plateau_ratio=(0.5, 0.01, "1"))
     (text,) = remarks(result(soft))["superelastic"]
     assert "strain of 0.027 %" in text and "not plausible" in text

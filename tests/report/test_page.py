@@ -1,4 +1,4 @@
-"""The page of all reports: numbers as people read them, sections from templates, nothing fetched from elsewhere."""
+"""The page of all reports: formatted numbers, sections from templates, no external files."""
 
 from __future__ import annotations
 

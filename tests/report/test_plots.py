@@ -1,4 +1,4 @@
-"""Pictures: each shows what it says, with units, for few steps and for many."""
+"""Pictures: contents, labels and units, for few steps and for many."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def test_title_and_legend_of_six_tendons_lie_apart_from_the_axes(draw):
 
 
 def with_actuation(result, by_displacement, loads=None):
-    """The same steps, with what acts in them."""
+    """The same steps, with their loads."""
     steps = tuple(
         dataclasses.replace(
             s,

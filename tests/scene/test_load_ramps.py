@@ -1,4 +1,4 @@
-"""Concentrated loads in a scene: SolveTDCR takes them along a resolved path, as simulate does."""
+"""Concentrated loads in a scene: SolveTDCR ramps them along a resolved path, as simulate does."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def with_load(robot, frame="world", **model):
 def test_a_load_after_a_pull_gives_the_tip_of_simulate():
     """The paper's robot at 2 N, then -0.05 N along y at the tip.
 
-    In version 0.1 the scene took the load in one jump: 0.70 % of the length away, and no word of it.
+    In version 0.1 the scene applied the load in one step: an error of 0.70 % of the length, without a warning.
     """
     force = (0.0, -0.05, 0.0)
     steps = [LoadStep("", {"t1": 2.0}), LoadStep("", loads={"tip": Load(LENGTH, force)})]
@@ -63,7 +63,7 @@ def test_random_sequences_give_the_shapes_of_simulate(seed):
 
 
 def test_a_load_that_fails_within_the_step_is_kept_as_set_and_resumed():
-    """A load of 1e5 N: the scene is left in the last solved state, what was set stays set, and the way back is open."""
+    """A load of 1e5 N: the scene is left in the last solved state, the set load is kept, and unloading is possible."""
     _keep, mbs, handle, load = with_load(paper(0.3))
     handle.set_tensions([1.0])
     SolveTDCR(mbs)
@@ -84,7 +84,7 @@ def test_a_load_that_fails_within_the_step_is_kept_as_set_and_resumed():
 
 
 def test_a_load_solved_by_exudyn_counts_as_applied():
-    """After mbs.SolveStatic the next ramp begins at that load: nothing is left to do."""
+    """After mbs.SolveStatic the next ramp begins at that load, so nothing changes."""
     _keep, mbs, handle, load = with_load(paper(0.0), friction="none")
     settings = exu.SimulationSettings()
     settings.staticSolver.numberOfLoadSteps = 10

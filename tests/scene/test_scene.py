@@ -130,7 +130,7 @@ def test_two_robots_in_one_system_are_independent():
 
 
 def test_two_robots_coupled_by_a_spring_pull_each_other():
-    """Mirror images joined at their tips: each sees half the spring's stretch; the forces are equal."""
+    """Mirror images joined at their tips: the spring's stretch is shared equally; the forces are equal."""
     k, gap = 2.0, 0.1
     keep = exu.SystemContainer()
     mbs = keep.AddSystem()

@@ -1,4 +1,4 @@
-"""No energy comes from nowhere: work of actuators and loads against elastic energy and dissipation."""
+"""Energy balance: work of actuators and loads against elastic energy and dissipation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def test_elastic_energy_of_a_bent_rod_is_that_of_pure_bending():
 
 @pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
 def test_work_is_stored_or_dissipated_and_the_rest_closes_with_substeps(friction):
-    """Pull to 2 N and let go, tip force and all: the trapezoidal rule closes with order two."""
+    """Pull to 2 N and release with a tip force: the balance by the trapezoidal rule closes with order two."""
     robot = paper(0.3)
     cycle = [
         LoadStep("", {"t1": 2.0}, loads={"tip": Load(LENGTH, (0.0, 0.03, 0.01))}),
@@ -57,7 +57,7 @@ def test_three_tendons_create_no_energy_over_random_cycles():
 
 
 def test_dissipation_of_a_pull_without_reversal():
-    """Sliding all along one way: what is lost at a hole is (T_k - T_k+1) times what passes, summed over holes."""
+    """Sliding in one direction: the dissipation is (T_k - T_k+1) times the slip, summed over holes."""
     robot = paper(0.3)
     steps, forces = divide(robot, pull(2.0), 64)
     ledger = Ledger(solve(robot, steps), forces)

@@ -1,4 +1,4 @@
-"""Discretisation error: the estimate against finer meshes, automatic refinement, and what a run says of it."""
+"""Discretisation error: the estimate against finer meshes, automatic refinement, and warnings of a run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.mesh import POINTS, WEIGHTS, MeshEstimate, _collocation_matrix, refined
 from tdcr_fe.solve.simulate import SolverSettings, simulate
 
-#: Finer mesh that the estimate is held against: elements per element.
+#: Finer mesh with which the estimate is compared: elements per element.
 FINER = 8
 
 
@@ -68,7 +68,7 @@ def random_case(seed: int) -> tuple[Robot, Model, list[LoadStep]]:
 
 
 def true_errors(coarse: SequenceResult, fine: SequenceResult) -> np.ndarray:
-    """Largest distance of a node from where the finer mesh has it, by step [m]."""
+    """Largest distance of a node from its position on the finer mesh, by step [m]."""
     at = [int(np.argmin(np.abs(fine.steps[0].s - s))) for s in coarse.steps[0].s]
     return np.array(
         [
@@ -168,7 +168,7 @@ def test_collocation_integrates_cubics_exactly() -> None:
 
 
 def test_the_automatic_mesh_meets_its_tolerance() -> None:
-    """Three disks a segment: 0.07 to 0.12 % of the length off with four elements a bay on e3bbe5d, unsaid."""
+    """Three disks a segment: 0.07 to 0.12 % of the length off with four elements a bay on e3bbe5d, no warning."""
     robot = paper()
     robot = replace(robot, disks=Disks.equally_spaced(3, LENGTH))
     steps = [LoadStep("", {"t1": 2.5}, loads={"tip": Load(LENGTH, (0.0, 0.05, 0.0))})]
@@ -191,7 +191,7 @@ def test_refinement_begins_where_a_coarse_start_is_not_enough() -> None:
 
 
 def test_a_number_of_ones_own_is_kept_and_its_error_reported() -> None:
-    """Three disks with one element a bay are far off; the run says so and how much."""
+    """Three disks with one element a bay are far off; the run reports it, with the size of the error."""
     robot = replace(paper(), disks=Disks.equally_spaced(3, LENGTH))
     result = simulate(robot, Model(friction="none", elements_per_bay=1), pull(2.5))
     assert result.elements_per_bay == (1, 1, 1, 1)
@@ -200,7 +200,7 @@ def test_a_number_of_ones_own_is_kept_and_its_error_reported() -> None:
 
 
 def test_steep_displacements_are_reported() -> None:
-    """(0, 5, -2.5) mm on three tendons, steep: e3bbe5d said nothing of 1.9 % between two meshes."""
+    """(0, 5, -2.5) mm on three tendons, steep: e3bbe5d gave no warning of 1.9 % between two meshes."""
     steps = [LoadStep("", displacements={"t1": 0.0, "t2": 5e-3, "t3": -2.5e-3}, substeps=4)]
     coarse = simulate(three(0.3), Model(elements_per_bay=2), steps)
     assert any("too coarse" in w for w in coarse.warnings)

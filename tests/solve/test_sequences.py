@@ -34,7 +34,7 @@ def test_ratio_is_at_a_bound_where_a_hole_slips_and_inside_where_it_sticks(frict
 
 
 def test_holes_begin_to_release_at_the_base():
-    """After a reversal, release-slip spreads from the base plate: no hole lets go before its neighbour."""
+    """After a reversal, release slip spreads from the base plate: no hole releases before its proximal neighbour."""
     seen = []
     for step in solve(paper(0.3), pull(2.0, 1.8, 1.6, 1.4, 1.2, 1.0)).steps[1:]:
         order = ["release", "stick", "pull", "anchor"]
@@ -52,14 +52,14 @@ def test_hysteresis_the_robot_stays_bent_on_the_way_back():
 
 
 def test_a_closed_loop_of_tension_repeats():
-    """After the first cycle the tip goes through the same places again."""
+    """After the first cycle the tip passes through the same positions again."""
     angle = degrees(solve(paper(0.3), pull(2.0, *([0.5, 2.0] * 3))))
     assert angle[1::2] == pytest.approx(angle[1], abs=2e-3)
     assert angle[0::2] == pytest.approx(angle[0], abs=2e-3)
 
 
 def test_dividing_the_steps_changes_the_path_within_the_tolerance():
-    """Default settings promise 2e-5 of the length a substep; four times the steps: within ten times that."""
+    """Default tolerance 2e-5 of the length a substep; with four times the steps the tip is within ten times that."""
     coarse = [
         LoadStep("", {"t1": 1.5, "t2": 0.5}),
         LoadStep("", {"t1": 0.3, "t2": 1.2}, loads={"tip": Load(LENGTH, (0.01, 0.02, 0.0))}),
@@ -74,7 +74,7 @@ def test_dividing_the_steps_changes_the_path_within_the_tolerance():
 
 
 def test_presliding_hardly_matters():
-    """Ten times the distance that a tendon creeps from rest to full friction."""
+    """With ten times the presliding distance."""
     steps = pull(2.0, 1.0, 1.5)
     a = solve(paper(0.3), steps)
     b = solve(paper(0.3), steps, SolverSettings(presliding=1e-5))
@@ -86,7 +86,7 @@ def test_presliding_hardly_matters():
 
 @pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
 def test_displacement_driven_is_the_inverse_of_tension_driven(friction):
-    """What tension pulls in, pulled in, asks for that tension: through a reversal as well."""
+    """Displacements found under given tensions, when prescribed, need these tensions; through a reversal too."""
     by_tension = solve(paper(0.3), pull(0.5, 1.5, 2.5, 2.0), friction=friction)
     steps = [LoadStep("", displacements={"t1": float(s.displacements[0])}) for s in by_tension.steps]
     by_displacement = solve(paper(0.3), steps, friction=friction)
@@ -114,7 +114,7 @@ def test_elastic_tendon_asks_for_more_displacement_by_its_stretch():
 
 @pytest.mark.parametrize("stiffness", [None, 400.0], ids=["inextensible", "elastic"])
 def test_slack_tendon_carries_nothing_and_comes_back(stiffness):
-    """Let out by more than taut, a tendon has tension zero; taken in again, it works as if it had stayed."""
+    """Let out beyond taut, a tendon has tension zero; pulled in again, it acts as before."""
     robot = Robot(
         BACKBONE,
         DISKS,
@@ -134,7 +134,7 @@ def test_slack_tendon_carries_nothing_and_comes_back(stiffness):
 
 
 def test_both_ways_of_driving_mixed_and_switched():
-    """One tendon by tension and one by displacement, changed about; what is not named stays as it was."""
+    """One tendon by tension and one by displacement, then exchanged; inputs that are not named are kept."""
     steps = [
         LoadStep("", {"t1": 1.0}, {"t2": 0.0}),
         LoadStep("", {"t3": 0.5}, {"t1": 4e-3}),
@@ -170,7 +170,7 @@ def test_a_wrong_step_is_named(step, words):
 
 @pytest.mark.parametrize("case", ["one doubling", "slips that reverse"])
 def test_a_path_that_is_not_resolved_is_reported(case, monkeypatch):
-    """Half of the pull let go: four substeps resolve it, two are no proof; slips that may reverse are none either."""
+    """Half of the pull released: four substeps resolve it; neither two suffice, nor any in which slip may reverse."""
     if case == "slips that reverse":
         monkeypatch.setattr(
             "tdcr_fe.solve.stepping.LoadStepper._slip_reversal_suspected", lambda self, path: True

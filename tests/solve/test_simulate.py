@@ -1,4 +1,4 @@
-"""The paper's robot through loading sequences: the figures of the design, and robots of every shape."""
+"""The paper's robot through loading sequences: known values, and robots of every kind."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def test_tendon_converging_to_a_seventh_of_a_millimetre(friction):
 
 @pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
 def test_two_segments_in_space_with_tip_forces(friction):
-    """Three tendons end half way and three at the tip; pulled, pushed at the tip, let go: straight again."""
+    """Three tendons end half way and three at the tip; pulled, loaded at the tip, released: straight again."""
     tendons = [tendon(f"a{i}", 120.0 * i, end=0.2) for i in range(3)]
     tendons += [tendon(f"b{i}", 60.0 + 120.0 * i) for i in range(3)]
     robot = Robot(
@@ -292,7 +292,7 @@ def test_a_result_holds_what_acted_in_each_step():
 
 
 def test_simulate_warns_of_odd_values_as_the_command_does():
-    """In 0.1 a modulus of 60 Pa, a unit slip, was solved without a word."""
+    """In 0.1 a modulus of 60 Pa, a wrong unit, was solved without a warning."""
     robot = replace(paper(), backbone=replace(BACKBONE, youngs_modulus=60.0))
     warnings = simulate(robot, Model(friction="none"), [LoadStep()]).warnings
     assert any("youngs_modulus = 60 Pa" in w and "GPa" in w for w in warnings)

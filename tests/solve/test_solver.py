@@ -1,4 +1,4 @@
-"""Newton in strain space: its tangent against differences, how fast it converges, how it fails and goes back."""
+"""Newton in strain space: its tangent against differences, rate of convergence, failure and recovery."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_tangent_of_the_complete_system_against_differences(robot, model):
 
 @pytest.mark.parametrize("axial_stiffness", [None, 300.0], ids=["inextensible", "elastic"])
 def test_forces_and_slips_by_mobilisation_against_differences(axial_stiffness):
-    """The other columns and rows of the system: what a hole gives and what moves it."""
+    """The other columns and rows of the system: forces and slips by the mobilisations."""
     robot = three(0.3, axial_stiffness=axial_stiffness)
     tensions = (1.0, 0.5, 0.2)
     _keep, handle, system, result = solved(robot, tensions)
@@ -166,7 +166,7 @@ def test_a_turned_robot_takes_the_same_iterations(friction):
 
 
 def test_solving_twice_from_one_state_gives_the_same_bits():
-    """A solve leaves nothing behind but its result: other solves in between change nothing."""
+    """A solve has no side effects: other solves in between change nothing."""
     _keep, _, system, first = solved(paper(0.3), [1.0])
     once = newton(system, first.state, target(2.0), SolverSettings())
     newton(system, once.state, target(0.3), SolverSettings())

@@ -1,4 +1,4 @@
-"""Blind data: made by the reference alone, hidden answers kept apart, repeatable; and how answers are marked."""
+"""Blind data: made by the reference alone, hidden answers kept separate, repeatable; and scoring of results."""
 
 import ast
 import json
@@ -154,7 +154,7 @@ def test_a_divided_step_is_read_at_its_end():
 
 
 def outcome(made, verdict="explained", named=(("precurvature", ()),), where="nowhere", off=1.0, answer=None):
-    """Marks of a made-up result whose parameters are off by so many standard errors."""
+    """Score of a synthetic result whose parameters are off by so many standard errors."""
     _, data, hidden = made
     answer = answer or hidden
     truth = {n: {p: [v] for p, v in d.items()} for n, d in answer.effects.items()}

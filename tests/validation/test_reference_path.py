@@ -1,4 +1,4 @@
-"""The reference resolves the friction path of a load step by itself, and says where it does not."""
+"""The reference resolves the friction path of a load step by itself, and reports where it does not."""
 
 from dataclasses import replace
 
@@ -81,7 +81,7 @@ def test_a_whole_step_agrees_with_the_step_cut_in_64(tendons):
 
 
 def test_a_step_taken_whole_misses_slip_reversals():
-    """What the reference did by default at e3bbe5d: one substep, and nothing said about it."""
+    """The default of the reference at e3bbe5d: one substep, without a warning."""
     robot = random_robot(4, 1)
     steps = random_steps(robot, 1)
     single, cut, resolved = (
