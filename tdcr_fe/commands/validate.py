@@ -66,7 +66,7 @@ def validate(args: argparse.Namespace) -> int:
             arbitrations = report.arbitrations([records[case.id] for case in cases])
             records |= campaign.run(arbitrations, folder, processes, progress)
     except KeyboardInterrupt:
-        complain(f"interrupted; what was finished is in {folder}, the same command goes on from there")
+        complain(f"interrupted; finished cases are in {folder}, the same command continues from there")
         return INTERRUPTED
     outcome = report.judge(
         [records[case.id] for case in cases],

@@ -89,7 +89,7 @@ def conclude(
 
 
 def _verdict(state: SearchState, explained: bool, insufficient: str) -> Verdict:
-    """The verdict; ``insufficient`` says why the data do not suffice, and is empty where they do."""
+    """The verdict; ``insufficient`` is the reason why the data do not suffice, empty where they do."""
     if state.interrupted:
         return "unfinished"
     if insufficient:

@@ -77,7 +77,7 @@ def fit(
     guide
         A neighbour's run for the starting points.
     polish
-        Go on to the end; see `finish`.
+        Iterate to convergence; see `finish`.
 
     Returns
     -------

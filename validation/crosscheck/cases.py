@@ -21,7 +21,7 @@ BACKBONE = Backbone(LENGTH, 0.4e-3, 85e9, 0.3, density=5600.0)
 MU = 0.3
 #: Beam elements between neighbouring disks, in every case.
 ELEMENTS_PER_BAY = 4
-#: Distance over which a hole goes from rest to full friction, on both sides [m].
+#: Presliding distance of both solvers [m].
 PRESLIDING = 1e-6
 #: Tolerances [% of the length], [% of the tendon's largest tension].
 TIP_TOLERANCE, TENSION_TOLERANCE = 0.05, 0.1

@@ -266,7 +266,7 @@ def _method(outcome: Record) -> Section:
 
 
 def _energy(case: Record) -> Record:
-    """Work of the actuators by the trapezoidal rule on both sides, and the dissipation at the holes [mJ]."""
+    """Work of the actuators by the trapezoidal rule for both solvers, and the dissipation at the holes [mJ]."""
     result: Record = {}
     for side, tension in (("finite_element", "base_tensions_finite_element"), ("reference", "base_tensions")):
         pull = np.array([s[tension] for s in case["steps"]])

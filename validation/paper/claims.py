@@ -169,7 +169,7 @@ def _accuracy(run: PaperRun) -> list[Verdict]:
         + (f" (held out {m.stages[-1].held_out.mean_percent:.1f} %)" if m.held_out_rows else "")
         for m in run.missing.values()
     ]
-    loop = f" Consistent rows only, after the closed loop: {'; '.join(after)}." if after else ""
+    loop = f" Consistent rows only, after the identification: {'; '.join(after)}." if after else ""
     held = [m.stages[-1].held_out.mean_percent for m in run.missing.values() if m.held_out_rows]
     missed = (
         " A few chosen rows can be fitted to half a per cent and less with one to three numbers, but the rows held out "

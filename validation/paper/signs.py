@@ -115,7 +115,7 @@ def trial_signs(
     -------
     list of SignStep
         The state of a step that has no consistent combination is the one with the fewest contradictions, so
-        that the sequence can go on.
+        that the sequence can continue.
     """
     model = Model("straight", "per-tendon", elements_per_bay)
     targets = resolve(robot, steps)
