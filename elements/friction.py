@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 class FrictionModel(Protocol):
     """Which slip drives friction at which holes. Adding a model takes a class here and a line in `FRICTION_MODELS`.
 
-    A model has ``g`` mobilisations per tendon; the matrices give the slip that drives them and the holes where they act.
+    A model has ``g`` mobilisations per tendon; the matrices give the slip that drives them and where they act.
     """
 
     @property

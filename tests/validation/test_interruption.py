@@ -79,7 +79,7 @@ def test_workers_of_validate_end_with_it(tmp_path, number):
     expected = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
     assert process.returncode == expected[number]
     if number != signal.SIGKILL:
-        assert "the same command goes on from there" in message
+        assert "the same command continues from there" in message
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
