@@ -77,7 +77,7 @@ def test_clearance_has_no_effect_on_a_straight_robot():
 def test_tangent_of_clearance_is_exact():
     """Newton's last correction is quadratic: few iterations to 1e-10 even in one step from straight to bent."""
     helix = robot(HelicalRouting(4.5e-3, 0.6), ConvergingRouting(5e-3, 2e-3, 140.0), clearance=3e-4)
-    steps = [LoadStep(tensions={"t1": 1.0, "t2": 0.8}), LoadStep(tensions={"t1": 1.4, "t2": 0.3})]
+    steps = [LoadStep(tensions={"t1": a, "t2": b}, substeps=1) for a, b in ((1.0, 0.8), (1.4, 0.3))]
     result = solve(helix, steps, friction="per-hole")
     assert result.steps[1].iterations <= 10
 
