@@ -203,19 +203,29 @@ CONVERGENCE_TESTS: tuple[ConvergenceTest, ...] = (
 )
 
 
-@dataclass(frozen=True)
-class Unmet:
+class Unmet(NamedTuple):
     """A test that is not met.
 
     Attributes
     ----------
-    status : NewtonStatus
-    text : str
-        What is measured, how large it is, and what is allowed.
+    test : ConvergenceTest
+    error, tolerance : float
+        What was found, and what is allowed [1].
     """
 
-    status: NewtonStatus
-    text: str
+    test: ConvergenceTest
+    error: float
+    tolerance: float
+
+    @property
+    def status(self) -> NewtonStatus:
+        """Of a solve that ends here."""
+        return self.test.status
+
+    @property
+    def text(self) -> str:
+        """What is measured, how large it is, and what is allowed."""
+        return f"{self.test.measured} {self.error:.1e}, tolerance {self.tolerance:.0e}"
 
 
 def first_unmet(iterate: Iterate, settings: SolverSettings, *, balance: bool = True) -> Unmet | None:
@@ -235,7 +245,7 @@ def first_unmet(iterate: Iterate, settings: SolverSettings, *, balance: bool = T
             continue
         error, tolerance = test.error(iterate), test.tolerance(settings)
         if not error <= tolerance:
-            return Unmet(test.status, f"{test.measured} {error:.1e}, tolerance {tolerance:.0e}")
+            return Unmet(test, error, tolerance)
     return None
 
 

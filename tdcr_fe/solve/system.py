@@ -8,7 +8,7 @@ Everything else in the scene keeps its ordinary additive update. Derivation: doc
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 from typing import Any, NamedTuple
@@ -148,6 +148,8 @@ class SceneLayout:
         Whether any load changes with the configuration of the node it acts on.
     user_loads : bool
         Whether functions of the user may change loads while a load step is solved.
+    numberings : dict of Numbering
+        Those computed so far, by which tendons are driven by displacement.
     """
 
     clamps: dict[int, NDArray[np.int_]]
@@ -157,6 +159,7 @@ class SceneLayout:
     scales: ResidualScales
     loads_jacobian: bool
     user_loads: bool
+    numberings: dict[tuple[bytes, ...], Numbering] = field(default_factory=dict)
 
     @classmethod
     def of(cls, mbs: exu.MainSystem, robots: Sequence[TendonActuation], with_clamps: bool) -> SceneLayout:
@@ -240,7 +243,12 @@ class SceneSystem:
 
     def numbering(self) -> Numbering:
         """Order of the unknowns for the current driving of the tendons."""
-        return Numbering.of(self.robots, self.layout.space.slices, self.layout.reduction.count)
+        driven = tuple(robot.by_displacement.tobytes() for robot in self.robots)
+        if driven not in self.layout.numberings:
+            self.layout.numberings[driven] = Numbering.of(
+                self.robots, self.layout.space.slices, self.layout.reduction.count
+            )
+        return self.layout.numberings[driven]
 
     # ------------------------------------------------------------------ states
 
