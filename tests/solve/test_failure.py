@@ -21,12 +21,8 @@ from tdcr_fe.solve.statics import SolveTDCR
 from tdcr_fe.solve.system import SceneSystem
 
 UNMET = {
-    NewtonStatus.NO_BALANCE: Unmet(
-        NewtonStatus.NO_BALANCE, "the relative residual is 1.0e-03, tolerance 1e-08"
-    ),
-    NewtonStatus.NO_FRICTION_STATE: Unmet(
-        NewtonStatus.NO_FRICTION_STATE, "a mobilisation is off by 1.0e-03, tolerance 1e-04"
-    ),
+    test.status: Unmet(test, 1e-3, tolerance)
+    for test, tolerance in zip(convergence.CONVERGENCE_TESTS, (1e-8, 1e-4), strict=True)
 }
 
 
