@@ -260,10 +260,11 @@ def twist_change(xi: Array, before: Array, after: Array, c: Array) -> Array:
     """
     ad = adjoint_map(xi)
     apart = after - before
-    terms = np.empty((*xi.shape, 3))
-    first, second, fourth = terms[..., :1], terms[..., 1:2], terms[..., 2:]
-    np.matmul(ad, (after + before)[..., None], out=first)
-    np.matmul(ad, ad @ apart[..., None], out=second)
-    np.matmul(ad, ad @ second, out=fourth)
-    apart += (terms @ c[..., 3:, None])[..., 0]
-    return apart
+    # Nested as in Horner's scheme: apart + ad ((before + after) / 2 + ad (c apart + d ad ad apart)).
+    column = apart[..., None]
+    inner = ad @ (ad @ column)
+    inner *= c[..., 5, None, None]
+    inner += c[..., 4, None, None] * column
+    outer = ad @ inner
+    outer += (c[..., 3, None] * (before + after))[..., None]
+    return np.asarray(apart + (ad @ outer)[..., 0])

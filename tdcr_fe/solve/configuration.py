@@ -182,8 +182,10 @@ class ConfigurationSpace:
         written = Unknowns(coordinates, unknowns.multipliers, unknowns.twists, unknowns.bases)
         frames = self._reduction.frames(rotations, parameters)
         measured = tuple(
-            robot.model.measure(*pose, twists)
-            for robot, pose, twists in zip(self.robots, poses, unknowns.twists, strict=True)
+            [
+                robot.model.measure(*pose, twists)
+                for robot, pose, twists in zip(self.robots, poses, unknowns.twists, strict=True)
+            ]
         )
         return Configuration(written, chains, poses, positions, parameters, frames, measured)
 
@@ -213,7 +215,7 @@ class ConfigurationSpace:
         changes = [chain.changes(nodes[own]) for chain, own in zip(chains, self.slices, strict=True)]
         turn = max(float(np.abs(c[:, 3:]).max()) for c in changes)
         fraction = min(1.0, max_turn / turn) if turn > 0.0 else 1.0
-        twists = tuple(t + fraction * change for t, change in zip(old.twists, changes, strict=True))
+        twists = tuple([t + fraction * change for t, change in zip(old.twists, changes, strict=True)])
         bases = list(old.bases)
         for i, own in enumerate(self.slices):
             first = fraction * nodes[own.start]

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 def mobilisations(numbering: Numbering, state: SolverState) -> Array:
     """Mobilisations that are unknowns, of all robots one after the other, shape (k,)."""
-    parts = [state.mobilisation[p.index][p.frictional] for p in numbering.robots if p.has_friction]
+    parts = [state.mobilisation[p.robot][p.frictional] for p in numbering.robots if p.has_friction]
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
@@ -48,20 +48,20 @@ def slip_residual(
     for part in numbering.robots:
         if not part.has_friction:
             continue
-        own, before = forces[part.index], state.friction[part.index]
+        own, before = forces[part.robot], state.friction[part.robot]
         base = None
         if part.driven.size:
             base = np.zeros(len(part.frictional))
             base[part.driven] = step[part.tensions]
         slip = own.field.slip + own.slip_change(step[part.nodes], base)
-        mobilised = presliding * (state.mobilisation[part.index] - before.mobilisation)
+        mobilised = presliding * (state.mobilisation[part.robot] - before.mobilisation)
         parts.append((slip - before.slip - mobilised)[part.frictional])
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def all_keep_slipping(mobilisation: Array, residual: Array) -> bool:
     """Whether every hole slips, and continues in the same direction in a step at fixed friction."""
-    return bool(((np.abs(mobilisation) >= 1.0) & (mobilisation * residual >= 0.0)).all())
+    return bool(np.minimum(np.abs(mobilisation) - 1.0, mobilisation * residual).min() >= 0.0)
 
 
 def friction_step(
@@ -101,14 +101,14 @@ def friction_step(
     for part in numbering.robots:
         if not part.has_friction:
             continue
-        at = forces[part.index]
+        at = forces[part.robot]
         here = slice(part.mobilisations.start - numbering.linear, part.mobilisations.stop - numbering.linear)
         columns[part.nodes, here] = at.mobilisation_columns()
         by_nodes, by_tension, own[here, here] = at.slip_rows()
         rows[here, part.nodes] = by_nodes
         if part.driven.size:
             by_base = at.base_slip_by_mobilisation()[part.driven]
-            by_base[slack[part.index]] = 0.0
+            by_base[slack[part.robot]] = 0.0
             columns[part.tensions, here] = by_base
             rows[here, part.tensions] = by_tension[:, part.driven]
     for base in clamped:

@@ -288,7 +288,7 @@ def _advance(
     move = system.layout.space.move(state.configuration, change, chains, max_turn)
     tension, mobilisation = state.base_tension, state.mobilisation
     for part in numbering.robots:
-        i = part.index
+        i = part.robot
         if part.driven.size:
             new = tension[i].copy()
             new[part.driven] = np.maximum(new[part.driven] + move.fraction * change[part.tensions], 0.0)

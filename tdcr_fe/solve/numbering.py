@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.actuation import TendonActuation
 
 
-@dataclass(frozen=True, eq=False)
-class RobotUnknowns:
+class RobotUnknowns(NamedTuple):
     """Positions of one robot's unknowns.
 
     Attributes
     ----------
-    index : int
-        Of the robot.
+    robot : int
+        Its number.
     nodes : slice
         Body-frame increments of its nodes.
     driven : ndarray of int
@@ -31,7 +30,7 @@ class RobotUnknowns:
         Where these are.
     """
 
-    index: int
+    robot: int
     nodes: slice
     driven: NDArray[np.int_]
     tensions: slice
@@ -44,8 +43,7 @@ class RobotUnknowns:
         return self.mobilisations.stop > self.mobilisations.start
 
 
-@dataclass(frozen=True, eq=False)
-class Numbering:
+class Numbering(NamedTuple):
     """Order of all unknowns of a scene.
 
     Attributes

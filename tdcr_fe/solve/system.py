@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from math import isfinite
 from typing import Any, NamedTuple
 
@@ -60,8 +59,7 @@ class Residual(NamedTuple):
     size: float
 
 
-@dataclass(frozen=True, eq=False)
-class Factorisation:
+class Factorisation(NamedTuple):
     """LU factors of a tangent.
 
     Attributes
@@ -93,7 +91,7 @@ class Factorisation:
         solution: Array = dgetrs(self.lu, self.pivots, right, trans=1)[0]
         return solution
 
-    @cached_property
+    @property
     def sign(self) -> int:
         """Sign of the determinant; it changes where an equilibrium loses its stability."""
         # The parity of row exchanges and negative pivots.
@@ -111,7 +109,7 @@ class Linearization(NamedTuple):
     chains : tuple of ElementChain
         The elements in whose frames its steps are.
     slack : tuple of ndarray of bool
-        By robot, which of the tendons with prescribed displacement are slack.
+        By robot, which of the tendons with prescribed displacement are slack; empty where there are none.
     """
 
     factorisation: Factorisation
@@ -124,10 +122,10 @@ class Linearization(NamedTuple):
         np.negative(residual.unbalanced, out=right[: numbering.reduced])
         for part in numbering.robots:
             if part.driven.size:
-                own = residual.forces[part.index]
-                gap = (own.field.base_slip - residual.target.inputs[part.index])[part.driven]
+                own = residual.forces[part.robot]
+                gap = (own.field.base_slip - residual.target.inputs[part.robot])[part.driven]
                 tension = own.base_tension[part.driven]
-                right[part.tensions] = -np.where(self.slack[part.index], tension, gap)
+                right[part.tensions] = -np.where(self.slack[part.robot], tension, gap)
         return self.factorisation.solve(right)
 
 
@@ -351,7 +349,7 @@ class SceneSystem:
         size = layout.scales.relative_residual(unbalanced, state.base_tension, target.load_size)
         for part in numbering.robots:
             if part.driven.size:
-                own, displacement = forces[part.index], target.inputs[part.index]
+                own, displacement = forces[part.robot], target.inputs[part.robot]
                 size = max(size, layout.scales.displacement_error(own, displacement, part.driven))
         return Residual(state, target, forces, unbalanced, tuple(on_bases), raw, size)
 
@@ -416,7 +414,7 @@ class SceneSystem:
             chain.add_unbalanced(NodeBlocks(k, nodes), wrenches, *poses)
         if numbering.any_driven:
             k = np.pad(k, ((0, numbering.linear - numbering.reduced),) * 2)
-        slack = tuple(self._add_driven(k, residual, numbering))
+        slack = tuple(self._add_driven(k, residual, numbering)) if numbering.any_driven else ()
         if damping > 0.0:
             # Exudyn's Jacobian is that of the right-hand side: minus the stiffness.
             nodes6 = np.arange(6 * layout.reduction.nodes)
@@ -434,11 +432,11 @@ class SceneSystem:
         found = []
         stiffness = 10.0 * self.layout.scales.elastic_force / self.length
         for part in numbering.robots:
-            which, own = part.driven, residual.forces[part.index]
+            which, own = part.driven, residual.forces[part.robot]
             if not which.size:
                 found.append(np.zeros(0, dtype=bool))
                 continue
-            gap = (own.field.base_slip - residual.target.inputs[part.index])[which]
+            gap = (own.field.base_slip - residual.target.inputs[part.robot])[which]
             # A tendon is taut where its tension, or else its displacement deficit, is positive.
             slack = own.base_tension[which] - gap * stiffness <= 0.0
             k[part.nodes, part.tensions] = own.base_tension_columns()[:, which]
