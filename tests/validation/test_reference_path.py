@@ -80,6 +80,17 @@ def test_a_whole_step_agrees_with_the_step_cut_in_64(tendons):
     assert np.count_nonzero(resolved) >= 2
 
 
+def test_slip_that_ends_where_it_began_is_seen():
+    """A tip force moves a hole to and fro between the points of coarse substeps; 512 substeps are the measure."""
+    robot = random_robot(1, 16)
+    steps = random_steps(robot, 16)[:2]
+    whole = solve_reference(robot, MODEL, steps)
+    cut = solve_reference(
+        robot, MODEL, [replace(s, substeps=n) for s, n in zip(steps, (8, 512), strict=True)]
+    )
+    assert np.all(largest_gap(whole, cut) < 2e-5)
+
+
 def test_a_step_taken_whole_misses_slip_reversals():
     """The default of the reference at e3bbe5d: one substep, without a warning."""
     robot = random_robot(4, 1)

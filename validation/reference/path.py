@@ -5,8 +5,8 @@ therefore missed, and so is a jump to another branch of equilibria. Two error es
 substep and its two halves from the same state must give the same configuration (step doubling). Second, step
 doubling may miss a reversal whose extremum lies between the ends of the halves: a parabola is put through the slip
 at the beginning, middle and end of the substep, and the effect on the shape of an extremum beyond these values is
-estimated. A substep is bisected until both estimates are within the tolerance twice in succession; the halves of the
-last bisection are kept.
+estimated. A substep in which a hole starts or stops slipping is short in any case. A substep is bisected until both
+estimates are within the tolerance twice in succession; the halves of the last bisection are kept.
 """
 
 from __future__ import annotations
@@ -33,6 +33,9 @@ _CONTINUATION = (1e5, 1e4, 1e3, 100.0, 10.0, 1.0)
 #: reverses abruptly, the whole error of the step arises in a few short substeps.
 _SMALLEST = 1.0 / 8.0
 
+#: Longest substep in which a hole may start or stop slipping: such changes make others turn round abruptly, between the
+#: points that the estimates see.
+_EVENTFUL = 1.0 / 16.0
 #: Number of successive bisections that must agree: a hole that moves back and forth within its presliding distance
 #: ends as if it had been at rest, so that a single agreement may be coincidence.
 _AGREEMENTS = 2
@@ -252,8 +255,10 @@ class LoadStepPath:
             halves = first.then(second)
             error = self._difference(whole.end, halves.end) if isinstance(whole, Path) else float("inf")
             error = max(error, self._missed_reversal(start, first.end, halves.end))
-            met = error <= self._tolerance(end - begin)
+            quiet = end - begin <= _EVENTFUL or not _changes_state(start, first.end, halves.end)
+            met = quiet and error <= self._tolerance(end - begin)
             if last or (met and agreed + 1 >= _AGREEMENTS):
+                met = error <= self._tolerance(end - begin)
                 doubt = () if met else (Unresolved(begin, end, error),)
                 return Path(halves.end, halves.iterations, 2, failed, error, doubt)
         elif last and isinstance(whole, Path):
@@ -368,6 +373,12 @@ class LoadStepPath:
             iterations += attempt.iterations
         consistent = attempt.converged and not len(tendons.dependent)
         return replace(attempt, converged=consistent, iterations=iterations)
+
+
+def _changes_state(*points: Point) -> bool:
+    """Whether any hole changes between stick, pull and release from one of these points to another."""
+    states = [np.trunc(p.history.mobilisation / SLIPPING) for p in points]
+    return any(bool(np.any(state != states[0])) for state in states)
 
 
 def commit(statics: Statics, start: Point, state: State) -> Point:
