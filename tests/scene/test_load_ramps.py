@@ -20,12 +20,13 @@ def with_load(robot, frame="world", **model):
     return keep, mbs, handle, load
 
 
-def test_a_load_after_a_pull_gives_the_tip_of_simulate():
-    """The paper's robot at 2 N, then -0.05 N along y at the tip.
+@pytest.mark.parametrize("force", [(-0.05, 0.0, 0.0), (0.0, 0.05, 0.05), (0.0, -0.05, 0.0)])
+def test_a_load_after_a_pull_gives_the_tip_of_simulate(force):
+    """The paper's robot at 2 N, then a force at the tip.
 
-    In version 0.1 the scene applied the load in one step: an error of 0.70 % of the length, without a warning.
+    In version 0.1 the scene took the load in one jump: 0.69 % of the length away with the first force, 0.43 % with the
+    second, with a path error of 0.0. With the third, across the plane of bending, it happened to be right.
     """
-    force = (0.0, -0.05, 0.0)
     steps = [LoadStep("", {"t1": 2.0}), LoadStep("", loads={"tip": Load(LENGTH, force)})]
     expected = solve(paper(0.3), steps).steps
     _keep, mbs, handle, load = with_load(paper(0.3))
@@ -35,7 +36,7 @@ def test_a_load_after_a_pull_gives_the_tip_of_simulate():
     report = SolveTDCR(mbs)
     assert distance(handle.tip_position, expected[1].tip) < 1e-9
     assert report["substeps"] == expected[1].substeps > 1
-    assert report["refinement_error"] == 0.0
+    assert report["refinement_error"] == pytest.approx(expected[1].details["refinement_error"], abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
