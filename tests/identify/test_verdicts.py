@@ -1,10 +1,8 @@
 """Verdicts of the command on insufficient or faulty data, interruptions, and the end of its workers."""
 
 import json
-import os
 import signal
 import subprocess
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from identify_data import measured
+from interrupts import start_python
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS, effect
@@ -178,14 +177,7 @@ def test_an_interruption_ends_all_processes_and_keeps_what_was_found(bent, tmp_p
     write_measured(bent, tmp_path / "set")
     script = tmp_path / "command.py"
     script.write_text(SCRIPT)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    process = subprocess.Popen(
-        [sys.executable, str(script), str(tmp_path / "set"), str(tmp_path / "out")],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment,
-    )
+    process = start_python(str(script), str(tmp_path / "set"), str(tmp_path / "out"), stderr=subprocess.PIPE)
     try:
         assert process.stdout.readline() == "searching\n"
         time.sleep(3.0)

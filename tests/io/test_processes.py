@@ -2,14 +2,13 @@
 
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
+from interrupts import start_python
 
 from tdcr_fe.io.processes import STATUS_SIGINT, STATUS_SIGTERM, Terminated, sigterm_as_interrupt, worker_pool
 
@@ -61,10 +60,7 @@ def wait_for_end(pids):
 def start(tmp_path):
     script = tmp_path / "parent.py"
     script.write_text(PARENT)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    process = subprocess.Popen(
-        [sys.executable, str(script)], stdout=subprocess.PIPE, text=True, env=environment
-    )
+    process = start_python(str(script))
     return process, [int(p) for p in process.stdout.readline().split()]
 
 

@@ -4,11 +4,11 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
+from interrupts import start_python
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="lists processes by /proc")
 
@@ -17,14 +17,7 @@ LIMIT = 3.0
 
 
 def start(*arguments):
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    return subprocess.Popen(
-        [sys.executable, "-m", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment,
-    )
+    return start_python("-m", *arguments, stderr=subprocess.PIPE)
 
 
 def descendants(pid):
