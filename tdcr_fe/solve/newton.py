@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 CHORD_CONTRACTION = 3.0
 #: A damped step turns no section by more than this; below a fifth of it the damping is reduced [rad].
 DAMPED_TURN = 0.5
+#: Largest damping, over the elastic force times the length: nothing moves any more [1].
+MOST_DAMPING = 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,14 +263,15 @@ def _damped_step(
     The damping it returns is that for the next step.
     """
     nodes = 6 * system.layout.reduction.nodes
-    least = 1e-6 * system.layout.scales.elastic_force * system.length
+    scale = system.layout.scales.elastic_force * system.length
+    least, most = 1e-6 * scale, MOST_DAMPING * scale
     for _ in range(20):
         step = _full_step(system, residual, numbering, presliding, damping, iteration)
         turn = float(np.max(np.abs(step.change[:nodes].reshape(-1, 6)[:, 3:])))
         climbs = step.linearization.factorisation.sign * residual.state.tangent_sign < 0
-        if turn <= DAMPED_TURN and not climbs:
+        if (turn <= DAMPED_TURN and not climbs) or damping >= most:
             break
-        damping = max(4.0 * damping, least)
+        damping = min(max(4.0 * damping, least), most)
     return step._replace(damping=0.2 * damping if turn < 0.2 * DAMPED_TURN else damping)
 
 
