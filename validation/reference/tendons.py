@@ -114,6 +114,22 @@ class History:
     passed: Array
 
 
+def friction_variables(rough: Mask, owner: Index | None) -> Index:
+    """Number of the friction variable of every hole, -1 without friction, shape (n_holes,).
+
+    Parameters
+    ----------
+    rough
+        Holes with friction, shape (n_holes,).
+    owner
+        Tendon of every hole where all holes of a tendon share a variable; None gives each hole its own.
+    """
+    variable = np.full(len(rough), -1, dtype=np.intp)
+    groups = np.arange(len(rough)) if owner is None else owner
+    variable[rough] = np.unique(groups[rough], return_inverse=True)[1]
+    return variable
+
+
 class Tendons:
     """The tendons' segments one after another, and the equations for their tensions.
 
@@ -184,31 +200,24 @@ class Tendons:
         self.clearance = np.repeat(np.array([*(t.clearance for t in robot.tendons), 0.0]), [*counts, 0])
         self.loose = not self.continuous and bool(np.any(self.clearance > 0.0))
         self.flexibility = np.repeat(1.0 / np.array([*stiffness, np.inf]), [*counts, 0])
-        self._friction(model, np.array(owner, dtype=np.intp))
-
-    def _friction(self, model: Model, owner: Index) -> None:
-        """Friction variable of every hole, and the slip operator."""
-        self.rest = np.zeros(self.size)
-        self.base_sum = np.zeros((self.count, self.size))
+        self.rest = np.zeros(size)
+        self.base_sum = np.zeros((self.count, size))
         for i in range(self.count):
             self.base_sum[i, self.first[i] : self.last[i]] = 1.0
+        of_tendon = np.array(owner, dtype=np.intp)
         #: Slip operator: sums the released lengths of the segments beyond each hole.
-        self.beyond = self.base_sum[owner] * (np.arange(self.size) > self.holes[:, None])
+        self.beyond = self.base_sum[of_tendon] * (np.arange(size) > self.holes[:, None])
         rough = (self.mu > 0.0) | (self.adhesion > 0.0)
         #: Friction variable of every hole; -1 without friction.
-        self.variable = np.full(len(self.holes), -1, dtype=np.intp)
-        rows: list[Array] = []
-        if model.friction == "per-tendon":
-            for i in np.unique(owner[rough]):
-                self.variable[rough & (owner == i)] = len(rows)
-                rows.append(self.base_sum[i])
-        else:
-            for hole in np.flatnonzero(rough):
-                self.variable[hole] = len(rows)
-                rows.append(self.beyond[hole])
-        self.n_friction = len(rows)
-        self.passed_sum = np.array(rows).reshape(len(rows), self.size)
-        self.rough = np.flatnonzero(self.variable >= 0)
+        self.variable = friction_variables(rough, of_tendon if model.friction == "per-tendon" else None)
+        self.rough = np.flatnonzero(rough)
+        _, first_hole = np.unique(self.variable[self.rough], return_index=True)
+        leading = self.rough[first_hole]
+        self.n_friction = len(leading)
+        #: From the released lengths to the slip of every friction variable.
+        self.passed_sum = (
+            self.base_sum[of_tendon[leading]] if model.friction == "per-tendon" else self.beyond[leading]
+        )
 
     def coefficients(self, tension: Array, angles: Array) -> Array:
         r"""Friction coefficients at the holes in a solved state [1], shape (n_holes,).
