@@ -17,11 +17,13 @@ from tdcr_fe.io.measured import read_measured
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.validation.blind import OFF_LIST, Answer, Recipe, make_blind, plan
 from tdcr_fe.validation.blind.benchmark import run_benchmark
-from tdcr_fe.validation.blind.experiment import draw_loading, draw_robot
-from tdcr_fe.validation.blind.maker import read
+from tdcr_fe.validation.blind.loading import draw_loading
+from tdcr_fe.validation.blind.readings import read
 from tdcr_fe.validation.blind.recipes import BY_DISPLACEMENT, ROBOTS
 from tdcr_fe.validation.blind.report import BEGIN, END, to_markdown, write_into_page, write_report
+from tdcr_fe.validation.blind.robots import draw_robot
 from tdcr_fe.validation.blind.scoring import score, summarise
+from tdcr_fe.validation.blind.values import DRAW
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 
@@ -240,6 +242,22 @@ def test_summary_counts(made, tmp_path):
     page.write_text("no marks")
     with pytest.raises(ValueError, match="no <!--"):
         write_into_page(text, page)
+
+
+def test_an_incomplete_explanation_is_counted_by_its_names_and_verdict(made):
+    marks = [
+        outcome(made, "partly explained", named=(("gravity", ()),)),
+        outcome(made, "unexplained", named=()),
+    ]
+    assert summarise(marks)["confusion"]["precurvature"] == {
+        "gravity (partly explained)": 1,
+        "unexplained": 1,
+    }
+
+
+def test_every_listed_effect_has_random_values(made):
+    """By the maker's own table; an effect added to the list must get an entry there."""
+    assert set(DRAW) == {e.name for e in EFFECTS}
 
 
 def test_a_benchmark_resumes_where_it_stopped(made, tmp_path):

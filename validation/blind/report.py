@@ -73,22 +73,39 @@ def _share(part: int, whole: int) -> str:
 
 
 def to_markdown(summary: dict[str, Any], scores: Sequence[Score]) -> str:
-    """Summary, and one row a set."""
-    single, small, pair = summary["single"], summary["single_small_noise"], summary["pair"]
-    clean, weak, unlisted = summary["clean"], summary["weak"], summary["off_list"]
+    """Summary, confusion table, and one row a set, as Markdown."""
+    blocks = [
+        _table(("what", "seen"), _summary_rows(summary)),
+        _table(("hidden", "named, how often"), _confusion_rows(summary)),
+    ]
+    if summary.get("failed"):
+        blocks.append(f"Sets that failed: {summary['failed']}.\n")
+    blocks.append(_table(_SET_COLUMNS, [_set_row(s) for s in scores]))
+    return "\n".join(blocks)
+
+
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table with its line breaks."""
+    lines = [columns, ["---"] * len(columns), *rows]
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+
+
+def _named(counts: dict[str, int]) -> str:
+    """How many sets have the right names, and how many of them among those reported as indistinguishable."""
+    together = f", {counts['named_together']} among those named together" if counts["named_together"] else ""
+    return _share(counts["right"] + counts["named_together"], counts["sets"]) + together
+
+
+def _summary_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    clean, unlisted = summary["clean"], summary["off_list"]
     held, cover = summary["held_out_over_noise"], summary["coverage"]
-
-    def names(c: dict[str, int]) -> str:
-        together = f", {c['named_together']} among those named together" if c["named_together"] else ""
-        return _share(c["right"] + c["named_together"], c["sets"]) + together
-
     percent = round(100.0 * (NOISE_FLOOR - 1.0))
-    rows = [
-        ("one listed effect: right name", names(single)),
-        ("the same, noise up to 0.12 mm", names(small)),
-        ("two listed effects: both names, no other", names(pair)),
+    return [
+        ("one listed effect: right name", _named(summary["single"])),
+        ("the same, noise up to 0.12 mm", _named(summary["single_small_noise"])),
+        ("two listed effects: both names, no other", _named(summary["pair"])),
         ("clean data: nothing missing", _share(clean["right"], clean["sets"])),
-        ("weak effects (about two sigma): right name", names(weak)),
+        ("weak effects (about two sigma): right name", _named(summary["weak"])),
         (
             f"held-out error within {percent} % of the noise, right names",
             _share(held["within_15_percent"], held["sets"]),
@@ -106,37 +123,52 @@ def to_markdown(summary: dict[str, Any], scores: Sequence[Score]) -> str:
         ("... remainder within one bay, or at the right load", _share(unlisted["located"], unlisted["sets"])),
         ("time of one set, median and largest", _seconds(summary["seconds"])),
     ]
-    lines = ["| what | seen |", "| --- | --- |", *(f"| {a} | {b} |" for a, b in rows), ""]
-    lines += ["| hidden | named, how often |", "| --- | --- |"]
+
+
+def _confusion_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """By hidden effects, what was named, the most frequent first."""
+    rows = []
     for hidden, found in sorted(summary["confusion"].items()):
-        named = ", ".join(f"{n} {k}" if k > 1 else n for n, k in sorted(found.items(), key=lambda x: -x[1]))
-        lines.append(f"| {hidden} | {named} |")
-    lines.append("")
-    if summary.get("failed"):
-        lines += [f"Sets that failed: {summary['failed']}.", ""]
-    lines += [
-        "| seed | robot | drive | noise [mm] | hidden | declared off [sigma] | named | verdict | outcome "
-        "| held-out before, after / noise | missed intervals |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
-    for s in scores:
-        hidden = " + ".join(s["hidden"]) or "nothing"
-        if s["outcome"] == "failed":
-            lines.append(f"| {s['seed']} | | | | {hidden} | | | | failed: {s['error']} | | |")
-            continue
-        named = " + ".join(
-            n
-            + (f" (or {', '.join(s['indistinguishable_from'][n])})" if s["indistinguishable_from"][n] else "")
-            for n in s["named"]
-        )
-        before, after = s["before"] / s["noise_floor"], s["after"] / s["noise_floor"]
-        off = s["declared_off"]
-        lines.append(
-            f"| {s['seed']} | {s['robot']} | {s['drive']} | {1e3 * s['sigma']:.3g} | {hidden} | {off:.3g} "
-            f"| {named or '-'} | {s['verdict']} | {s['outcome']} | {before:.3g}, {after:.3g} "
-            f"| {', '.join(s['intervals_missed']) or '-'} |"
-        )
-    return "\n".join(lines) + "\n"
+        frequent_first = sorted(found.items(), key=lambda x: -x[1])
+        rows.append((hidden, ", ".join(f"{n} {k}" if k > 1 else n for n, k in frequent_first)))
+    return rows
+
+
+_SET_COLUMNS = (
+    "seed",
+    "robot",
+    "drive",
+    "noise [mm]",
+    "hidden",
+    "declared off [sigma]",
+    "named",
+    "verdict",
+    "outcome",
+    "held-out before, after / noise",
+    "missed intervals",
+)
+
+
+def _set_row(s: Score) -> tuple[str, ...]:
+    """Cells of one set, in the order of `_SET_COLUMNS`."""
+    hidden = " + ".join(s["hidden"]) or "nothing"
+    if s["outcome"] == "failed":
+        return str(s["seed"]), "", "", "", hidden, "", "", "", f"failed: {s['error']}", "", ""
+    rivals = s["indistinguishable_from"]
+    named = " + ".join(n + (f" (or {', '.join(rivals[n])})" if rivals[n] else "") for n in s["named"])
+    return (
+        str(s["seed"]),
+        s["robot"],
+        s["drive"],
+        f"{1e3 * s['sigma']:.3g}",
+        hidden,
+        f"{s['declared_off']:.3g}",
+        named or "-",
+        s["verdict"],
+        s["outcome"],
+        f"{s['before'] / s['noise_floor']:.3g}, {s['after'] / s['noise_floor']:.3g}",
+        ", ".join(s["intervals_missed"]) or "-",
+    )
 
 
 def _ratio(value: float | None) -> str:

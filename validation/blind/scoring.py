@@ -176,43 +176,21 @@ def summarise(scores: Iterable[Score]) -> dict[str, Any]:
         by hidden effects, how often each is named.
     """
     scores = list(scores)
-
-    def counts(which: list[Score]) -> dict[str, int]:
-        outcomes = [s["outcome"] for s in which]
-        return {
-            "sets": len(which),
-            "right": outcomes.count("right"),
-            "named_together": outcomes.count("named together"),
-            "wrong": outcomes.count("wrong"),
-        }
-
     kinds = {
         k: [s for s in scores if s["kind"] == k] for k in ("clean", "single", "pair", "weak", "off-list")
     }
-    found = [
-        s for s in scores if s["kind"] in ("single", "pair") and s["outcome"] in ("right", "named together")
-    ]
-    ratios = [s["after"] / s["noise_floor"] for s in found]
-    listed = [s for s in scores if s["kind"] in ("single", "pair")]
+    listed = [*kinds["single"], *kinds["pair"]]
+    ratios = [s["after"] / s["noise_floor"] for s in listed if s["outcome"] in ("right", "named together")]
     inside = sum(len(s["intervals_hit"]) for s in listed)
     outside = sum(len(s["intervals_missed"]) for s in listed)
-    confusion: dict[str, dict[str, int]] = {}
-    for s in scores:
-        hidden = " + ".join(s["hidden"]) or "nothing"
-        answer = " + ".join(sorted(s["named"], key=lambda n, h=s["hidden"]: (n not in h, n))) or "nothing"  # type: ignore[misc]
-        if s["verdict"] in ("partly explained", "unexplained"):
-            answer = f"{found} ({s['verdict']})" if s["named"] else "unexplained"
-        row = confusion.setdefault(hidden, {})
-        row[answer] = row.get(answer, 0) + 1
     off = kinds["off-list"]
-    small = [s for s in kinds["single"] if s["sigma"] <= 1.2e-4]
     return {
         "sets": len(scores),
-        "single": counts(kinds["single"]),
-        "single_small_noise": counts(small),
-        "pair": counts(kinds["pair"]),
-        "weak": counts(kinds["weak"]),
-        "clean": counts(kinds["clean"]),
+        "single": _outcomes(kinds["single"]),
+        "single_small_noise": _outcomes([s for s in kinds["single"] if s["sigma"] <= 1.2e-4]),
+        "pair": _outcomes(kinds["pair"]),
+        "weak": _outcomes(kinds["weak"]),
+        "clean": _outcomes(kinds["clean"]),
         "held_out_over_noise": {
             "sets": len(ratios),
             "median": float(np.median(ratios)) if ratios else None,
@@ -231,5 +209,31 @@ def summarise(scores: Iterable[Score]) -> dict[str, Any]:
             "median": float(np.median([s["wall_time"] for s in scores])) if scores else None,
             "largest": max((s["wall_time"] for s in scores), default=None),
         },
-        "confusion": confusion,
+        "confusion": _confusion(scores),
     }
+
+
+def _outcomes(scores: Sequence[Score]) -> dict[str, int]:
+    """How often each outcome of a set with listed effects occurs."""
+    outcomes = [s["outcome"] for s in scores]
+    return {
+        "sets": len(scores),
+        "right": outcomes.count("right"),
+        "named_together": outcomes.count("named together"),
+        "wrong": outcomes.count("wrong"),
+    }
+
+
+def _confusion(scores: Sequence[Score]) -> dict[str, dict[str, int]]:
+    """By hidden effects, how often each combination of effects was named."""
+    confusion: dict[str, dict[str, int]] = {}
+    for s in scores:
+        hidden = s["hidden"]
+        # the hidden effects come first, others by name
+        named = sorted((n not in hidden, n) for n in s["named"])
+        answer = " + ".join(n for _, n in named) or "nothing"
+        if s["verdict"] in ("partly explained", "unexplained"):
+            answer = f"{answer} ({s['verdict']})" if named else "unexplained"
+        row = confusion.setdefault(" + ".join(hidden) or "nothing", {})
+        row[answer] = row.get(answer, 0) + 1
+    return confusion
