@@ -8,6 +8,7 @@ usual during loading, the step at fixed friction already satisfies these conditi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,18 +65,30 @@ def all_keep_slipping(mobilisation: Array, residual: Array) -> bool:
     return bool(np.minimum(np.abs(mobilisation) - 1.0, mobilisation * residual).min() >= 0.0)
 
 
-def friction_step(
+class FrictionResponse(NamedTuple):
+    """Response of the linearised equilibrium to the mobilisations.
+
+    Attributes
+    ----------
+    columns : ndarray, shape (linear, k)
+        Change of the unknowns of equilibrium by the mobilisations.
+    matrix : ndarray, shape (k, k)
+        Presliding distance times identity, minus the derivative of the slips by the mobilisations [m].
+    """
+
+    columns: Array
+    matrix: Array
+
+
+def friction_response(
     numbering: Numbering,
     forces: Sequence[TendonForces],
     solve: Callable[[Array], Array],
     clamped: Sequence[slice],
     slack: Sequence[NDArray[np.bool_]],
-    fixed: Array,
-    residual: Array,
-    mobilisation: Array,
     presliding: float,
-) -> Array:
-    """Complementarity step: the step with the mobilisations as unknowns, shape (total,).
+) -> FrictionResponse:
+    """Response to the mobilisations.
 
     Parameters
     ----------
@@ -87,14 +100,10 @@ def friction_step(
         Unknowns of clamped bases.
     slack
         By robot, which of the tendons with prescribed displacement are slack.
-    fixed
-        Step at fixed friction, shape (linear,).
-    residual, mobilisation
-        See `slip_residual` and `mobilisations`, shape (k,).
     presliding
         Presliding distance [m].
     """
-    count = len(mobilisation)
+    count = numbering.total - numbering.linear
     columns = np.zeros((numbering.linear, count), order="F")
     rows = np.zeros((count, numbering.linear))
     own = np.zeros((count, count))
@@ -114,7 +123,22 @@ def friction_step(
     for base in clamped:
         columns[base] = 0.0
     response = -solve(columns)
-    matrix = presliding * np.eye(count) - rows @ response - own
+    return FrictionResponse(response, presliding * np.eye(count) - rows @ response - own)
+
+
+def friction_step(response: FrictionResponse, fixed: Array, residual: Array, mobilisation: Array) -> Array:
+    """Complementarity step: the step with the mobilisations as unknowns, shape (total,).
+
+    Parameters
+    ----------
+    response
+        To the mobilisations.
+    fixed
+        Step at fixed friction, shape (linear,).
+    residual, mobilisation
+        See `slip_residual` and `mobilisations`, shape (k,).
+    """
+    matrix = response.matrix
     new, _ = solve_box(matrix, residual + matrix @ mobilisation, mobilisation)
     change = new - mobilisation
-    return np.concatenate((fixed + response @ change, change))
+    return np.concatenate((fixed + response.columns @ change, change))
