@@ -18,10 +18,10 @@ ALL = [*ELEMENTS, *PRODUCT, *VALIDATION]
 LAYERS = (
     "elements",
     "model",
+    "effects",
     "scene",
     "solve",
     "native",
-    "effects",
     "report",
     "io",
     "identify",

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import Clamp, Connectors, TendonActuation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, add_backbone
-from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model import arguments
 from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.mesh import build_mesh
 from tdcr_fe.scene.parts import (
@@ -28,15 +28,8 @@ from tdcr_fe.scene.parts import (
     add_tip_mass,
     section_marker,
 )
-from tdcr_fe.scene.section import add_node_loads, section_forces
-from tdcr_fe.scene.tendons import (
-    TendonItems,
-    add_tendons,
-    cable_geometry,
-    cable_lengths,
-    continuous_lengths,
-    tendon_law,
-)
+from tdcr_fe.scene.section import add_node_loads
+from tdcr_fe.scene.tendons import TendonItems, add_tendons
 
 #: Colour of the backbone (RGBA).
 BACKBONE_COLOR = (0.20, 0.25, 0.35, 1.0)
@@ -179,22 +172,10 @@ def add_actuation(
     presliding: float,
 ) -> TendonActuation:
     """Create the forces of tendons and section, and connect them to Exudyn's solvers."""
-    hole_nodes = np.array([0, *(mesh.node_at(s) for s in robot.disks.positions)])
-    section = section_forces(robot, model, mesh, rigid)
-    # Without tendons the two tendon paths are the same.
-    continuous = model.tendon_path == "continuous" and bool(robot.tendons)
-    geometry = None if continuous else cable_geometry(robot)
-    if geometry is not None:
-        lengths, mask = cable_lengths(geometry, mesh, hole_nodes), geometry.mask
-    elif section is not None and section.tendons is not None:
-        lengths = continuous_lengths(section.tendons, mesh)
-        mask = np.ones_like(lengths, dtype=bool)
-    else:
-        lengths, mask = np.zeros((0, 1)), np.zeros((0, 1), dtype=bool)
-    law = tendon_law(robot.tendons, lengths, mask, model.friction, presliding)
+    forces_on_robot = force_model(robot, model, mesh, rigid, presliding)
+    section, continuous = forces_on_robot.section, forces_on_robot.geometry is None
     forces, torques = add_node_loads(mbs, nodes, name) if section is not None else ([], [])
     connectors = Connectors([] if continuous else tendons.segments, forces, torques, tendons.holes)
-    force_model = ForceModel(mesh, hole_nodes, geometry, law, section)
-    actuation = TendonActuation(mbs, nodes, force_model, connectors, clamp=clamp)
+    actuation = TendonActuation(mbs, nodes, forces_on_robot, connectors, clamp=clamp)
     SceneHooks.of(mbs).actuations.append(actuation)
     return actuation

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
-from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, add_residual_flexibility
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
 from tdcr_fe.elements.friction import TensionField, hole_states
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.loads import Frame, PointLoad, add_point_load
+from tdcr_fe.scene.mesh import softened_stiffness
 from tdcr_fe.scene.parts import section_marker
 from tdcr_fe.scene.sensors import add_tension_sensors, add_tip_sensors
 
@@ -200,10 +201,7 @@ class TDCR:
         if factor == self._compliance:
             return
         self._compliance = factor
-        softer = self.mesh.stiffness.copy()
-        # The residual bending flexibility in the shear is scaled by the same factor.
-        add_residual_flexibility(softer, self.mesh.lengths, factor - 1.0)
-        softer[:, 3:] /= factor
+        softer = softened_stiffness(self.mesh, self.rigid, factor)
         for beam, stiffness, rigid in zip(self.oBeams, softer, self.rigid, strict=True):
             if not rigid:
                 section = self.mbs.GetObjectParameter(beam, "sectionData")

@@ -80,3 +80,15 @@ def build_mesh(
     rotary = b.density * b.second_moment * np.array([2.0, 1.0, 1.0])
     precurvature = BEAM_TO_SECTION.T @ np.array([*b.precurvature, 0.0])
     return BackboneMesh(arc, stiffness, b.mass_per_length, rotary, precurvature), rigid
+
+
+def softened_stiffness(mesh: BackboneMesh, rigid: NDArray[np.bool_], factor: float) -> NDArray[np.float64]:
+    """Stiffness of every element with its compliance in bending and torsion multiplied by a factor, shape (E, 6).
+
+    The residual bending flexibility in the shear is scaled by the same factor; rigid inserts stay as they are.
+    """
+    softer = mesh.stiffness.copy()
+    add_residual_flexibility(softer, mesh.lengths, factor - 1.0)
+    softer[:, 3:] /= factor
+    softer[rigid] = mesh.stiffness[rigid]
+    return softer
