@@ -18,8 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.model.loading import Actuation, Load
+from tdcr_fe.validation.reference.balance import Forces
+from tdcr_fe.validation.reference.newton import Attempt, solve
 from tdcr_fe.validation.reference.settings import ReferenceSettings
-from tdcr_fe.validation.reference.statics import Attempt, Forces, State, Statics
+from tdcr_fe.validation.reference.statics import State, Statics
 from tdcr_fe.validation.reference.tendons import Driver, History
 
 Array = NDArray[np.float64]
@@ -359,7 +361,7 @@ class LoadStepPath:
         statics, tendons = self.statics, self.statics.tendons
         if len(tendons.dependent):
             tendons.mu = tendons.coefficients(start.state.tensions, start.state.angles)
-        attempt = statics.solve(unknowns, forces, driver, start.history, presliding)
+        attempt = solve(statics, unknowns, forces, driver, start.history, presliding)
         iterations = attempt.iterations
         for _ in range(_REPETITIONS if len(tendons.dependent) else 0):
             if not attempt.converged:
@@ -369,7 +371,7 @@ class LoadStepPath:
             if change <= _COEFFICIENT_TOLERANCE:
                 return replace(attempt, iterations=iterations)
             tendons.mu = mu
-            attempt = statics.solve(attempt.state.unknowns, forces, driver, start.history, presliding)
+            attempt = solve(statics, attempt.state.unknowns, forces, driver, start.history, presliding)
             iterations += attempt.iterations
         consistent = attempt.converged and not len(tendons.dependent)
         return replace(attempt, converged=consistent, iterations=iterations)

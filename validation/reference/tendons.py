@@ -22,11 +22,6 @@ Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 
-def hole_points(robot: Robot, tendon: Tendon) -> Array:
-    """Where the tendon passes base plate and disks, in their section frames [m], shape (n + 1, 3)."""
-    return robot.hole_points(tendon)
-
-
 def coefficient_at_rest(tendon: Tendon) -> float:
     """Friction coefficient of a tendon where no normal force acts [1].
 
@@ -130,6 +125,32 @@ def friction_variables(rough: Mask, owner: Index | None) -> Index:
     return variable
 
 
+def hole_friction(
+    robot: Robot, model: Model, owner: Index, special: tuple[HoleFriction, ...]
+) -> tuple[Array, Array, list[ForceDependentFriction | None]]:
+    """Friction coefficient at rest [1], adhesion [N] and force-dependent law of every hole between base and anchor.
+
+    Parameters
+    ----------
+    robot, model
+        What is modelled.
+    owner
+        Tendon of every hole, shape (n_holes,).
+    special
+        Holes that differ from their tendon.
+    """
+    if model.friction == "none":
+        return np.zeros(len(owner)), np.zeros(len(owner)), [None] * len(owner)
+    tendons = [robot.tendons[i] for i in owner]
+    mu = np.array([coefficient_at_rest(t) for t in tendons], dtype=float)
+    adhesion = np.array([t.adhesion for t in tendons], dtype=float)
+    laws = [t.friction if isinstance(t.friction, ForceDependentFriction) else None for t in tendons]
+    for hole in special:
+        index = int(np.flatnonzero(owner == robot.tendon_names.index(hole.tendon))[hole.hole - 1])
+        mu[index], adhesion[index], laws[index] = hole.mu, hole.adhesion, None
+    return mu, adhesion, laws
+
+
 class Tendons:
     """The tendons' segments one after another, and the equations for their tensions.
 
@@ -148,76 +169,50 @@ class Tendons:
     ) -> None:
         self.count = len(robot.tendons)
         self.continuous = model.tendon_path == "continuous"
-        first, last, tail, head, tail_hole, head_hole = [], [], [], [], [], []
-        holes: list[int] = []
-        mu: list[float] = []
-        laws: list[ForceDependentFriction | None] = []
-        adhesion: list[float] = []
-        owner: list[int] = []
-        size = 0
-        for i, tendon in enumerate(robot.tendons):
-            points = hole_points(robot, tendon)
-            at = np.array([layout.station(s) for s in robot.hole_arc_lengths(tendon)])
-            n = 1 if self.continuous else len(at) - 1
-            first.append(size)
-            last.append(size + n)
-            if not self.continuous:
-                tail.append(at[:-1])
-                head.append(at[1:])
-                tail_hole.append(points[:-1])
-                head_hole.append(points[1:])
-                holes += range(size, size + n - 1)
-                free = model.friction == "none"
-                law = None if free else tendon.friction
-                mu += [0.0 if free else coefficient_at_rest(tendon)] * (n - 1)
-                laws += [law if isinstance(law, ForceDependentFriction) else None] * (n - 1)
-                adhesion += [0.0 if free else tendon.adhesion] * (n - 1)
-                owner += [i] * (n - 1)
-            size += n
-        self.size = size
-        self.first = np.array(first, dtype=np.intp)
-        self.last = np.array(last, dtype=np.intp)
-        empty = np.zeros(0, dtype=np.intp)
-        self.tail = np.concatenate((*tail, empty)).astype(np.intp)
-        self.head = np.concatenate((*head, empty)).astype(np.intp)
-        self.tail_hole = np.concatenate((*tail_hole, np.zeros((0, 3))))
-        self.head_hole = np.concatenate((*head_hole, np.zeros((0, 3))))
+        stations = [
+            np.array([layout.station(s) for s in robot.hole_arc_lengths(t)], dtype=np.intp)
+            for t in robot.tendons
+        ]
+        counts = np.array([1 if self.continuous else len(at) - 1 for at in stations], dtype=np.intp)
+        self.size = int(np.sum(counts))
+        self.last = np.cumsum(counts)
+        self.first = self.last - counts
+        ends = [] if self.continuous else stations
+        points = [] if self.continuous else [robot.hole_points(t) for t in robot.tendons]
+        no_ends, no_points = np.zeros(0, dtype=np.intp), np.zeros((0, 3))
+        #: Stations at the ends of every segment, and the holes there in their section frames [m].
+        self.tail = np.concatenate((*(at[:-1] for at in ends), no_ends))
+        self.head = np.concatenate((*(at[1:] for at in ends), no_ends))
+        self.tail_hole = np.concatenate((*(p[:-1] for p in points), no_points))
+        self.head_hole = np.concatenate((*(p[1:] for p in points), no_points))
         #: Segment on the base side of every hole between base plate and anchor.
-        self.holes = np.array(holes, dtype=np.intp)
-        self.mu = np.array(mu)
-        self.adhesion = np.array(adhesion)
-        for hole in special:
-            i = robot.tendon_names.index(hole.tendon)
-            index = int(np.flatnonzero(np.array(owner) == i)[hole.hole - 1])
-            self.mu[index], self.adhesion[index] = hole.mu, hole.adhesion
-            laws[index] = None
+        self.holes = np.setdiff1d(np.arange(self.size), self.last - 1)
+        owner = np.repeat(np.arange(self.count), counts - 1)
+        self.mu, self.adhesion, laws = hole_friction(robot, model, owner, special)
         #: Holes whose coefficient depends on the normal force, and their laws.
         self.dependent = np.array([k for k, law in enumerate(laws) if law is not None], dtype=np.intp)
         self.laws = tuple(law for law in laws if law is not None)
-        stiffness = [np.inf if t.axial_stiffness is None else t.axial_stiffness for t in robot.tendons]
-        counts = self.last - self.first
         #: Of the tendon of every segment [m].
-        self.clearance = np.repeat(np.array([*(t.clearance for t in robot.tendons), 0.0]), [*counts, 0])
+        self.clearance = np.repeat(np.array([t.clearance for t in robot.tendons], dtype=float), counts)
         self.loose = not self.continuous and bool(np.any(self.clearance > 0.0))
-        self.flexibility = np.repeat(1.0 / np.array([*stiffness, np.inf]), [*counts, 0])
-        self.rest = np.zeros(size)
-        self.base_sum = np.zeros((self.count, size))
+        stiffness = [np.inf if t.axial_stiffness is None else t.axial_stiffness for t in robot.tendons]
+        self.flexibility = np.repeat(1.0 / np.array(stiffness, dtype=float), counts)
+        self.rest = np.zeros(self.size)
+        self.base_sum = np.zeros((self.count, self.size))
         for i in range(self.count):
             self.base_sum[i, self.first[i] : self.last[i]] = 1.0
-        of_tendon = np.array(owner, dtype=np.intp)
         #: Slip operator: sums the released lengths of the segments beyond each hole.
-        self.beyond = self.base_sum[of_tendon] * (np.arange(size) > self.holes[:, None])
+        self.beyond = self.base_sum[owner] * (np.arange(self.size) > self.holes[:, None])
+        shared = model.friction == "per-tendon"
         rough = (self.mu > 0.0) | (self.adhesion > 0.0)
         #: Friction variable of every hole; -1 without friction.
-        self.variable = friction_variables(rough, of_tendon if model.friction == "per-tendon" else None)
+        self.variable = friction_variables(rough, owner if shared else None)
         self.rough = np.flatnonzero(rough)
         _, first_hole = np.unique(self.variable[self.rough], return_index=True)
         leading = self.rough[first_hole]
         self.n_friction = len(leading)
         #: From the released lengths to the slip of every friction variable.
-        self.passed_sum = (
-            self.base_sum[of_tendon[leading]] if model.friction == "per-tendon" else self.beyond[leading]
-        )
+        self.passed_sum = self.base_sum[owner[leading]] if shared else self.beyond[leading]
 
     def coefficients(self, tension: Array, angles: Array) -> Array:
         r"""Friction coefficients at the holes in a solved state [1], shape (n_holes,).

@@ -1,0 +1,190 @@
+"""Newton's method for one equilibrium, with stick and slip as a complementarity problem in every iteration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.validation.reference.balance import Forces
+from tdcr_fe.validation.reference.complementarity import natural_residual, solve_box
+from tdcr_fe.validation.reference.statics import State, Statics
+from tdcr_fe.validation.reference.tendons import Driver, History, TendonEquations
+
+Array = NDArray[np.float64]
+
+#: Number of Newton steps over which the merit function must decrease.
+_MEMORY = 3
+#: Decrease of the merit function that a step must bring, relative to its linear prediction [1].
+_DECREASE = 1e-3
+#: Halvings of a Newton step in the line search, at most.
+_HALVINGS = 8
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Outcome of one run of Newton's method."""
+
+    state: State
+    converged: bool
+    iterations: int
+
+
+@dataclass(frozen=True)
+class _Evaluation:
+    """Equations, derivatives and residual at one set of unknowns.
+
+    Attributes
+    ----------
+    state : State
+    residual, jacobian : ndarray
+        Of rod and tensions.
+    equations : TendonEquations or None
+    gap, choice : ndarray, shape (c,)
+        Complementary pairs: rate equations of friction and slack [m], and mobilisations [1] and tensions [N].
+    merit : float
+        Norm of all scaled residuals [1].
+    """
+
+    state: State
+    residual: Array
+    jacobian: Array
+    equations: TendonEquations | None
+    gap: Array
+    choice: Array
+    merit: float
+
+
+class _Problem:
+    """The equations of one substep.
+
+    Parameters
+    ----------
+    statics
+        The robot.
+    forces, driver, history
+        Loads, prescribed inputs, and friction history.
+    presliding
+        Slip from rest to full friction [m].
+    """
+
+    def __init__(
+        self, statics: Statics, forces: Forces, driver: Driver, history: History, presliding: float
+    ) -> None:
+        self.statics, self.forces, self.driver = statics, forces, driver
+        self.history, self.presliding = history, presliding
+        self.friction = statics.tendons.n_friction
+        self.driven = np.flatnonzero(driver.by_displacement)
+        counts = [self.friction, len(self.driven)]
+        #: Bounds of mobilisations and of tensions, and their scales.
+        self.lower = np.repeat([-1.0, 0.0], counts)
+        self.upper = np.repeat([1.0, np.inf], counts)
+        self.choice_scale = np.repeat([1.0, statics.force_scale], counts)
+        length = statics.length_scale
+        self.gap_scale = np.repeat([max(presliding, length), length], counts)
+        #: Slip at the holes before the substep, and prescribed displacements [m].
+        self.rest = np.concatenate((history.passed, driver.values[self.driven]))
+
+    def evaluate(self, unknowns: Array) -> _Evaluation:
+        """Residuals and derivatives; those of a diverged trial are not finite, which rejects it."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            state, residual, jacobian, equations = self.statics.evaluate(unknowns, self.forces, self.driver)
+        choice = gap = np.zeros(0)
+        every = residual
+        if equations is not None and len(self.rest):
+            creep = self.presliding * (state.mobilisation - self.history.mobilisation)
+            gap = np.concatenate((creep, np.zeros(len(self.driven)))) - (equations.passed - self.rest)
+            gap[self.friction :] *= -1.0
+            base_tensions = state.tensions[self.statics.tendons.first[self.driven]]
+            choice = np.concatenate((state.mobilisation, base_tensions))
+            scale = self.choice_scale
+            natural = natural_residual(
+                gap / self.gap_scale, choice / scale, self.lower / scale, self.upper / scale
+            )
+            every = np.concatenate((residual, natural))
+        worst = float(np.max(np.abs(every), initial=0.0))
+        merit = float(np.linalg.norm(every))
+        return _Evaluation(replace(state, residual=worst), residual, jacobian, equations, gap, choice, merit)
+
+    def step(self, now: _Evaluation) -> Array | None:
+        """Change of all unknowns; None where the equations are singular."""
+        smooth = self.statics.smooth
+        columns = np.concatenate((-now.residual[:, None], -now.jacobian[:, smooth:]), axis=1)
+        try:
+            solved = np.asarray(np.linalg.solve(now.jacobian[:, :smooth], columns), dtype=float)
+        except np.linalg.LinAlgError:
+            return None
+        if not np.all(np.isfinite(solved)):
+            return None
+        if now.equations is None or not len(now.gap):
+            return solved[:, 0]
+        e, m, friction = now.equations, now.equations.passed_by_rod.shape[1], self.friction
+        moved = -(e.passed_by_rod @ solved[:m] + e.passed_by_tension @ solved[self.statics.rod_size :])
+        moved[friction:] *= -1.0
+        matrix = moved[:, 1:]
+        matrix[np.arange(friction), np.arange(friction)] += self.presliding
+        offset = now.gap + moved[:, 0] - matrix @ now.choice
+        change = solve_box(matrix, offset, now.choice, self.lower, self.upper) - now.choice
+        return np.concatenate((solved[:, 0] + solved[:, 1:] @ change, change[:friction]))
+
+
+def solve(
+    statics: Statics, start: Array, forces: Forces, driver: Driver, history: History, presliding: float
+) -> Attempt:
+    """Newton's method from given unknowns, with a line search.
+
+    The equations of rod and tensions are linearised; stick and slip are not: in every iteration they are
+    a complementarity problem on the linearised robot, solved exactly.
+
+    Parameters
+    ----------
+    statics
+        The robot.
+    start
+        Unknowns to start from.
+    forces, driver, history
+        Loads, prescribed inputs, and friction history.
+    presliding
+        Slip from rest to full friction [m].
+    """
+    problem = _Problem(statics, forces, driver, history, presliding)
+    tolerance = statics.settings.tolerance
+    x = start.copy()
+    now = problem.evaluate(x)
+    merits = [now.merit]
+    for iteration in range(1, statics.settings.max_iterations + 1):
+        step = problem.step(now)
+        if step is None:
+            return Attempt(now.state, False, iteration)
+        found = _line_search(problem, x, step, max(merits[-_MEMORY:]))
+        if found is None:
+            return Attempt(now.state, now.state.residual <= tolerance, iteration)
+        x, now = found
+        merits.append(now.merit)
+        if now.state.residual <= tolerance:
+            return Attempt(now.state, True, iteration)
+    return Attempt(now.state, False, statics.settings.max_iterations)
+
+
+def _line_search(problem: _Problem, x: Array, step: Array, merit: float) -> tuple[Array, _Evaluation] | None:
+    """Unknowns after the longest part of a step that decreases the merit function; None where none does."""
+    share = _longest_share(problem.statics, step)
+    for _ in range(_HALVINGS):
+        trial = x + share * step
+        new = problem.evaluate(trial)
+        if np.isfinite(new.merit) and (
+            new.merit <= (1.0 - _DECREASE * share) * merit
+            or new.state.residual <= problem.statics.settings.tolerance
+        ):
+            return trial, new
+        share *= 0.5
+    return None
+
+
+def _longest_share(statics: Statics, step: Array) -> float:
+    """Fraction of a Newton step that turns no interval by more than a radian, so that integration stays stable."""
+    moments = step[: statics.rod_size].reshape(statics.n, statics.width)[:, :3]
+    change = moments / statics.section.stiffness[:, :3]
+    turn = np.linalg.norm(change, axis=1) * statics.layout.lengths * ~statics.layout.section.rigid
+    return min(1.0, 1.0 / max(float(np.max(turn)), 1e-12))
