@@ -41,6 +41,7 @@ def validate(args: argparse.Namespace) -> int:
 
     from tdcr_fe.validation.crosscheck import campaign, report
     from tdcr_fe.validation.crosscheck.cases import all_cases
+    from tdcr_fe.validation.crosscheck.requirements import ARBITRATIONS
     from tdcr_fe.validation.crosscheck.studies import all_studies
 
     begun = time.perf_counter()
@@ -51,7 +52,7 @@ def validate(args: argparse.Namespace) -> int:
     recalled = 0
     try:
         with tqdm(
-            total=len(cases) + len(studies) + report.ARBITRATIONS,
+            total=len(cases) + len(studies) + ARBITRATIONS,
             unit="case",
             file=sys.stderr,
             disable=True if args.quiet else None,

@@ -15,6 +15,7 @@ from tdcr_fe.cli import main
 from tdcr_fe.io.atomic import plain
 from tdcr_fe.model.loading import resolve
 from tdcr_fe.validation.crosscheck import campaign, cases, compare, figures, report, studies
+from tdcr_fe.validation.crosscheck import case as case_module
 from tdcr_fe.validation.crosscheck.arbitration import integrate_again
 from tdcr_fe.validation.reference import solve_reference
 
@@ -40,11 +41,13 @@ SOME = (
 
 def test_the_cases_cover_routings_models_and_loads_with_5_to_20_disks():
     grid = {(c.routing, c.model.tendon_path, c.model.friction, c.load) for c in ALL if c.group == "grid"}
-    expected = {(r, *m, load) for r, m, load in product(cases.ROUTINGS, cases.MODELS, cases.LOADS)}
+    expected = {
+        (r, *m, load) for r, m, load in product(case_module.ROUTINGS, case_module.MODELS, case_module.LOADS)
+    }
     assert grid == expected
     assert {(c.routing, c.model.tendon_path, c.model.friction, c.load) for c in ALL if c.quick} >= expected
     assert {c.disks for c in ALL if c.group == "grid"} == {5, 10, 15, 20}
-    for routing, friction in product(cases.ROUTINGS, ("per-tendon", "per-hole")):
+    for routing, friction in product(case_module.ROUTINGS, ("per-tendon", "per-hole")):
         mine = [
             c for c in ALL if c.group == "history" and (c.routing, c.model.friction) == (routing, friction)
         ]
@@ -133,8 +136,8 @@ def test_more_elements_reduce_the_error_of_a_compressed_bay():
     found = studies.near_buckling("helical_straight_none_gravity_5")
     four, eight = (np.array(x) for x in found["deviation_percent"])
     assert np.all(np.diff(four) > 0.0)
-    assert np.all(np.log2(four / eight) > cases.LEAST_ORDER)
-    assert four[found["shares"].index(cases.MOST_COMPRESSION)] < cases.TIP_TOLERANCE < four[-1]
+    assert np.all(np.log2(four / eight) > case_module.LEAST_ORDER)
+    assert four[found["shares"].index(case_module.MOST_COMPRESSION)] < case_module.TIP_TOLERANCE < four[-1]
 
 
 def test_closed_forms_give_the_error_of_both_solvers():
@@ -240,15 +243,15 @@ def made_up_outcome():
 def test_numbers_of_the_method_come_from_the_cases():
     """The page of 0.1 said 40 % where the cases went up to 30 % of a bay's buckling load."""
     text = " ".join(report.to_html(made_up_outcome()).split())
-    assert f"or {100 * cases.MOST_COMPRESSION:.0f} % of the load at which a bay buckles" in text
-    assert f"The highest tension is {cases.MOST_TENSION:g} N" in text
+    assert f"or {100 * case_module.MOST_COMPRESSION:.0f} % of the load at which a bay buckles" in text
+    assert f"The highest tension is {case_module.MOST_TENSION:g} N" in text
     assert "cases of large bending go up to 8 N" in text
 
 
 def test_titles_of_a_row_of_shapes_do_not_collide():
     """In 0.1 "tip out of plane, 20 disks" ran into its neighbour."""
     record = plain(compare.compare(few()[0]))
-    row = [{**record, "load": load, "disks": 20} for load in cases.LOADS]
+    row = [{**record, "load": load, "disks": 20} for load in case_module.LOADS]
     figure = figures.draw_group(row)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()

@@ -15,7 +15,9 @@ from typing import Any
 from tdcr_fe.io.atomic import plain, write_json
 from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.io.summary import versions as package_versions
-from tdcr_fe.validation.crosscheck.cases import Case
+from tdcr_fe.validation.crosscheck.case import (
+    Case,
+)
 from tdcr_fe.validation.crosscheck.studies import Study
 
 Record = dict[str, Any]
@@ -43,7 +45,7 @@ def versions() -> dict[str, str]:
 
 
 #: Modules that do not affect the numbers.
-_NO_NUMBERS = ("campaign", "figures", "report")
+_NO_NUMBERS = ("campaign", "figures", "page", "report", "requirements")
 
 
 def digest_of(task: Task) -> str:

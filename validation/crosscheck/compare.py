@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.simulate import PathRecord, SolverSettings, simulate
-from tdcr_fe.validation.crosscheck.cases import PRESLIDING, Case
+from tdcr_fe.validation.crosscheck.case import (
+    PRESLIDING,
+    Case,
+)
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 Array = NDArray[np.float64]
@@ -38,31 +41,16 @@ def compare(case: Case) -> Record:
         Plain numbers, strings and lists, ready for JSON. ``steps`` has one entry per load step that both solved;
         the other keys are worst values over them.
     """
-    path: PathRecord = []
-    fe = simulate(case.robot, case.model, case.steps, SolverSettings(presliding=PRESLIDING), record_path=path)
-    at = tuple(float(x) for x in fe.steps[0].s) if fe.steps else ()
-    ref = solve_reference(
-        case.robot, case.model, case.steps, settings=ReferenceSettings(presliding=PRESLIDING, sample_at=at)
-    )
-    # Timed separately: the shape between the nodes is for the comparison only.
-    states = [increments[-1].state.friction[0] for increments in path[: len(fe.steps)]]
-    slips = np.array([state.slip for state in states])
-    steps = []
+    fe, ref, friction = _solve_both(case)
     tops = _highest_tensions(case.robot, ref)
-    for i, (a, b) in enumerate(zip(fe.steps, ref.steps, strict=False)):
-        moved = slips[i] - (slips[i - 1] if i else 0.0)
-        steps.append(_compare_step(case, a, b, states[i].mobilisation, moved, tops))
-    both = fe.converged and ref.converged
+    steps = [
+        _compare_step(case, a, b, hole, tops)
+        for a, b, hole in zip(fe.steps, ref.steps, friction, strict=False)
+    ]
     worst = max(range(len(steps)), key=lambda i: steps[i]["tip_percent"]) if steps else None
-
-    def most(key: str) -> float:
-        return max((s[key] for s in steps), default=float("nan"))
-
     off = [hole for s in steps for hole in s["holes_differing"] if not hole["at_threshold"]]
-    same_path = all(s["substeps_finite_element"] == s["substeps_reference"] for s in steps)
-    deviation = most("tip_percent")
-    tension = most("tension_percent")
-    reasons = _reasons(case, fe, ref, deviation, tension, len(off))
+    largest = {key: max((s[key] for s in steps), default=float("nan")) for key in (*_LARGEST, *_BOUNDS)}
+    reasons = _reasons(case, fe, ref, largest["tip_percent"], largest["tension_percent"], len(off))
     return {
         "id": case.id,
         "group": case.group,
@@ -71,23 +59,23 @@ def compare(case: Case) -> Record:
         "friction": case.model.friction,
         "load": case.load,
         "disks": case.disks,
-        "converged": both,
+        "converged": fe.converged and ref.converged,
         "tip_finite_element": steps[worst]["tip_finite_element"] if worst is not None else None,
         "tip_reference": steps[worst]["tip_reference"] if worst is not None else None,
         "worst_step": None if worst is None else worst + 1,
-        "deviation_percent": deviation,
+        "deviation_percent": largest["tip_percent"],
         "tolerance_percent": case.tolerance_percent,
-        "shape_percent": most("shape_percent"),
-        "orientation_deg": most("orientation_deg"),
-        "tension_percent": tension,
+        "shape_percent": largest["shape_percent"],
+        "orientation_deg": largest["orientation_deg"],
+        "tension_percent": largest["tension_percent"],
         "tension_tolerance_percent": case.tension_tolerance_percent,
-        "displacement_percent": most("displacement_percent"),
-        "largest_bending_deg": most("turned_deg"),
+        "displacement_percent": largest["displacement_percent"],
+        "largest_bending_deg": largest["turned_deg"],
         "holes": sum(s["holes"] for s in steps),
         "holes_differing": sum(len(s["holes_differing"]) for s in steps),
         "holes_differing_off_threshold": len(off),
-        "same_path": same_path,
-        "bounds": {key: most(key) for key in _BOUNDS},
+        "same_path": all(s["substeps_finite_element"] == s["substeps_reference"] for s in steps),
+        "bounds": {key: largest[key] for key in _BOUNDS},
         "iterations_finite_element": sum(s["iterations_finite_element"] for s in steps),
         "iterations_reference": sum(s["iterations_reference"] for s in steps),
         "substeps": sum(s["substeps_reference"] for s in steps),
@@ -98,6 +86,42 @@ def compare(case: Case) -> Record:
         "steps": steps,
         "tendons": list(case.robot.tendon_names),
     }
+
+
+class _Friction(NamedTuple):
+    """Friction state of the finite elements at the end of a load step.
+
+    Attributes
+    ----------
+    mobilisation : ndarray, shape (n_tendons, n_variables)
+        [1].
+    slip : ndarray, shape (n_tendons, n_variables)
+        In this load step [m].
+    """
+
+    mobilisation: Array
+    slip: Array
+
+
+def _solve_both(case: Case) -> tuple[SequenceResult, SequenceResult, list[_Friction]]:
+    """Results of finite elements and reference, and the friction states of the former, one a solved step."""
+    path: PathRecord = []
+    settings = SolverSettings(presliding=PRESLIDING)
+    fe = simulate(case.robot, case.model, case.steps, settings, record_path=path)
+    # The reference is sampled at the nodes of the finite elements.
+    nodes = tuple(float(x) for x in fe.steps[0].s) if fe.steps else ()
+    ref = solve_reference(
+        case.robot,
+        case.model,
+        case.steps,
+        settings=ReferenceSettings(presliding=PRESLIDING, sample_at=nodes),
+    )
+    friction, before = [], 0.0
+    for increments in path[: len(fe.steps)]:
+        state = increments[-1].state.friction[0]
+        friction.append(_Friction(state.mobilisation, state.slip - before))
+        before = state.slip
+    return fe, ref, friction
 
 
 def _reasons(
@@ -119,6 +143,15 @@ def _reasons(
     return reasons
 
 
+#: Of a step's values, those of which a case has the largest.
+_LARGEST = (
+    "tip_percent",
+    "shape_percent",
+    "orientation_deg",
+    "tension_percent",
+    "displacement_percent",
+    "turned_deg",
+)
 _BOUNDS = ("outside_finite_element", "outside_reference", "off_bound_finite_element", "off_bound_reference")
 
 
@@ -132,63 +165,84 @@ def _highest_tensions(robot: Robot, result: SequenceResult) -> Array:
     )
 
 
-def _compare_step(
-    case: Case, a: StepResult, b: StepResult, mobilisation: Array, moved: Array, tops: Array
-) -> Record:
-    length = case.robot.backbone.length
-    index = np.array([int(np.argmin(np.abs(b.s - s))) for s in a.s])
-    if np.max(np.abs(b.s[index] - a.s)) > 1e-9:
-        raise RuntimeError(f"{case.id}: the reference was not sampled at the nodes")
-    gap = np.linalg.norm(a.positions - b.positions[index], axis=1)
-    relative = np.swapaxes(a.rotations, 1, 2) @ b.rotations[index]
-    sine = 0.5 * np.linalg.norm(
-        np.stack([relative[:, i, j] - relative[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1), axis=1
-    )
-    turn = np.degrees(np.arctan2(sine, 0.5 * (np.trace(relative, axis1=1, axis2=2) - 1.0)))
-    worst_tension = 0.0
-    highest = float(np.max(tops, initial=0.0))
-    for x, y in zip(a.tensions, b.tensions, strict=True):
-        scale = float(np.max(y))
-        if scale > SLACK * highest:
-            worst_tension = max(worst_tension, 100.0 * float(np.max(np.abs(x - y))) / scale)
-    rough = case.model.friction != "none"
-    reference_share = b.details["mobilisation"]
-    holes = sum(len(x) - 1 for x in b.hole_states) if rough else 0
-    differing = _differing(case, a, b, mobilisation, moved, highest) if rough else []
-    record: Record = {
+def _compare_step(case: Case, a: StepResult, b: StepResult, friction: _Friction, tops: Array) -> Record:
+    """One load step, of the finite elements and of the reference."""
+    return {
         "label": b.label,
-        "tip_finite_element": a.tip.tolist(),
-        "tip_reference": b.tip.tolist(),
-        "tip_percent": 100.0 * float(gap[-1]) / length,
-        "shape_percent": 100.0 * float(np.max(gap)) / length,
-        "orientation_deg": float(np.max(turn)),
-        "tip_orientation_deg": float(turn[-1]),
-        "tension_percent": worst_tension,
+        **_compare_shapes(case, a, b),
+        "tension_percent": _tension_deviation(a, b, tops),
         "displacement_percent": 100.0
         * float(np.max(np.abs(a.displacements - b.displacements), initial=0.0))
-        / length,
-        "bending_deg": float(np.degrees(b.bending_angle)),
-        "turned_deg": _swept_angle(b),
+        / case.robot.backbone.length,
         "iterations_finite_element": a.iterations,
         "iterations_reference": b.iterations,
         "substeps_finite_element": a.substeps,
         "substeps_reference": b.substeps,
-        "holes": holes,
-        "holes_differing": differing,
         "base_tensions": b.base_tensions.tolist(),
         "base_tensions_finite_element": a.base_tensions.tolist(),
         "displacements_finite_element": a.displacements.tolist(),
         "displacements_reference": b.displacements.tolist(),
         "tensions_finite_element": [x.tolist() for x in a.tensions],
         "tensions_reference": [x.tolist() for x in b.tensions],
-        "mobilisation_reference": [x.tolist() for x in reference_share],
-        "mobilisation_finite_element": [
-            _of_holes(mobilisation[i], len(x)).tolist() for i, x in enumerate(reference_share)
-        ],
-        "dissipation_reference": float(sum(np.sum(x) for x in b.details["dissipation"])),
+        **_compare_friction(case, a, b, friction, tops),
+    }
+
+
+def _compare_shapes(case: Case, a: StepResult, b: StepResult) -> Record:
+    """Positions and orientations of the nodes."""
+    length = case.robot.backbone.length
+    index = np.array([int(np.argmin(np.abs(b.s - s))) for s in a.s])
+    if np.max(np.abs(b.s[index] - a.s)) > 1e-9:
+        raise RuntimeError(f"{case.id}: the reference was not sampled at the nodes")
+    gap = np.linalg.norm(a.positions - b.positions[index], axis=1)
+    turn = np.degrees(_angles_between(a.rotations, b.rotations[index]))
+    return {
+        "tip_finite_element": a.tip.tolist(),
+        "tip_reference": b.tip.tolist(),
+        "tip_percent": 100.0 * float(gap[-1]) / length,
+        "shape_percent": 100.0 * float(np.max(gap)) / length,
+        "orientation_deg": float(np.max(turn)),
+        "tip_orientation_deg": float(turn[-1]),
+        "bending_deg": float(np.degrees(b.bending_angle)),
+        "turned_deg": _swept_angle(b),
         "s": a.s.tolist(),
         "shape_finite_element": a.positions.round(9).tolist(),
         "shape_reference": b.positions[index].round(9).tolist(),
+    }
+
+
+def _angles_between(a: Array, b: Array) -> Array:
+    """Angles of the relative rotations, shapes (n, 3, 3) to (n,) [rad]."""
+    relative = np.swapaxes(a, 1, 2) @ b
+    axial = [relative[:, i, j] - relative[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))]
+    sine = 0.5 * np.linalg.norm(np.stack(axial, axis=1), axis=1)
+    cosine = 0.5 * (np.trace(relative, axis1=1, axis2=2) - 1.0)
+    return np.asarray(np.arctan2(sine, cosine))
+
+
+def _tension_deviation(a: StepResult, b: StepResult, tops: Array) -> float:
+    """Largest deviation of a segment's tension [% of the tendon's highest in this step], slack tendons left out."""
+    worst = 0.0
+    highest = float(np.max(tops, initial=0.0))
+    for x, y in zip(a.tensions, b.tensions, strict=True):
+        scale = float(np.max(y))
+        if scale > SLACK * highest:
+            worst = max(worst, 100.0 * float(np.max(np.abs(x - y))) / scale)
+    return worst
+
+
+def _compare_friction(case: Case, a: StepResult, b: StepResult, friction: _Friction, tops: Array) -> Record:
+    """Hole states, mobilisations, dissipation, and the Capstan bounds of both solutions."""
+    rough = case.model.friction != "none"
+    reference = b.details["mobilisation"]
+    record: Record = {
+        "holes": sum(len(x) - 1 for x in b.hole_states) if rough else 0,
+        "holes_differing": _differing(case, a, b, friction, tops) if rough else [],
+        "mobilisation_reference": [x.tolist() for x in reference],
+        "mobilisation_finite_element": [
+            _of_holes(friction.mobilisation[i], len(x)).tolist() for i, x in enumerate(reference)
+        ],
+        "dissipation_reference": float(sum(np.sum(x) for x in b.details["dissipation"])),
     }
     for side, result in (("finite_element", a), ("reference", b)):
         if rough:
@@ -212,11 +266,11 @@ def _of_holes(mobilisation: Array, count: int) -> Array:
     return np.full(count, mobilisation[0]) if mobilisation.size == 1 else mobilisation[:count]
 
 
-def _differing(
-    case: Case, a: StepResult, b: StepResult, mobilisation: Array, moved: Array, highest: float
-) -> list[Record]:
+def _differing(case: Case, a: StepResult, b: StepResult, friction: _Friction, tops: Array) -> list[Record]:
     """Holes whose states differ, and whether they are at the stick-slip threshold."""
     found: list[Record] = []
+    mobilisation, moved = friction
+    highest = float(np.max(tops, initial=0.0))
     for i, (mine, theirs) in enumerate(zip(a.hole_states, b.hole_states, strict=True)):
         share = b.details["mobilisation"][i]
         own, slip = _of_holes(mobilisation[i], len(share)), _of_holes(moved[i], len(share))

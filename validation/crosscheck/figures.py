@@ -13,7 +13,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from tdcr_fe.report.style import BAD, COLOURS, INK, PALE, REFERENCE, SOFT, no_axes, styled, svg
-from tdcr_fe.validation.crosscheck.cases import LOADS, ROUTINGS
+from tdcr_fe.validation.crosscheck.case import (
+    LOADS,
+    ROUTINGS,
+)
 
 Record = dict[str, Any]
 

@@ -10,7 +10,7 @@ import numpy as np
 from tdcr_fe.report.environment import short
 from tdcr_fe.report.page import Card, Page, Picture, Section, render
 from tdcr_fe.validation.crosscheck import figures
-from tdcr_fe.validation.crosscheck.cases import (
+from tdcr_fe.validation.crosscheck.case import (
     ELEMENTS_PER_BAY,
     LOADS,
     MEDIAN_TOLERANCE,
@@ -21,8 +21,8 @@ from tdcr_fe.validation.crosscheck.cases import (
     ROUTINGS,
     TENSION_TOLERANCE,
     TIP_TOLERANCE,
-    all_cases,
 )
+from tdcr_fe.validation.crosscheck.cases import all_cases
 from tdcr_fe.validation.crosscheck.compare import THRESHOLD_MOBILISATION, THRESHOLD_SLIP
 
 Record = dict[str, Any]

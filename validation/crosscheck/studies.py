@@ -20,7 +20,7 @@ from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
 from tdcr_fe.solve.simulate import SolverSettings, simulate
 from tdcr_fe.validation.crosscheck.arbitration import integrate_again
-from tdcr_fe.validation.crosscheck.cases import (
+from tdcr_fe.validation.crosscheck.case import (
     BACKBONE,
     ELEMENTS_PER_BAY,
     LENGTH,
@@ -28,13 +28,13 @@ from tdcr_fe.validation.crosscheck.cases import (
     PRESLIDING,
     ROUTINGS,
     Case,
-    all_cases,
     bay_buckling_load,
     highest_tension,
     make_load,
     make_robot,
     pulls,
 )
+from tdcr_fe.validation.crosscheck.cases import all_cases
 from tdcr_fe.validation.crosscheck.compare import compare
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 from tdcr_fe.validation.reference.closed_forms import constant_strain, elastica_tip, helix_wrench
