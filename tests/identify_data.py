@@ -6,7 +6,8 @@ import numpy as np
 
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify.forward import Reader, _simulate
-from tdcr_fe.io.measured import MeasuredData, Reading
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
 from tdcr_fe.model.routing import ParallelRouting

@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.effects.actuation import loads_between
-from tdcr_fe.io.measured import Reading
 from tdcr_fe.io.processes import worker_pool
+from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import Channel, Location, ObservedStep, channel
 from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 

@@ -12,7 +12,8 @@ from scipy.stats import norm
 
 from tdcr_fe.identify.holdout import directions, inputs
 from tdcr_fe.identify.outcome import Structure
-from tdcr_fe.io.measured import MeasuredData, Reading
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import EFFECTS, ExcitationRange, Experiment, effect, with_effect, with_effects
 from tdcr_fe.effects.actuation import displacement_that_arrives, tension_that_arrives
 from tdcr_fe.identify.forward import Reader, _simulate
-from tdcr_fe.io.measured import Reading
 from tdcr_fe.io.problems import InputError
+from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_scenario
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import Load, LoadStep, Model

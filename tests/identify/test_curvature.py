@@ -7,7 +7,8 @@ from identify_data import MODEL, ROBOT, sequence
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import Experiment, with_effects
-from tdcr_fe.io.measured import MeasuredData, Reading, write_measured
+from tdcr_fe.io.measured import MeasuredData, write_measured
+from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import ObservedStep, channel
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 

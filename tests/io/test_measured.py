@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 from robots import three
 
-from tdcr_fe.io.measured import MeasuredData, Reading, read_measured, write_measured
+from tdcr_fe.io.measured import MeasuredData, read_measured, write_measured
 from tdcr_fe.io.problems import InputError
+from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import CHANNELS
 from tdcr_fe.model.loading import Load, LoadStep, Model
 

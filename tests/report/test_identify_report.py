@@ -23,7 +23,8 @@ from tdcr_fe.identify.outcome import (
 )
 from tdcr_fe.identify.remarks import largest_strain, remarks
 from tdcr_fe.identify.report import render, summary
-from tdcr_fe.io.measured import MeasuredData, Reading
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_scenario
 from tdcr_fe.io.write_toml import robot_to_toml
 from tdcr_fe.model.loading import Load, LoadStep, Model

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment, with_effects
-from tdcr_fe.io.measured import MeasuredData, Reading, write_measured
+from tdcr_fe.io.measured import MeasuredData, write_measured
+from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.results import SequenceResult

@@ -116,7 +116,8 @@ def _solve_both(case: Case) -> tuple[SequenceResult, SequenceResult, list[_Frict
         case.steps,
         settings=ReferenceSettings(presliding=PRESLIDING, sample_at=nodes),
     )
-    friction, before = [], 0.0
+    friction: list[_Friction] = []
+    before: Array | float = 0.0
     for increments in path[: len(fe.steps)]:
         state = increments[-1].state.friction[0]
         friction.append(_Friction(state.mobilisation, state.slip - before))

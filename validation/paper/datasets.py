@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.io.measured import MeasuredData, Reading
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.paper.cases import prototype

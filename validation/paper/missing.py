@@ -13,7 +13,8 @@ from tdcr_fe.identify import identify
 from tdcr_fe.identify.holdout import choose_held_out
 from tdcr_fe.identify.identification import NotSolved
 from tdcr_fe.identify.outcome import IdentificationResult, IdentifySettings
-from tdcr_fe.io.measured import MeasuredData, Reading
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.simulate import simulate
