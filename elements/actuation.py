@@ -45,6 +45,16 @@ class Connectors:
     node_torques: list[Any]
     hole_markers: list[list[Any]] = field(default_factory=list)
 
+    @property
+    def spring_numbers(self) -> list[int]:
+        """Numbers of the spring-dampers among all objects."""
+        return [int(spring) for springs in self.springs for spring in springs]
+
+    @property
+    def load_numbers(self) -> list[int]:
+        """Numbers of the loads among all loads."""
+        return [int(load) for load in (*self.node_forces, *self.node_torques)]
+
 
 @dataclass(frozen=True)
 class Clamp:
@@ -96,6 +106,8 @@ class TendonActuation:
         Displacement prescribed in the last solved state [m], nan of tendons driven by tension.
     forces : TendonForces or None
         Those evaluated last; None before any solver has run.
+    connected : bool
+        Whether Exudyn's items apply the forces; see `disconnect`.
     """
 
     def __init__(
@@ -121,6 +133,7 @@ class TendonActuation:
         self.base_tension: Array = np.zeros(m)
         self.prescribed: Array = np.full(m, np.nan)
         self.forces: TendonForces | None = None
+        self.connected = True
         self._coordinates: NDArray[np.int_] | None = None
         self._reference: Array | None = None
 
@@ -227,9 +240,28 @@ class TendonActuation:
             return np.zeros(self.count)
         return np.where(np.isnan(self.prescribed), self.forces.field.base_slip, self.prescribed)
 
+    def disconnect(self) -> None:
+        """Take tendon and section forces off Exudyn's items, for a solver that computes them itself.
+
+        `apply` connects them again.
+        """
+        if not self.connected:
+            return
+        self.connected = False
+        for springs in self.connectors.springs:
+            for spring in springs:
+                self.mbs.SetObjectParameter(spring, "activeConnector", False)
+        for load in (*self.connectors.node_forces, *self.connectors.node_torques):
+            self.mbs.SetLoadParameter(load, "loadVector", [0.0, 0.0, 0.0])
+
     def apply(self, forces: TendonForces) -> None:
         """Set the forces on Exudyn's items."""
         mbs = self.mbs
+        if not self.connected:
+            self.connected = True
+            for springs in self.connectors.springs:
+                for spring in springs:
+                    mbs.SetObjectParameter(spring, "activeConnector", True)
         if forces.measured.offsets is not None:
             half = 0.5 * float(self.mesh.lengths[0])
             for markers, offsets in zip(self.connectors.hole_markers, forces.measured.offsets, strict=True):
@@ -264,7 +296,9 @@ class TendonActuation:
         to_twist = np.zeros((n, 6, 7))
         to_twist[:, :3, :3] = np.swapaxes(rotations, 1, 2)
         to_twist[:, 3:, 3:] = 4.0 * np.swapaxes(euler_rate_matrix(parameters), 1, 2)
-        k = self.current_forces().tangent().reshape(n, 6, n, 6)
+        missing = np.zeros((6 * n, 6 * n))
+        self.current_forces().add_coupling(missing)
+        k = missing.reshape(n, 6, n, 6)
         right = np.einsum("aibj,bjc->aibc", k, to_twist)
         both = np.einsum("aic,aibd->acbd", to_twist, right)
         return self.coordinates.ravel(), both.reshape(7 * n, 7 * n)

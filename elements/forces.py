@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.backbone import BackboneMesh, relative_twists, strain_matrices
+from tdcr_fe.elements.backbone import BackboneMesh, NodeBlocks, relative_twists, strain_matrices
 from tdcr_fe.elements.friction import FrictionState, TendonLaw, TensionField
 from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.section import SectionForces, nodal_sum
-from tdcr_fe.elements.tendons import CableGeometry, CableShape
+from tdcr_fe.elements.tendons import CableGeometry, CableShape, NodeStiffness
 
 Array = NDArray[np.float64]
 #: From this many unknowns on, the sparse product (a segment depends on two nodes only) is faster.
@@ -71,6 +71,12 @@ class ForceModel:
         if self.geometry is None or self.hole_nodes.size == self.mesh.arc_lengths.size:
             return None
         return (6 * self.hole_nodes[:, None] + np.arange(6)).ravel()
+
+    @cached_property
+    def cable_nodes(self) -> NDArray[np.int_]:
+        """Backbone nodes through whose disks tendons run, base plate first."""
+        assert self.geometry is not None
+        return self.hole_nodes[: self.geometry.nodes.shape[1]]
 
     def measure(self, positions: Array, rotations: Array, twists: Array | None = None) -> Measurement:
         """Lengths and angles of the tendons in a configuration.
@@ -268,6 +274,16 @@ class TendonForces(NamedTuple):
         assert self.model.section is not None
         return nodal_sum(self.model.section.wrenches(self.measured.twists, self.field.tension[:, 0]))
 
+    def nodal_wrenches(self) -> Array:
+        """Wrench ``[f, m]`` of tendons and section forces on every node, in its own frame, shape (N, 6)."""
+        total = np.zeros((self.model.mesh.arc_lengths.size, 6))
+        if self.model.geometry is not None:
+            pulled = self.measured.shape.lines.wrenches(self.field.tension)
+            total[self.model.cable_nodes] = pulled
+        if self.model.section is not None:
+            total += self.section_wrenches()
+        return total
+
     def mobilisation_columns(self) -> Array:
         """Derivative of the force on the nodes by the frictional mobilisations, shape (6 N, k)."""
         d = -np.swapaxes(self.field.by_mobilisation, 1, 2) @ self.measured.shape.d_lengths
@@ -278,17 +294,46 @@ class TendonForces(NamedTuple):
         d = -(self.field.d_base[:, None, :] @ self.measured.shape.d_lengths)[:, 0]
         return self._to_all_nodes(d).T
 
-    def tangent(self) -> Array:
-        """The terms missing from Exudyn's Jacobian, as a matrix of their own; see `add_tangent`."""
-        k = np.zeros((6 * self.model.mesh.arc_lengths.size,) * 2)
-        self.add_tangent(k)
-        return k
+    def add_tangent(self, k: Array, nodes: slice | None = None) -> None:
+        """Add the derivative of `nodal_wrenches` by the nodes, written in frames that stay.
 
-    def add_tangent(self, k: Array, loads_jacobian: bool = False) -> None:
-        """Add the terms missing from Exudyn's Jacobian: derivatives of the forces by the nodes.
+        The geometric stiffness of the straight segments, the change of the tensions with the configuration, and the
+        section forces.
+
+        Parameters
+        ----------
+        k
+            Contiguous; changed in place, shape (M, M).
+        nodes
+            Which of its blocks of six belong to the backbone; None is all.
+        """
+        nodes = slice(0, len(k) // 6) if nodes is None else nodes
+        own = k[6 * nodes.start : 6 * nodes.stop, 6 * nodes.start : 6 * nodes.stop]
+        if self.model.geometry is not None:
+            stiffness = self.measured.shape.lines.stiffness(self.field.tension)
+            near = self.model.cable_nodes
+            if near[-1] == len(near) - 1:
+                blocks = NodeBlocks(k, slice(nodes.start, nodes.start + len(near)))
+                blocks.itself += stiffness.itself
+                blocks.after += stiffness.after
+                blocks.before += stiffness.after.swapaxes(1, 2)
+            else:
+                self._add_blocks(own, stiffness)
+        self.add_coupling(own)
+
+    def _add_blocks(self, k: Array, stiffness: NodeStiffness) -> None:
+        """Add the geometric stiffness where other nodes lie between those with holes."""
+        at = 6 * self.model.cable_nodes[:, None] + np.arange(6)
+        rows, columns = at[:, :, None], at[:, None, :]
+        k[rows, columns] += stiffness.itself
+        k[rows[:-1], columns[1:]] += stiffness.after
+        k[rows[1:], columns[:-1]] += stiffness.after.swapaxes(1, 2)
+
+    def add_coupling(self, k: Array, loads_jacobian: bool = False) -> None:
+        """Add the terms missing from Exudyn's Jacobian where its connectors carry the tendon forces.
 
         The change of the tensions with the configuration, and the section forces; the geometric stiffness of the
-        straight segments is Exudyn's own.
+        straight segments is then Exudyn's own.
 
         Parameters
         ----------

@@ -1,8 +1,9 @@
-"""Tendons as cables, straight from hole to hole: their lengths and turning angles, and how these vary."""
+"""Tendons as cables, straight from hole to hole: lengths, turning angles, derivatives, and forces on the nodes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +12,30 @@ from tdcr_fe.elements.poses import skew
 
 Array = NDArray[np.float64]
 _ONES = np.ones(3)
+_EYE3 = np.eye(3).reshape(9)
+#: ``p @ _TURNED`` is, row by row, ``(p + p^T) / 2 - tr(p) 1``.
+_TURNED = 0.5 * (np.eye(9) + np.eye(9)[np.arange(9).reshape(3, 3).T.ravel()]) - np.outer(_EYE3, _EYE3)
+#: Signs of the rows of `CableLines.stiffness`: minus a projector across the segment.
+_ACROSS = np.array([-1.0, -1.0, -1.0, 1.0])
+
+
+class NodeStiffness(NamedTuple):
+    """Blocks of a symmetric matrix by body-frame increments of nodes in a row; only neighbours are coupled.
+
+    Attributes
+    ----------
+    itself : ndarray, shape (N, 6, 6)
+        Of every node.
+    after : ndarray, shape (N-1, 6, 6)
+        Of every node by the next one; the transposed block is that of the next one by it.
+    """
+
+    itself: Array
+    after: Array
 
 
 class CableShape:
-    """Lengths and angles of all tendons of a robot, with derivatives.
+    """Lengths and angles of all tendons of a robot, with derivatives, and the forces of given tensions.
 
     Derivatives are with respect to the body-frame twists ``[v, w]`` of the nodes that carry holes, laid out as
     ``6 * node + component``; they are computed at the first access.
@@ -27,13 +48,20 @@ class CableShape:
         By which each tendon turns at its holes 1 .. n-1, zero where padded [rad].
     """
 
-    __slots__ = ("_derivatives", "_derive", "angles", "lengths")
+    __slots__ = ("_derivatives", "_derive", "_lines", "angles", "lengths")
 
-    def __init__(self, lengths: Array, angles: Array, derive: Callable[[], tuple[Array, Array]]) -> None:
+    def __init__(
+        self,
+        lengths: Array,
+        angles: Array,
+        derive: Callable[[], tuple[Array, Array]],
+        lines: CableLines | None = None,
+    ) -> None:
         self.lengths = lengths
         self.angles = angles
         self._derive = derive
         self._derivatives: tuple[Array, Array] | None = None
+        self._lines = lines
 
     @property
     def derivatives(self) -> tuple[Array, Array]:
@@ -52,6 +80,93 @@ class CableShape:
         """Derivatives of the angles, shape (m, n-1, 6 N)."""
         return self.derivatives[1]
 
+    @property
+    def lines(self) -> CableLines:
+        """The straight segments; `ValueError` for tendons that follow the backbone."""
+        if self._lines is None:
+            raise ValueError("these tendons follow the backbone and have no straight segments")
+        return self._lines
+
+
+class CableLines:
+    """Straight segments of all tendons in one configuration.
+
+    Parameters
+    ----------
+    frames
+        Rotations of the nodes that carry the holes, shape (n+1, 3, 3).
+    offsets
+        Of the holes, in the frames of their nodes [m], shape (m, n+1, 3).
+    lever
+        From a force on a hole, in its node's frame, to the wrench on the node, shape (m, n+1, 6, 3).
+    directions
+        Unit vectors of the segments from base to anchor, zero where padded, shape (m, n, 3).
+    inverse
+        One over their lengths, zero where padded [1/m], shape (m, n).
+    """
+
+    __slots__ = ("_frames", "_inverse", "_lever", "_maps", "_offsets", "directions")
+
+    def __init__(
+        self, frames: Array, offsets: Array, lever: Array, directions: Array, inverse: Array
+    ) -> None:
+        self._frames = frames
+        self._offsets = offsets
+        self._lever = lever
+        self._inverse = inverse
+        self._maps: Array | None = None
+        self.directions = directions
+
+    @property
+    def maps(self) -> Array:
+        """From a force on a hole, in world axes, to the wrench on its node in its own frame, (m, n+1, 6, 3)."""
+        if self._maps is None:
+            self._maps = self._lever @ self._frames.swapaxes(-1, -2)
+        return self._maps
+
+    def pulls(self, tension: Array) -> Array:
+        """Forces on the holes in world axes [N], shape (m, n+1, 3), of tensions (m, n)."""
+        along = tension[..., None] * self.directions
+        m, n, _ = along.shape
+        force = np.zeros((m, n + 1, 3))
+        force[:, :-1] = along
+        force[:, 1:] -= along
+        return force
+
+    def wrenches(self, tension: Array) -> Array:
+        """Wrench ``[f, m]`` of tensions (m, n) on every node with holes, in its own frame [N, N m], shape (n+1, 6)."""
+        each = self.maps @ self.pulls(tension)[..., None]
+        return np.asarray((each.sum(axis=0) if len(each) != 1 else each[0])[..., 0])
+
+    def stiffness(self, tension: Array) -> NodeStiffness:
+        """Geometric stiffness: derivative of `wrenches` at fixed tensions (m, n).
+
+        A segment of length ``l`` and direction ``e`` resists with ``T / l`` across ``e``. At a hole with offset ``o``
+        the lever turns with the node, which adds ``(f o^T + o f^T) / 2 - (f . o) 1`` by the rotation, with the force
+        ``f`` in the frame of the node; the half is that of increments of Euler parameters, as in Exudyn's Jacobian
+        (derivation: documentation, page "Theory").
+        """
+        maps = self.maps.transpose(1, 0, 3, 2)
+        m, n = tension.shape
+        # By segment and tendon: the motion of the far hole relative to the near one by those of both nodes, three
+        # rows; and its part along the segment, which is taken off.
+        rows = np.empty((n, m, 4, 12))
+        np.negative(maps[:-1], out=rows[:, :, :3, :6])
+        rows[:, :, :3, 6:] = maps[1:]
+        along = self.directions.transpose(1, 0, 2)
+        np.matmul(along[:, :, None], rows[:, :, :3], out=rows[:, :, 3:])
+        weight = (tension * self._inverse).T[:, :, None] * _ACROSS
+        rows = rows.reshape(n, 4 * m, 12)
+        block = rows.swapaxes(1, 2) @ (rows * weight.reshape(n, 4 * m, 1))
+        itself = np.zeros((n + 1, 6, 6))
+        itself[:-1] = block[:, :6, :6]
+        itself[1:] += block[:, 6:, 6:]
+        # f o^T summed over the holes of a node.
+        local = self.pulls(tension).transpose(1, 0, 2) @ self._frames
+        outer = local.swapaxes(1, 2) @ self._offsets.transpose(1, 0, 2)
+        itself[:, 3:, 3:] += outer.reshape(-1, 9).dot(_TURNED).reshape(-1, 3, 3)
+        return NodeStiffness(itself, block[:, :6, 6:])
+
 
 class CableGeometry:
     """Straight segments between the holes of all tendons.
@@ -60,7 +175,8 @@ class CableGeometry:
     ----------
     nodes
         For every hole, the number of the node that carries it (counted among the ``node_count`` nodes with
-        holes); base plate first, anchor last, padded by repeating the anchor; shape (m, n+1).
+        holes): hole ``k`` is on node ``k``, base plate first, anchor last, padded by repeating the anchor; shape
+        (m, n+1).
     offsets
         Position of every hole in the frame of its node [m], shape (m, n+1, 3).
     mask
@@ -69,6 +185,11 @@ class CableGeometry:
         Number of nodes that carry holes.
     clearance
         How far each tendon can shift sideways in its holes [m], shape (m,); None is not at all.
+
+    Raises
+    ------
+    ValueError
+        A tendon leaves out a node.
     """
 
     #: Turn of a tendon at which it has shifted by 0.7 of its clearance [rad].
@@ -89,6 +210,8 @@ class CableGeometry:
         self.mask = mask
         self.node_count = node_count
         m, n = mask.shape
+        if not np.array_equal(nodes, np.minimum(np.arange(n + 1), mask.sum(axis=1)[:, None])):
+            raise ValueError("every tendon must run through all nodes from the base plate to its anchor")
         turns = mask[:, 1:]
         self._exists = mask.astype(float)
         self._turns = turns.astype(float)
@@ -175,9 +298,10 @@ class CableGeometry:
         positions, rotations
             Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
         """
-        frames = rotations.take(self.nodes, axis=0)
+        count = self.nodes.shape[1]
+        frames = rotations[:count]
         holes = (frames @ self.offsets[..., None])[..., 0]
-        holes += positions.take(self.nodes, axis=0)
+        holes += positions[:count]
         d = holes[:, 1:] - holes[:, :-1]
         lengths = np.sqrt((d * d).dot(_ONES))
         if self._padded:
@@ -193,22 +317,18 @@ class CableGeometry:
         if self._padded:
             chord *= self._turns
         angles = 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chord), 1.0))
-        lever = self._lever
-        return CableShape(lengths, angles, lambda: self._derive(lever, frames, e, inverse, bend, chord))
+        lines = CableLines(frames, self.offsets, self._lever, e, inverse)
+        return CableShape(lengths, angles, lambda: self._derive(lines, inverse, bend, chord), lines)
 
-    def _derive(
-        self, lever: Array, frames: Array, e: Array, inverse: Array, bend: Array, chord: Array
-    ) -> tuple[Array, Array]:
+    def _derive(self, lines: CableLines, inverse: Array, bend: Array, chord: Array) -> tuple[Array, Array]:
         """Derivatives of lengths and angles.
 
         Parameters
         ----------
-        lever
-            See `_levers`.
-        frames
-            Rotations of the nodes that carry the holes, by hole, shape (m, n+1, 3, 3).
-        e, inverse
-            Unit vectors of the segments (m, n, 3) and one over their lengths (m, n).
+        lines
+            The straight segments.
+        inverse
+            One over their lengths [1/m], shape (m, n).
         bend, chord
             Differences of neighbouring unit vectors (m, n-1, 3) and their squared lengths (m, n-1).
         """
@@ -216,6 +336,7 @@ class CableGeometry:
         # One over the sine; a straight tendon turns in no defined direction, so its derivative is set to zero.
         weight = np.sqrt(np.abs(square)) / (square + 1e-24)
         versed = (0.5 * chord)[..., None]
+        e = lines.directions
         near, far, back, middle, front = self._parts
         np.negative(e, out=near)
         far[...] = e
@@ -226,7 +347,7 @@ class CableGeometry:
         forces = self._forces.reshape(-1, 3, 1)
         if self._entry is not None:
             forces = forces[self._entry]
-        maps = (lever @ frames.swapaxes(-1, -2)).reshape(-1, 6, 3)
+        maps = lines.maps.reshape(-1, 6, 3)
         (m, n), width = self.mask.shape, self._width
         derivatives = np.zeros((m * (2 * n - 1), width))
         derivatives.reshape(-1)[self._target] = (maps.take(self._hole, axis=0) @ forces).ravel()

@@ -57,9 +57,13 @@ class BodyFrameReduction:
     dropped
         Numbers of the algebraic equations that are satisfied by construction: the nodes' norm constraints, and joints
         of clamped bases.
+    switched_off
+        Numbers of the objects that are switched off while the solver works.
     """
 
-    def __init__(self, mbs: exu.MainSystem, beam: Index, dropped: Sequence[int]) -> None:
+    def __init__(
+        self, mbs: exu.MainSystem, beam: Index, dropped: Sequence[int], switched_off: Sequence[int] = ()
+    ) -> None:
         data = mbs.systemData
         self.n2, self.na = data.ODE2Size(), data.AEsize()
         self.size = self.n2 + self.na
@@ -76,19 +80,19 @@ class BodyFrameReduction:
         self.count = 6 * self.nodes + len(self.other)
         self._beams = np.zeros(self.size, dtype=bool)
         self._beams[beam.ravel()] = True
-        self._pattern = self._block_pattern(self._connected(mbs))
+        self._pattern = self._block_pattern(self._connected(mbs, frozenset(switched_off)))
         flat = beam.ravel()
         self._right = flat[:, None] * self.size + self.other[None, :]
         self._below = self.other[:, None] * self.size + flat[None, :]
         self._corner = self.other[:, None] * self.size + self.other[None, :]
 
-    def _connected(self, mbs: exu.MainSystem) -> NDArray[np.bool_]:
+    def _connected(self, mbs: exu.MainSystem, without: frozenset[int]) -> NDArray[np.bool_]:
         """Which pairs of beam nodes any object of the scene couples, shape (N, N)."""
         data = mbs.systemData
         node_of = np.full(self.n2, -1)
         node_of[self.beam] = np.arange(self.nodes)[:, None]
         pairs = np.eye(self.nodes, dtype=bool)
-        for k in range(data.NumberOfObjects()):
+        for k in set(range(data.NumberOfObjects())) - without:
             touched = np.asarray(data.GetObjectLTGODE2(k), dtype=int)
             nodes = np.unique(node_of[touched]) if touched.size else touched
             nodes = nodes[nodes >= 0]

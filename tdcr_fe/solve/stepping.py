@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.convergence import NewtonStatus
+from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.newton import NewtonResult, newton
 from tdcr_fe.solve.ramp import Ramp
 from tdcr_fe.solve.state import SolverState, StoredState
-from tdcr_fe.solve.system import Linearization, SceneSystem
+from tdcr_fe.solve.system import SceneSystem
 
 Array = NDArray[np.float64]
 #: A jump of a node by more than this fraction of the length in a damped solve is a snap-through [1].

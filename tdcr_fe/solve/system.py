@@ -1,6 +1,7 @@
 """Equations of a whole scene: residual, tangent and base reactions from Exudyn's solver kernel.
 
-Residual and Jacobian come from Exudyn. Every beam node is taken in body-frame increments; an increment of the nodes
+Residual and Jacobian come from Exudyn, except for the tendons and section forces: their connectors are switched off while
+this solver works, as their forces are a few matrix products. Every beam node is taken in body-frame increments; an increment of the nodes
 becomes an increment of the elements' strains, and the poses are rebuilt from the base by exact exponentials.
 Everything else in the scene keeps its ordinary additive update. Derivation: documentation, page "Theory".
 """
@@ -9,20 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from math import isfinite
 from typing import Any, NamedTuple
 
 import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgetrf, dgetrs
 
 from tdcr_fe.elements.actuation import TendonActuation
-from tdcr_fe.elements.backbone import ElementChain, NodeBlocks
+from tdcr_fe.elements.backbone import NodeBlocks
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.solve.configuration import Configuration, ConfigurationSpace, Unknowns
 from tdcr_fe.solve.convergence import ResidualScales
+from tdcr_fe.solve.linearization import Factorisation, Linearization
 from tdcr_fe.solve.numbering import Numbering
 from tdcr_fe.solve.reduction import BodyFrameReduction
 from tdcr_fe.solve.state import SolverState, StoredState, Target
@@ -57,76 +57,6 @@ class Residual(NamedTuple):
     on_bases: tuple[Array, ...]
     raw: Array
     size: float
-
-
-class Factorisation(NamedTuple):
-    """LU factors of a tangent.
-
-    Attributes
-    ----------
-    lu : ndarray
-        Of the transposed matrix.
-    pivots : ndarray of int
-    """
-
-    lu: Array
-    pivots: NDArray[np.int_]
-
-    @classmethod
-    def of(cls, matrix: Array) -> Factorisation:
-        """Factorise, overwriting the matrix.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            The matrix is singular.
-        """
-        lu, pivots, info = dgetrf(matrix.T, overwrite_a=True)
-        if info != 0 or not isfinite(lu[-1, -1]):
-            raise np.linalg.LinAlgError("singular matrix")
-        return cls(lu, pivots)
-
-    def solve(self, right: Array) -> Array:
-        """Solution for one or several right sides."""
-        solution: Array = dgetrs(self.lu, self.pivots, right, trans=1)[0]
-        return solution
-
-    @property
-    def sign(self) -> int:
-        """Sign of the determinant; it changes where an equilibrium loses its stability."""
-        # The parity of row exchanges and negative pivots.
-        turned = np.count_nonzero((self.pivots != np.arange(len(self.pivots))) ^ (self.lu.diagonal() < 0.0))
-        return 1 if turned % 2 == 0 else -1
-
-
-class Linearization(NamedTuple):
-    """Equilibrium at fixed friction, linearised and factorised.
-
-    Attributes
-    ----------
-    factorisation : Factorisation
-        Of the tangent.
-    chains : tuple of ElementChain
-        The elements in whose frames its steps are.
-    slack : tuple of ndarray of bool
-        By robot, which of the tendons with prescribed displacement are slack; empty where there are none.
-    """
-
-    factorisation: Factorisation
-    chains: tuple[ElementChain, ...]
-    slack: tuple[NDArray[np.bool_], ...]
-
-    def step(self, numbering: Numbering, residual: Residual) -> Array:
-        """Step at fixed friction that undoes a residual, shape (linear,)."""
-        right = np.zeros(numbering.linear)
-        np.negative(residual.unbalanced, out=right[: numbering.reduced])
-        for part in numbering.robots:
-            if part.driven.size:
-                own = residual.forces[part.robot]
-                gap = (own.field.base_slip - residual.target.inputs[part.robot])[part.driven]
-                tension = own.base_tension[part.driven]
-                right[part.tensions] = -np.where(self.slack[part.robot], tension, gap)
-        return self.factorisation.solve(right)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,13 +95,16 @@ class SceneLayout:
         data = mbs.systemData
         for robot in robots:
             robot.forget_coordinates()
+            robot.disconnect()
         norms = [i for robot in robots for node in robot.nodes for i in data.GetNodeLTGAE(node)]
         clamps = _clamps(mbs, robots) if with_clamps else {}
         dropped = [*norms, *(i for joint in clamps.values() for i in joint)]
-        reduction = BodyFrameReduction(mbs, np.concatenate([r.coordinates for r in robots]), dropped)
+        springs = [i for r in robots for i in r.connectors.spring_numbers]
+        reduction = BodyFrameReduction(mbs, np.concatenate([r.coordinates for r in robots]), dropped, springs)
         space = ConfigurationSpace(mbs, robots, reduction, clamps)
         starts = [6 * space.slices[i].start for i in clamps]
-        loads = [mbs.GetLoad(i) for i in range(data.NumberOfLoads())]
+        own = {i for r in robots for i in r.connectors.load_numbers}
+        loads = [mbs.GetLoad(i) for i in range(data.NumberOfLoads()) if i not in own]
         return cls(
             clamps,
             reduction,
@@ -268,6 +201,7 @@ class SceneSystem:
             return state
         return state._replace(
             configuration=self.layout.space.build(stored.unknowns),
+            linearization=None,
             base_tension=stored.base_tension,
             mobilisation=stored.mobilisation,
         )
@@ -280,13 +214,12 @@ class SceneSystem:
         state
             The state.
         forces
-            By robot, if the scene was last evaluated in this state, so that they are already applied; None computes
-            and applies them.
+            By robot, in that state; None computes them.
         """
         if not forces:
             forces = self.forces(state, state.time)
-            for robot, own in zip(self.robots, forces, strict=True):
-                robot.apply(own)
+        for robot, own in zip(self.robots, forces, strict=True):
+            robot.apply(own)
         for robot, own, history, prescribed in zip(
             self.robots, forces, state.friction, state.prescribed, strict=True
         ):
@@ -337,11 +270,13 @@ class SceneSystem:
         if user is not None:
             user(self.mbs, target.time, iteration, 0)
         forces = self.forces(state, target.time)
-        for robot, own in zip(self.robots, forces, strict=True):
-            robot.apply(own)
+        for robot in self.robots:
+            robot.disconnect()
         self._kernel.ComputeNewtonResidual(self.mbs, self._settings)
         raw = self._kernel.GetSystemResidual()
         unbalanced = layout.reduction.residual(raw, state.configuration.frames)
+        for nodes, own in zip(layout.space.slices, forces, strict=True):
+            unbalanced[6 * nodes.start : 6 * nodes.stop] += own.nodal_wrenches().reshape(-1)
         on_bases = []
         for base in layout.clamped:
             on_bases.append(unbalanced[base].copy())
@@ -353,15 +288,13 @@ class SceneSystem:
                 size = max(size, layout.scales.displacement_error(own, displacement, part.driven))
         return Residual(state, target, forces, unbalanced, tuple(on_bases), raw, size)
 
-    def tangent(self, residual: Residual, first: bool = True) -> Array:
+    def tangent(self, residual: Residual) -> Array:
         """Derivative of the reduced residual at fixed friction and tensions at the base.
 
         Parameters
         ----------
         residual
             The last one evaluated, whose state is in the scene.
-        first
-            Whether it is the first one of a solve. Contact and the user's additions may then couple further nodes.
 
         Returns
         -------
@@ -377,16 +310,13 @@ class SceneSystem:
         if extra is not None:
             j[: extra.shape[0], : extra.shape[1]] += extra
         changing = extra is not None or self.mbs.NumberOfGeneralContacts() > 0
-        k = layout.reduction.jacobian(j, frames, search_couplings=first and changing)
+        k = layout.reduction.jacobian(j, frames, search_couplings=changing)
         for own, robot, nodes in zip(residual.forces, self.robots, layout.space.slices, strict=True):
-            inside = slice(6 * nodes.start, 6 * nodes.stop)
             if robot.count or robot.section is not None:
-                own.add_tangent(k[inside, inside], layout.loads_jacobian)
+                own.add_tangent(k, nodes)
         return k
 
-    def linearize(
-        self, residual: Residual, numbering: Numbering, damping: float = 0.0, first: bool = True
-    ) -> Linearization:
+    def linearize(self, residual: Residual, numbering: Numbering, damping: float = 0.0) -> Linearization:
         """Linearise equilibrium, with the tensions of tendons with prescribed displacement as further unknowns.
 
         Parameters
@@ -397,8 +327,6 @@ class SceneSystem:
             Of the unknowns.
         damping
             Of the nodes, for pseudo-transient continuation [N m].
-        first
-            See `tangent`.
 
         Raises
         ------
@@ -406,7 +334,7 @@ class SceneSystem:
             The tangent is singular.
         """
         layout, configuration = self.layout, residual.state.configuration
-        k = self.tangent(residual, first)
+        k = self.tangent(residual)
         for nodes, chain, poses in zip(
             layout.space.slices, configuration.chains, configuration.poses, strict=True
         ):
@@ -414,7 +342,7 @@ class SceneSystem:
             chain.add_unbalanced(NodeBlocks(k, nodes), wrenches, *poses)
         if numbering.any_driven:
             k = np.pad(k, ((0, numbering.linear - numbering.reduced),) * 2)
-        slack = tuple(self._add_driven(k, residual, numbering)) if numbering.any_driven else ()
+        slack = self._add_driven(k, residual, numbering) if numbering.any_driven else ()
         if damping > 0.0:
             # Exudyn's Jacobian is that of the right-hand side: minus the stiffness.
             nodes6 = np.arange(6 * layout.reduction.nodes)
@@ -425,27 +353,34 @@ class SceneSystem:
             rows = k[base]
             rows.fill(0.0)
             rows[:, base] = _EYE6
-        return Linearization(Factorisation.of(k), configuration.chains, slack)
+        return Linearization(Factorisation.of(k), configuration.chains, slack, numbering)
 
-    def _add_driven(self, k: Array, residual: Residual, numbering: Numbering) -> list[NDArray[np.bool_]]:
+    def _add_driven(
+        self, k: Array, residual: Residual, numbering: Numbering
+    ) -> tuple[NDArray[np.bool_], ...]:
         """Rows and columns of tensions whose tendons have prescribed displacements; which of these are slack."""
-        found = []
-        stiffness = 10.0 * self.layout.scales.elastic_force / self.length
+        found = self.slack_tendons(residual, numbering)
         for part in numbering.robots:
-            which, own = part.driven, residual.forces[part.robot]
+            which, own, slack = part.driven, residual.forces[part.robot], found[part.robot]
             if not which.size:
-                found.append(np.zeros(0, dtype=bool))
                 continue
-            gap = (own.field.base_slip - residual.target.inputs[part.robot])[which]
-            # A tendon is taut where its tension, or else its displacement deficit, is positive.
-            slack = own.base_tension[which] - gap * stiffness <= 0.0
             k[part.nodes, part.tensions] = own.base_tension_columns()[:, which]
             rows = own.base_slip_rows()[which]
             rows[slack] = 0.0
             k[part.tensions, part.nodes] = rows
             k[part.tensions, part.tensions] = np.diag(np.where(slack, 1.0, own.base_slip_by_base()[which]))
-            found.append(slack)
         return found
+
+    def slack_tendons(self, residual: Residual, numbering: Numbering) -> tuple[NDArray[np.bool_], ...]:
+        """By robot, which of the tendons with prescribed displacement are slack."""
+        found = []
+        stiffness = 10.0 * self.layout.scales.elastic_force / self.length
+        for part in numbering.robots:
+            which, own = part.driven, residual.forces[part.robot]
+            gap = (own.field.base_slip - residual.target.inputs[part.robot])[which]
+            # A tendon is taut where its tension, or else its displacement deficit, is positive.
+            found.append(own.base_tension[which] - gap * stiffness <= 0.0)
+        return tuple(found)
 
     # ------------------------------------------------------------------ clamps
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.elements.poses import exp_se3
 from tdcr_fe.elements.tendons import CableGeometry
 
-NODES = np.array([[0, 1, 2, 3], [0, 1, 2, 2], [0, 3, 3, 3]])
+NODES = np.array([[0, 1, 2, 3], [0, 1, 2, 2], [0, 1, 1, 1]])
 MASK = np.array([[True, True, True], [True, True, False], [True, False, False]])
 
 
