@@ -28,7 +28,7 @@ Inputs = Array | Callable[[float], Array]
 
 @dataclass
 class Connectors:
-    """Exudyn's numbers of the items that apply the tendon and section forces.
+    """Exudyn's numbers of the objects of a robot, and of the items that apply the tendon and section forces.
 
     Attributes
     ----------
@@ -38,17 +38,24 @@ class Connectors:
         Body-fixed loads on every node; empty where no section force acts.
     hole_markers : list of list
         By tendon, markers of its holes, base plate first; needed where tendons shift inside their holes.
+    beams : list
+        The beam elements, base first.
+    others : list
+        All other objects of the robot, none of which resists a motion of the backbone: disks, masses, base joint.
     """
 
     springs: list[list[Any]]
     node_forces: list[Any]
     node_torques: list[Any]
     hole_markers: list[list[Any]] = field(default_factory=list)
+    beams: list[Any] = field(default_factory=list)
+    others: list[Any] = field(default_factory=list)
 
     @property
-    def spring_numbers(self) -> list[int]:
-        """Numbers of the spring-dampers among all objects."""
-        return [int(spring) for springs in self.springs for spring in springs]
+    def object_numbers(self) -> list[int]:
+        """Numbers of all its objects."""
+        springs = [spring for springs in self.springs for spring in springs]
+        return [int(i) for i in (*self.beams, *springs, *self.others)]
 
     @property
     def load_numbers(self) -> list[int]:

@@ -9,8 +9,9 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import exudyn as exu
 import exudyn.itemInterface as eii
@@ -19,10 +20,12 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.poses import (
     adjoint_inverse,
+    adjoint_map,
     coefficients,
     euler_parameters_of_rotation,
     exp_matrix,
     exp_se3,
+    exponential_curvature,
     inverse_tangent_se3,
     log_se3,
     pose_matrix,
@@ -44,6 +47,7 @@ _PULL: Array = np.zeros((6, 6, 6))
 _PULL[:3, :3, 3:] = 0.5 * skew(np.eye(3))
 _PULL[:3, 3:, :3] = -0.5 * skew(np.eye(3))
 _PULL = _PULL.reshape(6, 36)
+_EYE6 = np.eye(6)
 #: ``v @ _HALF_SKEW`` is, row by row, half the matrix of the cross product with ``v``.
 _HALF_SKEW = 0.5 * skew(np.eye(3)).reshape(3, 9)
 
@@ -78,7 +82,12 @@ class BackboneMesh:
         """Lengths of the elements [m], shape (N-1,)."""
         return np.diff(self.arc_lengths)
 
-    @property
+    @cached_property
+    def twist_stiffness(self) -> Array:
+        """Stiffness by the relative twists of the elements [N/m, N m], shape (N-1, 6)."""
+        return self.stiffness / self.lengths[:, None]
+
+    @cached_property
     def reference_twists(self) -> Array:
         """Unloaded relative twist of every element, length times strain, shape (N-1, 6)."""
         strain = np.concatenate(([1.0, 0.0, 0.0], self.precurvature))
@@ -188,36 +197,19 @@ def reference_poses(mesh: BackboneMesh, position: Array, rotation: Array) -> tup
     return ElementChain(mesh.reference_twists).poses(pose_matrix(position, rotation))
 
 
-class NodeBlocks:
-    """Views of the blocks that neighbouring nodes have in a matrix by body-frame increments.
-
-    Parameters
-    ----------
-    k
-        Contiguous, shape (M, M); changing a view changes it.
-    nodes
-        Which of its blocks of six belong to the backbone; None is all.
+class NodeStiffness(NamedTuple):
+    """Blocks of a symmetric matrix by body-frame increments of nodes in a row; only neighbours are coupled.
 
     Attributes
     ----------
-    after, before : ndarray, shape (N-1, 6, 6)
-        Of every node by the next one, of every next node by the one before.
     itself : ndarray, shape (N, 6, 6)
-        Of every node by itself.
-    base : ndarray, shape (6, 6)
-        Of the first node by itself.
+        Of every node.
+    after : ndarray, shape (N-1, 6, 6)
+        Of every node by the next one; the transposed block is that of the next one by it.
     """
 
-    def __init__(self, k: Array, nodes: slice | None = None) -> None:
-        first, end = (0, len(k) // 6) if nodes is None else (nodes.start, nodes.stop)
-        count, (down, right) = end - first, k.strides
-        along = (6 * (down + right), down, right)
-        corner = 6 * first * (down + right)
-        size = k.dtype
-        self.after: Array = np.ndarray((count - 1, 6, 6), size, k, corner + 6 * right, along)
-        self.before: Array = np.ndarray((count - 1, 6, 6), size, k, corner + 6 * down, along)
-        self.itself: Array = np.ndarray((count, 6, 6), size, k, corner, along)
-        self.base: Array = np.ndarray((6, 6), size, k, corner, (down, right))
+    itself: Array
+    after: Array
 
 
 class ElementChain:
@@ -278,8 +270,61 @@ class ElementChain:
         beyond[:, 1:] += beyond[:, :1] @ lever
         return np.asarray(beyond @ rotations)
 
-    def add_unbalanced(self, k: NodeBlocks, wrenches: Array, positions: Array, rotations: Array) -> None:
-        """Add to a nodal tangent the geometric terms of unbalanced wrenches.
+    def tangent(
+        self, mesh: BackboneMesh, wrenches: Array, positions: Array, rotations: Array
+    ) -> NodeStiffness:
+        """Tangent of the elastic forces, with the geometric terms of all other wrenches.
+
+        In the elements' twists ``xi`` the elastic energy is quadratic, so its second derivative is the stiffness;
+        everything else that depends on the poses acts through their second derivatives (derivation: documentation,
+        page "Theory").
+
+        Parameters
+        ----------
+        mesh
+            With the stiffness of the elements and their unloaded twists.
+        wrenches
+            Unbalanced ``[f, m]`` on the nodes, in their own frames, shape (N, 6).
+        positions, rotations
+            Of the nodes, shapes (N, 3) and (N, 3, 3).
+
+        Returns
+        -------
+        NodeStiffness
+            With the sign of Exudyn's Jacobian: minus the stiffness.
+        """
+        c, count, stiffness = self._coefficients, len(self.twists), mesh.twist_stiffness
+        powers = np.empty((count, 4, 6, 6))
+        ad, square, cube, fourth = powers[:, 0], powers[:, 1], powers[:, 2], powers[:, 3]
+        ad[...] = adjoint_map(self.twists)
+        np.matmul(ad, ad, out=square)
+        np.matmul(square, ad, out=cube)
+        np.matmul(square, square, out=fourth)
+        # Change of a twist: inverse tangent times the increment of the far node, its mirror times that of the near one.
+        b = np.empty((count, 6, 12))
+        even = (c[:, None, 4:6] @ powers[:, 1::2].reshape(count, 2, 36)).reshape(count, 6, 6)
+        even += _EYE6
+        odd = 0.5 * ad
+        np.subtract(odd, even, out=b[:, :, :6])
+        np.add(odd, even, out=b[:, :, 6:])
+        internal = ((stiffness * (self.twists - mesh.reference_twists))[:, None] @ b)[:, 0]
+        far = internal[:, 6:]
+        inner = exponential_curvature(self.twists, powers, far)
+        inner -= stiffness[:, :, None] * _EYE6
+        block = b.swapaxes(1, 2) @ (inner @ b)
+        # Everything but the elastic wrenches: what acts beyond an element is what the element transmits.
+        others = wrenches.reshape(-1, 6).copy()
+        others[:-1] += internal[:, :6]
+        others[1:] += far
+        beyond = self._distal_sum(wrenches.reshape(-1, 2, 3), positions, rotations)
+        beyond[1:] += far.reshape(-1, 2, 3)
+        found = self._pose_terms(others, beyond)
+        found.itself[:-1] += block[:, :6, :6]
+        found.itself[1:] += block[:, 6:, 6:]
+        return NodeStiffness(found.itself, found.after + block[:, :6, 6:])
+
+    def unbalanced_terms(self, wrenches: Array, positions: Array, rotations: Array) -> NodeStiffness:
+        """Geometric terms of unbalanced wrenches in the nodal tangent.
 
         Away from equilibrium the tangent depends on the unknowns it is taken in. With the elements' twists, whose
         poses follow by exponentials, it has besides the derivatives of the wrenches the second derivatives of the
@@ -287,14 +332,16 @@ class ElementChain:
 
         Parameters
         ----------
-        k
-            Derivative of the wrenches by body-frame increments, written in frames that stay; changed in place.
         wrenches
             ``[f, m]`` on the nodes in their own frames, shape (N, 6).
         positions, rotations
             Of the nodes, shapes (N, 3) and (N, 3, 3).
         """
         beyond = self._distal_sum(wrenches.reshape(-1, 2, 3), positions, rotations)
+        return self._pose_terms(wrenches, beyond)
+
+    def _pose_terms(self, wrenches: Array, beyond: Array) -> NodeStiffness:
+        """Wrenches on the nodes (N, 6), and their distal sums (N, 2, 3), times second derivatives of the poses."""
         half = beyond.reshape(-1, 3).dot(_HALF_SKEW).reshape(-1, 2, 3, 3)
         # Half the coadjoint map, from the change of a twist to that of the wrench beyond it, is [[0, f], [f, m]]; here
         # after the transposed map that takes twists of an element's first node to its second.
@@ -304,10 +351,9 @@ class ElementChain:
         turned[:, 3:, 3:] = half[:, 1]
         outer = turned[1:]
         outer[:, 3:, 3:] += self._lever @ half[1:, 0]
-        k.after -= outer
-        k.before -= outer.swapaxes(1, 2)
-        k.itself += wrenches.reshape(-1, 6).dot(_PULL).reshape(-1, 6, 6)
-        k.base += turned[0]
+        itself = wrenches.reshape(-1, 6).dot(_PULL).reshape(-1, 6, 6)
+        itself[0] += turned[0]
+        return NodeStiffness(itself, -outer)
 
 
 def relative_twists(positions: Array, rotations: Array) -> Array:

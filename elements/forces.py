@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.backbone import BackboneMesh, NodeBlocks, relative_twists, strain_matrices
+from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness, relative_twists, strain_matrices
 from tdcr_fe.elements.friction import FrictionState, TendonLaw, TensionField
 from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.section import SectionForces, nodal_sum
-from tdcr_fe.elements.tendons import CableGeometry, CableShape, NodeStiffness
+from tdcr_fe.elements.tendons import CableGeometry, CableShape
 
 Array = NDArray[np.float64]
 #: From this many unknowns on, the sparse product (a segment depends on two nodes only) is faster.
@@ -74,8 +74,9 @@ class ForceModel:
 
     @cached_property
     def cable_nodes(self) -> NDArray[np.int_]:
-        """Backbone nodes through whose disks tendons run, base plate first."""
-        assert self.geometry is not None
+        """Backbone nodes through whose disks tendons run as cables, base plate first."""
+        if self.geometry is None:
+            return self.hole_nodes[:0]
         return self.hole_nodes[: self.geometry.nodes.shape[1]]
 
     def measure(self, positions: Array, rotations: Array, twists: Array | None = None) -> Measurement:
@@ -294,46 +295,18 @@ class TendonForces(NamedTuple):
         d = -(self.field.d_base[:, None, :] @ self.measured.shape.d_lengths)[:, 0]
         return self._to_all_nodes(d).T
 
-    def add_tangent(self, k: Array, nodes: slice | None = None) -> None:
-        """Add the derivative of `nodal_wrenches` by the nodes, written in frames that stay.
+    def geometric_stiffness(self) -> NodeStiffness:
+        """Derivative of the pull of the straight segments by `ForceModel.cable_nodes` at fixed tensions.
 
-        The geometric stiffness of the straight segments, the change of the tensions with the configuration, and the
-        section forces.
-
-        Parameters
-        ----------
-        k
-            Contiguous; changed in place, shape (M, M).
-        nodes
-            Which of its blocks of six belong to the backbone; None is all.
+        Written in frames that stay, and with the sign of Exudyn's Jacobian: minus the stiffness.
         """
-        nodes = slice(0, len(k) // 6) if nodes is None else nodes
-        own = k[6 * nodes.start : 6 * nodes.stop, 6 * nodes.start : 6 * nodes.stop]
-        if self.model.geometry is not None:
-            stiffness = self.measured.shape.lines.stiffness(self.field.tension)
-            near = self.model.cable_nodes
-            if near[-1] == len(near) - 1:
-                blocks = NodeBlocks(k, slice(nodes.start, nodes.start + len(near)))
-                blocks.itself += stiffness.itself
-                blocks.after += stiffness.after
-                blocks.before += stiffness.after.swapaxes(1, 2)
-            else:
-                self._add_blocks(own, stiffness)
-        self.add_coupling(own)
-
-    def _add_blocks(self, k: Array, stiffness: NodeStiffness) -> None:
-        """Add the geometric stiffness where other nodes lie between those with holes."""
-        at = 6 * self.model.cable_nodes[:, None] + np.arange(6)
-        rows, columns = at[:, :, None], at[:, None, :]
-        k[rows, columns] += stiffness.itself
-        k[rows[:-1], columns[1:]] += stiffness.after
-        k[rows[1:], columns[:-1]] += stiffness.after.swapaxes(1, 2)
+        return self.measured.shape.lines.stiffness(self.field.tension)
 
     def add_coupling(self, k: Array, loads_jacobian: bool = False) -> None:
-        """Add the terms missing from Exudyn's Jacobian where its connectors carry the tendon forces.
+        """Add the change of the tensions with the configuration, and the tangent of the section forces.
 
-        The change of the tensions with the configuration, and the section forces; the geometric stiffness of the
-        straight segments is then Exudyn's own.
+        With `geometric_stiffness` it is the derivative of `nodal_wrenches` by the nodes, written in frames that stay.
+        In Exudyn's own solvers the connectors give the geometric stiffness, and this is all that is missing.
 
         Parameters
         ----------

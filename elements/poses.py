@@ -268,3 +268,67 @@ def twist_change(xi: Array, before: Array, after: Array, c: Array) -> Array:
     outer = ad @ inner
     outer += (c[..., 3, None] * (before + after))[..., None]
     return np.asarray(apart + (ad @ outer)[..., 0])
+
+
+#: ``w @ _COADJOINT`` is, row by row, the matrix ``M`` with ``a^T M b = w^T ad(a) b``.
+_COADJOINT = np.ascontiguousarray(_AD.reshape(6, 6, 6).transpose(1, 0, 2)).reshape(6, 36)
+
+
+def _second_series(terms: int = 12) -> Array:
+    """Coefficients of `exponential_curvature`, by power of the squared angle: ``w ad^j``, then ``ad^p``, (terms, 5, 4).
+
+    The tangent of the exponential is ``sum (-1)^k ad^k / (k+1)!``. Its derivative has the products ``ad^j ad(a) ad^p``
+    with ``j + p = k - 1``. Powers beyond the fourth fall back by ``ad^5 = -2 a^2 ad^3 - a^4 ad``.
+    """
+
+    def powers(n: int) -> dict[int, Array]:
+        """``ad^n`` by powers 0 .. 4, each with a polynomial in the squared angle."""
+        if n <= 4:
+            return {n: np.eye(1, terms)[0]}
+        found: dict[int, Array] = {}
+        for lower, shift, factor in ((n - 2, 1, -2.0), (n - 4, 2, -1.0)):
+            for m, polynomial in powers(lower).items():
+                moved = factor * np.concatenate((np.zeros(shift), polynomial[:-shift]))
+                found[m] = found.get(m, np.zeros(terms)) + moved
+        return found
+
+    every = [powers(n) for n in range(2 * terms)]
+    table = np.zeros((terms, 5, 4))
+    for k in range(2, 2 * terms):
+        for j in range(k - 1):
+            for m, left in every[j].items():
+                for p, right in every[k - 1 - j].items():
+                    table[:, m, p - 1] += (-1.0) ** k / factorial(k + 1) * np.convolve(left, right)[:terms]
+    return table
+
+
+_SECOND = _second_series()
+_SECOND_POWERS = np.arange(float(len(_SECOND)))
+_SECOND = _SECOND.reshape(len(_SECOND), 20)
+
+
+def exponential_curvature(xi: Array, powers: Array, wrench: Array) -> Array:
+    """Second derivative of the exponential, times a wrench: (n, 6, 6).
+
+    The symmetric matrix ``H`` with ``a^T H a = w^T (dT(xi)[a]) a``, where ``T(xi) a`` is ``exp(-xi) d exp(xi)``.
+    It is what a wrench at the far end adds to the second derivative of an energy by a twist.
+
+    Parameters
+    ----------
+    xi
+        Twists, rotations below half a turn, shape (n, 6).
+    powers
+        Their ``ad``, ``ad^2``, ``ad^3``, ``ad^4``, shape (n, 4, 6, 6).
+    wrench
+        In the far frame, shape (n, 6).
+    """
+    n = len(xi)
+    rotation = xi[:, 3:]
+    angle2 = (rotation * rotation).dot(_ONES3)
+    weights = (angle2[:, None] ** _SECOND_POWERS).dot(_SECOND).reshape(n, 5, 4)
+    moved = np.empty((n, 5, 6))
+    moved[:, 0] = wrench
+    np.matmul(wrench[:, None, None], powers, out=moved[:, 1:, None])
+    left = moved.reshape(-1, 6).dot(_COADJOINT).reshape(n, 5, 6, 6).swapaxes(1, 2).reshape(n, 6, 30)
+    h = left @ (weights @ powers.reshape(n, 4, 36)).reshape(n, 30, 6)
+    return np.asarray(0.5 * (h + h.swapaxes(1, 2)))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.backbone import NodeStiffness
 from tdcr_fe.elements.poses import skew
 
 Array = NDArray[np.float64]
@@ -17,21 +17,6 @@ _EYE3 = np.eye(3).reshape(9)
 _TURNED = 0.5 * (np.eye(9) + np.eye(9)[np.arange(9).reshape(3, 3).T.ravel()]) - np.outer(_EYE3, _EYE3)
 #: Signs of the rows of `CableLines.stiffness`: minus a projector across the segment.
 _ACROSS = np.array([-1.0, -1.0, -1.0, 1.0])
-
-
-class NodeStiffness(NamedTuple):
-    """Blocks of a symmetric matrix by body-frame increments of nodes in a row; only neighbours are coupled.
-
-    Attributes
-    ----------
-    itself : ndarray, shape (N, 6, 6)
-        Of every node.
-    after : ndarray, shape (N-1, 6, 6)
-        Of every node by the next one; the transposed block is that of the next one by it.
-    """
-
-    itself: Array
-    after: Array
 
 
 class CableShape:

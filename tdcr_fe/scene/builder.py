@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import Clamp, Connectors, TendonActuation
-from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, add_backbone
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneItems, BackboneMesh, add_backbone
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model import arguments
 from tdcr_fe.model.checks import size_contradictions
@@ -113,7 +113,7 @@ def CreateTDCR(
     clamp = Clamp(joint, pose.position, pose.rotation @ BEAM_TO_SECTION) if baseMarker is None else None
     tendons = add_tendons(mbs, robot, mesh, backbone.beams[0], disks, name, show)
     actuation = add_actuation(
-        mbs, robot, model, mesh, rigid, backbone.nodes, tendons, clamp, name, presliding
+        mbs, robot, model, mesh, rigid, backbone, tendons, [*bodies, joint], clamp, name, presliding
     )
     handle = TDCR(
         mbs, name, robot, model, mesh, backbone.nodes, backbone.beams, disks, tendons.holes, tendons.segments,
@@ -165,8 +165,9 @@ def add_actuation(
     model: Model,
     mesh: BackboneMesh,
     rigid: NDArray[np.bool_],
-    nodes: list[Any],
+    backbone: BackboneItems,
     tendons: TendonItems,
+    others: list[Any],
     clamp: Clamp | None,
     name: str,
     presliding: float,
@@ -174,8 +175,11 @@ def add_actuation(
     """Create the forces of tendons and section, and connect them to Exudyn's solvers."""
     forces_on_robot = force_model(robot, model, mesh, rigid, presliding)
     section, continuous = forces_on_robot.section, forces_on_robot.geometry is None
-    forces, torques = add_node_loads(mbs, nodes, name) if section is not None else ([], [])
-    connectors = Connectors([] if continuous else tendons.segments, forces, torques, tendons.holes)
-    actuation = TendonActuation(mbs, nodes, forces_on_robot, connectors, clamp=clamp)
+    forces, torques = add_node_loads(mbs, backbone.nodes, name) if section is not None else ([], [])
+    springs = [] if continuous else tendons.segments
+    # Where tendons follow the backbone, the springs between the holes are only drawn.
+    idle = [spring for each in tendons.segments for spring in each] if continuous else []
+    connectors = Connectors(springs, forces, torques, tendons.holes, backbone.beams, [*others, *idle])
+    actuation = TendonActuation(mbs, backbone.nodes, forces_on_robot, connectors, clamp=clamp)
     SceneHooks.of(mbs).actuations.append(actuation)
     return actuation

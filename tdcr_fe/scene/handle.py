@@ -207,15 +207,11 @@ class TDCR:
                 section = self.mbs.GetObjectParameter(beam, "sectionData")
                 section.stiffnessMatrix = np.diag(stiffness)
                 self.mbs.SetObjectParameter(beam, "sectionData", section)
-        section_forces = self.actuation.section
-        if section_forces is not None and section_forces.superelastic is not None:
-            soft = replace(
-                section_forces.superelastic,
-                bending_stiffness=np.where(self.rigid, 0.0, self.mesh.stiffness[:, 5] / factor),
-            )
-            self.actuation.model = replace(
-                self.actuation.model, section=replace(section_forces, superelastic=soft)
-            )
+        model, section = self.actuation.model, self.actuation.section
+        if section is not None and section.superelastic is not None:
+            bending = np.where(self.rigid, 0.0, self.mesh.stiffness[:, 5] / factor)
+            section = replace(section, superelastic=replace(section.superelastic, bending_stiffness=bending))
+        self.actuation.model = replace(model, mesh=replace(self.mesh, stiffness=softer), section=section)
 
     def reset(self) -> None:
         """Reset the friction history of all holes to that of a robot that was never loaded."""

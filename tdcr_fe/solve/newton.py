@@ -21,9 +21,10 @@ from tdcr_fe.solve.friction_step import (
     mobilisations,
     slip_residual,
 )
+from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.numbering import Numbering
 from tdcr_fe.solve.state import SolverState, Target
-from tdcr_fe.solve.system import Linearization, Residual, SceneSystem
+from tdcr_fe.solve.system import Residual, SceneSystem
 
 Array = NDArray[np.float64]
 
@@ -213,10 +214,10 @@ def _iterate(
             if chord and step is not None:
                 step = _chord_step(step, numbering, residual)
             elif damped:
-                step = _damped_step(system, residual, numbering, presliding, damping, iteration)
+                step = _damped_step(system, residual, numbering, presliding, damping)
                 damping = step.damping
             else:
-                step = _full_step(system, residual, numbering, presliding, 0.0, iteration)
+                step = _full_step(system, residual, numbering, presliding)
         except np.linalg.LinAlgError:
             return end(NewtonStatus.SINGULAR, iteration)
         last = stalled(residual.size, step.change, system.layout.scales, settings)
@@ -233,12 +234,11 @@ def _full_step(
     residual: Residual,
     numbering: Numbering,
     presliding: float,
-    damping: float,
-    iteration: int,
+    damping: float = 0.0,
 ) -> NewtonStep:
     """A step with a new tangent: at fixed friction where every hole keeps slipping, else a complementarity step."""
-    linear = system.linearize(residual, numbering, damping, first=iteration == 0)
-    fixed = linear.step(numbering, residual)
+    linear = system.linearize(residual, numbering, damping)
+    fixed = linear.step(residual.unbalanced, residual.forces, residual.target.inputs)
     if not numbering.has_friction:
         return NewtonStep(fixed, linear, True, damping)
     state, forces = residual.state, residual.forces
@@ -255,7 +255,7 @@ def _full_step(
 
 def _chord_step(before: NewtonStep, numbering: Numbering, residual: Residual) -> NewtonStep:
     """Chord step: with the tangent and frames of the previous iteration, at fixed friction."""
-    change = before.linearization.step(numbering, residual)
+    change = before.linearization.step(residual.unbalanced, residual.forces, residual.target.inputs)
     return before._replace(change=_padded(change, numbering))
 
 
@@ -265,7 +265,6 @@ def _damped_step(
     numbering: Numbering,
     presliding: float,
     damping: float,
-    iteration: int,
 ) -> NewtonStep:
     """A step of the damped motion, limited in rotation, and never towards a saddle point.
 
@@ -275,7 +274,7 @@ def _damped_step(
     scale = system.layout.scales.elastic_force * system.length
     least, most = 1e-6 * scale, MOST_DAMPING * scale
     for _ in range(20):
-        step = _full_step(system, residual, numbering, presliding, damping, iteration)
+        step = _full_step(system, residual, numbering, presliding, damping)
         turn = float(np.max(np.abs(step.change[:nodes].reshape(-1, 6)[:, 3:])))
         climbs = step.linearization.factorisation.sign * residual.state.tangent_sign < 0
         if (turn <= DAMPED_TURN and not climbs) or damping >= most:

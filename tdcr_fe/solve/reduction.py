@@ -8,15 +8,79 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.backbone import NodeStiffness
 from tdcr_fe.elements.poses import euler_rate_matrix
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
+
+
+class RowBlocks(NamedTuple):
+    """Where the blocks of nodes one after the other lie among all blocks.
+
+    Attributes
+    ----------
+    itself : slice or ndarray of int, N
+        Of every node by itself.
+    after, before : slice or ndarray of int, N-1
+        Of every node by the next one in the row, of the next one by it.
+    """
+
+    itself: slice | Index
+    after: slice | Index
+    before: slice | Index
+
+    @classmethod
+    def of(cls, number: Index, nodes: Index) -> RowBlocks:
+        """For nodes in a row, from the number of the block of every pair of nodes."""
+        near, far = nodes[:-1], nodes[1:]
+        return cls(*map(_as_slice, (number[nodes, nodes], number[near, far], number[far, near])))
+
+
+class RobotNodes(NamedTuple):
+    """Numbers of one robot's nodes among all beam nodes.
+
+    Attributes
+    ----------
+    backbone : ndarray of int
+        All, base first.
+    holes : ndarray of int
+        Those with holes through which tendons run.
+    """
+
+    backbone: Index
+    holes: Index
+
+
+class RobotBlocks(NamedTuple):
+    """Blocks of one robot.
+
+    Attributes
+    ----------
+    backbone : RowBlocks
+        Of all its nodes.
+    holes : RowBlocks
+        Of those with holes.
+    """
+
+    backbone: RowBlocks
+    holes: RowBlocks
+
+
+def _as_slice(numbers: Index) -> slice | Index:
+    """The same numbers as a slice, where they are evenly spaced."""
+    if len(numbers) < 2:
+        return slice(int(numbers[0]), int(numbers[0]) + 1) if len(numbers) else slice(0, 0)
+    steps = np.diff(numbers)
+    if steps[0] > 0 and np.all(steps == steps[0]):
+        return slice(int(numbers[0]), int(numbers[-1]) + 1, int(steps[0]))
+    return numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,18 +95,57 @@ class BlockPattern:
         The coupled pairs.
     source : ndarray of int, shape (P, 7, 7)
         Of their blocks in Exudyn's matrix, flat.
-    target : ndarray of int
-        Of their blocks in the reduced matrix, flat.
+    row, column : ndarray of int
+        Of the entries of their blocks in the reduced matrix.
     outside : ndarray of int
         Entries of Exudyn's matrix between nodes that are not coupled, flat.
+    robots : tuple of RobotBlocks
     """
 
     pairs: NDArray[np.bool_]
     first: Index
     second: Index
     source: Index
-    target: Index
+    row: Index
+    column: Index
     outside: Index
+    robots: tuple[RobotBlocks, ...]
+
+
+class SceneTangent(NamedTuple):
+    """Exudyn's Jacobian by body-frame increments of the beam nodes, the coupled blocks only.
+
+    Attributes
+    ----------
+    pattern : BlockPattern
+    blocks : ndarray, shape (P, 6, 6)
+        By coupled pair of beam nodes.
+    others : tuple of ndarray, or None
+        Beam nodes by the rest, the rest by beam nodes, the rest by itself; None where there is nothing else.
+    """
+
+    pattern: BlockPattern
+    blocks: Array
+    others: tuple[Array, Array, Array] | None
+
+    def add(self, row: RowBlocks, stiffness: NodeStiffness) -> None:
+        """Add to the blocks of neighbours in a row of nodes; changes `blocks`."""
+        self.blocks[row.itself] += stiffness.itself
+        self.blocks[row.after] += stiffness.after
+        self.blocks[row.before] += stiffness.after.swapaxes(1, 2)
+
+    def dense(self, size: int) -> Array:
+        """As a matrix of at least the reduced size, shape (size, size), filled up with zeros."""
+        pattern = self.pattern
+        k = np.zeros((size, size))
+        k.reshape(-1)[pattern.row * size + pattern.column] = self.blocks.ravel()
+        if self.others is not None:
+            right, below, corner = self.others
+            six, end = len(right), len(right) + len(corner)
+            k[:six, six:end] = right
+            k[six:end, :six] = below
+            k[six:end, six:end] = corner
+        return k
 
 
 class BodyFrameReduction:
@@ -57,12 +160,12 @@ class BodyFrameReduction:
     dropped
         Numbers of the algebraic equations that are satisfied by construction: the nodes' norm constraints, and joints
         of clamped bases.
-    switched_off
-        Numbers of the objects that are switched off while the solver works.
+    robots
+        Nodes of every robot. Neighbours among all of them, and among those with holes, are coupled.
     """
 
     def __init__(
-        self, mbs: exu.MainSystem, beam: Index, dropped: Sequence[int], switched_off: Sequence[int] = ()
+        self, mbs: exu.MainSystem, beam: Index, dropped: Sequence[int], robots: Sequence[RobotNodes]
     ) -> None:
         data = mbs.systemData
         self.n2, self.na = data.ODE2Size(), data.AEsize()
@@ -78,25 +181,29 @@ class BodyFrameReduction:
         self.other_multipliers = self.other[self.other >= self.n2] - self.n2
         #: Number of unknowns after the reduction.
         self.count = 6 * self.nodes + len(self.other)
+        self._robots = tuple(robots)
         self._beams = np.zeros(self.size, dtype=bool)
         self._beams[beam.ravel()] = True
-        self._pattern = self._block_pattern(self._connected(mbs, frozenset(switched_off)))
+        self._pattern = self._block_pattern(self._connected(mbs))
         flat = beam.ravel()
         self._right = flat[:, None] * self.size + self.other[None, :]
         self._below = self.other[:, None] * self.size + flat[None, :]
         self._corner = self.other[:, None] * self.size + self.other[None, :]
 
-    def _connected(self, mbs: exu.MainSystem, without: frozenset[int]) -> NDArray[np.bool_]:
+    def _connected(self, mbs: exu.MainSystem) -> NDArray[np.bool_]:
         """Which pairs of beam nodes any object of the scene couples, shape (N, N)."""
         data = mbs.systemData
         node_of = np.full(self.n2, -1)
         node_of[self.beam] = np.arange(self.nodes)[:, None]
         pairs = np.eye(self.nodes, dtype=bool)
-        for k in set(range(data.NumberOfObjects())) - without:
+        for k in range(data.NumberOfObjects()):
             touched = np.asarray(data.GetObjectLTGODE2(k), dtype=int)
             nodes = np.unique(node_of[touched]) if touched.size else touched
             nodes = nodes[nodes >= 0]
             pairs[np.ix_(nodes, nodes)] = True
+        for robot in self._robots:
+            for row in robot:
+                pairs[row[:-1], row[1:]] = pairs[row[1:], row[:-1]] = True
         return pairs
 
     def _block_pattern(self, pairs: NDArray[np.bool_]) -> BlockPattern:
@@ -104,15 +211,26 @@ class BodyFrameReduction:
         first, second = np.nonzero(pairs)
         rows, cols = self.beam[first][:, :, None], self.beam[second][:, None, :]
         source = rows * self.size + cols
-        six = np.arange(6)
-        to_rows = (6 * first[:, None] + six)[:, :, None]
-        to_cols = (6 * second[:, None] + six)[:, None, :]
-        target = (to_rows * self.count + to_cols).ravel()
+        six, shape = np.arange(6), (len(first), 6, 6)
+        row = np.broadcast_to((6 * first[:, None] + six)[:, :, None], shape).ravel()
+        column = np.broadcast_to((6 * second[:, None] + six)[:, None, :], shape).ravel()
         outside = np.ones((self.size, self.size), dtype=bool)
         outside.reshape(-1)[source.ravel()] = False
         beams = self._beams
+        number = np.zeros((self.nodes, self.nodes), dtype=int)
+        number[first, second] = np.arange(len(first))
         return BlockPattern(
-            pairs, first, second, source, target, np.flatnonzero(outside & beams[:, None] & beams[None, :])
+            pairs,
+            first,
+            second,
+            source,
+            row,
+            column,
+            np.flatnonzero(outside & beams[:, None] & beams[None, :]),
+            tuple(
+                RobotBlocks(RowBlocks.of(number, r.backbone), RowBlocks.of(number, r.holes))
+                for r in self._robots
+            ),
         )
 
     def frames(self, rotations: Array, parameters: Array) -> Array:
@@ -139,8 +257,8 @@ class BodyFrameReduction:
         """Derivative of the wrench on one node, in its own frame, by algebraic unknowns, shape (6, k)."""
         return np.asarray(frames[node].T @ j[np.ix_(self.beam[node], self.n2 + multipliers)])
 
-    def jacobian(self, j: Array, frames: Array, search_couplings: bool) -> Array:
-        """Exudyn's Jacobian in the same terms, shape (count, count).
+    def tangent(self, j: Array, frames: Array, search_couplings: bool) -> SceneTangent:
+        """Exudyn's Jacobian in the same terms.
 
         Parameters
         ----------
@@ -158,18 +276,19 @@ class BodyFrameReduction:
             if outside.any():
                 self._pattern = self._with_couplings(self._pattern.outside[outside != 0.0])
         pattern = self._pattern
-        k = np.zeros((self.count, self.count))
         left = frames.take(pattern.first, axis=0).swapaxes(1, 2)
         blocks = left @ flat.take(pattern.source) @ frames.take(pattern.second, axis=0)
-        k.reshape(-1)[pattern.target] = blocks.ravel()
-        rest = len(self.other)
-        if rest:
-            n, six = self.nodes, 6 * self.nodes
-            k[:six, six:] = (frames.swapaxes(1, 2) @ flat[self._right].reshape(n, 7, rest)).reshape(six, rest)
-            below = flat[self._below].reshape(rest, n, 7).transpose(1, 0, 2) @ frames
-            k[six:, :six] = below.transpose(1, 0, 2).reshape(rest, six)
-            k[six:, six:] = flat[self._corner]
-        return k
+        rest, n = len(self.other), self.nodes
+        if not rest:
+            return SceneTangent(pattern, blocks, None)
+        right = (frames.swapaxes(1, 2) @ flat[self._right].reshape(n, 7, rest)).reshape(6 * n, rest)
+        below = flat[self._below].reshape(rest, n, 7).transpose(1, 0, 2) @ frames
+        others = right, below.transpose(1, 0, 2).reshape(rest, 6 * n), flat[self._corner]
+        return SceneTangent(pattern, blocks, others)
+
+    def empty_tangent(self) -> SceneTangent:
+        """A tangent of zeros between the beam nodes."""
+        return SceneTangent(self._pattern, np.zeros((len(self._pattern.first), 6, 6)), None)
 
     def _with_couplings(self, entries: Index) -> BlockPattern:
         """The pattern with the pairs of nodes to which further entries of Exudyn's matrix belong."""

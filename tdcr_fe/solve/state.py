@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.friction import FrictionState
 from tdcr_fe.solve.configuration import Configuration, Unknowns
-from tdcr_fe.solve.linearization import Linearization
 
 Array = NDArray[np.float64]
 ByRobot = tuple[Array, ...]
@@ -37,8 +36,6 @@ class SolverState(NamedTuple):
         At which it was solved [s].
     tangent_sign : int
         Sign of the determinant of the last tangent, 0 where it is unknown or unrelated to stability.
-    linearization : Linearization or None
-        The one that led here; the first iteration of the next step uses it.
     """
 
     configuration: Configuration
@@ -49,7 +46,6 @@ class SolverState(NamedTuple):
     loads: tuple[Array, ...] = ()
     time: float = 0.0
     tangent_sign: int = 0
-    linearization: Linearization | None = None
 
     @property
     def inputs(self) -> ByRobot:

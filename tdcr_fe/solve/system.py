@@ -1,7 +1,8 @@
 """Equations of a whole scene: residual, tangent and base reactions from Exudyn's solver kernel.
 
-Residual and Jacobian come from Exudyn, except for the tendons and section forces: their connectors are switched off while
-this solver works, as their forces are a few matrix products. Every beam node is taken in body-frame increments; an increment of the nodes
+Residual and Jacobian come from Exudyn, except for tendons and section forces: these are a few matrix products, and
+their connectors are switched off while this solver works. Where nothing but robots is in the scene, the tangent follows
+from the stiffness of the elements. Every beam node is taken in body-frame increments; an increment of the nodes
 becomes an increment of the elements' strains, and the poses are rebuilt from the base by exact exponentials.
 Everything else in the scene keeps its ordinary additive update. Derivation: documentation, page "Theory".
 """
@@ -17,14 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
-from tdcr_fe.elements.backbone import NodeBlocks
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.solve.configuration import Configuration, ConfigurationSpace, Unknowns
 from tdcr_fe.solve.convergence import ResidualScales
 from tdcr_fe.solve.linearization import Factorisation, Linearization
 from tdcr_fe.solve.numbering import Numbering
-from tdcr_fe.solve.reduction import BodyFrameReduction
+from tdcr_fe.solve.reduction import BodyFrameReduction, RobotNodes, SceneTangent
 from tdcr_fe.solve.state import SolverState, StoredState, Target
 
 Array = NDArray[np.float64]
@@ -76,6 +76,8 @@ class SceneLayout:
         Whether any load changes with the configuration of the node it acts on.
     user_loads : bool
         Whether functions of the user may change loads while a load step is solved.
+    robots_only : bool
+        Whether nothing but robots, clamped to ground, resists motion: no other objects, no loads that turn.
     numberings : dict of Numbering
         Those computed so far, by which tendons are driven by displacement.
     """
@@ -87,6 +89,7 @@ class SceneLayout:
     scales: ResidualScales
     loads_jacobian: bool
     user_loads: bool
+    robots_only: bool
     numberings: dict[tuple[bytes, ...], Numbering] = field(default_factory=dict)
 
     @classmethod
@@ -99,21 +102,23 @@ class SceneLayout:
         norms = [i for robot in robots for node in robot.nodes for i in data.GetNodeLTGAE(node)]
         clamps = _clamps(mbs, robots) if with_clamps else {}
         dropped = [*norms, *(i for joint in clamps.values() for i in joint)]
-        springs = [i for r in robots for i in r.connectors.spring_numbers]
-        reduction = BodyFrameReduction(mbs, np.concatenate([r.coordinates for r in robots]), dropped, springs)
+        coordinates = np.concatenate([r.coordinates for r in robots])
+        reduction = BodyFrameReduction(mbs, coordinates, dropped, _rows_of_nodes(robots))
         space = ConfigurationSpace(mbs, robots, reduction, clamps)
         starts = [6 * space.slices[i].start for i in clamps]
         own = {i for r in robots for i in r.connectors.load_numbers}
         loads = [mbs.GetLoad(i) for i in range(data.NumberOfLoads()) if i not in own]
+        # Forces fixed in the world have no derivative at a node; all other loads may have one.
+        turning = any(_turns(load) for load in loads)
         return cls(
             clamps,
             reduction,
             space,
             tuple(slice(k, k + 6) for k in starts),
             ResidualScales.of(robots, reduction),
-            # Forces fixed in the world have no derivative at a node; all other loads may have one.
-            any(_turns(load) for load in loads),
+            turning,
             any(load.get("loadVectorUserFunction") or load.get("loadUserFunction") for load in loads),
+            not turning and not len(reduction.other) and _nothing_but_robots(mbs, robots),
         )
 
 
@@ -201,7 +206,6 @@ class SceneSystem:
             return state
         return state._replace(
             configuration=self.layout.space.build(stored.unknowns),
-            linearization=None,
             base_tension=stored.base_tension,
             mobilisation=stored.mobilisation,
         )
@@ -288,6 +292,55 @@ class SceneSystem:
                 size = max(size, layout.scales.displacement_error(own, displacement, part.driven))
         return Residual(state, target, forces, unbalanced, tuple(on_bases), raw, size)
 
+    def scene_tangent(self, residual: Residual) -> SceneTangent:
+        """Exudyn's Jacobian: everything but the forces of the tendons and inside the sections.
+
+        Parameters
+        ----------
+        residual
+            The last one evaluated, whose state is in the scene.
+        """
+        kernel, layout, frames = self._kernel, self.layout, residual.state.configuration.frames
+        kernel.ComputeJacobianODE2RHS(self.mbs, computeLoadsJacobian=int(layout.loads_jacobian))
+        if len(layout.reduction.other_multipliers):
+            kernel.ComputeJacobianAE(self.mbs)
+        j = kernel.GetSystemJacobian()
+        extra = self.hooks.user_jacobian(residual.target.time)
+        if extra is not None:
+            j[: extra.shape[0], : extra.shape[1]] += extra
+        # Contact and the user's additions may couple further nodes.
+        changing = extra is not None or self.mbs.NumberOfGeneralContacts() > 0
+        return layout.reduction.tangent(j, frames, search_couplings=changing)
+
+    def _knows_tangent(self) -> bool:
+        """Whether the tangent follows from the elements' stiffness alone, without Exudyn's Jacobian."""
+        return (
+            self.layout.robots_only
+            and self.mbs.NumberOfGeneralContacts() == 0
+            and self.hooks.user_function("SystemJacobian") is None
+        )
+
+    def _elastic_tangent(self, residual: Residual) -> SceneTangent:
+        """The same as `_unbalanced_tangent` where nothing but robots is in the scene; in the elements' twists."""
+        configuration, layout = residual.state.configuration, self.layout
+        tangent = layout.reduction.empty_tangent()
+        for i, nodes in enumerate(layout.space.slices):
+            wrenches = residual.unbalanced[6 * nodes.start : 6 * nodes.stop]
+            mesh, chain = self.robots[i].mesh, configuration.chains[i]
+            tangent.add(
+                tangent.pattern.robots[i].backbone, chain.tangent(mesh, wrenches, *configuration.poses[i])
+            )
+        return tangent
+
+    def _unbalanced_tangent(self, residual: Residual) -> SceneTangent:
+        """Exudyn's Jacobian with the geometric terms of unbalanced wrenches."""
+        configuration, tangent = residual.state.configuration, self.scene_tangent(residual)
+        for i, nodes in enumerate(self.layout.space.slices):
+            wrenches = residual.unbalanced[6 * nodes.start : 6 * nodes.stop]
+            terms = configuration.chains[i].unbalanced_terms(wrenches, *configuration.poses[i])
+            tangent.add(tangent.pattern.robots[i].backbone, terms)
+        return tangent
+
     def tangent(self, residual: Residual) -> Array:
         """Derivative of the reduced residual at fixed friction and tensions at the base.
 
@@ -301,22 +354,29 @@ class SceneSystem:
         ndarray, shape (reduced, reduced)
             Exudyn's sign: minus the stiffness.
         """
-        kernel, layout, frames = self._kernel, self.layout, residual.state.configuration.frames
-        kernel.ComputeJacobianODE2RHS(self.mbs, computeLoadsJacobian=int(layout.loads_jacobian))
-        if len(layout.reduction.other_multipliers):
-            kernel.ComputeJacobianAE(self.mbs)
-        j = kernel.GetSystemJacobian()
-        extra = self.hooks.user_jacobian(residual.target.time)
-        if extra is not None:
-            j[: extra.shape[0], : extra.shape[1]] += extra
-        changing = extra is not None or self.mbs.NumberOfGeneralContacts() > 0
-        k = layout.reduction.jacobian(j, frames, search_couplings=changing)
-        for own, robot, nodes in zip(residual.forces, self.robots, layout.space.slices, strict=True):
-            if robot.count or robot.section is not None:
-                own.add_tangent(k, nodes)
+        tangent = self.scene_tangent(residual)
+        self._add_geometric_stiffness(tangent, residual)
+        k = tangent.dense(self.layout.reduction.count)
+        self._add_couplings(k, residual)
         return k
 
-    def linearize(self, residual: Residual, numbering: Numbering, damping: float = 0.0) -> Linearization:
+    def _add_geometric_stiffness(self, tangent: SceneTangent, residual: Residual) -> None:
+        for own, robot, rows in zip(residual.forces, self.robots, tangent.pattern.robots, strict=True):
+            if robot.geometry is not None:
+                tangent.add(rows.holes, own.geometric_stiffness())
+
+    def _add_couplings(self, k: Array, residual: Residual) -> None:
+        for own, robot, nodes in zip(residual.forces, self.robots, self.layout.space.slices, strict=True):
+            if robot.count or robot.section is not None:
+                inside = slice(6 * nodes.start, 6 * nodes.stop)
+                own.add_coupling(k[inside, inside])
+
+    def linearize(
+        self,
+        residual: Residual,
+        numbering: Numbering,
+        damping: float = 0.0,
+    ) -> Linearization:
         """Linearise equilibrium, with the tensions of tendons with prescribed displacement as further unknowns.
 
         Parameters
@@ -333,15 +393,13 @@ class SceneSystem:
         numpy.linalg.LinAlgError
             The tangent is singular.
         """
-        layout, configuration = self.layout, residual.state.configuration
-        k = self.tangent(residual)
-        for nodes, chain, poses in zip(
-            layout.space.slices, configuration.chains, configuration.poses, strict=True
-        ):
-            wrenches = residual.unbalanced[6 * nodes.start : 6 * nodes.stop]
-            chain.add_unbalanced(NodeBlocks(k, nodes), wrenches, *poses)
-        if numbering.any_driven:
-            k = np.pad(k, ((0, numbering.linear - numbering.reduced),) * 2)
+        layout = self.layout
+        tangent = (
+            self._elastic_tangent(residual) if self._knows_tangent() else self._unbalanced_tangent(residual)
+        )
+        self._add_geometric_stiffness(tangent, residual)
+        k = tangent.dense(numbering.linear)
+        self._add_couplings(k, residual)
         slack = self._add_driven(k, residual, numbering) if numbering.any_driven else ()
         if damping > 0.0:
             # Exudyn's Jacobian is that of the right-hand side: minus the stiffness.
@@ -353,7 +411,7 @@ class SceneSystem:
             rows = k[base]
             rows.fill(0.0)
             rows[:, base] = _EYE6
-        return Linearization(Factorisation.of(k), configuration.chains, slack, numbering)
+        return Linearization(Factorisation.of(k), residual.state.configuration.chains, slack, numbering)
 
     def _add_driven(
         self, k: Array, residual: Residual, numbering: Numbering
@@ -409,7 +467,7 @@ class SceneSystem:
         self._kernel.ComputeJacobianODE2RHS(self.mbs)
         self._kernel.ComputeJacobianAE(self.mbs)
         j = self._kernel.GetSystemJacobian()
-        layout.reduction.jacobian(j, configuration.frames, search_couplings=True)
+        layout.reduction.tangent(j, configuration.frames, search_couplings=True)
         found = {}
         for i, joint in layout.clamps.items():
             node = layout.space.slices[i].start
@@ -461,6 +519,30 @@ def _clamps(mbs: exu.MainSystem, robots: Sequence[TendonActuation]) -> dict[int,
         if joint["activeConnector"] and all(joint["constrainedAxes"]) and not joint["offsetUserFunction"]:
             found[i] = np.array(mbs.systemData.GetObjectLTGAE(robot.clamp.joint), dtype=int)
     return found
+
+
+def _rows_of_nodes(robots: Sequence[TendonActuation]) -> list[RobotNodes]:
+    """Of every robot, the numbers of its nodes and of those with holes, among the nodes of all robots."""
+    found, first = [], 0
+    for robot in robots:
+        every = first + np.arange(len(robot.nodes))
+        found.append(RobotNodes(every, every[robot.model.cable_nodes]))
+        first += len(every)
+    return found
+
+
+def _nothing_but_robots(mbs: exu.MainSystem, robots: Sequence[TendonActuation]) -> bool:
+    """Whether no other object has coordinates, and the beams have the stiffness of the robots' meshes."""
+    data = mbs.systemData
+    own = {i for robot in robots for i in robot.connectors.object_numbers}
+    if any(len(data.GetObjectLTGODE2(i)) for i in range(data.NumberOfObjects()) if i not in own):
+        return False
+    for robot in robots:
+        for beam, expected in zip(robot.connectors.beams, robot.mesh.stiffness, strict=True):
+            present = mbs.GetObjectParameter(beam, "sectionData").stiffnessMatrix
+            if not np.array_equal(present, np.diag(expected)):
+                return False
+    return True
 
 
 def _turns(load: dict[str, Any]) -> bool:
