@@ -309,15 +309,15 @@ class ElementChain:
         np.add(odd, even, out=b[:, :, 6:])
         internal = ((stiffness * (self.twists - mesh.reference_twists))[:, None] @ b)[:, 0]
         far = internal[:, 6:]
-        inner = exponential_curvature(self.twists, powers, far)
-        inner -= stiffness[:, :, None] * _EYE6
-        block = b.swapaxes(1, 2) @ (inner @ b)
-        # Everything but the elastic wrenches: what acts beyond an element is what the element transmits.
+        # Everything but the elastic wrenches: beyond an element it is what the element transmits, and the unbalanced.
         others = wrenches.reshape(-1, 6).copy()
         others[:-1] += internal[:, :6]
         others[1:] += far
         beyond = self._distal_sum(wrenches.reshape(-1, 2, 3), positions, rotations)
         beyond[1:] += far.reshape(-1, 2, 3)
+        inner = exponential_curvature(self.twists, powers, beyond[1:].reshape(-1, 6))
+        inner -= stiffness[:, :, None] * _EYE6
+        block = b.swapaxes(1, 2) @ (inner @ b)
         found = self._pose_terms(others, beyond)
         found.itself[:-1] += block[:, :6, :6]
         found.itself[1:] += block[:, 6:, 6:]

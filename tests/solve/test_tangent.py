@@ -1,0 +1,125 @@
+"""Tangent of robots alone: against differences away from equilibrium, and against Exudyn's Jacobian and connectors."""
+
+from __future__ import annotations
+
+import exudyn.itemInterface as eii
+import numpy as np
+import pytest
+from robots import paper, scene, three
+
+from tdcr_fe.elements.backbone import strain_matrices
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.newton import newton
+from tdcr_fe.solve.state import Target
+from tdcr_fe.solve.system import Residual, SceneSystem
+
+TENSIONS = np.array([2.0, 0.7, 0.4])
+
+
+def perturbed(
+    robot: Robot, seed: int, tensions: np.ndarray = TENSIONS, size: float = 0.1, **model: object
+) -> tuple[object, SceneSystem, Residual]:
+    """A robot bent and twisted at random, far from equilibrium: what keeps the scene, its equations, its residual."""
+    keep, mbs, _ = scene(robot, friction="none", **model)
+    system = SceneSystem(mbs)
+    start, rng = system.current_state(), np.random.default_rng(seed)
+    twists = start.configuration.unknowns.twists[0]
+    twists = twists + size * rng.normal(size=twists.shape) * [1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0]
+    configuration = system.layout.space.build(start.configuration.unknowns._replace(twists=(twists,)))
+    state = start._replace(configuration=configuration, base_tension=(tensions,))
+    return (keep, mbs), system, system.residual(state, Target((tensions,)), system.numbering())
+
+
+def node_motions(twists: np.ndarray) -> np.ndarray:
+    """Body-frame increments of the nodes by the twists of the elements, shape (6 N, 6 E)."""
+    b, count = strain_matrices(twists), len(twists)
+    motions = np.zeros((count + 1, 6, 6 * count))
+    for e in range(count):
+        own = np.zeros((6, 6 * count))
+        own[:, 6 * e : 6 * e + 6] = np.eye(6)
+        motions[e + 1] = np.linalg.solve(b[e, :, 6:], own - b[e, :, :6] @ motions[e])
+    return motions.reshape(6 * count + 6, 6 * count)
+
+
+@pytest.mark.parametrize("per_bay", [1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_tangent_is_the_derivative_of_the_forces_by_the_twists_away_from_equilibrium(per_bay, seed):
+    """With the node motions J by the twists: d(J^T W) = J^T K J, W the wrenches and K the tangent of a Newton step."""
+    _keep, system, residual = perturbed(three(0.0), seed, elements_per_bay=per_bay)
+    assert system.layout.robots_only
+    twists = residual.state.configuration.twists[0]
+    assert residual.size > 1.0
+    j = node_motions(twists)
+    numbering = system.numbering()
+    tangent = system._elastic_tangent(residual)
+    system._add_geometric_stiffness(tangent, residual)
+    k = tangent.dense(numbering.linear)
+    system._add_couplings(k, residual)
+    predicted = j[6:].T @ k[6:, 6:] @ j[6:]
+    assert predicted == pytest.approx(predicted.T, abs=1e-9 * np.abs(predicted).max())
+    space, unknowns = system.layout.space, residual.state.configuration.unknowns
+    rng = np.random.default_rng(seed)
+    for _ in range(4):
+        change = rng.normal(size=twists.shape) * [1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0]
+        found = []
+        for h in (1e-6, -1e-6):
+            moved = space.build(unknowns._replace(twists=(twists + h * change,)))
+            state = residual.state._replace(configuration=moved)
+            wrenches = system.residual(state, residual.target, numbering).unbalanced
+            found.append(node_motions(twists + h * change).T @ wrenches)
+        difference = (found[0] - found[1]) / 2e-6
+        along = predicted @ change.ravel()
+        assert along == pytest.approx(difference, abs=1e-6 * np.abs(difference).max())
+
+
+@pytest.mark.parametrize("per_bay", [1, 3])
+def test_forces_and_tangent_of_tendons_are_those_of_exudyns_connectors(per_bay):
+    """Residual and Jacobian of the scene with the connectors at work, against those without them and the products."""
+    _keep, system, residual = perturbed(three(0.0), 3, elements_per_bay=per_bay)
+    k = system.tangent(residual)
+    frames = residual.state.configuration.frames
+    system.robots[0].apply(residual.forces[0])
+    assert system.robots[0].connected
+    system._kernel.ComputeNewtonResidual(system.mbs, system._settings)
+    raw = system._kernel.GetSystemResidual()
+    wrenches = system.layout.reduction.residual(raw, frames)
+    assert residual.unbalanced[6:] == pytest.approx(wrenches[6:], abs=1e-9 * np.abs(wrenches).max())
+    exudyns = system.scene_tangent(residual).dense(len(k))
+    system._add_couplings(exudyns, residual)
+    assert k == pytest.approx(exudyns, abs=1e-8 * np.abs(exudyns).max())
+
+
+def test_tangent_of_robots_alone_is_exudyns_at_equilibrium():
+    """At equilibrium the tangent does not depend on the unknowns in which it is taken."""
+    keep, mbs, _ = scene(paper(0.3), friction="per-hole")
+    mbs.variables["keep"] = keep
+    system = SceneSystem(mbs)
+    result = newton(
+        system, system.current_state(), Target((np.array([2.0]),)), SolverSettings(tolerance=1e-12)
+    )
+    assert result.converged
+    residual = system.residual(result.state, Target((np.array([2.0]),)), system.numbering())
+    own, exudyns = (
+        tangent.dense(system.layout.reduction.count)
+        for tangent in (system._elastic_tangent(residual), system._unbalanced_tangent(residual))
+    )
+    assert own[6:, 6:] == pytest.approx(exudyns[6:, 6:], abs=1e-8 * np.abs(exudyns).max())
+
+
+def test_other_objects_and_changed_stiffness_bring_exudyns_jacobian_back():
+    """The elements' stiffness is the tangent only where nothing else resists, and where the beams have it."""
+    keep, mbs, handle = scene(paper())
+    assert SceneSystem(mbs).layout.robots_only
+    section = mbs.GetObjectParameter(handle.oBeams[2], "sectionData")
+    section.stiffnessMatrix = 1.5 * np.array(section.stiffnessMatrix)
+    mbs.SetObjectParameter(handle.oBeams[2], "sectionData", section)
+    assert not SceneSystem(mbs).layout.robots_only
+
+    keep, mbs, handle = scene(paper(), assemble=False)
+    ground = mbs.AddObject(eii.ObjectGround())
+    above = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=ground, localPosition=[0.0, 0.0, 0.3]))
+    mbs.AddObject(eii.SpringDamper(markerNumbers=[handle.mTip, above], stiffness=10.0, referenceLength=0.05))
+    mbs.Assemble()
+    assert not SceneSystem(mbs).layout.robots_only
+    assert keep
