@@ -293,38 +293,21 @@ class ElementChain:
         NodeStiffness
             With the sign of Exudyn's Jacobian: minus the stiffness.
         """
-        c, count, stiffness = self._coefficients, len(self.twists), mesh.twist_stiffness
-        powers = np.empty((count, 4, 6, 6))
-        ad, square, cube, fourth = powers[:, 0], powers[:, 1], powers[:, 2], powers[:, 3]
-        ad[...] = adjoint_map(self.twists)
-        np.matmul(ad, ad, out=square)
-        np.matmul(square, ad, out=cube)
-        np.matmul(square, square, out=fourth)
-        # Change of a twist: inverse tangent times the increment of the far node, its mirror times that of the near one.
-        b = np.empty((count, 6, 12))
-        even = (c[:, None, 4:6] @ powers[:, 1::2].reshape(count, 2, 36)).reshape(count, 6, 6)
-        even += _EYE6
-        odd = 0.5 * ad
-        np.subtract(odd, even, out=b[:, :, :6])
-        np.add(odd, even, out=b[:, :, 6:])
+        powers, b = self._maps()
+        stiffness = mesh.twist_stiffness
         internal = ((stiffness * (self.twists - mesh.reference_twists))[:, None] @ b)[:, 0]
-        far = internal[:, 6:]
         # Everything but the elastic wrenches: beyond an element it is what the element transmits, and the unbalanced.
         others = wrenches.reshape(-1, 6).copy()
         others[:-1] += internal[:, :6]
-        others[1:] += far
+        others[1:] += internal[:, 6:]
         beyond = self._distal_sum(wrenches.reshape(-1, 2, 3), positions, rotations)
-        beyond[1:] += far.reshape(-1, 2, 3)
+        beyond[1:] += internal[:, 6:].reshape(-1, 2, 3)
         inner = exponential_curvature(self.twists, powers, beyond[1:].reshape(-1, 6))
         inner -= stiffness[:, :, None] * _EYE6
-        block = b.swapaxes(1, 2) @ (inner @ b)
-        found = self._pose_terms(others, beyond)
-        found.itself[:-1] += block[:, :6, :6]
-        found.itself[1:] += block[:, 6:, 6:]
-        return NodeStiffness(found.itself, found.after + block[:, :6, 6:])
+        return self._pose_terms(others, beyond, b, inner)
 
     def unbalanced_terms(self, wrenches: Array, positions: Array, rotations: Array) -> NodeStiffness:
-        """Geometric terms of unbalanced wrenches in the nodal tangent.
+        """Geometric terms of unbalanced wrenches in a nodal tangent that has those of the elastic ones.
 
         Away from equilibrium the tangent depends on the unknowns it is taken in. With the elements' twists, whose
         poses follow by exponentials, it has besides the derivatives of the wrenches the second derivatives of the
@@ -337,11 +320,44 @@ class ElementChain:
         positions, rotations
             Of the nodes, shapes (N, 3) and (N, 3, 3).
         """
+        powers, b = self._maps()
         beyond = self._distal_sum(wrenches.reshape(-1, 2, 3), positions, rotations)
-        return self._pose_terms(wrenches, beyond)
+        inner = exponential_curvature(self.twists, powers, beyond[1:].reshape(-1, 6))
+        return self._pose_terms(wrenches.reshape(-1, 6), beyond, b, inner)
 
-    def _pose_terms(self, wrenches: Array, beyond: Array) -> NodeStiffness:
-        """Wrenches on the nodes (N, 6), and their distal sums (N, 2, 3), times second derivatives of the poses."""
+    def _maps(self) -> tuple[Array, Array]:
+        """Powers 1 to 4 of ``ad`` of the twists; change of the twists by increments of both nodes.
+
+        Shapes (E, 4, 6, 6) and (E, 6, 12).
+        """
+        c, count = self._coefficients, len(self.twists)
+        powers = np.empty((count, 4, 6, 6))
+        ad, square, cube, fourth = powers[:, 0], powers[:, 1], powers[:, 2], powers[:, 3]
+        ad[...] = adjoint_map(self.twists)
+        np.matmul(ad, ad, out=square)
+        np.matmul(square, ad, out=cube)
+        np.matmul(square, square, out=fourth)
+        # Inverse tangent times the increment of the far node, its mirror times that of the near one.
+        b = np.empty((count, 6, 12))
+        even = (c[:, None, 4:6] @ powers[:, 1::2].reshape(count, 2, 36)).reshape(count, 6, 6)
+        even += _EYE6
+        odd = 0.5 * ad
+        np.subtract(odd, even, out=b[:, :, :6])
+        np.add(odd, even, out=b[:, :, 6:])
+        return powers, b
+
+    def _pose_terms(self, wrenches: Array, beyond: Array, b: Array, inner: Array) -> NodeStiffness:
+        """Wrenches times second derivatives of the poses.
+
+        Parameters
+        ----------
+        wrenches, beyond
+            On the nodes, and their distal sums, shapes (N, 6) and (N, 2, 3).
+        b
+            Change of the twists by the increments of both nodes, shape (E, 6, 12).
+        inner
+            Second derivative by the twists, shape (E, 6, 6).
+        """
         half = beyond.reshape(-1, 3).dot(_HALF_SKEW).reshape(-1, 2, 3, 3)
         # Half the coadjoint map, from the change of a twist to that of the wrench beyond it, is [[0, f], [f, m]]; here
         # after the transposed map that takes twists of an element's first node to its second.
@@ -353,7 +369,10 @@ class ElementChain:
         outer[:, 3:, 3:] += self._lever @ half[1:, 0]
         itself = wrenches.reshape(-1, 6).dot(_PULL).reshape(-1, 6, 6)
         itself[0] += turned[0]
-        return NodeStiffness(itself, -outer)
+        block = b.swapaxes(1, 2) @ (inner @ b)
+        itself[:-1] += block[:, :6, :6]
+        itself[1:] += block[:, 6:, 6:]
+        return NodeStiffness(itself, block[:, :6, 6:] - outer)
 
 
 def relative_twists(positions: Array, rotations: Array) -> Array:

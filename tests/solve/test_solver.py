@@ -61,8 +61,9 @@ def test_newton_converges_quadratically(robot, tensions, model):
     *_, report = solved(robot, tensions, SolverSettings(tolerance=1e-9), **model)
     assert report.iterations <= 6
     r = np.array(report.residuals)
-    near = np.flatnonzero((r[:-1] < 5e-2) & (r[:-1] > 1e-5))
-    assert near.size
+    near = np.flatnonzero((r[:-1] < 0.2) & (r[:-1] > 1e-5))
+    # Where the backbone bends into an arc, one iteration is enough: equilibrium is linear in the strains.
+    assert near.size or (report.iterations == 1 and model.get("tendon_path") == "continuous")
     assert np.all(r[near + 1] <= np.maximum(10.0 * r[near] ** 2, 1e-8))
 
 
