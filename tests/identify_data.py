@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from tdcr_fe.effects import Experiment, with_effects
-from tdcr_fe.identify.forward import Reader, _simulate
+from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
 from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.model.settings import SolverSettings
 
 LENGTH = 0.2
 ROBOT = Robot(
@@ -50,7 +52,7 @@ def measured(truth=None, sigma=1e-4, seed=0, robot=None, given=True):
     ids = tuple(range(1, len(steps) + 1))
     readings = [Reading(n, f"position_{a}", s, 0.0, sigma) for n in ids for s in (0.1, LENGTH) for a in "xyz"]
     true = with_effects(Experiment(robot or ROBOT, replace(MODEL, elements_per_bay=4), steps), truth or {})
-    run = _simulate((true, None, False, 2e-5))
+    run = simulate_experiment(Task(true, run_settings(SolverSettings(), 2e-5)))
     values = Reader(readings, ids, ROBOT.tendon_names).read(run, true)
     values = values + np.random.default_rng(seed).normal(0.0, sigma, values.size)
     readings = [

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from tdcr_fe.effects import Effect
-from tdcr_fe.identify.forward import Run
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
+from tdcr_fe.identify.run import Run
 
 Array = NDArray[np.float64]
 
@@ -41,7 +42,7 @@ def sensitivities(
         moved[j] += h
         taken.append(h)
         points.append(problem.point(effects, fit.values, free, moved))
-    found, _ = problem.residuals(effects, points, guide=fit.run)
+    found, _ = problem.residuals(effects, points, reference=fit.run)
     columns = [(fit.residual - r) / h for r, h in zip(found, taken, strict=True)]
     matrix = np.stack(columns, axis=1) if columns else np.zeros((fit.residual.size, 0))
     return np.where(np.isfinite(matrix), matrix, 0.0)
@@ -53,7 +54,7 @@ def fit(
     starts: Sequence[Point],
     give_up_above: float = float("inf"),
     max_iterations: int = 12,
-    guide: Run | None = None,
+    reference: Run | None = None,
     polish: bool = True,
 ) -> Fit:
     """Levenberg and Marquardt with bounds.
@@ -69,12 +70,12 @@ def fit(
         Whose parameters are fitted.
     starts
         Points to begin from; the best is taken. The second and later ones are tried only where the first does not
-        improve on ``guide`` alone.
+        improve on ``reference`` alone.
     give_up_above
         A fit that converges slowly while its cost is above this is abandoned.
     max_iterations
         Steps.
-    guide
+    reference
         A neighbour's run for the starting points.
     polish
         Iterate to convergence; see `finish`.
@@ -85,7 +86,7 @@ def fit(
         Parameters that change nothing on these readings stay where they began and are not free.
     """
     effects = tuple(effects)
-    found, runs = problem.residuals(effects, starts, guide, record=True)
+    found, runs = problem.residuals(effects, starts, reference, record=True)
     costs = [problem.cost(r) for r in found]
     best = int(np.argmin([c[0] for c in costs]))
     every = tuple((e.name, p.name) for e in effects for p in e.parameters)
@@ -124,6 +125,60 @@ def finish(
     return now
 
 
+class _LinearModel(NamedTuple):
+    """Predictions over sigma around a fit, linear in the coordinates of the free parameters.
+
+    Attributes
+    ----------
+    free : tuple of (str, str)
+    matrix : ndarray, shape (n, p)
+        Sensitivities.
+    size : ndarray, shape (p,)
+        Root mean square of its columns over the fitted readings, where it was evaluated last.
+    scale : ndarray, shape (p,)
+        Typical steps of the coordinates.
+    steps : ndarray, shape (p,)
+        Steps of the difference quotients.
+    """
+
+    free: tuple[tuple[str, str], ...]
+    matrix: Array
+    size: Array
+    scale: Array
+    steps: Array
+
+    @classmethod
+    def of(cls, problem: FitProblem, now: Fit) -> _LinearModel:
+        """Of a fit; without its sensitivities where it has none."""
+        natural = {(e.name, p.name): p.scale for e in now.effects for p in e.parameters}
+        scale = np.array([problem.scales.get(k, natural[k]) for k in now.free])
+        if now.jacobian.shape[1] != len(now.free):
+            return cls(now.free, now.jacobian, np.ones(len(now.free)), scale, 0.2 * scale)
+        size = np.sqrt(np.mean(now.jacobian[problem.fitted] ** 2, axis=0))
+        steps = np.clip(1.0 / np.maximum(size, 1e-300), 1e-3 * scale, 0.5 * scale)
+        return cls(now.free, now.jacobian, size, scale, steps)
+
+    def evaluated(self, problem: FitProblem, now: Fit) -> _LinearModel:
+        """With its sensitivities at a fit, without parameters that change nothing."""
+        matrix = sensitivities(problem, now.effects, now, self.free, self.steps)
+        size = np.sqrt(np.mean(matrix[problem.fitted] ** 2, axis=0))
+        free, scale = self.free, self.scale
+        keep = size * scale > NOTHING
+        if not np.all(keep):
+            free = tuple(k for k, ok in zip(free, keep, strict=True) if ok)
+            matrix, size, scale = matrix[:, keep], size[keep], scale[keep]
+        # The next derivatives: over a change of the readings by one sigma.
+        steps = np.clip(1.0 / size, 1e-3 * scale, 0.5 * scale)
+        return _LinearModel(free, matrix, size, scale, steps)
+
+    def updated(self, change: Array, move: Array) -> _LinearModel:
+        """By Broyden's method, from the change of the predictions (n,) over a step of the coordinates (p,)."""
+        weight = self.size**2
+        error = change - self.matrix @ move
+        update = np.outer(error, weight * move) / float(np.sum(weight * move**2))
+        return self._replace(matrix=self.matrix + update)
+
+
 def _descend(
     problem: FitProblem, now: Fit, give_up_above: float, max_iterations: int, last: bool = True
 ) -> Fit:
@@ -132,64 +187,53 @@ def _descend(
     Between full evaluations of the sensitivities they are updated by Broyden's method, which costs no run.
     ``last``: evaluate them once more at the end.
     """
-    effects = now.effects
-    every = now.free
-    natural = {(e.name, p.name): p.scale for e in effects for p in e.parameters}
-    scale = np.array([problem.scales.get(k, natural[k]) for k in every])
-    steps = 0.2 * scale
-    free = every
-    damping, j = 1e-3, now.jacobian
-    fitted = problem.fitted
-    known = j.shape[1] == len(free)
-    size = np.sqrt(np.mean(j[fitted] ** 2, axis=0)) if known else np.ones(len(free))
-    if known:
-        steps = np.clip(1.0 / np.maximum(size, 1e-300), 1e-3 * scale, 0.5 * scale)
+    model = _LinearModel.of(problem, now)
+    damping = 1e-3
+    # The sensitivities came with the fit; were evaluated at the present point; have to be evaluated.
+    known = now.jacobian.shape[1] == len(now.free)
     fresh, stale = False, not known
-    for _ in range(max_iterations if free else 0):
+    for _ in range(max_iterations if model.free else 0):
         if stale:
-            j = sensitivities(problem, effects, now, free, steps)
-            size = np.sqrt(np.mean(j[fitted] ** 2, axis=0))
-            keep = size * scale > NOTHING
-            if not np.all(keep):
-                free = tuple(k for k, ok in zip(free, keep, strict=True) if ok)
-                j, steps, scale, size = j[:, keep], steps[keep], scale[keep], size[keep]
-            if not free:
+            model = model.evaluated(problem, now)
+            if not model.free:
                 break
-            # The next derivatives: over a change of the readings by one sigma.
-            steps = np.clip(1.0 / size, 1e-3 * scale, 0.5 * scale)
             fresh, stale = True, False
-        z, move, promised = _proposal(problem, now, free, j, damping)
+        z, move, promised = _proposal(problem, now, model.free, model.matrix, damping)
         if promised < 0.02 + 2e-4 * now.cost:
             if fresh or known:
                 break
             stale = True
             continue
-        point = problem.point(effects, now.values, free, z + move)
-        (r,), (run,) = problem.residuals(effects, [point], now.run, record=True)
-        cost, held_cost = problem.cost(r)
-        if not cost < now.cost:
+        trial = _moved(problem, now, model.free, z + move)
+        if not trial.cost < now.cost:
             damping *= 100.0
             if not fresh:
                 stale = True
             elif damping > 1e6:
                 break
             continue
-        gain = now.cost - cost
+        gain = now.cost - trial.cost
         if gain > 0.25 * promised:
             damping = max(1e-6, 0.1 * damping)
-        seen = now.residual - r - j @ move
-        ruler = size**2
-        j = j + np.outer(seen, ruler * move) / float(np.sum(ruler * move**2))
-        was_fresh, fresh, stale = fresh or known, False, gain < 0.5 * promised
-        known = False
-        now = replace(now, values=point, residual=r, cost=cost, held_cost=held_cost, run=run, free=free)
-        if gain < 0.05 + 1e-3 * now.cost and (was_fresh or promised < 2.0 * gain):
+        model = model.updated(now.residual - trial.residual, move)
+        was_exact, known, fresh, stale = fresh or known, False, False, gain < 0.5 * promised
+        now = trial
+        if gain < 0.05 + 1e-3 * now.cost and (was_exact or promised < 2.0 * gain):
             break
-        if now.cost > give_up_above and gain < 0.5 * now.cost and was_fresh is False:
+        if now.cost > give_up_above and gain < 0.5 * now.cost and not was_exact:
             break
-    if free and last and not (fresh or known):
-        j = sensitivities(problem, effects, now, free, steps)
-    return replace(now, jacobian=j, free=free)
+    matrix = model.matrix
+    if model.free and last and not (fresh or known):
+        matrix = sensitivities(problem, now.effects, now, model.free, model.steps)
+    return replace(now, jacobian=matrix, free=model.free)
+
+
+def _moved(problem: FitProblem, now: Fit, free: tuple[tuple[str, str], ...], z: Array) -> Fit:
+    """A fit with the free parameters at other coordinates, on the path of its run."""
+    point = problem.point(now.effects, now.values, free, z)
+    (r,), (run,) = problem.residuals(now.effects, [point], now.run, record=True)
+    cost, held_cost = problem.cost(r)
+    return replace(now, values=point, residual=r, cost=cost, held_cost=held_cost, run=run, free=free)
 
 
 def _proposal(

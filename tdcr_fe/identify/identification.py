@@ -69,7 +69,7 @@ def identify(
     search = Search(settings, progress or (lambda text, share: None))
     search.report("the declared model", 0.0)
     try:
-        with ForwardModel(settings.processes) as forward:
+        with ForwardModel(settings.processes, data.settings) as forward:
             problem, estimated = _build_problem(without_unread_steps(data), settings, forward)
             state = _search(search, _declared(problem), estimated)
             search.report("conclusions", 0.97)

@@ -9,8 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import EFFECTS, Effect, ExcitationRange, Experiment
-from tdcr_fe.identify.forward import ForwardModel, Reader, Run, divide_steps
+from tdcr_fe.identify.divide import divide_steps
+from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.outcome import Misfit
+from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.run import Run
 from tdcr_fe.io.measured import MeasuredData
 
 Array = NDArray[np.float64]
@@ -155,21 +158,21 @@ class FitProblem:
         return experiment
 
     def solve(
-        self, experiments: Sequence[Experiment], guide: Run | None = None, record: bool = False
+        self, experiments: Sequence[Experiment], reference: Run | None = None, record: bool = False
     ) -> list[Run]:
         """Simulate experiments; see `ForwardModel.run`."""
-        return self.forward.run(experiments, self.path_tolerance, guide, record)
+        return self.forward.run(experiments, self.path_tolerance, reference, record)
 
     def residuals(
         self,
         effects: Sequence[Effect],
         points: Sequence[Point],
-        guide: Run | None = None,
+        reference: Run | None = None,
         record: bool = False,
     ) -> tuple[list[Array], list[Run]]:
         """Reading less prediction over sigma at several points; NaN where the model is not solved."""
         experiments = [self.with_effects(effects, p) for p in points]
-        runs = self.solve(experiments, guide, record)
+        runs = self.solve(experiments, reference, record)
         return [self.residual(e, run) for e, run in zip(experiments, runs, strict=True)], runs
 
     def residual(self, experiment: Experiment, run: Run) -> Array:

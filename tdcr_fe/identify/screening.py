@@ -101,7 +101,7 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> list[Sco
 def _residuals(problem: FitProblem, fit: Fit, tasks: Sequence[tuple[Effect, int, Point]]) -> list[Array]:
     """Residuals at every task's point, all runs at once."""
     experiments = [problem.with_effects((*fit.effects, e), point) for e, _, point in tasks]
-    runs = problem.solve(experiments, guide=fit.run)
+    runs = problem.solve(experiments, reference=fit.run)
     return [problem.residual(s, run) for s, run in zip(experiments, runs, strict=True)]
 
 

@@ -247,7 +247,7 @@ def local_search(search: Search, state: SearchState, alone: bool = False) -> Sea
             (*base.effects, score.effect),
             score.starts,
             2.0 * state.best.cost,
-            guide=base.run,
+            reference=base.run,
         )
         if new.solved and is_improvement(state.problem, new, base, search.significance):
             fits.append(new)

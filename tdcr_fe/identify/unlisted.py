@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, ExcitationRange, Experiment, Parameter
-from tdcr_fe.identify.forward import Run
 from tdcr_fe.identify.problem import Fit, FitProblem
+from tdcr_fe.identify.run import Run
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.robot import StiffnessPatch

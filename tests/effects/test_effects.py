@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import EFFECTS, ExcitationRange, Experiment, effect, with_effect, with_effects
 from tdcr_fe.effects.actuation import displacement_that_arrives, tension_that_arrives
-from tdcr_fe.identify.forward import Reader, _simulate
+from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_scenario
@@ -20,6 +21,7 @@ from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Backbone, Disks, Robot, Superelastic, Tendon
 from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
+from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.simulate import simulate
 
 MODEL = Model(elements_per_bay=1)
@@ -299,7 +301,7 @@ def test_stretch_is_tension_times_length_over_stiffness():
 
 
 def read(setup, readings):
-    run = _simulate((setup, None, False, 2e-5))
+    run = simulate_experiment(Task(setup, run_settings(SolverSettings(), 2e-5)))
     return Reader(readings, [1], setup.robot.tendon_names).read(run, setup)
 
 

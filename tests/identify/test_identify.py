@@ -8,17 +8,19 @@ import pytest
 from identify_data import LENGTH, MODEL, ROBOT, measured
 
 from tdcr_fe.cli import main
-from tdcr_fe.effects import effect
-from tdcr_fe.identify import IdentifySettings, fitting, identify
+from tdcr_fe.effects import Experiment, effect
+from tdcr_fe.identify import IdentifySettings, NotSolved, fitting, identify
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.holdout import blocks, choose_held_out
 from tdcr_fe.identify.noise import chi_square_z_score, estimate_sigma, is_noise, outliers, structure
 from tdcr_fe.identify.problem import FitProblem, refine
 from tdcr_fe.identify.report import render, summary
+from tdcr_fe.identify.run import run_settings
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.robot import StiffnessPatch
+from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.simulate import simulate
 
 # ------------------------------------------------------------------------------------------------ the pieces
@@ -89,6 +91,35 @@ def test_a_parameter_that_changes_nothing_is_not_fitted():
     assert ("stiffness_scale", "bending") in fit.free
     fit = fitting.fit(problem, (effect("tip_payload"),), [{"tip_payload": {"mass": 1e-3}}])
     assert fit.free == ()
+
+
+def test_runs_are_solved_with_the_settings_of_model_toml():
+    """A long presliding distance lowers the friction after a short pull; version 0.1 had no [solver] table."""
+    robot = ROBOT.with_tendons(friction_coefficient=0.3)
+    steps = (LoadStep(tensions={"t1": 0.4}), LoadStep(tensions={"t1": 0.35}))
+    experiment = Experiment(robot, Model(elements_per_bay=1), steps)
+    own = SolverSettings(presliding=1e-4, path_tolerance=1e-3)
+    tips = {}
+    for name, settings in (("own", own), ("default", SolverSettings())):
+        with ForwardModel(settings=settings) as forward:
+            (run,) = forward.run([experiment], 5e-5)
+        tips[name] = run.positions[-1, -1]
+    expected = simulate(robot, experiment.model, steps, replace(own, max_substeps=16)).steps[-1].tip
+    assert tips["own"] == pytest.approx(expected, abs=1e-12)
+    assert np.linalg.norm(tips["own"] - tips["default"]) > 1e-5 * LENGTH
+
+
+def test_what_model_toml_leaves_at_its_default_is_chosen_by_the_identification():
+    chosen = run_settings(SolverSettings(presliding=2e-6), 5e-5)
+    assert (chosen.path_tolerance, chosen.presliding, chosen.mesh_tolerance) == (5e-5, 2e-6, np.inf)
+    assert run_settings(SolverSettings(path_tolerance=2e-6, max_substeps=40), 5e-5).path_tolerance == 2e-6
+    assert run_settings(SolverSettings(path_tolerance=2e-6, max_substeps=40), 5e-5).max_substeps == 40
+
+
+def test_settings_of_the_data_reach_the_solver():
+    one_iteration = SolverSettings(max_iterations=1, min_substep=1.0, max_turn=1e-3)
+    with pytest.raises(NotSolved, match="declared model"):
+        identify(replace(measured(), settings=one_iteration))
 
 
 # -------------------------------------------------------------------------------------------------- the loop

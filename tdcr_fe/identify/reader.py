@@ -1,0 +1,73 @@
+"""Predict readings from a simulated run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tdcr_fe.effects import Experiment
+from tdcr_fe.identify.run import Run
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.channels import Channel, Location, ObservedStep, channel
+
+Array = NDArray[np.float64]
+
+
+class Reader:
+    """Predicts readings from a run, by the channels of `tdcr_fe.model.channels`.
+
+    Parameters
+    ----------
+    readings
+        What is measured, where and in which step.
+    step_ids
+        Numbers of the steps in order.
+    tendon_names
+        Of the robot.
+    """
+
+    def __init__(
+        self, readings: Sequence[Reading], step_ids: Sequence[int], tendon_names: Sequence[str]
+    ) -> None:
+        index = {n: i for i, n in enumerate(step_ids)}
+        self.count = len(readings)
+        self.step = np.array([index[r.step] for r in readings], dtype=int)
+        self.tendon_names = tuple(tendon_names)
+        groups: dict[tuple[int, str], list[int]] = {}
+        for i, r in enumerate(readings):
+            groups.setdefault((index[r.step], r.quantity), []).append(i)
+        self._groups: dict[int, list[tuple[Channel, Array, list[Location]]]] = {}
+        for (k, quantity), which in groups.items():
+            locations = [readings[i].location for i in which]
+            self._groups.setdefault(k, []).append((channel(quantity), np.array(which), locations))
+
+    def read(self, run: Run, experiment: Experiment) -> Array:
+        """What would be read, in the readings' units, shape (n,); NaN for steps that were not solved.
+
+        Parameters
+        ----------
+        run
+            Of the experiment's robot, model and steps.
+        experiment
+            Whose observation map is used.
+        """
+        out = np.full(self.count, np.nan)
+        frame = Rotation.from_rotvec(np.array(experiment.observation.rotation)).as_matrix()
+        offset = np.array([*experiment.observation.offset, 0.0])
+        for k in range(run.solved):
+            step = ObservedStep(
+                run.s,
+                run.positions[k],
+                run.rotations[k],
+                run.displacements[k],
+                run.distal_tensions[k],
+                self.tendon_names,
+                frame,
+                offset,
+            )
+            for known, which, locations in self._groups.get(k, ()):
+                out[which] = known.predict(step, locations)
+        return out

@@ -1,0 +1,229 @@
+"""Simulate the loading sequence of one experiment; the only module of the identification that calls the solver."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tdcr_fe.effects import Experiment
+from tdcr_fe.model.results import StepResult
+from tdcr_fe.model.settings import SolverSettings
+
+if TYPE_CHECKING:
+    from tdcr_fe.solve.simulate import PathRecord
+    from tdcr_fe.solve.stepping import Increment
+
+Array = NDArray[np.float64]
+
+#: For every step, the commanded step it belongs to and its load factor at the end, as in `Experiment.step_ends`.
+Ends = tuple[tuple[int, float], ...]
+
+#: Smallest fraction of a load step that is tried, without and with a reference path.
+SMALLEST, SMALLEST_ON_REFERENCE = 1.0 / 256.0, 1.0 / 16.0
+
+#: Maximum substeps used to resolve path dependence.
+DIVISIONS = 16
+
+#: Message of a simulation that was interrupted.
+INTERRUPTED = "interrupted"
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Path of a run, as reference path for neighbouring runs.
+
+    Attributes
+    ----------
+    waypoints : list of list of Increment
+        By step, see `tdcr_fe.solve.simulate.PathRecord`.
+    ends : tuple of (int, float)
+        Of its steps.
+    elements : int
+        Per bay.
+    """
+
+    waypoints: PathRecord
+    ends: Ends
+    elements: int
+
+    def divided(self, ends: Ends) -> PathRecord:
+        """The path for the same commanded steps, divided in another way."""
+        return self.waypoints if self.ends == ends else _divide(_join(self.waypoints, self.ends), ends)
+
+
+@dataclass(frozen=True)
+class Run:
+    """Results of one simulated loading sequence that predictions need.
+
+    Attributes
+    ----------
+    s : ndarray, shape (n,)
+        Arc lengths of the nodes [m].
+    positions : ndarray, shape (n_steps, n, 3)
+        [m].
+    rotations : ndarray, shape (n_steps, n, 3, 3)
+    displacements, base_tensions, distal_tensions : ndarray, shape (n_steps, n_tendons)
+        [m, N, N].
+    solved : int
+        Number of steps solved, from the first on; the others are NaN.
+    message : str
+        Why it ended.
+    trajectory : Trajectory or None
+        Reference path for neighbouring runs; None where none was recorded.
+    """
+
+    s: Array
+    positions: Array
+    rotations: Array
+    displacements: Array
+    base_tensions: Array
+    distal_tensions: Array
+    solved: int
+    message: str
+    trajectory: Trajectory | None = None
+
+    @classmethod
+    def of(cls, steps: Sequence[StepResult], count: int, experiment: Experiment, message: str) -> Run:
+        """Of the solved steps of an experiment; the others, up to ``count``, are NaN."""
+        m = len(experiment.robot.tendons)
+        s = steps[0].s if steps else np.array([0.0, experiment.robot.backbone.length])
+
+        def fill(values: list[Array], shape: tuple[int, ...]) -> Array:
+            full = np.full((count, *shape), np.nan)
+            if values:
+                full[: len(values)] = np.array(values)
+            return full
+
+        return cls(
+            s,
+            fill([r.positions for r in steps], (s.size, 3)),
+            fill([r.rotations for r in steps], (s.size, 3, 3)),
+            fill([r.displacements for r in steps], (m,)),
+            fill([r.base_tensions for r in steps], (m,)),
+            fill([np.array([t[-1] for t in r.tensions]) for r in steps], (m,)),
+            len(steps),
+            message,
+        )
+
+    @property
+    def curvature(self) -> Array:
+        """Of the elements, as turning rates about the section's axes x, y, z [1/m], shape (n_steps, n-1, 3)."""
+        relative = np.swapaxes(self.rotations[:, :-1], -1, -2) @ self.rotations[:, 1:]
+        n = relative.shape[0], relative.shape[1]
+        ok = np.isfinite(relative).all(axis=(-1, -2)).ravel()
+        turn = np.full((ok.size, 3), np.nan)
+        turn[ok] = Rotation.from_matrix(relative.reshape(-1, 3, 3)[ok]).as_rotvec()
+        return turn.reshape(*n, 3) / np.diff(self.s)[None, :, None]
+
+
+class Task(NamedTuple):
+    """What is simulated in one run.
+
+    Attributes
+    ----------
+    experiment : Experiment
+    settings : SolverSettings
+    reference : Trajectory or None
+        Path that the run follows.
+    record : bool
+        Whether the run keeps its own path.
+    """
+
+    experiment: Experiment
+    settings: SolverSettings
+    reference: Trajectory | None = None
+    record: bool = False
+
+
+def run_settings(declared: SolverSettings, path_tolerance: float) -> SolverSettings:
+    """Settings of a run.
+
+    Parameters
+    ----------
+    declared
+        The ``[solver]`` table of ``model.toml``. What differs from the default there is used as it is, but for
+        ``mesh_tolerance``: the identification refines its mesh against the noise.
+    path_tolerance
+        Chosen against the noise; used where the table has the default [1].
+    """
+    default = SolverSettings()
+    chosen = {"path_tolerance": path_tolerance, "max_substeps": DIVISIONS, "min_substep": SMALLEST}
+    free = {name: x for name, x in chosen.items() if getattr(declared, name) == getattr(default, name)}
+    return replace(declared, **free, mesh_tolerance=math.inf)  # type: ignore[arg-type]
+
+
+def simulate_experiment(task: Task) -> Run:
+    """Simulate one experiment.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        The simulation was interrupted.
+    """
+    from tdcr_fe.solve.simulate import simulate
+
+    experiment, settings, reference, record = task
+    ends = experiment.step_ends
+    elements = experiment.model.starting_elements_per_bay
+    if reference is not None and reference.elements != elements:
+        reference = None
+    if reference is not None:
+        settings = replace(settings, min_substep=max(settings.min_substep, SMALLEST_ON_REFERENCE))
+    # Where effects divide a step, its parts are simulated and the end of the last one is kept.
+    last = [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
+    path: PathRecord | None = [] if record else None
+    try:
+        result = simulate(
+            experiment.robot,
+            experiment.model,
+            experiment.steps,
+            settings,
+            reference_path=None if reference is None else reference.divided(ends),
+            record_path=path,
+        )
+    except (ValueError, np.linalg.LinAlgError, IndexError) as error:
+        # an impossible robot, or a reference path that does not fit
+        if reference is not None:
+            return simulate_experiment(task._replace(reference=None))
+        return Run.of((), len(last), experiment, str(error))
+    if result.message == INTERRUPTED:
+        raise KeyboardInterrupt
+    # In a fit, a run that cannot follow its reference path is too far away and costly: it counts as not solved.
+    if not result.converged and reference is not None and not record:
+        return simulate_experiment(task._replace(reference=None))
+    solved = [result.steps[j] for j in last if j < len(result.steps)]
+    run = Run.of(solved, len(last), experiment, result.message)
+    return run if path is None else replace(run, trajectory=Trajectory(path, ends, elements))
+
+
+def _join(waypoints: PathRecord, ends: Ends) -> dict[int, list[Increment]]:
+    """Waypoints by commanded step, their load factors those of the commanded step."""
+    joined: dict[int, list[Increment]] = {}
+    done: dict[int, float] = {}
+    for own, (k, factor) in zip(waypoints, ends, strict=True):
+        start = done.get(k, 0.0)
+        joined.setdefault(k, []).extend(
+            replace(w, load_factor=start + (factor - start) * w.load_factor) for w in own
+        )
+        done[k] = factor
+    return joined
+
+
+def _divide(joined: dict[int, list[Increment]], ends: Ends) -> PathRecord:
+    """Waypoints of commanded steps, for steps divided in another way."""
+    divided = []
+    done: dict[int, float] = {}
+    for k, factor in ends:
+        start = done.get(k, 0.0)
+        inside = [w for w in joined[k] if start + 1e-9 < w.load_factor < factor - 1e-9]
+        last = next(w for w in joined[k] if w.load_factor >= factor - 1e-9)
+        part = [replace(w, load_factor=(w.load_factor - start) / (factor - start)) for w in inside]
+        divided.append([*part, replace(last, load_factor=1.0)])
+        done[k] = factor
+    return divided
