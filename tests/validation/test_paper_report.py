@@ -20,15 +20,17 @@ from tdcr_fe.validation.paper.cases import (
     without_small_steps,
     write_cases,
 )
-from tdcr_fe.validation.paper.claims import orders, verdicts
-from tdcr_fe.validation.paper.limitations import (
+from tdcr_fe.validation.paper.claims import verdicts
+from tdcr_fe.validation.paper.claims.order import orders
+from tdcr_fe.validation.paper.report import html, to_json, write_docs, write_report
+from tdcr_fe.validation.paper.run import PaperRun, run_paper
+from tdcr_fe.validation.paper.studies.figures import CaseStudy, run_model
+from tdcr_fe.validation.paper.studies.limitations import (
     PressureDependence,
     adhesion,
     disk_thickness,
     pressure_dependent_friction,
 )
-from tdcr_fe.validation.paper.report import html, to_json, write_docs, write_report
-from tdcr_fe.validation.paper.run import CaseStudy, PaperRun, run_model, run_paper
 from tdcr_fe.validation.reference.sequence import solve_reference
 
 

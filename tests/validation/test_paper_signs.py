@@ -8,8 +8,7 @@ import pytest
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.paper.cases import MODELS
-from tdcr_fe.validation.paper.run import sign_steps, three_tendon_robot
-from tdcr_fe.validation.paper.signs import trial_signs
+from tdcr_fe.validation.paper.studies.signs import sign_steps, three_tendon_robot, trial_signs
 
 ROBOT = three_tendon_robot()
 

@@ -12,8 +12,9 @@ from tdcr_fe.model.robot import Disks
 from tdcr_fe.solve.simulate import Simulation
 from tdcr_fe.solve.stability import stability, strain_tangent
 from tdcr_fe.validation.paper.cases import MODELS, paper_case
-from tdcr_fe.validation.paper.critical import search_critical_load
-from tdcr_fe.validation.paper.run import euler_load, three_tendon_robot
+from tdcr_fe.validation.paper.studies.critical import search_critical_load
+from tdcr_fe.validation.paper.studies.helical import euler_load
+from tdcr_fe.validation.paper.studies.signs import three_tendon_robot
 
 ROBOT = paper_case("fig3").robot
 EULER = euler_load(ROBOT)

@@ -8,13 +8,13 @@ import pytest
 from tdcr_fe.io.toml import read_robot
 from tdcr_fe.io.write_toml import robot_to_toml
 from tdcr_fe.validation.paper.cases import prototype
-from tdcr_fe.validation.paper.run import made_experiments
-from tdcr_fe.validation.paper.stiffness import (
+from tdcr_fe.validation.paper.studies.stiffness import (
     bending_stiffness_of_tip,
     identify_stiffness,
     validation_error,
     with_identified_stiffness,
 )
+from tdcr_fe.validation.paper.studies.stiffness_study import made_experiments
 
 ANGLES = np.arange(8) * np.pi / 4.0
 FORCES = 2e-3 * np.stack((np.cos(ANGLES), np.sin(ANGLES)), axis=1)

@@ -8,9 +8,9 @@ import pytest
 from tdcr_fe.io.measured import read_measured, write_measured
 from tdcr_fe.model.loading import resolve
 from tdcr_fe.validation.paper.cases import prototype
-from tdcr_fe.validation.paper.comparison import compare_table, deviation
-from tdcr_fe.validation.paper.datasets import DATASETS, table_dataset
-from tdcr_fe.validation.paper.missing import first_stiffness, remarks, study_missing
+from tdcr_fe.validation.paper.studies.comparison import compare_table, deviation
+from tdcr_fe.validation.paper.studies.datasets import DATASETS, table_dataset
+from tdcr_fe.validation.paper.studies.missing import first_stiffness, remarks, study_missing
 from tdcr_fe.validation.paper.tables import (
     TABLES,
     first_moment,

@@ -17,10 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.friction import TendonLaw
-from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, resolve
+from tdcr_fe.model.robot import Robot, Tendon
+from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.solve.simulate import Simulation, SolverSettings
 from tdcr_fe.solve.state import SolverState
+from tdcr_fe.validation.paper.cases import paper_case
 
 Array = NDArray[np.float64]
 Signs = tuple[int, ...]
@@ -173,3 +175,25 @@ def _solve(simulation: Simulation, start: SolverState, target: Actuation, slip: 
     simulation.restore(start)
     simulation.advance(target)
     return slip - simulation.displacement
+
+
+def three_tendon_robot() -> Robot:
+    """The single segment of Fig. 3 with three tendons, 120 degrees apart."""
+    single = paper_case("fig3").robot
+    tendons = tuple(
+        Tendon(f"t{k + 1}", ParallelRouting(4.5e-3, 120.0 * k), friction_coefficient=0.3) for k in range(3)
+    )
+    return Robot(single.backbone, single.disks, tendons, "three-tendons")
+
+
+def sign_steps() -> list[LoadStep]:
+    """A loading sequence in which the tendons' signs change, and in which some tendons do not move at all."""
+    return [
+        LoadStep("all to 0.3 N", {"t1": 0.3, "t2": 0.3, "t3": 0.3}),
+        LoadStep("t1 to 1.2 N", {"t1": 1.2}),
+        LoadStep("t2 to 0.8 N", {"t2": 0.8}),
+        LoadStep("t1 back to 0.4 N", {"t1": 0.4}),
+        LoadStep("t3 to 1.0 N", {"t3": 1.0}),
+        LoadStep("t3 back to 0.98 N", {"t3": 0.98}),
+        LoadStep("5 mN at the tip", {}, loads={"tip": Load(0.25, (0.005, 0.0, 0.0))}),
+    ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,60 +97,98 @@ def search_critical_load(
         Relative accuracy of a critical load [1].
     """
     unit = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+    ramp = _Ramp(robot, model, tuple(before), unit)
+    path = ramp.follow([0.0, *loads])
     length = robot.backbone.length
+    return CriticalSearch(
+        _vector(unit),
+        np.array([0.0, *loads][: len(path.stabilities)]),
+        np.array([x.smallest for x in path.stabilities]),
+        np.array([x.divergence for x in path.stabilities]),
+        np.array([p[-1] for p in path.shapes]),
+        min((_nearest(p, length) for p in path.shapes), default=float("nan")),
+        None if path.how == "none" else ramp.bracketed([0.0, *loads], path, tolerance),
+        path.how,
+    )
 
-    def steps(values: Sequence[float]) -> list[LoadStep]:
-        return [
-            *before,
-            *(LoadStep(f"{f:.6g} N", loads={"tip": Load(length, _vector(f * unit))}) for f in values),
+
+class _Path(NamedTuple):
+    """Equilibria along a ramp of the load.
+
+    Attributes
+    ----------
+    stabilities : list of Stability
+        At every size solved, the unloaded state first.
+    shapes : list of ndarray, shape (n, 3)
+        Positions of the nodes [m].
+    how : str
+        Why it ended, as in `CriticalSearch`.
+    """
+
+    stabilities: list[Stability]
+    shapes: list[Array]
+    how: str
+
+
+@dataclass(frozen=True)
+class _Ramp:
+    """A load at the tip, in a direction, after other steps.
+
+    Attributes
+    ----------
+    robot : Robot
+    model : Model
+    before : tuple of LoadStep
+        The last of them is the state without load; without any, the unloaded robot is solved.
+    direction : ndarray, shape (3,)
+        Unit vector.
+    """
+
+    robot: Robot
+    model: Model
+    before: tuple[LoadStep, ...]
+    direction: Array
+
+    def follow(self, sizes: Sequence[float]) -> _Path:
+        """Follow the equilibrium over sizes of the load [N], of which the first is zero, until stability is lost."""
+        tip = self.robot.backbone.length
+        new = sizes[1:] if self.before else sizes
+        steps = [
+            *self.before,
+            *(LoadStep(f"{f:.6g} N", loads={"tip": Load(tip, _vector(f * self.direction))}) for f in new),
         ]
-
-    def follow(values: Sequence[float]) -> tuple[list[Stability], list[Array], str]:
-        targets = resolve(robot, steps(values))
-        simulation = Simulation(robot, model, targets)
+        targets = resolve(self.robot, steps)
+        simulation = Simulation(self.robot, self.model, targets)
         found: list[Stability] = []
         shapes: list[Array] = []
         for number, target in enumerate(targets, start=1):
             try:
                 report = simulation.advance(target)
             except StepFailed:
-                return found, shapes, "stop"
-            if number < len(before):
+                return _Path(found, shapes, "stop")
+            if number < len(self.before):
                 continue
-            if report.snapped and number > len(before):
-                return found, shapes, "snap"
+            if report.snapped and number > len(self.before):
+                return _Path(found, shapes, "snap")
             found.append(stability(simulation))
             shapes.append(simulation.state.configuration.positions.copy())
             if found[-1].divergence <= 0.0:
-                return found, shapes, "eigenvalue"
-        return found, shapes, "none"
+                return _Path(found, shapes, "eigenvalue")
+        return _Path(found, shapes, "none")
 
-    values = [0.0, *loads]
-    found, shapes, how = follow(values[1:] if before else values)
-    solved = np.array(values[: len(found)])
-    critical: float | None = None
-    if how != "none":
-        good = len(found) - 1 if how == "eigenvalue" else len(found)
-        low, high = values[max(good - 1, 0)], values[min(good, len(values) - 1)]
-        path = values[1:good] if before else values[:good]
+    def bracketed(self, sizes: Sequence[float], path: _Path, tolerance: float) -> float:
+        """Load at which a path lost its stability, by bisection to a relative tolerance [N]."""
+        good = len(path.stabilities) - (path.how == "eigenvalue")
+        low, high = sizes[max(good - 1, 0)], sizes[min(good, len(sizes) - 1)]
+        stable = list(sizes[: max(good, 1)])
         while high - low > tolerance * max(high, 1e-6):
             middle = 0.5 * (low + high)
-            if follow([*path, middle])[2] == "none":
+            if self.follow([*stable, middle]).how == "none":
                 low = middle
-                path = [*path, middle]
+                stable.append(middle)
             else:
                 high = middle
-        critical = 0.5 * (low + high)
-    return CriticalSearch(
-        _vector(unit),
-        solved,
-        np.array([x.smallest for x in found]),
-        np.array([x.divergence for x in found]),
-        np.array([p[-1] for p in shapes]),
-        min((_nearest(p, length) for p in shapes), default=float("nan")),
-        critical,
-        how,
-    )
+        return 0.5 * (low + high)
 
 
 def _nearest(places: Array, length: float) -> float:

@@ -20,7 +20,7 @@ from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.paper.cases import prototype
-from tdcr_fe.validation.paper.comparison import row_steps
+from tdcr_fe.validation.paper.studies.comparison import row_steps
 from tdcr_fe.validation.paper.tables import STATED_ERROR, paper_table
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tdcr_fe.model.results import StepResult
-from tdcr_fe.report.style import COLOURS, styled
+from tdcr_fe.report.style import COLOURS, styled, svg
 from tdcr_fe.validation.paper.cases import MODEL_NAMES
-from tdcr_fe.validation.paper.claims import deformation
-from tdcr_fe.validation.paper.run import CaseStudy, PaperRun, TableStudy
+from tdcr_fe.validation.paper.run import PaperRun
+from tdcr_fe.validation.paper.studies.figures import CaseStudy, deformation
+from tdcr_fe.validation.paper.studies.table_study import TableStudy
 
 Array = NDArray[np.float64]
 
@@ -33,74 +35,92 @@ def _dense(step: StepResult) -> Array:
     return 1e3 * step.position_at(s)
 
 
+def drawings(run: PaperRun) -> dict[str, str]:
+    """Every drawing as SVG, by name."""
+    found = {name: svg(draw_case(study)) for name, study in run.cases.items()}
+    if run.tables:
+        found["tables"] = svg(draw_tables(run))
+    if run.missing:
+        found["missing"] = svg(draw_missing(run))
+    if run.searches:
+        found["critical"] = svg(draw_searches(run))
+    if run.dynamics:
+        found["dynamics"] = svg(draw_dynamics(run))
+    return found
+
+
 def draw_case(study: CaseStudy) -> Figure:
     """Three views of every marked state with every model, and how the tip and its stability follow the load."""
     with styled():
         figure, axes = _subplots(4, 13.2, 3.5, width_ratios=(1, 1, 1, 1.25))
-        views = (
-            (
-                "isometric",
-                lambda p: ((p[:, 0] - p[:, 1]) * 0.866, p[:, 2] + 0.5 * (p[:, 0] + p[:, 1]) * -1.0),
-                ("", ""),
-            ),
-            ("top", lambda p: (p[:, 0], p[:, 1]), ("x [mm]", "y [mm]")),
-            ("side", _side(study), _side_labels(study)),
-        )
-        for axis, (name, project, labels) in zip(axes[:3], views, strict=True):
-            for key, run in study.runs.items():
-                for k, label in enumerate(study.case.marked):
-                    step = next((s for s in run.steps if s.label == label), None)
-                    if step is None:
-                        continue
-                    u, v = project(_dense(step))
-                    shade = 0.45 + 0.55 * k / max(len(study.case.marked) - 1, 1)
-                    axis.plot(
-                        u,
-                        v,
-                        color=COLORS[key],
-                        ls=LINES[key],
-                        lw=WIDTHS[key],
-                        alpha=shade,
-                        label=MODEL_NAMES[key] if k == len(study.case.marked) - 1 else None,
-                    )
-            axis.plot(*project(np.array([[0.0, 0.0, 0.0]])), "ks", ms=4)
-            axis.set_aspect("equal", adjustable="datalim")
+        for axis, (name, project, labels) in zip(axes[:3], _views(study), strict=True):
+            _draw_shapes(axis, study, project)
             axis.set(title=name, xlabel=labels[0], ylabel=labels[1])
             if name == "isometric":
                 axis.set_xticklabels([])
                 axis.set_yticklabels([])
-        last = axes[3]
-        length = study.case.robot.backbone.length
-        second = last.twinx()
-        second.spines["right"].set_visible(True)
-        second.grid(False)
-        for key, run in study.runs.items():
-            x = np.arange(1, len(run.steps) + 1)
-            last.plot(
-                x,
-                [1e3 * deformation(s, length) for s in run.steps],
+        _draw_sequence(axes[3], study)
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+#: Takes points, shape (n, 3), to the coordinates of a view.
+Projection = Callable[[Array], tuple[Array, Array]]
+
+
+def _views(study: CaseStudy) -> tuple[tuple[str, Projection, tuple[str, str]], ...]:
+    """Title, projection and axis labels of every view."""
+    return (
+        ("isometric", _isometric, ("", "")),
+        ("top", lambda p: (p[:, 0], p[:, 1]), ("x [mm]", "y [mm]")),
+        ("side", _side(study), _side_labels(study)),
+    )
+
+
+def _isometric(p: Array) -> tuple[Array, Array]:
+    return (p[:, 0] - p[:, 1]) * 0.866, p[:, 2] + 0.5 * (p[:, 0] + p[:, 1]) * -1.0
+
+
+def _draw_shapes(axis: Any, study: CaseStudy, project: Projection) -> None:
+    """Every marked state with every model in one view, later states darker."""
+    last = len(study.case.marked) - 1
+    for key, run in study.runs.items():
+        for k, label in enumerate(study.case.marked):
+            step = next((s for s in run.steps if s.label == label), None)
+            if step is None:
+                continue
+            u, v = project(_dense(step))
+            axis.plot(
+                u,
+                v,
                 color=COLORS[key],
                 ls=LINES[key],
                 lw=WIDTHS[key],
+                alpha=0.45 + 0.55 * k / max(last, 1),
+                label=MODEL_NAMES[key] if k == last else None,
             )
-            second.plot(
-                x,
-                [s.smallest for s in run.stabilities],
-                color=COLORS[key],
-                ls=LINES[key],
-                lw=0.8,
-                alpha=0.7,
-                marker=".",
-                ms=3,
-            )
-        steps = study.case.steps
-        last.set_xticks(range(1, len(steps) + 1), [_tick(s.label) for s in steps], rotation=90, fontsize=6.5)
-        last.set(title="along the loading sequence", ylabel="tip displacement [mm]")
-        last.set_ylim(bottom=0.0)
-        second.set_ylim(0.0, 1.05)
-        second.set_ylabel("smallest eigenvalue (dots)")
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return figure
+    axis.plot(*project(np.array([[0.0, 0.0, 0.0]])), "ks", ms=4)
+    axis.set_aspect("equal", adjustable="datalim")
+
+
+def _draw_sequence(axis: Any, study: CaseStudy) -> None:
+    """Tip displacement and smallest eigenvalue along the loading sequence."""
+    length = study.case.robot.backbone.length
+    second = axis.twinx()
+    second.spines["right"].set_visible(True)
+    second.grid(False)
+    for key, run in study.runs.items():
+        look = {"color": COLORS[key], "ls": LINES[key]}
+        x = np.arange(1, len(run.steps) + 1)
+        axis.plot(x, [1e3 * deformation(s, length) for s in run.steps], lw=WIDTHS[key], **look)
+        eigenvalues = [s.smallest for s in run.stabilities]
+        second.plot(x, eigenvalues, lw=0.8, alpha=0.7, marker=".", ms=3, **look)
+    steps = study.case.steps
+    axis.set_xticks(range(1, len(steps) + 1), [_tick(s.label) for s in steps], rotation=90, fontsize=6.5)
+    axis.set(title="along the loading sequence", ylabel="tip displacement [mm]")
+    axis.set_ylim(bottom=0.0)
+    second.set_ylim(0.0, 1.05)
+    second.set_ylabel("smallest eigenvalue (dots)")
 
 
 def _tick(label: str) -> str:
@@ -113,7 +133,7 @@ def _plane(study: CaseStudy) -> int:
     return int(np.argmax(np.abs(step.tip[:2])))
 
 
-def _side(study: CaseStudy) -> Any:
+def _side(study: CaseStudy) -> Projection:
     k = _plane(study)
     return lambda p: (p[:, k], p[:, 2])
 

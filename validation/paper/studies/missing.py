@@ -18,8 +18,8 @@ from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.validation.paper.comparison import Deviation, summarise
-from tdcr_fe.validation.paper.datasets import TableData, table_dataset
+from tdcr_fe.validation.paper.studies.comparison import Deviation, summarise
+from tdcr_fe.validation.paper.studies.datasets import TableData, table_dataset
 from tdcr_fe.validation.paper.tables import STIFFNESS_FACTOR, paper_table
 
 Array = NDArray[np.float64]
@@ -136,12 +136,12 @@ def first_stiffness(table: TableData) -> float | None:
 
 
 def study_missing(name: str) -> MissingStudy:
-    """Run the identification on one data set of `tdcr_fe.validation.paper.datasets`.
+    """Run the identification on one data set of `tdcr_fe.validation.paper.studies.datasets`.
 
     Parameters
     ----------
     name
-        One of `tdcr_fe.validation.paper.datasets.DATASETS`.
+        One of `tdcr_fe.validation.paper.studies.datasets.DATASETS`.
     """
     table = table_dataset(name)
     data = table.data

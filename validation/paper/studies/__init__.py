@@ -1,0 +1,1 @@
+"""What is computed for the report on the paper: one module for each figure, table, method or limitation."""
