@@ -27,6 +27,9 @@ from tdcr_fe.solve.simulation import Simulation, step_warnings
 from tdcr_fe.solve.stepping import Increment, StepFailed
 from tdcr_fe.solve.threads import one_thread
 
+#: Messages of a run that solved all steps, and of one that was interrupted.
+CONVERGED, INTERRUPTED = "all steps converged", "interrupted"
+
 #: By load step, the ends of its substeps with the states there.
 PathRecord = list[list[Increment]]
 
@@ -63,7 +66,8 @@ def simulate(
     Returns
     -------
     SequenceResult
-        Where a step fails, or the user interrupts, all steps before it, and a message.
+        Where a step fails, or the user interrupts, all steps before it, and a message. Where this happens on an
+        automatically refined mesh, the steps of the coarser mesh if it solved more of them, and a warning.
 
     Raises
     ------
@@ -79,36 +83,81 @@ def simulate(
     settings = settings or SolverSettings()
     begun = time.perf_counter()
     targets = resolve(robot, steps)
-    counts = elements_of_bays(robot, model)
-    automatic = model.elements_per_bay == "auto" and reference_path is None
     with one_thread():
-        for meshes in range(1, MOST_MESHES + 1):
-            if record_path is not None:
-                record_path.clear()
-            run = _Run(robot, replace(model, elements_per_bay=counts), steps, targets, settings, progress)
-            finer = run.take_steps(reference_path, record_path, automatic and meshes < MOST_MESHES)
-            if finer is None:
-                break
-            counts = finer
-    estimates = run.monitor.estimates
+        kept, last = _refined_runs(robot, model, steps, targets, settings, progress, reference_path)
+    if record_path is not None:
+        record_path[:] = kept.path
+    estimates = kept.monitor.estimates
     warnings = [
         *plausibility_warnings(robot, model, steps),
-        *run.warnings,
-        *mesh_warnings(run.simulation.handle, model, estimates, settings.mesh_tolerance),
-        *strain_warnings(robot, run.solved),
+        *kept.warnings,
+        *mesh_warnings(kept.simulation.handle, model, estimates, settings.mesh_tolerance),
+        *([] if kept is last else [_coarser_mesh_kept(kept, last)]),
+        *strain_warnings(robot, kept.solved),
     ]
+    failed, message = (last.failed, last.message) if kept is last else _outcome_on_coarser_mesh(kept, last)
     return SequenceResult(
         robot=robot,
         model=model,
-        steps=tuple(_estimated(step, e) for step, e in zip_longest(run.solved, estimates)),
-        converged=run.failed is None,
-        message=run.message,
-        failed_step=run.failed,
+        steps=tuple(_estimated(step, e) for step, e in zip_longest(kept.solved, estimates)),
+        converged=message == CONVERGED,
+        message=message,
+        failed_step=failed,
         wall_time=time.perf_counter() - begun,
         warnings=tuple(warnings),
         settings=asdict(settings),
-        elements_per_bay=counts,
+        elements_per_bay=kept.elements_per_bay,
     )
+
+
+def _refined_runs(
+    robot: Robot,
+    model: Model,
+    steps: Sequence[LoadStep],
+    targets: Sequence[Actuation],
+    settings: SolverSettings,
+    progress: Callable[[StepResult], None] | None,
+    reference_path: PathRecord | None,
+) -> tuple[_Run, _Run]:
+    """Run on finer and finer meshes; the run that solved most steps, and the last one.
+
+    They differ where a run on a refined mesh fails, or is interrupted, before it reaches the steps that the run on the
+    coarser mesh has solved.
+    """
+    counts = elements_of_bays(robot, model)
+    automatic = model.elements_per_bay == "auto" and reference_path is None
+    kept: _Run | None = None
+    for mesh in range(1, MOST_MESHES + 1):
+        last = _Run(robot, replace(model, elements_per_bay=counts), steps, targets, settings, progress)
+        finer = last.take_steps(reference_path, automatic and mesh < MOST_MESHES)
+        if kept is None or len(last.solved) >= len(kept.solved):
+            kept = last
+        if finer is None:
+            break
+        counts = finer
+    assert kept is not None
+    return kept, last
+
+
+def _coarser_mesh_kept(kept: _Run, last: _Run) -> str:
+    """Warning that the steps are those of a coarser mesh than the last one tried."""
+    what = "was interrupted" if last.message == INTERRUPTED else f"failed: {last.message}"
+    return (
+        f"the results are those of a mesh of {sum(kept.elements_per_bay)} elements, on which {len(kept.solved)} "
+        f"{'step was' if len(kept.solved) == 1 else 'steps were'} solved; the run on the refined mesh of "
+        f"{sum(last.elements_per_bay)} elements got to step {last.failed} and {what}"
+    )
+
+
+def _outcome_on_coarser_mesh(kept: _Run, last: _Run) -> tuple[int | None, str]:
+    """Number of the first step without a solution, and the message, where a coarser mesh's steps are kept."""
+    complete = len(kept.solved) == len(kept.steps)
+    number = None if complete else len(kept.solved) + 1
+    if last.message == INTERRUPTED:
+        return number, INTERRUPTED
+    if complete:
+        return None, CONVERGED
+    return number, f"step {number} was not solved, since the refined mesh failed before it: {last.message}"
 
 
 def _estimated(step: StepResult, estimate: MeshEstimate | None) -> StepResult:
@@ -140,13 +189,12 @@ class _Run:
         self.goal = self.tolerance * robot.backbone.length
         self.monitor = MeshMonitor(self.simulation, self.goal)
         self.solved: list[StepResult] = []
+        self.path: PathRecord = []
         self.warnings: list[str] = []
         self.failed: int | None = None
-        self.message = "all steps converged"
+        self.message = CONVERGED
 
-    def take_steps(
-        self, reference_path: PathRecord | None, record_path: PathRecord | None, refine: bool
-    ) -> tuple[int, ...] | None:
+    def take_steps(self, reference_path: PathRecord | None, refine: bool) -> tuple[int, ...] | None:
         """Solve all steps; or return the elements per bay of the finer mesh that they need."""
         estimated = isfinite(self.tolerance)
         for number, (step, target) in enumerate(zip(self.steps, self.targets, strict=True), start=1):
@@ -154,23 +202,32 @@ class _Run:
                 increments: list[Increment] = []
                 reference = None if reference_path is None else reference_path[number - 1]
                 report = self.simulation.advance(target, step.substeps, reference, increments)
-                if record_path is not None:
-                    record_path.append(increments)
             except StepFailed as failure:
                 label = f" ({step.label})" if step.label else ""
                 self.failed, self.message = number, f"step {number}{label} did not converge: {failure}"
                 break
             except KeyboardInterrupt:
-                self.failed, self.message = number, "interrupted"
+                self.failed, self.message = number, INTERRUPTED
                 return None
-            if estimated and self.monitor.record() and refine and self._too_coarse():
-                return self._refined_mesh()
+            self.path.append(increments)
             self.solved.append(self.simulation.result(number, step.label, report, target))
             self.warnings += step_warnings(number, report)
+            if estimated and self.monitor.record() and refine and self._too_coarse():
+                finer = self._refined_mesh()
+                if finer is not None:
+                    return finer
+                refine = False
             if self.progress is not None:
                 self.progress(self.solved[-1])
         self.monitor.flush()
         return self._refined_mesh() if refine and self._too_coarse() else None
+
+    @property
+    def elements_per_bay(self) -> tuple[int, ...]:
+        """Of the mesh."""
+        counts = self.simulation.handle.model.elements_per_bay
+        assert isinstance(counts, tuple)
+        return counts
 
     def _too_coarse(self) -> bool:
         """Whether any step estimated so far misses the tolerance."""
@@ -178,11 +235,9 @@ class _Run:
 
     def _refined_mesh(self) -> tuple[int, ...] | None:
         """Elements per bay of a finer mesh; None where the limit is reached."""
-        counts = self.simulation.handle.model.elements_per_bay
-        assert isinstance(counts, tuple)
         order = error_order(self.simulation.handle)
-        finer = refined(counts, self.monitor.estimates, self.goal, order)
-        return None if finer == counts else finer
+        finer = refined(self.elements_per_bay, self.monitor.estimates, self.goal, order)
+        return None if finer == self.elements_per_bay else finer
 
 
 __all__ = ["PathRecord", "Simulation", "SolverSettings", "StepFailed", "simulate"]

@@ -13,8 +13,9 @@ from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Backbone, Disks, Robot, Superelastic, Tendon
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.solve.mesh import POINTS, WEIGHTS, MeshEstimate, _collocation_matrix, refined
-from tdcr_fe.solve.simulate import SolverSettings, simulate
+from tdcr_fe.solve import mesh
+from tdcr_fe.solve.mesh import CHUNK, POINTS, WEIGHTS, MeshEstimate, _collocation_matrix, refined
+from tdcr_fe.solve.simulate import PathRecord, Simulation, SolverSettings, StepFailed, simulate
 
 #: Finer mesh with which the estimate is compared: elements per element.
 FINER = 8
@@ -188,6 +189,62 @@ def test_refinement_begins_where_a_coarse_start_is_not_enough() -> None:
     assert all(s.discretisation_error < 1e-6 * LENGTH for s in result.steps)
     assert result.model == model
     assert len(result.steps) == 2
+
+
+def fail_on_refined_meshes(monkeypatch, at_step: int, error: BaseException) -> None:
+    """Let a step fail on every mesh but the first."""
+    advance = Simulation.advance
+    calls: dict[Simulation, int] = {}
+
+    def failing(self: Simulation, *args):
+        calls[self] = calls.get(self, 0) + 1
+        if len(calls) > 1 and calls[self] == at_step:
+            raise error
+        return advance(self, *args)
+
+    monkeypatch.setattr(Simulation, "advance", failing)
+
+
+def test_steps_of_the_coarser_mesh_are_kept_where_the_refined_one_fails(monkeypatch) -> None:
+    """Before, a failure in step 2 of the refined run left one of the three steps that were solved."""
+    fail_on_refined_meshes(monkeypatch, 2, StepFailed("no balance", 0.0, 1.0, None, 5))
+    path: PathRecord = []
+    settings = SolverSettings(mesh_tolerance=1e-6)
+    result = simulate(paper(), Model(friction="none"), pull(1.0, 2.0, 2.5), settings, record_path=path)
+    assert result.converged and len(result.steps) == len(path) == 3
+    assert result.elements_per_bay == elements_of_bays(paper(), Model())
+    assert all(s.discretisation_error > 1e-6 * LENGTH for s in result.steps)
+    assert any("on which 3 steps were solved" in w and "step 2" in w for w in result.warnings)
+    assert any("too coarse" in w for w in result.warnings)
+
+
+def test_steps_of_the_coarser_mesh_are_kept_where_the_refined_run_is_interrupted(monkeypatch) -> None:
+    fail_on_refined_meshes(monkeypatch, 1, KeyboardInterrupt())
+    settings = SolverSettings(mesh_tolerance=1e-6)
+    result = simulate(paper(), Model(friction="none"), pull(1.0, 2.5), settings)
+    assert (result.converged, result.message, len(result.steps)) == (False, "interrupted", 2)
+    assert any("was interrupted" in w for w in result.warnings)
+
+
+def test_a_coarser_run_that_ended_for_the_refinement_names_the_first_step_without_solution(
+    monkeypatch,
+) -> None:
+    """The error is estimated every eight steps; the coarser run ends there."""
+    fail_on_refined_meshes(monkeypatch, 3, StepFailed("no balance", 0.0, 1.0, None, 5))
+    settings = SolverSettings(mesh_tolerance=1e-6)
+    steps = pull(*np.linspace(0.2, 2.5, 12))
+    result = simulate(paper(), Model(friction="none"), steps, settings)
+    assert (result.converged, result.failed_step, len(result.steps)) == (False, CHUNK + 1, CHUNK)
+    assert "step 3" in result.message and "no balance" in result.message
+
+
+def test_all_steps_are_solved_on_a_mesh_that_cannot_be_refined(monkeypatch) -> None:
+    """Before, a sequence of more than eight steps ended without a word where the mesh was at its limit."""
+    monkeypatch.setattr(mesh, "MOST_ELEMENTS", 1)
+    steps = pull(*np.linspace(0.2, 2.5, 12))
+    result = simulate(paper(), Model(friction="none"), steps, SolverSettings(mesh_tolerance=1e-6))
+    assert result.converged and len(result.steps) == 12
+    assert any("too coarse" in w for w in result.warnings)
 
 
 def test_a_number_of_ones_own_is_kept_and_its_error_reported() -> None:
