@@ -22,6 +22,7 @@ from tdcr_fe.effects.tendons import (
     RoutingTwist,
     TendonStretch,
 )
+from tdcr_fe.model.arguments import check_instance
 
 #: Every effect, in the order in which several are applied: the command first, the measurement last.
 EFFECTS: tuple[Effect, ...] = (
@@ -68,6 +69,10 @@ def with_effects(experiment: Experiment, effects: Mapping[str, Mapping[str, floa
     KeyError, ValueError
         An unknown effect or parameter, or a value out of bounds.
     """
+    hint = "Experiment(robot, model, steps) makes one."
+    check_instance("with_effects", "experiment", experiment, Experiment, "an Experiment", hint)
+    hint = "{'gravity': {'g_z': -9.81}} is one."
+    check_instance("with_effects", "effects", effects, Mapping, "a mapping of names to values", hint)
     for name in effects:
         effect(name)
     for e in EFFECTS:

@@ -23,7 +23,7 @@ from tdcr_fe.identify.selection import (
     with_intermediate_models,
 )
 from tdcr_fe.io.measured import MeasuredData
-from tdcr_fe.model.arguments import wrong_type
+from tdcr_fe.model.arguments import check_callable, wrong_type
 
 #: Tolerance of the loading path as a fraction of the noise of a position (a third of it is left), and its limit.
 PATH_SHARE, LOOSEST = 0.6, 3e-4
@@ -55,7 +55,7 @@ def identify(
     Raises
     ------
     TypeError
-        ``data`` is of another type; the message names the function to call.
+        An argument is of another type; the message names the expected type and the function to call.
     NotSolved
         The declared model does not converge.
     KeyboardInterrupt
@@ -64,6 +64,10 @@ def identify(
     if not isinstance(data, MeasuredData):
         hint = "read_measured(folder) reads it from robot.toml, loading.csv and observations.csv."
         raise wrong_type("identify", "data", data, "MeasuredData", hint)
+    if settings is not None and not isinstance(settings, IdentifySettings):
+        hint = "IdentifySettings(processes=2) makes them; those of the solver are data.settings."
+        raise wrong_type("identify", "settings", settings, "IdentifySettings", hint)
+    check_callable("identify", "progress", progress, "It is called with a sentence and a fraction.")
     settings = settings or IdentifySettings()
     begun = time.perf_counter()
     search = Search(settings, progress or (lambda text, share: None))

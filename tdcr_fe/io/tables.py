@@ -11,6 +11,7 @@ from pathlib import Path
 
 from tdcr_fe.io.atomic import write_folder, write_json
 from tdcr_fe.io.summary import summary
+from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.results import SequenceResult
 
 #: Every table and summary that `write_results` writes.
@@ -53,6 +54,8 @@ def write_results(
     OSError
         A file cannot be written.
     """
+    hint = "simulate(robot, model, steps) makes one."
+    check_instance("write_results", "result", result, SequenceResult, "a SequenceResult", hint)
 
     def write_tables(folder: Path) -> None:
         result.to_frame().to_csv(folder / "steps.csv", index=False)

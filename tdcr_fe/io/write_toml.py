@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import is_dataclass
 from typing import Any
 
+from tdcr_fe.model import arguments
 from tdcr_fe.model.friction import FRICTION_COEFFICIENTS
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
@@ -57,6 +58,7 @@ def robot_to_toml(robot: Robot) -> str:
     ValueError
         The robot has what the file format cannot express, such as a routing of one's own; all of it is named.
     """
+    arguments.check_robot("robot_to_toml", robot)
     foreign = [
         f"tendons[{i}].routing ({t.routing.kind})"
         for i, t in enumerate(robot.tendons)
@@ -90,6 +92,8 @@ def model_to_toml(model: Model, settings: SolverSettings | None = None) -> str:
     model, settings
         Description to write; None leaves out the table `[solver]`.
     """
+    arguments.check_model("model_to_toml", model)
+    arguments.check_settings("model_to_toml", settings)
     lines = ["[model]", *_lines(_table(model))]
     if settings is not None:
         lines += ["", "[solver]", *_lines(_table(settings))]
@@ -116,6 +120,10 @@ def scenario_to_toml(
     effects
         By name, values of their parameters; None leaves out the table `[effects]`.
     """
+    steps = list(steps)
+    arguments.check_model("scenario_to_toml", model)
+    arguments.check_steps("scenario_to_toml", steps)
+    arguments.check_settings("scenario_to_toml", settings)
     lines = [f"robot = {value_to_toml(robot)}", "", model_to_toml(model, settings).rstrip()]
     if effects is not None:
         lines += ["", "[effects]", *_lines(effects)]

@@ -85,13 +85,16 @@ def CreateTDCR(
     Raises
     ------
     TypeError
-        ``mbs``, ``robot`` or ``model`` is of another type; the message names the function to call.
+        An argument is of another type; the message names the expected type and the function to call.
     ValueError
         The model needs too much memory, two robots have one name, an argument is no rotation, or a load lies beyond
         the tip.
     """
     model = Model() if model is None else model
-    check_types(mbs, robot, model)
+    check_system("CreateTDCR", mbs)
+    arguments.check_robot("CreateTDCR", robot)
+    arguments.check_model("CreateTDCR", model)
+    _check_placement(name, basePosition, loadPositions, presliding)
     check_size(robot, model)
     check_arc_lengths(loadPositions, robot.backbone.length)
     pose = BasePose.of(basePosition, baseRotationMatrix)
@@ -123,13 +126,21 @@ def CreateTDCR(
     return handle
 
 
-def check_types(mbs: Any, robot: Any, model: Any) -> None:
-    """Refuse arguments of another type; the error names the function to call."""
-    if not isinstance(mbs, exu.MainSystem):
-        hint = "SC = exudyn.SystemContainer(); mbs = SC.AddSystem() makes one."
-        raise arguments.wrong_type("CreateTDCR", "mbs", mbs, "an exudyn.MainSystem", hint)
-    arguments.check_robot("CreateTDCR", robot)
-    arguments.check_model("CreateTDCR", model)
+def check_system(function: str, mbs: Any) -> None:
+    """Refuse anything but a system of Exudyn; the error names what makes one."""
+    hint = "SC = exudyn.SystemContainer(); mbs = SC.AddSystem() makes one."
+    arguments.check_instance(function, "mbs", mbs, exu.MainSystem, "an exudyn.MainSystem", hint)
+
+
+def _check_placement(name: Any, position: Any, load_positions: Any, presliding: Any) -> None:
+    """Refuse arguments of `CreateTDCR` of another type or size."""
+    hint = "It is the prefix of all item names; None takes the robot's name."
+    arguments.check_instance("CreateTDCR", "name", name, (str, type(None)), "a text", hint)
+    arguments.check_numbers("CreateTDCR", "basePosition", position, "[0, 0, 0] is the origin [m].", count=3)
+    hint = "loadPositions=[0.1] adds a node at 0.1 m."
+    arguments.check_numbers("CreateTDCR", "loadPositions", load_positions, hint)
+    hint = "1e-6 is the default [m]."
+    arguments.check_number("CreateTDCR", "presliding", presliding, hint, positive=True)
 
 
 def check_size(robot: Robot, model: Model) -> None:

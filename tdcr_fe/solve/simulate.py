@@ -80,6 +80,10 @@ def simulate(
     arguments.check_model("simulate", model)
     arguments.check_steps("simulate", steps)
     arguments.check_settings("simulate", settings)
+    arguments.check_callable("simulate", "progress", progress, "It is called with every StepResult.")
+    for name, path in (("reference_path", reference_path), ("record_path", record_path)):
+        hint = "record_path=[] of one run gives the reference_path of the next."
+        arguments.check_instance("simulate", name, path, (list, type(None)), "a list", hint)
     settings = settings or SolverSettings()
     begun = time.perf_counter()
     targets = resolve(robot, steps)

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh, eigvals, null_space
 
 from tdcr_fe.elements.backbone import strain_matrices
+from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.solve.simulation import Simulation
 from tdcr_fe.solve.state import SolverState, Target
 from tdcr_fe.solve.system import SceneSystem
@@ -71,6 +72,8 @@ def stability(simulation: Simulation) -> Stability:
     simulation
         At an equilibrium.
     """
+    hint = "Simulation(robot, model, resolve(robot, steps)) makes one; advance it to the state of interest."
+    check_instance("stability", "simulation", simulation, Simulation, "a Simulation", hint)
     tangent, to_nodes = strain_tangent(simulation.system, simulation.state)
     robot = simulation.handle.actuation
     forces, mesh = robot.current_forces(), robot.mesh

@@ -7,7 +7,9 @@ from typing import Any
 
 import exudyn as exu
 
+from tdcr_fe.model import arguments
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.scene.builder import check_system
 from tdcr_fe.solve.ramp import Ramp
 from tdcr_fe.solve.stepping import LoadStepReport, solve_ramp
 from tdcr_fe.solve.system import SceneSystem
@@ -53,9 +55,16 @@ def SolveTDCR(
     ------
     StepFailed
         The message has the load factor, the residual, and what to try. The scene is then in the last converged state.
+    TypeError
+        An argument is of another type; the message names the expected type.
     ValueError
         The system is not assembled, has no robot, or has first-order states.
     """
+    check_system("SolveTDCR", mbs)
+    arguments.check_settings("SolveTDCR", settings)
+    arguments.check_count("SolveTDCR", "substeps", substeps)
+    for name, value in (("startTime", startTime), ("endTime", endTime)):
+        arguments.check_number("SolveTDCR", name, value, "It is a time [s].")
     system = SceneSystem(mbs)
     user_step = _function(mbs.GetPreStepUserFunction())
     before = None if user_step is None else lambda t: user_step(mbs, t)
