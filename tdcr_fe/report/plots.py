@@ -7,9 +7,9 @@ matplotlib are left as they were.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
@@ -92,24 +92,57 @@ def _framed(width: float, height: float, title: str, handles: Sequence[Line2D]) 
 # ---------------------------------------------------------------------------------------------------- shapes
 
 
+class _Shape(NamedTuple):
+    """What is drawn of one load step, in both kinds of views.
+
+    Attributes
+    ----------
+    curve : ndarray, shape (n, 3)
+        Backbone [mm].
+    rings : list of ndarray, shape (m, 3)
+        Rims of the disks [mm]; empty where only the backbone is drawn.
+    tendons : list of (ndarray, str)
+        Line of shape (k, 3) [mm] and colour of each tendon; empty where only the backbone is drawn.
+    colour : array
+        RGBA of the step.
+    width, alpha : float
+        Of the backbone's line.
+    """
+
+    curve: Array
+    rings: list[Array]
+    tendons: list[tuple[Array, str]]
+    colour: Any
+    width: float
+    alpha: float
+
+
+def _drawn_shapes(result: SequenceResult, drawn: list[int], colours: _StepColours) -> Iterator[_Shape]:
+    """Shapes of the drawn steps; disks and tendons of a few steps that differ most."""
+    detailed = distinct_steps(result)
+    for n, k in enumerate(drawn):
+        step = result.steps[k]
+        curve = backbone(result, step) * _MM
+        if k not in detailed:
+            yield _Shape(curve, [], [], colours(n), 1.0, 0.7)
+            continue
+        lines = (tendon_line(result, step, tendon) * _MM for tendon in result.robot.tendons)
+        tendons = list(zip(lines, _tendon_colours(result), strict=True))
+        yield _Shape(curve, list(rims(result, step)[1:] * _MM), tendons, colours(n), 1.9, 1.0)
+
+
 def _planar(
     axes: Axes, result: SequenceResult, i: int, j: int, drawn: list[int], colours: _StepColours, limits: Array
 ) -> None:
     """Project onto the world axes ``i`` and ``j``, with the world box ``limits`` [mm], shape (3, 2)."""
-    detailed = distinct_steps(result)
-    for n, k in enumerate(drawn):
-        step, colour = result.steps[k], colours(n)
-        curve = backbone(result, step) * _MM
-        if k in detailed:
-            for ring in rims(result, step)[1:] * _MM:
-                axes.fill(
-                    ring[:, i], ring[:, j], fc=(*colour[:3], 0.3), ec=(*colour[:3], 0.8), lw=0.8, zorder=2
-                )
-            for tendon, tendon_colour in zip(result.robot.tendons, _tendon_colours(result), strict=True):
-                line = tendon_line(result, step, tendon) * _MM
-                axes.plot(line[:, i], line[:, j], color=tendon_colour, lw=0.9, alpha=0.85, zorder=3)
-        width, alpha = (1.9, 1.0) if k in detailed else (1.0, 0.7)
-        axes.plot(curve[:, i], curve[:, j], color=colour, lw=width, alpha=alpha, zorder=4)
+    for shape in _drawn_shapes(result, drawn, colours):
+        fill, edge = ((*shape.colour[:3], alpha) for alpha in (0.3, 0.8))
+        for ring in shape.rings:
+            axes.fill(ring[:, i], ring[:, j], fc=fill, ec=edge, lw=0.8, zorder=2)
+        for line, colour in shape.tendons:
+            axes.plot(line[:, i], line[:, j], color=colour, lw=0.9, alpha=0.85, zorder=3)
+        curve, look = shape.curve, {"color": shape.colour, "lw": shape.width, "alpha": shape.alpha}
+        axes.plot(curve[:, i], curve[:, j], zorder=4, **look)
     plate = 1.6 * result.robot.disks.radius * _MM
     axes.plot([-plate, plate], [0.0, 0.0], color=_PLATE, lw=4, solid_capstyle="butt", zorder=5)
     if _path_is_drawn(result):
@@ -118,6 +151,7 @@ def _planar(
     axes.set_xlim(*limits[i])
     axes.set_ylim(*limits[j])
     axes.set_aspect("equal", adjustable="box")
+    detailed = distinct_steps(result)
     arrows.draw_loads(axes, result, detailed, i, j, arrows.scale_of(result, detailed))
     arrows.draw_gravity(axes, result, i, j)
     axes.set_xlabel(f"{'xyz'[i]} [mm]")
@@ -129,29 +163,22 @@ def _spatial(
     axes: Any, result: SequenceResult, drawn: list[int], colours: _StepColours, limits: Array
 ) -> None:
     """The shapes in three dimensions, on a 3D axes that spans the box ``limits`` [mm], shape (3, 2)."""
-    detailed = distinct_steps(result)
-    for n, k in enumerate(drawn):
-        step, colour = result.steps[k], colours(n)
-        curve = backbone(result, step) * _MM
-        if k in detailed:
-            rings = list(rims(result, step)[1:] * _MM)
+    for shape in _drawn_shapes(result, drawn, colours):
+        if shape.rings:
+            face = (*shape.colour[:3], 0.25)
             axes.add_collection3d(
-                Poly3DCollection(rings, facecolor=(*colour[:3], 0.25), edgecolor=colour, lw=0.6)
+                Poly3DCollection(shape.rings, facecolor=face, edgecolor=shape.colour, lw=0.6)
             )
-            for tendon, tendon_colour in zip(result.robot.tendons, _tendon_colours(result), strict=True):
-                line = tendon_line(result, step, tendon) * _MM
-                axes.add_collection3d(Line3DCollection([line], colors=[tendon_colour], lw=0.9, alpha=0.85))
-        width, alpha = (1.9, 1.0) if k in detailed else (1.0, 0.7)
-        axes.plot(*curve.T, color=colour, lw=width, alpha=alpha)
+        for line, colour in shape.tendons:
+            axes.add_collection3d(Line3DCollection([line], colors=[colour], lw=0.9, alpha=0.85))
+        axes.plot(*shape.curve.T, color=shape.colour, lw=shape.width, alpha=shape.alpha)
     plate = rims(result, result.steps[0])[0] * _MM * [1.6, 1.6, 1.0]
     axes.add_collection3d(Poly3DCollection([plate], facecolor=_PLATE, edgecolor=_PLATE, alpha=0.8))
     if _path_is_drawn(result):
         axes.plot(*(result.tips * _MM).T, color=_PATH, lw=0.9, ls=_DASHES)
-    corner = np.array([limits[0, 0], limits[1, 0], limits[2, 1]]) + 0.1 * np.diff(limits, axis=1).ravel() * [
-        1,
-        1,
-        -1,
-    ]
+    corner = np.array([limits[0, 0], limits[1, 0], limits[2, 1]])
+    corner = corner + 0.1 * np.diff(limits, axis=1).ravel() * [1, 1, -1]
+    detailed = distinct_steps(result)
     arrows.draw_spatial(axes, result, detailed, arrows.scale_of(result, detailed), corner)
     span = limits[:, 1] - limits[:, 0]
     for name, ends, width in zip("xyz", limits, span, strict=True):
