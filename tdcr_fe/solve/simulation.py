@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
 import exudyn as exu
@@ -24,6 +24,8 @@ from tdcr_fe.solve.system import SceneSystem
 
 Array = NDArray[np.float64]
 LoadKey = tuple[str, float, str]
+#: Sees every solved load step: its ramp, the state at its beginning, load factors and states of its substeps.
+PathObserver = Callable[[Ramp, SolverState, tuple[tuple[float, SolverState], ...]], None]
 
 
 class Simulation:
@@ -57,7 +59,7 @@ class Simulation:
             arguments.check_instance("Simulation", f"steps[{k}]", step, Actuation, "an Actuation", hint)
         arguments.check_settings("Simulation", settings)
         self.settings = settings or SolverSettings()
-        keys = {self._key(name, load) for step in steps for name, load in step.loads.items()}
+        keys = {self.load_key(name, load) for step in steps for name, load in step.loads.items()}
         # Exudyn's system container owns the system, so a reference to it is kept.
         self.container = exu.SystemContainer()
         mbs = self.container.AddSystem()
@@ -78,7 +80,8 @@ class Simulation:
         self._last: Linearization | None = None
 
     @staticmethod
-    def _key(name: str, load: Load) -> LoadKey:
+    def load_key(name: str, load: Load) -> LoadKey:
+        """Key of a load in `loads`."""
         return name, float(load.at), load.frame
 
     def advance(
@@ -87,6 +90,7 @@ class Simulation:
         substeps: int | None = None,
         reference_path: Sequence[Increment] | None = None,
         record_path: list[Increment] | None = None,
+        follow: PathObserver | None = None,
     ) -> LoadStepReport:
         """Solve one load step.
 
@@ -100,6 +104,8 @@ class Simulation:
             See `tdcr_fe.solve.stepping.LoadStepper.solve`.
         record_path
             Where the increments of this step are appended.
+        follow
+            Called with the ramp, the state at its beginning, and load factors and states at the ends of all substeps.
 
         Raises
         ------
@@ -110,7 +116,7 @@ class Simulation:
         for item in self.loads.values():
             item.set(np.zeros(3))
         for name, load in target.loads.items():
-            self.loads[self._key(name, load)].set(load.force, load.moment)
+            self.loads[self.load_key(name, load)].set(load.force, load.moment)
         robot.inputs, robot.by_displacement = target.values, target.by_displacement
         creeps = self.handle.robot.backbone.creep_rate != 0.0
         ramp = Ramp.of(
@@ -121,6 +127,10 @@ class Simulation:
         except StepFailed as failure:
             self.state, self._last = failure.state, None
             raise
+        if follow is not None:
+            follow(ramp, self.state, path.increments)
+            ramp.apply(self.system, 1.0)
+            self.system.store(path.state)
         self.state, self._last = path.state, path.linearization
         if record_path is not None:
             record_path.extend(Increment(factor, state.stored()) for factor, state in path.increments)

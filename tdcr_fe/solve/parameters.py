@@ -1,0 +1,463 @@
+"""Parameters by which results can be differentiated, named as in the files.
+
+A parameter takes an `Experiment` (robot, model, steps) to one with another value. Names: documentation, page
+"Sensitivities".
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tdcr_fe.effects import EFFECTS, Experiment, effect
+from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.model.robot import Robot, Tendon
+from tdcr_fe.model.routing import PointsRouting, Routing, TwistedRouting
+
+#: Components of a load of the current step, in the order of its six values.
+LOAD_COMPONENTS = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
+#: Stiffnesses of the backbone that follow from moduli and radius where they are not declared.
+_DERIVED = {
+    "bending_stiffness": "EI",
+    "torsional_stiffness": "GJ",
+    "axial_stiffness": "EA",
+    "shear_stiffness": "GA",
+}
+#: Size of a change, by unit, where a parameter is zero or an angle.
+_SIZES = {"rad": 1.0, "deg": 57.0, "m/s^2": 10.0, "N": 1.0, "N m": 1e-2, "kg": 1e-2, "1/s": 1e-2, "1": 1.0}
+
+
+@dataclass(frozen=True, eq=False)
+class ModelParameter:
+    """A number that the description of robot, model or steps depends on.
+
+    Attributes
+    ----------
+    name : str
+    value : float
+        Present value, at which `apply` changes nothing.
+    size : float
+        A typical value, in proportion to which difference steps are chosen.
+    apply : callable
+        From an experiment and a value to the experiment with that value. Raises ValueError where it is impossible.
+    """
+
+    name: str
+    value: float
+    size: float
+    apply: Callable[[Experiment, float], Experiment]
+
+
+@dataclass(frozen=True)
+class StepInput:
+    """An input at the end of every load step, everything before the step unchanged.
+
+    Attributes
+    ----------
+    name : str
+    tendon : int
+        Number of a tendon whose tension or displacement is meant, -1 where a load is meant.
+    load : str
+        Name of the load; empty where a tendon is meant.
+    component : int
+        Of the load's six values.
+    """
+
+    name: str
+    tendon: int = -1
+    load: str = ""
+    component: int = 0
+
+
+Parameter = ModelParameter | StepInput
+
+
+def parameters(experiment: Experiment, names: Sequence[str | Parameter]) -> tuple[Parameter, ...]:
+    """Parameters from their names; those already made stay as they are.
+
+    Parameters
+    ----------
+    experiment
+        Robot, model and steps.
+    names
+        Such as ``"backbone.youngs_modulus"``, ``"tendons.t1.offset"``, ``"effects.gravity.g_z"``, ``"inputs.t1"``.
+
+    Raises
+    ------
+    ValueError
+        An unknown or repeated name, or a field that is not a number.
+    """
+    found = tuple(x if isinstance(x, ModelParameter | StepInput) else _named(experiment, x) for x in names)
+    repeated = sorted({p.name for p in found if [q.name for q in found].count(p.name) > 1})
+    if repeated:
+        raise ValueError(f"sensitivities: {repeated[0]!r} is named twice")
+    return found
+
+
+def effect_parameter(
+    experiment: Experiment,
+    name: str,
+    parameter: str,
+    values: Mapping[str, Mapping[str, float]] | None = None,
+) -> ModelParameter:
+    """Parameter of an effect, at the values that several effects have now.
+
+    Parameters
+    ----------
+    experiment
+        Without these effects.
+    name, parameter
+        Names of the effect and of its parameter.
+    values
+        By effect, the values with which the simulated experiment was made by `with_effects`; None where it is the
+        experiment itself.
+
+    Returns
+    -------
+    ModelParameter
+        Its `apply` ignores the experiment it is given and starts from the one given here. Parameters that are fitted
+        through their inverse (``axial_stiffness``) are differentiated by the inverse.
+
+    Raises
+    ------
+    ValueError
+        The effect acts on the measurement only, or has no such parameter.
+    """
+    from tdcr_fe.effects import with_effects
+
+    chosen = effect(name)
+    known = {p.name: p for p in chosen.parameters}
+    if parameter not in known:
+        raise ValueError(f"effect {name}: no parameter {parameter!r}; it has {', '.join(known)}")
+    if name in ("frame_misalignment", "marker_offset"):
+        raise ValueError(
+            f"effects.{name} acts on the measurement only; the robot itself does not depend on it"
+        )
+    about = known[parameter]
+    present = dict(values or {})
+    # Null values depend on the effects that are applied before.
+    before = {k: v for k, v in present.items() if _order(k) < _order(name)}
+    own = {**chosen.null_values(with_effects(experiment, before)), **present.get(name, {})}
+    start = about.coordinate(own[parameter])
+    lower = min(about.coordinate(about.lower), about.coordinate(about.upper))
+    upper = max(about.coordinate(about.lower), about.coordinate(about.upper))
+
+    def apply(_: Experiment, value: float) -> Experiment:
+        if value == start:
+            return with_effects(experiment, present)
+        if not lower <= value <= upper:
+            raise ValueError(f"effects.{name}.{parameter} = {value:g}; must be from {lower:g} to {upper:g}")
+        return with_effects(experiment, {**present, name: {**own, parameter: about.value(value)}})
+
+    return ModelParameter(f"effects.{name}.{parameter}", start, max(abs(start), about.scale), apply)
+
+
+def _order(name: str) -> int:
+    return [e.name for e in EFFECTS].index(name)
+
+
+def _named(experiment: Experiment, name: str) -> Parameter:
+    """The parameter of a name."""
+    tokens = re.findall(r"[^.\[\]]+", name)
+    robot = experiment.robot
+    if not tokens:
+        raise ValueError(f"sensitivities: {name!r} names no parameter; {_examples(robot)}")
+    root, rest = tokens[0], tokens[1:]
+    try:
+        if root == "effects" and len(rest) == 2:
+            return effect_parameter(experiment, *rest)
+        if root in ("inputs", "loads"):
+            return _step_input(experiment, name, root, rest)
+        if root == "tendons" and rest:
+            return _tendon_parameter(robot, name, rest)
+        if (root, rest) == ("backbone", ["length"]):
+            return ModelParameter(name, robot.backbone.length, robot.backbone.length, _stretched)
+        if root == "backbone" and len(rest) == 1 and rest[0] in _DERIVED:
+            value = getattr(robot.backbone, _DERIVED[rest[0]])
+            return _field(name, ("robot", "backbone", rest[0]), value, value)
+        if root == "disks" and len(rest) == 2 and rest[0] == "positions":
+            return _disk_position(robot, name, int(rest[1]))
+        if root in ("backbone", "disks", "tip_mass"):
+            return _number(experiment, name, ("robot", *tokens))
+        if root in ("model", "steps") and rest:
+            return _number(experiment, name, tuple(tokens))
+    except (KeyError, IndexError, AttributeError, TypeError) as error:
+        raise ValueError(f"sensitivities: {name!r} names no number; {_examples(robot)}") from error
+    raise ValueError(f"sensitivities: {name!r} names no parameter; {_examples(robot)}")
+
+
+def _examples(robot: Robot) -> str:
+    tendon = robot.tendon_names[0] if robot.tendons else "t1"
+    return (
+        f"allowed are fields of the files such as backbone.youngs_modulus, disks.mass, tendons.{tendon}.offset, "
+        f"tendons.friction_coefficient (all tendons), model.gravity[2], steps[0].tensions.{tendon}, "
+        f"effects.gravity.g_z, and inputs.{tendon} or loads.NAME.force_x of every step"
+    )
+
+
+# ---------------------------------------------------------------------- values inside descriptions
+
+
+def _get(found: Any, path: Sequence[str]) -> Any:
+    """The value at a path of fields, keys and indices."""
+    for token in path:
+        if is_dataclass(found):
+            found = getattr(found, token)
+        elif isinstance(found, Mapping):
+            found = found[token]
+        else:
+            found = found[int(token)]
+    return found
+
+
+def _with(found: Any, path: Sequence[str], value: Any) -> Any:
+    """A copy with another value at a path."""
+    if not path:
+        return value
+    token, rest = path[0], path[1:]
+    if is_dataclass(found) and not isinstance(found, type):
+        return replace(found, **{token: _with(getattr(found, token), rest, value)})
+    if isinstance(found, Mapping):
+        return {**found, token: _with(found[token], rest, value)}
+    k = int(token)
+    return (*found[:k], _with(found[k], rest, value), *found[k + 1 :])
+
+
+def _field(name: str, path: Sequence[str], value: float, size: float) -> ModelParameter:
+    return ModelParameter(name, value, size, lambda experiment, new: _with(experiment, path, new))
+
+
+def _number(experiment: Experiment, name: str, path: Sequence[str]) -> ModelParameter:
+    value = _get(experiment, path)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError(name)
+    if path[-1] == "substeps":
+        raise TypeError(name)
+    return _field(name, path, float(value), _size(experiment.robot, path, float(value)))
+
+
+def _size(robot: Robot, path: Sequence[str], value: float) -> float:
+    """Size of a typical value of a number: its own, where it is neither zero nor an angle."""
+    last = next(t for t in reversed(path) if not t.isdigit())
+    if last in ("angle_deg", "angle_x_deg", "angle_y_deg") or last.endswith("_deg"):
+        return _SIZES["deg"]
+    if value != 0.0:
+        return abs(value)
+    units = {
+        "gravity": _SIZES["m/s^2"],
+        "precurvature": 1.0 / robot.backbone.length,
+        "mass": _SIZES["kg"],
+        "tip_mass": _SIZES["kg"],
+        "density": 1e3,
+        "force": _SIZES["N"],
+        "tensions": _SIZES["N"],
+        "moment": _SIZES["N m"],
+        "time": 1.0,
+        "adhesion": 0.1 * _SIZES["N"],
+        "creep_rate": _SIZES["1/s"],
+        "friction_coefficient": 0.1,
+    }
+    known = next((units[t] for t in reversed(path) if t in units), None)
+    return known if known is not None else 1e-2 * robot.backbone.length
+
+
+# ---------------------------------------------------------------------- tendons
+
+
+def _tendon_path(tendon: Tendon, tokens: Sequence[str]) -> tuple[str, ...]:
+    """Where a key of a tendon's table lies in the tendon: in itself or in its routing."""
+    if tokens[0] in {f.name for f in fields(tendon)} - {"name", "routing", "end"}:
+        return tuple(tokens)
+    path: tuple[str, ...] = ("routing",)
+    routing: Routing = tendon.routing
+    while isinstance(routing, TwistedRouting) and tokens[0] != "rate":
+        path, routing = (*path, "base"), routing.base
+    if tokens[0] not in {f.name for f in fields(routing)}:  # type: ignore[arg-type]
+        raise KeyError(tokens[0])
+    return (*path, *tokens)
+
+
+def _tendon_parameter(robot: Robot, name: str, rest: Sequence[str]) -> ModelParameter:
+    """A number of one tendon, or of all at once."""
+    names = robot.tendon_names
+    if rest[0] in names and len(rest) > 1:
+        which, tokens = [names.index(rest[0])], rest[1:]
+    else:
+        which, tokens = list(range(len(names))), rest
+    paths = [_tendon_path(robot.tendons[i], tokens) for i in which]
+    present = [_get(robot.tendons[i], path) for i, path in zip(which, paths, strict=True)]
+    if any(x is None for x in present) and tokens[-1] == "axial_stiffness":
+        raise ValueError(
+            f"sensitivities: {name!r}: the tendon is inextensible; effects.tendon_stretch.axial_stiffness gives "
+            "the derivative by its compliance"
+        )
+    if any(isinstance(x, bool) or not isinstance(x, int | float) for x in present):
+        raise TypeError(name)
+    mean = float(sum(present)) / len(present)
+
+    def apply(experiment: Experiment, value: float) -> Experiment:
+        tendons = list(experiment.robot.tendons)
+        for i, path, before in zip(which, paths, present, strict=True):
+            tendons[i] = _with(tendons[i], path, before + (value - mean))
+        return experiment.with_robot(tendons=tuple(tendons))
+
+    size = max(_size(robot, tokens, float(x)) for x in present)
+    if tokens[-1].startswith("turns"):
+        size = 0.2
+    return ModelParameter(name, mean, size, apply)
+
+
+# ---------------------------------------------------------------------- arc lengths
+
+
+def _moved(experiment: Experiment, new: Callable[[float], float]) -> Experiment:
+    """The experiment with every arc length moved: disks, ends, loads, patches, holes of listed points."""
+    robot = experiment.robot
+
+    def routing(old: Routing) -> Routing:
+        if isinstance(old, TwistedRouting):
+            return replace(old, base=routing(old.base))
+        if isinstance(old, PointsRouting):
+            return replace(old, arc_lengths=tuple(new(s) for s in old.arc_lengths))
+        return old
+
+    backbone = replace(
+        robot.backbone,
+        length=new(robot.backbone.length),
+        patches=tuple(replace(p, start=new(p.start), end=new(p.end)) for p in robot.backbone.patches),
+    )
+    tendons = tuple(
+        replace(t, routing=routing(t.routing), end=None if t.end is None else new(t.end))
+        for t in robot.tendons
+    )
+    disks = replace(robot.disks, positions=tuple(new(s) for s in robot.disks.positions))
+    steps = tuple(
+        replace(s, loads={name: replace(load, at=new(load.at)) for name, load in s.loads.items()})
+        for s in experiment.steps
+    )
+    moved = replace(robot, backbone=backbone, disks=disks, tendons=tendons)
+    return replace(experiment, robot=moved, steps=steps)
+
+
+def _stretched(experiment: Experiment, length: float) -> Experiment:
+    """The experiment with a backbone of another length, all arc lengths in proportion."""
+    ratio = length / experiment.robot.backbone.length
+    return _moved(experiment, lambda s: s * ratio)
+
+
+def _disk_position(robot: Robot, name: str, k: int) -> ModelParameter:
+    """Arc length of a disk; tendons anchored at it and loads on it move with it."""
+    present = robot.disks.positions[k]
+    if abs(present - robot.backbone.length) < 1e-9:
+        raise ValueError(
+            f"sensitivities: {name!r}: the disk is at the tip and cannot move beyond it; backbone.length moves the tip"
+        )
+
+    def apply(experiment: Experiment, value: float) -> Experiment:
+        return _moved(experiment, lambda s: value if abs(s - present) < 1e-9 else s)
+
+    return ModelParameter(name, present, present, apply)
+
+
+# ---------------------------------------------------------------------- inputs of the current step
+
+
+def _step_input(experiment: Experiment, name: str, root: str, rest: Sequence[str]) -> StepInput:
+    """Input of a tendon or component of a load, at the end of every step."""
+    if root == "inputs" and len(rest) == 1 and rest[0] in experiment.robot.tendon_names:
+        return StepInput(name, tendon=experiment.robot.tendon_names.index(rest[0]))
+    if root == "loads" and len(rest) == 2 and rest[1] in LOAD_COMPONENTS:
+        if any(rest[0] in step.loads for step in experiment.steps):
+            return StepInput(name, load=rest[0], component=LOAD_COMPONENTS.index(rest[1]))
+        raise ValueError(f"sensitivities: {name!r}: no step names the load {rest[0]!r}")
+    raise KeyError(name)
+
+
+# ---------------------------------------------------------------------- differences
+
+
+class StructureChanged(ValueError):
+    """A parameter changes the mesh or the number of load steps, so that results cannot be compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stencil:
+    """Experiments at neighbouring values, and the weights with which they give a derivative.
+
+    Attributes
+    ----------
+    offsets : ndarray, shape (k,)
+        Values minus the present value.
+    weights : ndarray, shape (k,)
+        Of the neighbours.
+    base_weight : float
+        Of the present experiment.
+    experiments : tuple of Experiment
+        The neighbours.
+    """
+
+    offsets: np.ndarray
+    weights: np.ndarray
+    base_weight: float
+    experiments: tuple[Experiment, ...]
+
+
+#: Difference steps: central, or to one side where the other is impossible; offsets and weights in units of the step.
+_RULES = (
+    ((1.0, -1.0), (0.5, -0.5), 0.0),
+    ((1.0, 2.0), (2.0, -0.5), -1.5),
+    ((-1.0, -2.0), (-2.0, 0.5), 1.5),
+)
+#: Difference step over the size of a parameter [1].
+RELATIVE_STEP = 1e-5
+
+
+def stencil(
+    experiment: Experiment, parameter: ModelParameter, fits: Callable[[Experiment], None] | None = None
+) -> Stencil:
+    """Neighbours of an experiment by a parameter: on both sides, or on one where the other is impossible.
+
+    Parameters
+    ----------
+    experiment
+        The present one.
+    parameter
+        What is changed.
+    fits
+        Raises `StructureChanged` where an experiment cannot be compared with the present one.
+
+    Raises
+    ------
+    ValueError
+        There are no such neighbours; the message names the parameter and the reason.
+    """
+    step = RELATIVE_STEP * parameter.size
+    reason: ValueError | None = None
+    for offsets, weights, base in _RULES:
+        try:
+            found = tuple(parameter.apply(experiment, parameter.value + step * x) for x in offsets)
+            for each in found:
+                if fits is not None:
+                    fits(each)
+        except ValueError as error:
+            if not isinstance(reason, StructureChanged):
+                reason = error
+            continue
+        return Stencil(step * np.array(offsets), np.array(weights) / step, base / step, found)
+    raise ValueError(
+        f"sensitivities: no derivative by {parameter.name} at {parameter.value:g}: {reason}"
+    ) from reason
+
+
+def same_structure(present: Sequence[LoadStep], other: Sequence[LoadStep]) -> bool:
+    """Whether two loading sequences name the same inputs and loads in the same number of steps."""
+    return len(present) == len(other) and all(
+        set(a.tensions) == set(b.tensions)
+        and set(a.displacements) == set(b.displacements)
+        and {n: x.frame for n, x in a.loads.items()} == {n: x.frame for n, x in b.loads.items()}
+        for a, b in zip(present, other, strict=True)
+    )

@@ -1,0 +1,170 @@
+"""Derivatives of whole simulations by central differences, along the same substeps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tdcr_fe.effects import Experiment
+from tdcr_fe.model.loading import resolve
+from tdcr_fe.model.sensitivities import Sensitivities
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.parameters import ModelParameter, Parameter, parameters, stencil
+from tdcr_fe.solve.sensitivity import SensitivityHistory
+from tdcr_fe.solve.simulation import Simulation
+from tdcr_fe.solve.stepping import Increment
+
+TRACE = False
+SETTINGS = SolverSettings(tolerance=1e-11)
+#: Sizes of results of each kind.
+SCALES = {
+    "positions": 0.25,
+    "rotations": 1.0,
+    "base_tensions": 1.0,
+    "displacements": 1e-2,
+    "tensions": 1.0,
+    "slips": 1e-2,
+}
+
+
+@dataclass
+class Values:
+    """Results of a simulation at the ends of its steps."""
+
+    positions: np.ndarray
+    rotations: np.ndarray
+    base_tensions: np.ndarray
+    displacements: np.ndarray
+    tensions: list[np.ndarray]
+    slips: np.ndarray
+
+
+def run(
+    experiment: Experiment,
+    chosen: Sequence[str | Parameter] = (),
+    path: list[list[Increment]] | None = None,
+) -> tuple[Values, Sensitivities, list[list[Increment]]]:
+    """Simulate, with sensitivities, along the substeps of another run where they are given."""
+    actions = resolve(experiment.robot, experiment.steps)
+    simulation = Simulation(experiment.robot, experiment.model, actions, SETTINGS)
+    history = None
+    if chosen:
+        history = SensitivityHistory.of(simulation, experiment, parameters(experiment, chosen))
+    made, results, slips = [], [], []
+    for k, (step, action) in enumerate(zip(experiment.steps, actions, strict=True)):
+        increments: list[Increment] = []
+        report = simulation.advance(
+            action,
+            step.substeps,
+            None if path is None else path[k],
+            increments,
+            None if history is None else history.advance,
+        )
+        made.append(increments)
+        results.append(simulation.result(k + 1, "", report, action))
+        released = simulation.handle.actuation.forces.field.released_length
+        slips.append(np.cumsum(released[:, ::-1], axis=1)[:, ::-1][:, 1:])
+    values = Values(
+        np.array([r.positions for r in results]),
+        np.array([r.rotations for r in results]),
+        np.array([r.base_tensions for r in results]),
+        np.array([r.displacements for r in results]),
+        [np.array([r.tensions[i] for r in results]) for i in range(len(experiment.robot.tendons))],
+        np.array(slips),
+    )
+    return values, Sensitivities() if history is None else history.result(), made
+
+
+def _whole(
+    experiment: Experiment, count: int, path: list[list[Increment]]
+) -> tuple[Values, list[list[Increment]]]:
+    """Results of a neighbour at the ends of the steps of the present experiment, which is undivided if it differs."""
+    if len(experiment.steps) == count:
+        values, _, made = run(experiment, (), path)
+        return values, made
+    values = run(experiment)[0]
+    last = [k for k, (_, factor) in enumerate(experiment.step_ends) if factor == 1.0]
+    whole = Values(
+        values.positions[last],
+        values.rotations[last],
+        values.base_tensions[last],
+        values.displacements[last],
+        [t[last] for t in values.tensions],
+        values.slips[last],
+    )
+    return whole, path
+
+
+def same_states(a: list[list[Increment]], b: list[list[Increment]]) -> bool:
+    """Whether two runs have the same substeps, and all holes and tendons the same states at their ends."""
+    if [len(x) for x in a] != [len(x) for x in b]:
+        return False
+    pairs = [(x.state, y.state) for one, two in zip(a, b, strict=True) for x, y in zip(one, two, strict=True)]
+    return all(
+        np.array_equal(np.trunc(x.mobilisation[0]), np.trunc(y.mobilisation[0]))
+        and np.array_equal(x.base_tension[0] > 0.0, y.base_tension[0] > 0.0)
+        for x, y in pairs
+    )
+
+
+def rotation_vectors(before: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """World rotation vectors of changes of rotation matrices."""
+    w = change @ np.swapaxes(before, -1, -2)
+    return np.stack((w[..., 2, 1], w[..., 0, 2], w[..., 1, 0]), axis=-1)
+
+
+def errors(
+    experiment: Experiment, name: str | Parameter, relative: Sequence[float] = (1e-3, 1e-4, 1e-5)
+) -> dict[str, float]:
+    """Largest differences between sensitivities and central differences, over the largest derivative of each kind.
+
+    The best of several difference steps counts, as each has its own truncation error and round-off. Where the
+    neighbours have divided load steps, the ends of the whole steps are compared.
+    """
+    _, found, path = run(experiment, [name])
+    parameter = parameters(experiment, [name])[0]
+    assert isinstance(parameter, ModelParameter)
+    base, _, _ = run(experiment, (), path)
+    own = found[parameter.name]
+    best: dict[str, float] = {}
+    for h in relative:
+        at = stencil(experiment, replace(parameter, size=parameter.size * h / 1e-5))
+        found_there = [_whole(e, len(experiment.steps), path) for e in at.experiments]
+        if not all(same_states(path, made) for _, made in found_there):
+            continue  # differences across a change of state say nothing about the derivative
+        neighbours = [values for values, _ in found_there]
+        weights = [at.base_weight, *at.weights]
+        all_values = [base, *neighbours]
+
+        def differ(take, weights=weights, all_values=all_values):
+            return sum(w * take(v) for w, v in zip(weights, all_values, strict=True) if w != 0.0)
+
+        kinds = {
+            "positions": (own.positions, differ(lambda v: v.positions)),
+            "rotations": (
+                own.rotations,
+                rotation_vectors(base.rotations, differ(lambda v: v.rotations)),
+            ),
+            "base_tensions": (own.base_tensions, differ(lambda v: v.base_tensions)),
+            "displacements": (own.displacements, differ(lambda v: v.displacements)),
+            "tensions": (
+                np.concatenate(own.tensions, axis=1),
+                differ(lambda v: np.concatenate(v.tensions, axis=1)),
+            ),
+        }
+        if own.slips and own.slips[0].size and all(s.shape == own.slips[0].shape for s in own.slips):
+            kinds["slips"] = (np.stack(own.slips, axis=1), differ(lambda v: v.slips))
+        for kind, (ours, theirs) in kinds.items():
+            # A derivative of zero is one far below the value over the parameter.
+            size = max(float(np.abs(theirs).max()), 1e-7 * SCALES[kind] / parameter.size)
+            error = float(np.abs(ours - theirs).max()) / size
+            best[kind] = min(best.get(kind, np.inf), error)
+            if TRACE:
+                print(
+                    f"{h:g} {kind} {error:.1e}",
+                    np.abs(ours - theirs).reshape(len(ours), -1).max(axis=1) / size,
+                )
+    assert best, "holes change their states between all neighbours"
+    return best

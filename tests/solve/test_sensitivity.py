@@ -1,0 +1,256 @@
+"""Derivatives by parameters equal central differences of whole simulations along the same substeps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Disks, Robot, StiffnessPatch, Superelastic
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
+from tdcr_fe.solve.parameters import effect_parameter, parameters
+from tests.differences import errors, run
+from tests.robots import BACKBONE, LENGTH, tendon
+
+#: Relative error that derivatives must meet.
+TOLERANCE = 1e-5
+DISKS = Disks.equally_spaced(5, LENGTH, mass=2e-4, radius=5e-3)
+
+
+def robot(mu: float = 0.25, **rest: object) -> Robot:
+    """Three tendons through five disks; one winds, one converges and ends at the fourth disk."""
+    tendons = (
+        tendon("t1", 0.0, mu, **rest),
+        replace(tendon("t2", 0.0, mu, **rest), routing=HelicalRouting(4.5e-3, 0.3, 110.0)),
+        replace(tendon("t3", 0.0, mu, **rest), routing=ConvergingRouting(4.5e-3, 2e-3, -130.0), end=0.2),
+    )
+    return Robot(BACKBONE, DISKS, tendons, "three")
+
+
+def by_tension(scale: float = 1.0) -> tuple[LoadStep, ...]:
+    """Pulled, loaded at the tip, released in part and pulled again, so that holes reverse one after the other."""
+    tip = {"tip": Load(LENGTH, (0.01, 0.02, 0.0), (0.0, 5e-4, 3e-4))}
+    inside = {"middle": Load(0.07, (0.02, 0.0, 0.01), (0.0, 0.0, 5e-4), "section")}
+    return (
+        LoadStep("", {"t1": 1.2 * scale, "t2": 0.3 * scale}, substeps=4, time=1.0),
+        LoadStep("", {"t1": 0.9 * scale}, loads=tip, substeps=4, time=2.0),
+        LoadStep("", {"t1": 0.5 * scale, "t3": 0.6 * scale}, loads=inside, substeps=4, time=3.0),
+        LoadStep("", {"t1": 1.0 * scale, "t2": 0.5 * scale}, substeps=4, time=4.0),
+    )
+
+
+def by_displacement() -> tuple[LoadStep, ...]:
+    """From tensions to displacements and back, with a reversal."""
+    return (
+        LoadStep("", {"t1": 0.8, "t2": 0.2}, substeps=4, time=1.0),
+        LoadStep("", {"t1": 0.9}, displacements={"t2": 1e-3}, substeps=4, time=2.0),
+        LoadStep("", displacements={"t1": 3e-3, "t2": 0.5e-3}, substeps=4, time=3.0),
+        LoadStep("", displacements={"t1": 2e-3, "t2": 1.1e-3}, substeps=4, time=4.0),
+        LoadStep("", {"t1": 0.3}, substeps=4, time=5.0),
+    )
+
+
+EXPERIMENTS = {
+    "no friction": Experiment(
+        robot(0.0), Model(friction="none", elements_per_bay=2, gravity=(0.5, 1.0, -9.81)), by_tension()
+    ),
+    "per hole": Experiment(robot(), Model(elements_per_bay=1), by_tension()),
+    "per tendon": Experiment(robot(), Model(elements_per_bay=1, friction="per-tendon"), by_tension()),
+    "elastic, adhesion": Experiment(
+        robot(axial_stiffness=400.0, adhesion=0.01), Model(elements_per_bay=1), by_tension()
+    ),
+    "displacements": Experiment(robot(axial_stiffness=400.0), Model(elements_per_bay=1), by_displacement()),
+    "inextensible, displacements": Experiment(robot(), Model(elements_per_bay=1), by_displacement()),
+    "clearance": Experiment(robot(clearance=2e-4), Model(elements_per_bay=1), by_tension()),
+    "superelastic, creep": Experiment(
+        robot().with_backbone(superelastic=Superelastic(8e-4, 0.4), creep_rate=0.02, precurvature=(0.3, -0.4)),
+        Model(elements_per_bay=1),
+        by_tension(),
+    ),
+    "continuous": Experiment(
+        robot(0.0, axial_stiffness=400.0).with_backbone(superelastic=Superelastic(8e-4, 0.4)),
+        Model(friction="none", tendon_path="continuous", elements_per_bay=1, gravity=(1.0, 0.0, -9.81)),
+        by_displacement(),
+    ),
+    "Stribeck": Experiment(
+        robot(0.0, friction=StribeckFriction(0.3, 0.2, 1e-3, 2.0, 1.0), axial_stiffness=400.0),
+        Model(elements_per_bay=1),
+        by_displacement(),
+    ),
+    "force-dependent": Experiment(
+        robot(0.0, friction=ForceDependentFriction(0.3, 0.1)), Model(elements_per_bay=1), by_tension()
+    ),
+    "patch": Experiment(
+        robot().with_backbone(patches=(StiffnessPatch(0.1, 0.13, 0.5, 0.7),)), Model(elements_per_bay=1), by_tension()
+    ),
+}  # fmt: skip
+
+#: A few parameters of each experiment; `test_every_parameter` has the rest.
+FAST = [
+    ("no friction", "backbone.length"),
+    ("no friction", "disks.positions[2]"),
+    ("per hole", "tendons.friction_coefficient"),
+    ("per hole", "tendons.t1.offset"),
+    ("per hole", "steps[1].loads.tip.force[1]"),
+    ("per tendon", "backbone.youngs_modulus"),
+    ("elastic, adhesion", "tendons.adhesion"),
+    ("displacements", "steps[1].displacements.t2"),
+    ("displacements", "tendons.axial_stiffness"),
+    ("inextensible, displacements", "tendons.t2.turns"),
+    ("clearance", "tendons.clearance"),
+    ("superelastic, creep", "backbone.superelastic.threshold_strain"),
+    ("continuous", "tendons.t2.angle_deg"),
+    ("Stribeck", "tendons.friction.kinetic"),
+]
+
+SLOW = {
+    "no friction": [
+        "backbone.radius", "backbone.poisson_ratio", "backbone.density", "backbone.bending_stiffness",
+        "backbone.torsional_stiffness", "backbone.axial_stiffness", "backbone.shear_stiffness",
+        "backbone.precurvature[0]", "disks.mass", "tip_mass", "model.gravity[2]", "tendons.t3.end_offset",
+        "steps[2].loads.middle.moment[2]", "effects.gravity.g_x", "effects.tip_payload.mass",
+        "effects.actuator_gain.gain", "effects.stiffness_scale.bending", "effects.stiffness_scale.torsion",
+        "effects.precurvature.kappa_y", "effects.routing_twist.angle_tip", "effects.hole_clearance.clearance",
+        "effects.tendon_stretch.axial_stiffness", "effects.creep.rate",
+    ],
+    "per hole": [
+        "backbone.youngs_modulus", "backbone.length", "disks.positions[2]", "tendons.t1.friction_coefficient",
+        "steps[0].tensions.t1", "steps[2].tensions.t3", "effects.friction_coefficient.mu",
+        "effects.hole_adhesion.drop", "effects.tendon_stretch.axial_stiffness", "effects.hole_clearance.clearance",
+        "effects.gravity.g_y", "effects.actuator_gain.gain", "effects.routing_twist.angle_tip",
+    ],
+    "per tendon": ["tendons.friction_coefficient", "tendons.t1.offset", "effects.stiffness_scale.torsion"],
+    "elastic, adhesion": ["tendons.axial_stiffness", "tendons.friction_coefficient", "backbone.length"],
+    "displacements": [
+        "backbone.youngs_modulus", "tendons.friction_coefficient", "tendons.t1.offset", "steps[0].tensions.t1",
+        "steps[2].displacements.t1", "effects.actuator_gain.gain", "backbone.length",
+    ],
+    "inextensible, displacements": ["backbone.youngs_modulus", "tendons.friction_coefficient", "tendons.t1.offset"],
+    "clearance": ["backbone.youngs_modulus", "tendons.t1.offset", "tendons.friction_coefficient"],
+    "superelastic, creep": [
+        "backbone.superelastic.plateau_ratio", "backbone.creep_rate", "backbone.radius", "backbone.length",
+        "steps[1].time", "backbone.precurvature[0]", "tendons.friction_coefficient",
+    ],
+    "continuous": [
+        "backbone.youngs_modulus", "backbone.length", "tendons.t1.offset", "tendons.axial_stiffness",
+        "backbone.superelastic.plateau_ratio", "steps[1].displacements.t2", "effects.routing_twist.angle_tip",
+        "effects.creep.rate",
+    ],
+    "Stribeck": [
+        "backbone.youngs_modulus", "tendons.friction.static", "tendons.friction.stribeck_rate",
+        "tendons.friction.exponent", "tendons.friction.viscous", "steps[2].time", "tendons.t1.offset",
+    ],
+    "force-dependent": ["tendons.friction.mu", "tendons.friction.exponent", "tendons.t1.offset"],
+    "patch": ["backbone.patches[0].bending", "backbone.patches[0].end"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "parameter"), FAST)
+def test_derivatives_are_those_of_whole_simulations(name: str, parameter: str) -> None:
+    """Nodes, rotations, tensions, displacements and slips, at every step of histories with reversals."""
+    found = errors(EXPERIMENTS[name], parameter, (1e-3, 1e-4))
+    assert max(found.values()) < TOLERANCE, found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "parameter"), [(n, p) for n, all_ in SLOW.items() for p in all_])
+def test_every_parameter(name: str, parameter: str) -> None:
+    """The same for all kinds of parameters."""
+    found = errors(EXPERIMENTS[name], parameter, (1e-2, 1e-3, 1e-4, 1e-5))
+    assert max(found.values()) < TOLERANCE, found
+
+
+#: Effects at values of their own, those that act together in one experiment.
+TOGETHER = (
+    {"actuator_loss": {"dead_band": 0.05, "efficiency": 0.9}, "creep": {"rate": 0.02}},
+    {
+        "gravity": {"g_x": 3.0, "g_y": 1.0, "g_z": -9.0},
+        "tip_payload": {"mass": 2e-3},
+        "actuator_gain": {"gain": 1.03},
+    },
+    {
+        "stiffness_scale": {"bending": 0.9, "torsion": 1.2},
+        "superelastic": {"threshold_strain": 8e-4, "plateau_ratio": 0.4},
+        "precurvature": {"kappa_x": 0.4, "kappa_y": -0.3},
+    },
+    {
+        "friction_coefficient": {"mu": 0.2},
+        "hole_adhesion": {"drop": 0.01},
+        "routing_twist": {"angle_tip": 0.2},
+    },
+    {"hole_clearance": {"clearance": 2e-4}, "tendon_stretch": {"axial_stiffness": 500.0}},
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("values", "effect", "parameter"), [(v, e, p) for v in TOGETHER for e, own in v.items() for p in own]
+)
+def test_effects_at_values_of_their_own(values: dict, effect: str, parameter: str) -> None:
+    """As `identify` needs them while it fits."""
+    declared = EXPERIMENTS["per hole"]
+    chosen = effect_parameter(declared, effect, parameter, values)
+    found = errors(with_effects(declared, values), chosen, (1e-2, 1e-3, 1e-4, 1e-5))
+    assert max(found.values()) < TOLERANCE, found
+
+
+def test_backlash_is_lost_displacement() -> None:
+    """By the derivative of every commanded displacement, with the sign of the travel that was lost."""
+    declared = EXPERIMENTS["displacements"]
+    values = {"actuator_backlash": {"backlash": 2e-4}}
+    chosen = effect_parameter(declared, "actuator_backlash", "backlash", values)
+    found = errors(with_effects(declared, values), chosen, (1e-3, 1e-4))
+    assert max(found.values()) < TOLERANCE, found
+
+
+@pytest.mark.parametrize("effect", ["friction_coefficient.mu", "hole_adhesion.drop"])
+def test_friction_that_the_model_lacks_acts_with_the_mobilisation_it_would_have(effect: str) -> None:
+    """Without friction in the model, and with friction of zero: the same derivative, that of small coefficients."""
+    steps = by_tension()
+    none = Experiment(robot(0.0), Model(friction="none", elements_per_bay=1), steps)
+    zero = Experiment(robot(0.0), Model(friction="per-hole", elements_per_bay=1), steps)
+    name = f"effects.{effect}"
+    first, second = run(none, [name])[1][name], run(zero, [name])[1][name]
+    assert np.allclose(first.positions, second.positions, rtol=0.0, atol=1e-7 * np.abs(first.positions).max())
+    parameter = parameters(none, [name])[0]
+    small = 1e-5
+    with_friction = run(parameter.apply(none, small))[0].positions  # type: ignore[union-attr]
+    without = run(none)[0].positions
+    expected = (with_friction - without) / small
+    assert np.abs(first.positions - expected).max() < 1e-3 * np.abs(expected).max()
+    assert np.abs(expected).max() > 1e-4
+
+
+def test_inputs_of_the_step_keep_what_was_before() -> None:
+    """The derivative by an input of a step is that of the step alone: the history stays."""
+    experiment = EXPERIMENTS["per hole"]
+    names = ["inputs.t1", "loads.tip.force_y", "steps[3].tensions.t1", "steps[1].loads.tip.force[1]"]
+    found = run(experiment, names)[1]
+    # In the step that names it, and before any later step is touched, both are the same.
+    a, b = found["inputs.t1"], found["steps[3].tensions.t1"]
+    assert np.allclose(a.positions[3], b.positions[3], rtol=1e-6, atol=1e-9)
+    a, b = found["loads.tip.force_y"], found["steps[1].loads.tip.force[1]"]
+    assert np.allclose(a.positions[1], b.positions[1], rtol=1e-6, atol=1e-9)
+    assert np.all(found["steps[3].tensions.t1"].positions[:3] == 0.0)
+
+
+def test_what_has_no_derivative_is_refused_by_name() -> None:
+    experiment = EXPERIMENTS["per hole"]
+    for name, text in {
+        "backbone.youngs_modulu": "names no number",
+        "tendons.t1.axial_stiffness": "inextensible",
+        "effects.rigid_disks.thickness": "the mesh has other nodes",
+        "effects.frame_misalignment.rot_x": "measurement only",
+        "disks.positions[4]": "at the tip",
+        "loads.nowhere.force_x": "no step names the load",
+        "steps[0].substeps": "names no number",
+        "inputs.t9": "names no number",
+    }.items():
+        with pytest.raises(ValueError, match=text):
+            run(experiment, [name])
+    with pytest.raises(ValueError, match="named twice"):
+        run(experiment, ["backbone.radius", "backbone.radius"])
