@@ -38,6 +38,18 @@ def add_run_parser(commands: Any) -> None:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options that `run` and `demo` share."""
+    parser.add_argument(
+        "--sensitivities",
+        nargs="+",
+        default=[],
+        metavar="PARAMETER",
+        help="differentiate the results by parameters such as backbone.youngs_modulus; writes sensitivities.csv",
+    )
+    parser.add_argument(
+        "--compliance",
+        action="store_true",
+        help="compliance and tendon Jacobians of the tip, and the stiffness seen by the motors, into summary.json",
+    )
     parser.add_argument("--no-pictures", action="store_true", help="write tables and summary only")
     parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
 
@@ -95,7 +107,7 @@ def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> 
     if duration and not args.quiet:
         complain(duration)
     try:
-        result = _solve(scenario, args.quiet)
+        result = _solve(scenario, args)
     except ValueError as error:  # a contradiction that only the solver can detect
         raise InputError([Problem(str(scenario.path), "", "", str(error))]) from error
     found = [warning for warning in result.warnings if warning not in odd]
@@ -109,6 +121,9 @@ def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> 
     if not args.quiet:
         if result.steps:
             print(format_table(result) + "\n")
+            for text in (format_sensitivities(result), format_response(result)):
+                if text:
+                    print(text + "\n")
         print(f"{count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
         print("    " + ", ".join(p.name for p in written))
     for warning in found:
@@ -154,21 +169,68 @@ def long_run(scenario: Scenario) -> str:
     return f"{count(steps, 'load step')} on {count(elements, 'element')}: about {time}"
 
 
-def _solve(scenario: Scenario, quiet: bool) -> SequenceResult:
+def _solve(scenario: Scenario, args: argparse.Namespace) -> SequenceResult:
     """Simulate with a bar on stderr, where that is a terminal."""
     from tqdm import tqdm
 
     from tdcr_fe.solve.simulate import simulate
 
     with tqdm(
-        total=len(scenario.steps), unit="step", leave=False, file=sys.stderr, disable=True if quiet else None
+        total=len(scenario.steps),
+        unit="step",
+        leave=False,
+        file=sys.stderr,
+        disable=True if args.quiet else None,
     ) as bar:
 
         def progress(step: StepResult) -> None:
             bar.set_postfix_str(step.label, refresh=False)
             bar.update(step.step - bar.n)  # refining the mesh begins again with the first step
 
-        return simulate(scenario.robot, scenario.model, scenario.steps, scenario.settings, progress)
+        return simulate(
+            scenario.robot,
+            scenario.model,
+            scenario.steps,
+            scenario.settings,
+            progress,
+            sensitivities=args.sensitivities,
+            responses=args.compliance,
+        )
+
+
+def format_sensitivities(result: SequenceResult) -> str:
+    """Derivatives at the end of the last step as a table for people; empty where there are none."""
+    if not result.sensitivities:
+        return ""
+    head = ["last step, derivative by", "at", "tip x", "y", "z [m]", "rotation x", "y", "z [rad]"]
+    rows = [
+        [p.parameter, f"{p.value:.6g}", *(f"{x:.4g}" for x in (*p.positions[-1, -1], *p.rotations[-1, -1]))]
+        for p in result.sensitivities.values()
+    ]
+    return _aligned(head, rows, left=0)
+
+
+def format_response(result: SequenceResult) -> str:
+    """Compliance of the tip and stiffness of the motors after the last step; empty where they were not computed."""
+    if not result.steps[-1].responses:
+        return ""
+    parts = []
+    for found in result.steps[-1].responses:
+        holes = "all holes stick (reversal)" if found.reversal else "holes as they are"
+        head = [f"tip after the last step, {holes}", "x", "y", "z [mm/N]"]
+        rows = [
+            [f"displacement {axis} by force", *(f"{1e3 * c:.4g}" for c in found.compliance[k, :3])]
+            for k, axis in enumerate("xyz")
+        ]
+        names = result.robot.tendon_names
+        head += [f"{n} [mm/N]" for n in names]
+        rows = [[*row, *(f"{1e3 * c:.4g}" for c in found.by_tension[k])] for k, row in enumerate(rows)]
+        parts.append(_aligned(head, rows, left=0))
+        if names:
+            head = [f"tension by displacement, {holes}", *(f"{n} [N/mm]" for n in names)]
+            rows = [[n, *(f"{1e-3 * c:.4g}" for c in found.motor_stiffness[k])] for k, n in enumerate(names)]
+            parts.append(_aligned(head, rows, left=0))
+    return "\n\n".join(parts)
 
 
 def format_table(result: SequenceResult) -> str:
@@ -188,10 +250,15 @@ def format_table(result: SequenceResult) -> str:
         ]
         for s in result.steps
     ]
+    return _aligned(head, rows, left=1)
+
+
+def _aligned(head: list[str], rows: list[list[str]], left: int) -> str:
+    """A table with all columns but one aligned to the right."""
     widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
     return "\n".join(
         "  ".join(
-            text.ljust(w) if i == 1 else text.rjust(w)
+            text.ljust(w) if i == left else text.rjust(w)
             for i, (text, w) in enumerate(zip(row, widths, strict=True))
         )
         for row in [head, ["-" * w for w in widths], *rows]

@@ -9,6 +9,7 @@ from typing import Any
 
 from tdcr_fe import __version__
 from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.model.sensitivities import LocalResponse
 
 
 def versions() -> dict[str, str]:
@@ -20,6 +21,18 @@ def versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             found[name] = "not installed"
     return {**found, "python": platform.python_version()}
+
+
+def _response(found: LocalResponse) -> dict[str, Any]:
+    """Response of a node, its matrices as lists of rows."""
+    return {
+        "holes": "reversal" if found.reversal else "as they are",
+        "s": found.s,
+        "compliance": found.compliance.tolist(),
+        "by_tension": found.by_tension.tolist(),
+        "by_displacement": found.by_displacement.tolist(),
+        "motor_stiffness": found.motor_stiffness.tolist(),
+    }
 
 
 def summary(
@@ -66,6 +79,7 @@ def summary(
                 "residual": s.residual,
                 "discretisation_error": s.discretisation_error,
                 "buckling_load_fraction": s.buckling_load_fraction,
+                **({"tip_response": [_response(r) for r in s.responses]} if s.responses else {}),
             }
             for s in result.steps
         ],

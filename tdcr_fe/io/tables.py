@@ -1,4 +1,4 @@
-"""Result files of a simulation: `steps.csv`, `shape.csv`, `tensions.csv`, `summary.json` and pictures.
+"""Result files of a simulation: `steps.csv`, `shape.csv`, `tensions.csv`, `summary.json`, pictures; sensitivities.
 
 Their columns are in `tdcr_fe.model.frames`.
 """
@@ -16,6 +16,8 @@ from tdcr_fe.model.results import SequenceResult
 
 #: Every table and summary that `write_results` writes.
 RESULT_FILES = ("steps.csv", "shape.csv", "tensions.csv", "summary.json")
+#: Table of derivatives, written where they were asked for.
+SENSITIVITIES = "sensitivities.csv"
 #: Every picture that it may write.
 PICTURE_FILES = ("shapes.png", "tensions.png", "hysteresis.png")
 
@@ -61,6 +63,8 @@ def write_results(
         result.to_frame().to_csv(folder / "steps.csv", index=False)
         result.shape_frame().to_csv(folder / "shape.csv", index=False)
         result.tensions_frame().to_csv(folder / "tensions.csv", index=False)
+        if result.sensitivities:
+            result.sensitivities_frame().to_csv(folder / SENSITIVITIES, index=False)
         write_json(summary(result, digests, steps_asked), folder / "summary.json")
 
     def draw(folder: Path) -> None:
@@ -68,7 +72,7 @@ def write_results(
 
         save_pictures(result, folder)
 
-    written = write_folder(out, write_tables, ours=(*RESULT_FILES, *PICTURE_FILES))
+    written = write_folder(out, write_tables, ours=(*RESULT_FILES, SENSITIVITIES, *PICTURE_FILES))
     return (
         written + write_folder(out, draw) if pictures else written
     )  # an interruption while drawing leaves the tables

@@ -1,4 +1,4 @@
-"""The tables of a result as pandas data frames: the columns of `steps.csv`, `shape.csv` and `tensions.csv`."""
+"""The tables of a result as pandas data frames: the columns of `steps.csv`, `shape.csv` and so on."""
 
 from __future__ import annotations
 
@@ -80,6 +80,25 @@ def steps_frame(result: SequenceResult) -> pd.DataFrame:
             *(value(s) for value in AFTER_TENDONS.values()),
         ]
         for s in result.steps
+    ]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def sensitivities_frame(result: SequenceResult) -> pd.DataFrame:
+    """One row per load step and parameter, with the columns of `sensitivities.csv`."""
+    columns = [
+        *("step", "label", "parameter", "value"),
+        *(f"{quantity}_{tendon}" for quantity in OF_TENDONS for tendon in result.robot.tendon_names),
+        *("tip_x", "tip_y", "tip_z", "rotation_x", "rotation_y", "rotation_z"),
+    ]
+    rows = [
+        [
+            *(s.step, s.label, each.parameter, each.value),
+            *(float(x) for x in (*each.base_tensions[k], *each.displacements[k])),
+            *(float(x) for x in (*each.positions[k, -1], *each.rotations[k, -1])),
+        ]
+        for k, s in enumerate(result.steps)
+        for each in result.sensitivities.values()
     ]
     return pd.DataFrame(rows, columns=columns)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.model.loading import Actuation, Model
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.sensitivities import LocalResponse, Sensitivities
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,6 +60,8 @@ class StepResult:
         was not estimated.
     buckling_load_fraction : float or None
         Largest axial compression of a bay over its buckling load ``pi^2 EI / a^2`` [1].
+    responses : tuple of LocalResponse
+        Response of the tip to small changes, holes as they are and for reversal; empty where it was not asked for.
     details : mapping
         Further values reported by the solver: smallest eigenvalue, trials of signs, energies ...
     """
@@ -79,6 +82,7 @@ class StepResult:
     actuation: Actuation | None = None
     discretisation_error: float | None = None
     buckling_load_fraction: float | None = None
+    responses: tuple[LocalResponse, ...] = ()
     details: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -141,6 +145,8 @@ class SequenceResult:
         Numerical settings that were used.
     elements_per_bay : tuple of int
         Of the mesh the steps were solved with.
+    sensitivities : Sensitivities
+        Derivatives by parameters, by their names; empty where none were asked for.
     """
 
     robot: Robot
@@ -153,6 +159,7 @@ class SequenceResult:
     warnings: tuple[str, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
     elements_per_bay: tuple[int, ...] = ()
+    sensitivities: Sensitivities = field(default_factory=Sensitivities)
 
     @property
     def tips(self) -> Array:
@@ -181,6 +188,12 @@ class SequenceResult:
         from tdcr_fe.model.frames import tensions_frame
 
         return tensions_frame(self)
+
+    def sensitivities_frame(self) -> pd.DataFrame:
+        """One row per load step and parameter, with the columns of ``sensitivities.csv``."""
+        from tdcr_fe.model.frames import sensitivities_frame
+
+        return sensitivities_frame(self)
 
     def raise_if_failed(self) -> SequenceResult:
         """Return the result itself where all steps converged.

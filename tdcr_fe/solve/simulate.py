@@ -7,14 +7,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from itertools import zip_longest
 from math import isfinite
+from typing import NamedTuple
 
+from tdcr_fe.effects import Experiment
 from tdcr_fe.model import arguments
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
 from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.sensitivities import Sensitivities
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.mesh import elements_of_bays
+from tdcr_fe.solve.local_response import local_response
 from tdcr_fe.solve.mesh import (
     MOST_MESHES,
     MeshEstimate,
@@ -23,8 +27,10 @@ from tdcr_fe.solve.mesh import (
     mesh_warnings,
     refined,
 )
+from tdcr_fe.solve.parameters import Parameter, parameters
+from tdcr_fe.solve.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import Simulation, step_warnings
-from tdcr_fe.solve.stepping import Increment, StepFailed
+from tdcr_fe.solve.stepping import Increment, LoadStepReport, StepFailed
 from tdcr_fe.solve.threads import one_thread
 
 #: Messages of a run that solved all steps, and of one that was interrupted.
@@ -43,6 +49,8 @@ def simulate(
     *,
     reference_path: PathRecord | None = None,
     record_path: PathRecord | None = None,
+    sensitivities: Sequence[str | Parameter] = (),
+    responses: bool = False,
 ) -> SequenceResult:
     """Take a robot through a loading sequence.
 
@@ -62,6 +70,11 @@ def simulate(
         each from the solution of that run, which costs about two iterations a substep.
     record_path
         An empty list to fill, as a later reference path.
+    sensitivities
+        Parameters by which the results are differentiated, such as ``"backbone.youngs_modulus"``; names: documentation,
+        page "Sensitivities".
+    responses
+        Compute compliance, tendon Jacobians and the stiffness seen by the motors at the tip, in every step.
 
     Returns
     -------
@@ -74,7 +87,8 @@ def simulate(
     TypeError
         An argument is of another type; the message names the expected type and the function to call.
     ValueError
-        The description contradicts itself (see `tdcr_fe.model.loading.resolve` and `tdcr_fe.scene.builder.CreateTDCR`).
+        The description contradicts itself (see `tdcr_fe.model.loading.resolve` and `tdcr_fe.scene.builder.CreateTDCR`),
+        or there is no derivative by a parameter.
     """
     arguments.check_robot("simulate", robot)
     arguments.check_model("simulate", model)
@@ -87,8 +101,11 @@ def simulate(
     settings = settings or SolverSettings()
     begun = time.perf_counter()
     targets = resolve(robot, steps)
+    chosen = parameters(Experiment(robot, model, tuple(steps)), sensitivities)
     with one_thread():
-        kept, last = _refined_runs(robot, model, steps, targets, settings, progress, reference_path)
+        kept, last = _refined_runs(
+            robot, model, steps, targets, settings, progress, reference_path, _Request(chosen, responses)
+        )
     if record_path is not None:
         record_path[:] = kept.path
     estimates = kept.monitor.estimates
@@ -111,7 +128,15 @@ def simulate(
         warnings=tuple(warnings),
         settings=asdict(settings),
         elements_per_bay=kept.elements_per_bay,
+        sensitivities=Sensitivities() if kept.history is None else kept.history.result(),
     )
+
+
+class _Request(NamedTuple):
+    """What is computed beside the solution: derivatives by parameters, and responses of the tip."""
+
+    parameters: tuple[Parameter, ...]
+    responses: bool
 
 
 def _refined_runs(
@@ -122,6 +147,7 @@ def _refined_runs(
     settings: SolverSettings,
     progress: Callable[[StepResult], None] | None,
     reference_path: PathRecord | None,
+    request: _Request,
 ) -> tuple[_Run, _Run]:
     """Run on finer and finer meshes; the run that solved most steps, and the last one.
 
@@ -132,7 +158,8 @@ def _refined_runs(
     automatic = model.elements_per_bay == "auto" and reference_path is None
     kept: _Run | None = None
     for mesh in range(1, MOST_MESHES + 1):
-        last = _Run(robot, replace(model, elements_per_bay=counts), steps, targets, settings, progress)
+        meshed = replace(model, elements_per_bay=counts)
+        last = _Run(robot, meshed, steps, targets, settings, progress, request)
         finer = last.take_steps(reference_path, automatic and mesh < MOST_MESHES)
         if kept is None or len(last.solved) >= len(kept.solved):
             kept = last
@@ -186,12 +213,17 @@ class _Run:
         targets: Sequence[Actuation],
         settings: SolverSettings,
         progress: Callable[[StepResult], None] | None,
+        request: _Request,
     ) -> None:
         self.steps, self.targets, self.progress = steps, targets, progress
         self.simulation = Simulation(robot, model, targets, settings)
         self.tolerance = settings.mesh_tolerance
         self.goal = self.tolerance * robot.backbone.length
         self.monitor = MeshMonitor(self.simulation, self.goal)
+        self.responses, self.history = request.responses, None
+        if request.parameters:
+            experiment = Experiment(robot, model, tuple(steps))
+            self.history = SensitivityHistory.of(self.simulation, experiment, request.parameters)
         self.solved: list[StepResult] = []
         self.path: PathRecord = []
         self.warnings: list[str] = []
@@ -205,7 +237,9 @@ class _Run:
             try:
                 increments: list[Increment] = []
                 reference = None if reference_path is None else reference_path[number - 1]
-                report = self.simulation.advance(target, step.substeps, reference, increments)
+                follow = None if self.history is None else self.history.advance
+                report = self.simulation.advance(target, step.substeps, reference, increments, follow)
+                result = self._result(number, step, report, target)
             except StepFailed as failure:
                 label = f" ({step.label})" if step.label else ""
                 self.failed, self.message = number, f"step {number}{label} did not converge: {failure}"
@@ -214,7 +248,7 @@ class _Run:
                 self.failed, self.message = number, INTERRUPTED
                 return None
             self.path.append(increments)
-            self.solved.append(self.simulation.result(number, step.label, report, target))
+            self.solved.append(result)
             self.warnings += step_warnings(number, report)
             if estimated and self.monitor.record() and refine and self._too_coarse():
                 finer = self._refined_mesh()
@@ -225,6 +259,14 @@ class _Run:
                 self.progress(self.solved[-1])
         self.monitor.flush()
         return self._refined_mesh() if refine and self._too_coarse() else None
+
+    def _result(self, number: int, step: LoadStep, report: LoadStepReport, target: Actuation) -> StepResult:
+        """The present state as a result, with the responses of the tip where they are asked for."""
+        found = self.simulation.result(number, step.label, report, target)
+        if not self.responses:
+            return found
+        responses = tuple(local_response(self.simulation, reversal=x) for x in (False, True))
+        return replace(found, responses=responses)
 
     @property
     def elements_per_bay(self) -> tuple[int, ...]:

@@ -22,7 +22,7 @@ def calls(monkeypatch):
     """Stand-in for the solver; every call is recorded."""
     noted = []
 
-    def simulate(robot, model, steps, settings=None, progress=None):
+    def simulate(robot, model, steps, settings=None, progress=None, **beside):
         noted.append(steps)
         result = arc_result(robot, list(steps))
         for step in result.steps:
@@ -40,7 +40,7 @@ def install(monkeypatch, simulate):
 
 
 def stopping(message, failed_step):
-    def simulate(robot, model, steps, settings=None, progress=None):
+    def simulate(robot, model, steps, settings=None, progress=None, **beside):
         full = arc_result(robot, list(steps))
         return dataclasses.replace(
             full,
@@ -151,7 +151,7 @@ def test_contradiction_that_only_the_solver_knows_returns_2(tmp_path, monkeypatc
 
 
 def test_warnings_of_the_solver_are_passed_on(tmp_path, monkeypatch, capsys):
-    def simulate(robot, model, steps, settings=None, progress=None):
+    def simulate(robot, model, steps, settings=None, progress=None, **beside):
         return arc_result(robot, list(steps), warnings=("mind the mesh",))
 
     install(monkeypatch, simulate)

@@ -1,0 +1,169 @@
+"""Compliance, tendon Jacobians and the stiffness seen by the motors are those of small further load steps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.local_response import local_response
+from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.solve.simulation import Simulation
+from tdcr_fe.solve.statics import SolveTDCR
+from tests.differences import rotation_vectors
+from tests.robots import BACKBONE, LENGTH, scene, tendon
+
+SETTINGS = SolverSettings(tolerance=1e-12)
+
+
+def robot(mu: float, **rest: object) -> Robot:
+    tendons = tuple(tendon(f"t{i + 1}", 120.0 * i, mu, **rest) for i in range(3))
+    return Robot(BACKBONE, Disks.equally_spaced(5, LENGTH, mass=2e-4, radius=5e-3), tendons, "three")
+
+
+def solved(made: Robot, steps: list[LoadStep], **model: object) -> Simulation:
+    """A simulation at the end of the steps; loads of all steps have their nodes."""
+    actions = resolve(made, steps)
+    simulation = Simulation(made, Model(**{"elements_per_bay": 1, **model}), actions, SETTINGS)
+    for action in actions:
+        simulation.advance(action, 1)
+    return simulation
+
+
+def motion(
+    made: Robot, steps: list[LoadStep], further: LoadStep, **model: object
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Change of the tip's pose, of the tensions and of the displacements in one further step."""
+    run = simulate(
+        made, Model(**{"elements_per_bay": 1, **model}), [*steps, replace(further, substeps=1)], SETTINGS
+    )
+    assert run.converged, run.message
+    a, b = run.steps[-2], run.steps[-1]
+    turn = rotation_vectors(a.rotations[-1], b.rotations[-1] - a.rotations[-1])
+    return (
+        np.concatenate((b.tip - a.tip, turn)),
+        b.base_tensions - a.base_tensions,
+        b.displacements - a.displacements,
+    )
+
+
+NOTHING = {"tip": Load(LENGTH)}
+BY_TENSION = [LoadStep("", {"t1": 1.0, "t2": 0.3, "t3": 0.2}, loads=NOTHING, substeps=1)]
+BY_DISPLACEMENT = [
+    LoadStep("", {"t1": 1.0, "t2": 0.4, "t3": 0.3}, loads=NOTHING, substeps=1),
+    LoadStep("", displacements={"t1": 3.2e-3, "t2": -1.0e-3, "t3": -1.0e-3}, substeps=4),
+]
+
+
+@pytest.mark.parametrize("steps", [BY_TENSION, BY_DISPLACEMENT], ids=["tension", "displacement"])
+def test_compliance_is_the_motion_by_a_small_load(steps: list[LoadStep]) -> None:
+    """Six loads; without friction, where all tendons are driven by tension or by displacement."""
+    made = robot(0.0, axial_stiffness=400.0)
+    simulation = solved(made, steps, friction="none", gravity=(0.0, 1.0, -9.81))
+    found = local_response(simulation).compliance
+    for k in range(6):
+        size = 1e-5 if k < 3 else 1e-6
+        values = np.zeros(6)
+        values[k] = size
+        ends = []
+        for sign in (1.0, -1.0):
+            x = sign * values
+            load = Load(LENGTH, tuple(x[:3]), tuple(x[3:]))
+            ends.append(
+                motion(
+                    made, steps, LoadStep("", loads={"tip": load}), friction="none", gravity=(0.0, 1.0, -9.81)
+                )[0]
+            )
+        expected = (ends[0] - ends[1]) / (2.0 * size)
+        assert np.allclose(found[:, k], expected, rtol=1e-5, atol=1e-5 * np.abs(found[:, k]).max())
+    assert np.allclose(found, found.T, rtol=1e-6, atol=1e-8 * np.abs(found).max()) or steps is BY_DISPLACEMENT
+
+
+def test_compliance_of_a_cantilever() -> None:
+    """A straight rod: ``L^3 / 3EI`` and shear, ``L^2 / 2EI``, ``L / EI``, ``L / GJ``, ``L / EA``; at a disk, too."""
+    simulation = solved(robot(0.0), [LoadStep("", loads=NOTHING)])
+    b = BACKBONE
+    for s in (None, 0.1):
+        x = LENGTH if s is None else s
+        c = local_response(simulation, s).compliance
+        assert c[0, 0] == pytest.approx(x**3 / (3.0 * b.EI) + x / b.GA, rel=1e-9)
+        assert c[0, 4] == pytest.approx(x**2 / (2.0 * b.EI), rel=1e-9)
+        assert c[1, 3] == pytest.approx(-(x**2) / (2.0 * b.EI), rel=1e-9)
+        assert c[3, 3] == pytest.approx(x / b.EI, rel=1e-9)
+        assert c[5, 5] == pytest.approx(x / b.GJ, rel=1e-9)
+        assert c[2, 2] == pytest.approx(x / b.EA, rel=1e-9)
+
+
+def test_tension_moves_the_tip_forward_with_slip_and_backward_with_sticking_holes() -> None:
+    """Pulling on goes on slipping; releasing by less than presliding leaves every hole stuck."""
+    made = robot(0.3)
+    steps = [LoadStep("", {"t1": 0.5}, loads=NOTHING, substeps=1), LoadStep("", {"t1": 1.0}, substeps=1)]
+    simulation = solved(made, steps)
+    h = 1e-6
+    forward = motion(made, steps, LoadStep("", {"t1": 1.0 + h}))[0] / h
+    backward = motion(made, steps, LoadStep("", {"t1": 1.0 - h}))[0] / -h
+    slipping, sticking = (local_response(simulation, reversal=x).by_tension[:, 0] for x in (False, True))
+    assert np.allclose(slipping, forward, rtol=1e-4, atol=1e-4 * np.abs(forward).max())
+    assert np.allclose(sticking, backward, rtol=1e-3, atol=1e-3 * np.abs(backward).max())
+    assert np.linalg.norm(sticking) < 0.9 * np.linalg.norm(slipping)
+
+
+def test_displacement_moves_tip_and_motors() -> None:
+    """Tip and tensions by each displacement, with elastic tendons and friction, pulling on."""
+    made = robot(0.1, axial_stiffness=400.0)
+    simulation = solved(made, BY_DISPLACEMENT, friction="none")
+    found = local_response(simulation)
+    h = 1e-8
+    for i, name in enumerate(made.tendon_names):
+        value = BY_DISPLACEMENT[1].displacements[name]
+        ends = [
+            motion(made, BY_DISPLACEMENT, LoadStep("", displacements={name: value + x}), friction="none")
+            for x in (h, -h)
+        ]
+        tip, tension = ((a - b) / (2.0 * h) for a, b in zip(ends[0][:2], ends[1][:2], strict=True))
+        assert np.allclose(found.by_displacement[:, i], tip, rtol=1e-4, atol=1e-4 * np.abs(tip).max())
+        assert np.allclose(found.motor_stiffness[:, i], tension, rtol=1e-4, atol=1e-4 * np.abs(tension).max())
+    # The Jacobian by displacement is that by tension times the stiffness seen by the motors.
+    assert np.allclose(found.by_displacement, found.by_tension @ found.motor_stiffness)
+
+
+def test_a_robot_in_a_scene_responds_as_alone() -> None:
+    made = robot(0.2)
+    steps = [LoadStep("", {"t1": 1.0, "t2": 0.3, "t3": 0.2}, substeps=2)]
+    alone = Simulation(made, Model(elements_per_bay=1), resolve(made, steps), SETTINGS)
+    alone.advance(resolve(made, steps)[0], 2)
+    _container, mbs, arm = scene(made)
+    arm.set_tensions([1.0, 0.3, 0.2])
+    SolveTDCR(mbs, SETTINGS, substeps=2)
+    before = arm.tip_position
+    for reversal in (False, True):
+        a, b = local_response(alone, reversal=reversal), local_response(arm, reversal=reversal)
+        assert np.allclose(a.compliance, b.compliance, rtol=1e-6, atol=1e-9 * np.abs(a.compliance).max())
+        assert np.allclose(a.motor_stiffness, b.motor_stiffness, rtol=1e-6)
+    assert np.allclose(before, arm.tip_position, rtol=0.0, atol=1e-14)
+
+
+def test_simulate_gives_both_with_every_step() -> None:
+    """And the results themselves are the same as without."""
+    made, steps = (
+        robot(0.2),
+        [LoadStep("", {"t1": 0.5}), LoadStep("", {"t1": 0.3}), LoadStep("", {"t2": 0.3})],
+    )
+    model = Model(elements_per_bay=1)
+    plain = simulate(made, model, steps)
+    run = simulate(made, model, steps, sensitivities=["backbone.radius", "inputs.t1"], responses=True)
+    assert list(run.sensitivities) == ["backbone.radius", "inputs.t1"]
+    assert run.sensitivities["backbone.radius"].positions.shape == (3, 6, 3)
+    assert not plain.sensitivities and not plain.steps[0].responses
+    for a, b in zip(plain.steps, run.steps, strict=True):
+        assert np.allclose(a.positions, b.positions, rtol=0.0, atol=1e-12)
+        assert [r.reversal for r in b.responses] == [False, True]
+    # In its own step, an input moves the tip as the Jacobian of the holes that slip in its direction says.
+    first = run.steps[0].responses[0].by_tension[:3, 0]
+    assert np.allclose(run.sensitivities["inputs.t1"].tips[0], first, rtol=1e-6)
+    with pytest.raises(KeyError, match="no sensitivity by 'nothing'"):
+        run.sensitivities["nothing"]
