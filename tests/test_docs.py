@@ -7,6 +7,7 @@ import re
 import runpy
 import shlex
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -187,3 +188,12 @@ def compare_tables(shown, printed):
                 assert word == other, (row, other)
     assert rows
     return len(rows)
+
+
+def test_the_citation_names_the_version_of_the_package():
+    """Version 0.1.0 was still named when the package was 0.2.0.dev0."""
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert (
+        re.search(r"^version: (.+)$", citation, re.MULTILINE)[1] == project["version"] == tdcr_fe.__version__
+    )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from two_tendons import ANGLES, LENGTHS, MASK, tendon_law
 
 from tdcr_fe.elements.friction import (
     FRICTION_MODELS,
@@ -16,24 +17,15 @@ from tdcr_fe.elements.friction import (
     PerHoleFriction,
     PerTendonFriction,
     TendonLaw,
-    TendonParameters,
     hole_states,
 )
 
-LENGTHS = np.array([[0.02, 0.03, 0.02, 0.025], [0.02, 0.03, 0.0, 0.0]])
-MASK = LENGTHS > 0.0
+
+def law(kind, mu=0.3, **rest) -> TendonLaw:
+    """Two tendons with friction at every hole."""
+    return tendon_law(kind, mu, **rest)
 
 
-def law(kind, mu=0.3, adhesion=0.0, compliance=0.0, presliding=1e-6) -> TendonLaw:
-    """Two tendons, of four and of two segments."""
-    inner = MASK[:, 1:].astype(float)
-    parameters = TendonParameters(
-        LENGTHS, MASK, mu * inner, adhesion * inner, np.array([compliance, compliance])
-    )
-    return TendonLaw(parameters, kind, presliding)
-
-
-ANGLES = np.array([[0.2, 0.1, 0.3], [0.15, 0.0, 0.0]])
 LAWS = [PerTendonFriction(), PerHoleFriction()]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from two_tendons import ANGLES, HOLES, LENGTHS, MASK, tendon_law
 
 from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.elements.friction import (
@@ -20,10 +21,6 @@ from tdcr_fe.elements.friction import (
 )
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
 
-LENGTHS = np.array([[0.02, 0.03, 0.02, 0.025], [0.02, 0.03, 0.0, 0.0]])
-MASK = LENGTHS > 0.0
-HOLES = MASK[:, 1:]
-ANGLES = np.array([[0.2, 0.1, 0.3], [0.15, 0.0, 0.0]])
 BASE = np.array([2.0, 1.0])
 
 STRIBECK = StribeckFriction(static=0.4, kinetic=0.2, stribeck_rate=1e-3, exponent=2.0, viscous=5.0)
@@ -47,12 +44,9 @@ LAWS = [
 ]
 
 
-def law(coefficients, model=None, mu=0.0, adhesion=0.0, compliance=0.0, presliding=1e-6) -> TendonLaw:
-    """Two tendons, of four and of two segments, whose coefficients follow these laws."""
-    parameters = TendonParameters(
-        LENGTHS, MASK, mu * HOLES, adhesion * HOLES, np.full(2, compliance), coefficients
-    )
-    return TendonLaw(parameters, model or PerHoleFriction(), presliding)
+def law(coefficients, model=None, **rest) -> TendonLaw:
+    """Two tendons whose coefficients follow these laws."""
+    return tendon_law(model or PerHoleFriction(), coefficients=coefficients, **rest)
 
 
 def fan(coefficient, holes: int, total: float, base: float, pulled: float) -> np.ndarray:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import exudyn as exu
-import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from balance import cables
+from native_solvers import damped, dynamic_settings
 from robots import BACKBONE, DISKS, distance, scene, solve, tendon, three
 
 from tdcr_fe.effects import Experiment, with_effect
@@ -165,30 +164,6 @@ def test_two_sources_of_the_coefficient_are_refused():
 # ---------------------------------------------------------------- scenes
 
 
-def damped(robot, damping: float, presliding: float):
-    """A robot whose tip is damped against ground [N s/m]."""
-    keep, mbs, handle = scene(robot, assemble=False, presliding=presliding)
-    ground = mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=mbs.AddObject(eii.ObjectGround())))
-    markers = [ground, handle.mTip]
-    mbs.AddObject(
-        eii.CartesianSpringDamper(markerNumbers=markers, stiffness=[0.0] * 3, damping=[damping] * 3)
-    )
-    mbs.Assemble()
-    return keep, mbs, handle
-
-
-def settings(end: float, step: float) -> exu.SimulationSettings:
-    s = exu.SimulationSettings()
-    s.timeIntegration.endTime = end
-    s.timeIntegration.numberOfSteps = round(end / step)
-    s.timeIntegration.generalizedAlpha.spectralRadius = 0.8
-    s.timeIntegration.newton.relativeTolerance = 1e-6
-    s.timeIntegration.newton.absoluteTolerance = 1e-8
-    s.timeIntegration.verboseMode = 0
-    s.solution.file.write = False
-    return s
-
-
 def sampled(law, end, step, tension, presliding=1e-6):
     """Solve with a tension over time [N]; by time step, arrays of shape (steps, holes).
 
@@ -199,7 +174,7 @@ def sampled(law, end, step, tension, presliding=1e-6):
     rate, mobilisation : ndarray
         Slip rates [m/s] and mobilisations.
     """
-    _keep, mbs, handle = damped(with_law(law), 0.3, presliding)
+    _keep, mbs, handle = damped(with_law(law), 0.3, presliding=presliding)
     handle.set_inputs_over_time(lambda t: [tension(t)])
     found = []
 
@@ -214,7 +189,7 @@ def sampled(law, end, step, tension, presliding=1e-6):
         return True
 
     mbs.SetPostStepUserFunction(sample)
-    assert mbs.SolveDynamic(settings(end, step))
+    assert mbs.SolveDynamic(dynamic_settings(end, step))
     return tuple(np.array(x) for x in zip(*found, strict=True))
 
 

@@ -2,42 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import exudyn as exu
-import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from robots import LENGTH, distance, paper, pull, scene, solve, three
+from native_solvers import damped, dynamic_settings, static_settings
+from robots import BACKBONE, LENGTH, distance, paper, pull, scene, solve, three
 
 from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.native import register
 from tdcr_fe.scene.builder import CreateTDCR
 
 register()
-
-
-def static_settings(steps: int = 50) -> exu.SimulationSettings:
-    """As docs/native_solvers.md advises."""
-    s = exu.SimulationSettings()
-    s.staticSolver.numberOfLoadSteps = steps
-    s.staticSolver.newton.relativeTolerance = 1e-7
-    s.staticSolver.newton.absoluteTolerance = 1e-9
-    s.staticSolver.newton.maxIterations = 50
-    s.staticSolver.verboseMode = 0
-    s.solution.file.write = False
-    return s
-
-
-def dynamic_settings(end: float, step: float) -> exu.SimulationSettings:
-    """As docs/native_solvers.md advises."""
-    s = exu.SimulationSettings()
-    s.timeIntegration.endTime = end
-    s.timeIntegration.numberOfSteps = round(end / step)
-    s.timeIntegration.generalizedAlpha.spectralRadius = 0.8
-    s.timeIntegration.newton.relativeTolerance = 1e-6
-    s.timeIntegration.newton.absoluteTolerance = 1e-8
-    s.timeIntegration.verboseMode = 0
-    s.solution.file.write = False
-    return s
 
 
 def there_and_back(high: float, low: float):
@@ -112,19 +90,6 @@ def test_static_solver_with_two_robots_and_a_hook_of_the_user():
     assert distance(b.tip_position - [0.1, 0.0, 0.0], other) < 1e-6
 
 
-def damped(robot, damping: float = 0.03, **rest):
-    """A robot whose tip is damped against ground, near critical damping [N s/m]."""
-    keep, mbs, handle = scene(robot, assemble=False, **rest)
-    ground = mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=mbs.AddObject(eii.ObjectGround())))
-    mbs.AddObject(
-        eii.CartesianSpringDamper(
-            markerNumbers=[ground, handle.mTip], stiffness=[0.0] * 3, damping=[damping] * 3
-        )
-    )
-    mbs.Assemble()
-    return keep, mbs, handle
-
-
 @pytest.mark.parametrize("friction", ["none", "per-hole"])
 def test_dynamic_solver_of_exudyn_comes_to_rest_at_the_same_tip(friction):
     """A slow pull to 1 N, damped: within 0.2 % of the length."""
@@ -157,11 +122,8 @@ def test_a_released_robot_swings_with_the_frequency_of_the_beam():
     ``w^2 = 3 EI / L^3 / (m_tip + 33/140 m_beam)``; W. Weaver, S. P. Timoshenko, D. H. Young, Vibration Problems in
     Engineering, sec. 1.5; good to a few thousandths.
     """
-    from dataclasses import replace
 
-    from robots import BACKBONE
-
-    from tdcr_fe.model.robot import Disks, Robot
+    from native_solvers import dynamic_settings
 
     mass = 5e-3
     robot = replace(

@@ -1,0 +1,52 @@
+"""Settings of Exudyn's own solvers, and a robot whose tip is damped, for tests that use these solvers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import exudyn as exu
+import exudyn.itemInterface as eii
+from robots import scene
+
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.scene import TDCR
+
+
+def static_settings(steps: int = 50) -> exu.SimulationSettings:
+    """As docs/native_solvers.md advises."""
+    s = exu.SimulationSettings()
+    s.staticSolver.numberOfLoadSteps = steps
+    s.staticSolver.newton.relativeTolerance = 1e-7
+    s.staticSolver.newton.absoluteTolerance = 1e-9
+    s.staticSolver.newton.maxIterations = 50
+    s.staticSolver.verboseMode = 0
+    s.solution.file.write = False
+    return s
+
+
+def dynamic_settings(end: float, step: float) -> exu.SimulationSettings:
+    """As docs/native_solvers.md advises."""
+    s = exu.SimulationSettings()
+    s.timeIntegration.endTime = end
+    s.timeIntegration.numberOfSteps = round(end / step)
+    s.timeIntegration.generalizedAlpha.spectralRadius = 0.8
+    s.timeIntegration.newton.relativeTolerance = 1e-6
+    s.timeIntegration.newton.absoluteTolerance = 1e-8
+    s.timeIntegration.verboseMode = 0
+    s.solution.file.write = False
+    return s
+
+
+def damped(
+    robot: Robot, damping: float = 0.03, **rest: Any
+) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR]:
+    """A robot whose tip is damped against ground [N s/m]; by default near critical damping."""
+    keep, mbs, handle = scene(robot, assemble=False, **rest)
+    ground = mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=mbs.AddObject(eii.ObjectGround())))
+    mbs.AddObject(
+        eii.CartesianSpringDamper(
+            markerNumbers=[ground, handle.mTip], stiffness=[0.0] * 3, damping=[damping] * 3
+        )
+    )
+    mbs.Assemble()
+    return keep, mbs, handle
