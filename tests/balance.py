@@ -93,7 +93,7 @@ class Ledger:
 
     @property
     def gap(self) -> float:
-        """Work that was neither stored nor dissipated [J]."""
+        """Residual of the energy balance: work less stored and dissipated energy [J]."""
         return self.work - self.stored - float(np.sum(self.dissipated))
 
 

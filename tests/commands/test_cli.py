@@ -1,4 +1,4 @@
-"""The command: exit statuses, output and files. The solver is a stand-in."""
+"""The command: exit statuses, output and files. The solver is replaced by a mock."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tdcr_fe.io.tables import RESULT_FILES
 
 @pytest.fixture
 def calls(monkeypatch):
-    """Stand-in for the solver; every call is recorded."""
+    """Mock of the solver that records every call."""
     noted = []
 
     def simulate(robot, model, steps, settings=None, progress=None, **beside):

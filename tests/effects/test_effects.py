@@ -89,7 +89,7 @@ TIMED = (LoadStep(tensions={"t1": 0.5}, time=10.0), LoadStep(tensions={"t1": 1.0
 
 @pytest.mark.parametrize("e", EFFECTS, ids=lambda e: e.name)
 def test_null_values_keep_what_is_declared(e):
-    """e3bbe5d: superelastic, hole_adhesion, hole_clearance and creep erased what the robot declares."""
+    """e3bbe5d: superelastic, hole_adhesion, hole_clearance and creep overwrote what the robot declares."""
     s = Experiment(DECLARED, replace(MODEL, gravity=(0.0, 0.0, -9.81)), TIMED)
     changed = e.apply(s, e.null_values(s))
     assert changed.robot.backbone.superelastic == s.robot.backbone.superelastic

@@ -111,8 +111,8 @@ def test_elastica_under_a_transverse_end_force(force):
 def test_rod_of_constant_strain_is_a_helix():
     """Constant strain u, v in a precurved rod: moment and force are constant in the section's frame.
 
-    Balance of the rod in its own frame: ``u x n = 0`` and ``u x m + e_z x n = 0``, so a wrench that follows the tip
-    holds it, and the pose at the tip is one exponential. Elements of constant strain would be exact but for their
+    Balance of the rod in its own frame: ``u x n = 0`` and ``u x m + e_z x n = 0``, so a wrench fixed in the tip frame
+    balances it, and the pose at the tip is one exponential. Elements of constant strain would be exact but for their
     residual flexibility, which takes the moment to change with the shear force; here ``u x m`` makes up for it.
     """
     k, twist = 3.0, 2.0
@@ -203,7 +203,7 @@ def test_increments_of_twists_against_differences():
 
 @dataclass(frozen=True)
 class Tube(Backbone):
-    """A section of one's own: its area and second moment decide on stiffness and mass."""
+    """A user-defined section: its area and second moment decide on stiffness and mass."""
 
     bore: float = 0.0
 

@@ -208,7 +208,7 @@ def test_dynamics_have_the_coefficient_of_their_slip_rate():
 
 
 def test_a_pull_that_stops_goes_from_kinetic_friction_through_stick_slip():
-    """0.5 N within 0.1 s, then held: static and kinetic coefficient, holes that stick and holes that slip again.
+    """0.5 N within 0.1 s, then constant: static and kinetic coefficient, holes that stick and holes that slip again.
 
     At every hole and time the friction is the part ``s`` of the law's coefficient, and never more.
     """

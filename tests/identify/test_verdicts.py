@@ -73,7 +73,7 @@ def test_without_sigma_noise_is_estimated_where_three_steps_allow_it(tmp_path):
 
 
 def test_without_sigma_two_steps_give_no_verdict(bent, tmp_path):
-    """e3bbe5d: the residual itself was taken for the noise, and "nothing missing" said."""
+    """e3bbe5d: the residual itself was taken for the noise, and the verdict was "nothing missing"."""
     status, result = run(
         bent,
         tmp_path,
@@ -173,7 +173,7 @@ def running(pid):
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's table of processes")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGKILL"])
 def test_an_interruption_ends_all_processes_and_keeps_what_was_found(bent, tmp_path, name):
-    """e3bbe5d: after SIGTERM nothing was written and a worker went on; after SIGKILL all workers did."""
+    """e3bbe5d: after SIGTERM nothing was written and a worker kept running; after SIGKILL all workers did."""
     write_measured(bent, tmp_path / "set")
     script = tmp_path / "command.py"
     script.write_text(SCRIPT)

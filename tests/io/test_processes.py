@@ -67,7 +67,7 @@ def start(tmp_path):
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.parametrize("number", ["SIGKILL", "SIGTERM", "SIGINT"])
 def test_workers_end_with_their_parent(tmp_path, number):
-    """e3bbe5d: after ``kill -9`` workers lived on without limit."""
+    """e3bbe5d: after ``kill -9`` workers kept running without limit."""
     process, workers = start(tmp_path)
     try:
         assert workers and all(alive(p) for p in workers)

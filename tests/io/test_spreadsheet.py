@@ -1,4 +1,4 @@
-"""Tables of any spreadsheet give the same data; an ambiguous file is refused with a word for the reason."""
+"""Tables of any spreadsheet give the same data; an ambiguous file is refused with the reason."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def test_create_tdcr_names_the_argument_and_what_to_call(arguments, message):
     ],
 )
 def test_create_tdcr_refuses_options_by_name(options, error, message):
-    """e3bbe5d took a name that is no text, and a presliding distance of zero or "1e-6", without a word."""
+    """e3bbe5d took a name that is no text, and a presliding distance of zero or "1e-6", without an error."""
     container = exu.SystemContainer()
     system = container.AddSystem()
     with pytest.raises(error, match=f"CreateTDCR: {message}"):
@@ -136,7 +136,7 @@ def test_solve_tdcr_takes_whole_numbers_of_numpy():
     ],
 )
 def test_public_functions_name_the_argument_and_what_is_expected(call, message):
-    """In e3bbe5d these were AttributeErrors of something inside, or, for models and effects, no error at all."""
+    """In e3bbe5d these were AttributeErrors from inside the function or, for a wrong model, no error at all."""
     with pytest.raises(TypeError, match=message):
         call()
 

@@ -89,7 +89,7 @@ def helix(disks=DISKS, **rest):
 
 
 def test_unloaded_tendon_along_holes_tends_to_the_helix_by_quadrature():
-    """Chords of a curve with n bays are short by an error that falls as 1 / n^2."""
+    """The chords of n bays are shorter than the curve by an error that falls as 1 / n^2."""
     routing = VaryingHelicalRouting(4e-3, 0.0, 1.0)
     exact, _ = quad(
         lambda s: np.hypot(1.0, np.linalg.norm(routing.position(np.array([s]), LENGTH, 1))), 0.0, LENGTH

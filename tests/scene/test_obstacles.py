@@ -92,7 +92,7 @@ def test_connectors_with_a_force_function_agree_with_contact_items_in_the_static
 
 
 def test_contact_items_are_refused_by_the_quasi_static_solver():
-    """It does not update their state, so that they never act: e3bbe5d solves this scene without a word."""
+    """It does not update their state, so that they never act: e3bbe5d solves this scene without an error."""
     _keep, mbs, handle = with_obstacle(with_contact_items)
     handle.set_tensions({"t1": 0.1})
     with pytest.raises(ValueError, match="data coordinates"):

@@ -19,7 +19,7 @@ def test_elastic_energy_of_a_bent_rod_is_that_of_pure_bending():
 
 
 @pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
-def test_work_is_stored_or_dissipated_and_the_rest_closes_with_substeps(friction):
+def test_the_energy_balance_closes_with_order_two_in_the_substeps(friction):
     """Pull to 2 N and release with a tip force: the balance by the trapezoidal rule closes with order two."""
     robot = paper(0.3)
     cycle = [
@@ -45,7 +45,7 @@ def test_work_is_stored_or_dissipated_and_the_rest_closes_with_substeps(friction
 
 
 def test_three_tendons_create_no_energy_over_random_cycles():
-    """Ten cycles, finely divided: at every hole dissipation >= 0, in all work >= stored energy."""
+    """Ten cycles, finely divided: dissipation >= 0 at every hole, and total work >= stored energy."""
     robot = three(0.3)
     steps, forces = divide(robot, random_cycles(robot, 10, seed=7, tension=1.5, force=0.03), 8)
     result = solve(robot, steps)

@@ -1,4 +1,4 @@
-"""What a solve says when it ends without a solution, and what it leaves behind when it is interrupted."""
+"""Message of a solve that ends without a solution, and the steps that are kept when it is interrupted."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def ended(status, residual):
 
 
 def test_a_friction_state_that_is_not_found_is_not_called_a_residual(monkeypatch):
-    """Version 0.1 said "no equilibrium after 20 iterations, residual 7.8e-09": below the tolerance of 1e-8."""
+    """Version 0.1 reported "no equilibrium after 20 iterations, residual 7.8e-09": below the tolerance of 1e-8."""
     monkeypatch.setattr(convergence, "FRICTION_TOLERANCE", -1.0)
     _keep, mbs, _ = scene(paper(0.3))
     system = SceneSystem(mbs)
@@ -79,7 +79,7 @@ def test_a_resolved_path_gives_no_warning_and_an_unresolved_one_its_size():
 
 
 def test_an_interrupt_within_a_step_keeps_the_steps_before(monkeypatch):
-    """Ctrl-C in the third step: two steps are there, and the message says so."""
+    """Ctrl-C in the third step: the result has two steps, and the message names the interruption."""
 
     def interrupted(*args, **kwargs):
         if args[2].inputs[0][0] > 1.0:
@@ -113,7 +113,7 @@ def test_an_interrupt_leaves_a_scene_at_the_beginning_of_the_step(monkeypatch):
 
 
 def test_solves_use_one_thread_and_leave_the_limit_as_it_was():
-    """Threads only cost processor time on matrices of this size; what the caller had set comes back."""
+    """Threads only cost processor time on matrices of this size; the caller's limit is restored."""
     seen = []
 
     def count():

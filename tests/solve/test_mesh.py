@@ -239,7 +239,7 @@ def test_a_coarser_run_that_ended_for_the_refinement_names_the_first_step_withou
 
 
 def test_all_steps_are_solved_on_a_mesh_that_cannot_be_refined(monkeypatch) -> None:
-    """Before, a sequence of more than eight steps ended without a word where the mesh was at its limit."""
+    """Before, a sequence of more than eight steps ended without a warning where the mesh was at its limit."""
     monkeypatch.setattr(mesh, "MOST_ELEMENTS", 1)
     steps = pull(*np.linspace(0.2, 2.5, 12))
     result = simulate(paper(), Model(friction="none"), steps, SolverSettings(mesh_tolerance=1e-6))
@@ -247,7 +247,7 @@ def test_all_steps_are_solved_on_a_mesh_that_cannot_be_refined(monkeypatch) -> N
     assert any("too coarse" in w for w in result.warnings)
 
 
-def test_a_number_of_ones_own_is_kept_and_its_error_reported() -> None:
+def test_a_given_number_of_elements_is_kept_and_its_error_reported() -> None:
     """Three disks with one element a bay are far off; the run reports it, with the size of the error."""
     robot = replace(paper(), disks=Disks.equally_spaced(3, LENGTH))
     result = simulate(robot, Model(friction="none", elements_per_bay=1), pull(2.5))

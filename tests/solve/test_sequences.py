@@ -44,8 +44,8 @@ def test_holes_begin_to_release_at_the_base():
     assert seen == sorted(seen) and seen[-1] == 12
 
 
-def test_hysteresis_the_robot_stays_bent_on_the_way_back():
-    """At the same tension, released lies above pulled, and the loop closes at zero tension."""
+def test_hysteresis_the_robot_is_more_bent_on_release():
+    """At the same tension the tip angle is larger on release than on the pull, and the loop closes at zero tension."""
     angle = degrees(solve(paper(0.3), pull(0.5, 1.0, 1.5, 1.0, 0.5, 0.0)))
     assert angle[3] > angle[1] + 5.0 and angle[4] > angle[0] + 1.5
     assert angle[5] == pytest.approx(0.0, abs=1e-4)
@@ -103,7 +103,7 @@ def test_displacement_of_an_inextensible_tendon_is_its_shortening():
     assert step.displacements[2] == pytest.approx(LENGTH - rest[2], abs=1e-9) or step.base_tensions[2] == 0.0
 
 
-def test_elastic_tendon_asks_for_more_displacement_by_its_stretch():
+def test_elastic_tendon_needs_more_displacement_by_its_stretch():
     """No friction: displacement = shortening + T L_now / (EA + T)."""
     robot = paper(0.0, axial_stiffness=400.0)
     stiff, soft = solve(paper(0.0), pull(2.0)).steps[0], solve(robot, pull(2.0)).steps[0]
@@ -113,7 +113,7 @@ def test_elastic_tendon_asks_for_more_displacement_by_its_stretch():
 
 
 @pytest.mark.parametrize("stiffness", [None, 400.0], ids=["inextensible", "elastic"])
-def test_slack_tendon_carries_nothing_and_comes_back(stiffness):
+def test_slack_tendon_has_no_tension_until_it_is_taut_again(stiffness):
     """Let out beyond taut, a tendon has tension zero; pulled in again, it acts as before."""
     robot = Robot(
         BACKBONE,

@@ -35,7 +35,7 @@ def test_mesh_error_of_the_tip_angle_falls_with_nearly_order_four():
 
 
 def test_tip_angle_with_friction():
-    """80.24285 deg and 1.69769 N in the tip segment, from a prototype written apart; 80.2627 deg of the reference."""
+    """80.24285 deg and 1.69769 N in the tip segment, from an independent prototype; 80.2627 deg of the reference."""
     result = solve(paper(0.3), pull(0.5, 1.0, 1.5, 2.0, 2.5))
     assert degrees(result)[-1] == pytest.approx(80.24285, abs=1e-4)
     assert degrees(result)[-1] == pytest.approx(80.2627, rel=5e-4)

@@ -1,4 +1,4 @@
-"""Campaigns end with their parent, and keep what was finished."""
+"""Worker processes end with their parent, and finished parts are kept."""
 
 import json
 import os

@@ -158,7 +158,7 @@ def test_report_is_one_page_and_json_without_nan(figures, tmp_path):
 
 
 def test_the_first_screen_has_a_verdict_line_for_each_claim(figures):
-    """The first screen of 0.1 was the full text of all evidence; now it unfolds."""
+    """In 0.1 the first screen was the full text of all evidence; now the evidence is folded under each claim."""
     found = PaperRun()
     found.cases = figures.cases
     text = html(found, to_json(found, 1.0))

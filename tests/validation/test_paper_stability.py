@@ -115,8 +115,8 @@ def test_friction_makes_the_tangent_unsymmetric():
     assert found.divergence >= found.smallest - 1e-12
 
 
-def test_held_tendons_stiffen_the_robot():
-    """Driven by displacement, only changes of shape that leave their lengths alone are free."""
+def test_prescribed_displacements_stiffen_the_robot():
+    """Driven by displacement, only changes of shape that keep the lengths of the tendons are free."""
     robot = three_tendon_robot().with_tendons(friction_coefficient=0.0)
     free = solved(robot, MODELS["discrete"], LoadStep("", {"t1": 0.5, "t2": 0.5, "t3": 0.5}), push(0.5))
     pulled = dict(zip(robot.tendon_names, free.displacement.tolist(), strict=True))
@@ -156,7 +156,7 @@ def test_search_finds_none_where_there_is_none():
     assert len(search.loads) == len(search.eigenvalues) == 5
 
 
-def test_a_strongly_pulled_helix_is_overturned_by_a_load_against_its_bending():
+def test_a_helix_under_high_tension_bifurcates_under_a_load_against_its_bending():
     """The rod of the simulation, with friction: a static bifurcation at 30 N of tension, none at 20 N."""
     robot = paper_case("fig5").robot
     found = [

@@ -32,7 +32,7 @@ def measured():
 
 
 def test_equation_38_is_solved_exactly_without_noise():
-    """A made stiffness comes back to rounding."""
+    """A known stiffness matrix is recovered to round-off."""
     k = np.array([[2.0, 0.3, 0.1], [0.3, 1.5, -0.2], [0.1, -0.2, 4.0]])
     u = np.random.default_rng(0).standard_normal((12, 3))
     found = identify_stiffness(u @ k.T, u, 0.0)

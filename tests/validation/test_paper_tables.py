@@ -1,4 +1,4 @@
-"""The paper's tables as typed in, and the checks of their rows."""
+"""The paper's tables as transcribed, and the checks of their rows."""
 
 from __future__ import annotations
 

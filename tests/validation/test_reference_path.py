@@ -68,7 +68,7 @@ def largest_gap(a, b):
 
 
 @pytest.mark.parametrize("tendons", [1, 2, 3, 4, 5, 6])
-def test_a_whole_step_agrees_with_the_step_cut_in_64(tendons):
+def test_a_whole_step_agrees_with_the_step_divided_into_64(tendons):
     """Within 1e-4 of the length, or the step is flagged."""
     robot = random_robot(tendons, 1)
     steps = random_steps(robot, 1)
@@ -80,8 +80,8 @@ def test_a_whole_step_agrees_with_the_step_cut_in_64(tendons):
     assert np.count_nonzero(resolved) >= 2
 
 
-def test_slip_that_ends_where_it_began_is_seen():
-    """A tip force moves a hole to and fro between the points of coarse substeps; 512 substeps are the measure."""
+def test_slip_that_ends_where_it_began_is_detected():
+    """A tip force reverses the slip at a hole between the points of coarse substeps; compared with 512 substeps."""
     robot = random_robot(1, 16)
     steps = random_steps(robot, 16)[:2]
     whole = solve_reference(robot, MODEL, steps)

@@ -234,7 +234,7 @@ def test_a_wrong_number_of_processes_is_refused(capsys):
     assert "at least 1" in capsys.readouterr().err
 
 
-def made_up_outcome():
+def synthetic_outcome():
     """One solved case, recorded without solving the rest."""
     record = plain(compare.compare(few()[0])) | {"error": ""}
     return report.judge([record], [], full=False, wall_time=1.0, processes=1, recalled=0)
@@ -242,7 +242,7 @@ def made_up_outcome():
 
 def test_numbers_of_the_method_come_from_the_cases():
     """The page of 0.1 said 40 % where the cases went up to 30 % of a bay's buckling load."""
-    text = " ".join(report.to_html(made_up_outcome()).split())
+    text = " ".join(report.to_html(synthetic_outcome()).split())
     assert f"or {100 * case_module.MOST_COMPRESSION:.0f} % of the load at which a bay buckles" in text
     assert f"The highest tension is {case_module.MOST_TENSION:g} N" in text
     assert "cases of large bending go up to 8 N" in text
