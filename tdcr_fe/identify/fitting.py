@@ -115,11 +115,11 @@ def finish(
         if now.cost > give_up_above:
             break
         (r,), (run,) = problem.residuals(now.effects, [now.values], record=True)
-        alone = replace(now, residual=r, cost=problem.cost(r)[0], held_cost=problem.cost(r)[1], run=run)
-        if not np.isfinite(alone.cost):
-            return alone
-        change = abs(alone.cost - now.cost)
-        now = alone
+        free_run = replace(now, residual=r, cost=problem.cost(r)[0], held_cost=problem.cost(r)[1], run=run)
+        if not np.isfinite(free_run.cost):
+            return free_run
+        change = abs(free_run.cost - now.cost)
+        now = free_run
         if change < 1.0 + 1e-2 * now.cost:
             break
     return now

@@ -21,12 +21,12 @@ from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.local_response import local_response
 from tdcr_fe.solve.mesh import (
     MOST_MESHES,
-    MeshEstimate,
     MeshMonitor,
     error_order,
     mesh_warnings,
     refined,
 )
+from tdcr_fe.solve.mesh_error import MeshEstimate
 from tdcr_fe.solve.parameters import Parameter, parameters
 from tdcr_fe.solve.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import Simulation, step_warnings

@@ -14,7 +14,9 @@ from tdcr_fe.model.robot import Backbone, Disks, Robot, Superelastic, Tendon
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve import mesh
-from tdcr_fe.solve.mesh import CHUNK, POINTS, WEIGHTS, MeshEstimate, _collocation_matrix, refined
+from tdcr_fe.solve.element_equations import POINTS, WEIGHTS, _collocation_matrix
+from tdcr_fe.solve.mesh import CHUNK, refined
+from tdcr_fe.solve.mesh_error import MeshEstimate
 from tdcr_fe.solve.simulate import PathRecord, Simulation, SolverSettings, StepFailed, simulate
 
 #: Finer mesh with which the estimate is compared: elements per element.

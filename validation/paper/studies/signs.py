@@ -133,12 +133,12 @@ def trial_signs(
         rubs = (target.values > 0.0) | (forces.base_tension > 0.0)
         trials: list[Trial] = []
         consistent: Trial | None = None
-        for guess in _combinations(rubs, signs):
-            change = _solve(simulation, _with_signs(start, guess), target, slip)
+        for assumed in _combinations(rubs, signs):
+            change = _solve(simulation, _with_signs(start, assumed), target, slip)
             agrees = tuple(
-                bool(not r or g * c >= -tolerance) for r, g, c in zip(rubs, guess, change, strict=True)
+                bool(not r or g * c >= -tolerance) for r, g, c in zip(rubs, assumed, change, strict=True)
             )
-            trials.append(Trial(guess, change, agrees, simulation.state.configuration.positions[-1].copy()))
+            trials.append(Trial(assumed, change, agrees, simulation.state.configuration.positions[-1].copy()))
             if trials[-1].consistent and consistent is None:
                 consistent = trials[-1]
                 if not try_all:

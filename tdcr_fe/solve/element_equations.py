@@ -1,0 +1,239 @@
+"""The Cosserat equations along every element of a backbone: stiffness, forces, and accurate integration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.backbone import add_residual_flexibility
+from tdcr_fe.elements.poses import coefficients, cross, exp_matrix, skew
+from tdcr_fe.elements.section import SectionForces
+from tdcr_fe.scene import TDCR
+
+Array = NDArray[np.float64]
+
+_QUADRATURE_POINTS, _QUADRATURE_WEIGHTS = np.polynomial.legendre.leggauss(4)
+#: Gauss points on [0, 1] and their weights; the same points at which `SectionForces` has the tendons.
+POINTS: Array = 0.5 * (_QUADRATURE_POINTS + 1.0)
+WEIGHTS: Array = 0.5 * _QUADRATURE_WEIGHTS
+
+
+def _collocation_matrix() -> Array:
+    """Integrals from 0 to every Gauss point of the polynomial through values at these points, shape (4, 4)."""
+    powers = np.arange(len(POINTS))
+    values = POINTS[:, None] ** powers
+    integrals = POINTS[:, None] ** (powers + 1) / (powers + 1)
+    return np.asarray(np.linalg.solve(values.T, integrals.T).T)
+
+
+_INTEGRALS = np.concatenate((_collocation_matrix(), WEIGHTS[None]))
+#: The pose of no motion, row by row, and ``strain @ _RATES``, the derivative of a pose in its own frame, row by row.
+_IDENTITY: Array = np.eye(3, 4).ravel()
+_RATES: Array = np.zeros((6, 3, 4))
+_RATES[3:, :, :3] = skew(np.eye(3))
+_RATES[:3, :, 3] = np.eye(3)
+_RATES = _RATES.reshape(6, 12)
+#: Fixed-point iterations of the collocation equations, least and most; the change of the elements' ends in one,
+#: over their distance from the ends of the finite elements, that stops them.
+LEAST_SWEEPS, MOST_SWEEPS, SWEEP_CHANGE = 4, 12, 0.01
+
+
+@dataclass(frozen=True)
+class ElementModel:
+    """Stiffness, weight and bays of the elements of one backbone.
+
+    Attributes
+    ----------
+    lengths : ndarray, shape (E,)
+        Of the elements [m].
+    element_stiffness : ndarray, shape (E, 6)
+        Of the finite elements, in beam axes, as in `BackboneMesh.stiffness`.
+    reference_strain : ndarray, shape (6,)
+        Of the unloaded backbone, in beam axes [1, 1/m].
+    flexible : ndarray of bool, shape (E,)
+        False in rigid inserts, which have no error.
+    section : SectionForces or None
+        Tendons that follow the backbone, and superelastic softening.
+    weight : ndarray, shape (3,)
+        Own weight of the backbone per length, world axes [N/m].
+    bays : ndarray of int, shape (E,)
+        Number of the bay that an element lies in, from 0.
+    cantilever : bool
+        Whether the last bay ends at a free tip without a disk.
+    """
+
+    lengths: Array
+    element_stiffness: Array
+    reference_strain: Array
+    flexible: NDArray[np.bool_]
+    section: SectionForces | None
+    weight: Array
+    bays: NDArray[np.int_]
+    cantilever: bool = False
+
+    @classmethod
+    def of(cls, handle: TDCR) -> ElementModel:
+        """The elements of a robot in a scene, with their current compliance."""
+        mesh, robot = handle.mesh, handle.robot
+        stiffness = mesh.stiffness.copy()
+        growth = handle.compliance_factor
+        if growth != 1.0:
+            add_residual_flexibility(stiffness, mesh.lengths, growth - 1.0)
+            stiffness[:, 3:] /= growth
+            stiffness[handle.rigid] = mesh.stiffness[handle.rigid]
+        middle = 0.5 * (mesh.arc_lengths[1:] + mesh.arc_lengths[:-1])
+        disks = np.asarray(robot.disks.positions, dtype=float)
+        return cls(
+            mesh.lengths,
+            stiffness,
+            np.concatenate(([1.0, 0.0, 0.0], mesh.precurvature)),
+            ~handle.rigid,
+            handle.actuation.section,
+            robot.backbone.mass_per_length * np.asarray(handle.model.gravity, dtype=float),
+            np.searchsorted(disks, middle),
+            not disks.size or disks[-1] < mesh.arc_lengths[-1] - 1e-9,
+        )
+
+    @property
+    def section_stiffness(self) -> Array:
+        """Of the section itself: without the residual flexibility of bending in the shear, shape (E, 6)."""
+        stiffness = self.element_stiffness.copy()
+        residual = self.lengths[:, None] ** 2 / (12.0 * stiffness[:, 5:3:-1])
+        stiffness[:, 1:3] = 1.0 / (1.0 / stiffness[:, 1:3] - residual)
+        return stiffness
+
+
+def _tendon_gradient(section: SectionForces, strain: Array, tensions: Array) -> Array:
+    """Wrench that the tendons along the backbone give the section, at the Gauss points, shape (S, E, 4, 6)."""
+    assert section.tendons is not None
+    total = np.zeros_like(strain)
+    for i, (offset, slope, weight) in enumerate(
+        zip(section.tendons.offset, section.tendons.slope, section.tendons.weight, strict=True)
+    ):
+        a = strain[..., :3] + cross(strain[..., 3:], offset) + slope
+        pull = tensions[:, i, None] * weight
+        t = a * (pull[..., None] / np.sqrt(np.einsum("...i,...i->...", a, a)))[..., None]
+        total[..., :3] += t
+        total[..., 3:] += cross(offset, t)
+    return total
+
+
+def _softened_curvature(section: SectionForces, moment: Array, bend: Array, compliance: Array) -> Array:
+    """Curvature change of a superelastic section under a bending moment, by Newton from a known one, (S, E, 4, 2)."""
+    law = section.superelastic
+    assert law is not None
+    w, kc, lost = law.threshold / 40.0, law.threshold, 1.0 - law.ratio
+    size = np.sqrt(np.einsum("...i,...i->...", moment, moment))
+    goal = size * compliance
+    k = np.sqrt(np.einsum("...i,...i->...", bend, bend))
+    for _ in range(3):
+        x = (k - kc) / w
+        value = k - lost * w * (np.logaddexp(0.0, x) - np.logaddexp(0.0, -kc / w))
+        slope = 1.0 - lost * 0.5 * (1.0 + np.tanh(0.5 * x))
+        k = np.maximum(k + (goal - value) / slope, 0.0)
+    return np.asarray(moment * (k / np.where(size > 0.0, size, 1.0))[..., None])
+
+
+def force_gradient(model: ElementModel, twists: Array, tensions: Array) -> Array:
+    """Derivative of the elements' energy by their twists, shape (S, E, 6)."""
+    h = model.lengths[:, None]
+    gradient = model.element_stiffness * (twists / h - model.reference_strain)
+    section = model.section
+    if section is not None and section.superelastic is not None:
+        gradient = gradient + section.superelastic.gradient(twists, model.lengths)
+    if section is not None and section.tendons is not None:
+        strain = np.broadcast_to((twists / h)[..., None, :], (*twists.shape[:-1], len(POINTS), 6))
+        gradient = gradient + np.einsum("g,segi->sei", WEIGHTS, _tendon_gradient(section, strain, tensions))
+    return gradient
+
+
+def stiffness_times(model: ElementModel, twists: Array, strain: Array) -> Array:
+    """Stiffness of the elements times changes of their twists, shape (S, E, 6)."""
+    h = model.lengths[:, None]
+    force = model.element_stiffness / h * strain
+    law = None if model.section is None else model.section.superelastic
+    if law is not None:
+        bend = twists[..., 4:] / h - law.precurvature[1:]
+        k = np.sqrt(np.einsum("...i,...i->...", bend, bend))
+        x = (k - law.threshold) / (law.threshold / 40.0)
+        lost = (1.0 - law.ratio) * law.bending_stiffness / model.lengths
+        secant = np.logaddexp(0.0, x) - np.logaddexp(0.0, -40.0)
+        secant *= law.threshold / 40.0 / np.where(k > 0.0, k, 1.0)
+        along = bend / np.where(k > 0.0, k, 1.0)[..., None]
+        part = np.einsum("...i,...i->...", along, strain[..., 4:])
+        slope = 0.5 * (1.0 + np.tanh(0.5 * x))
+        force[..., 4:] -= (lost * secant)[..., None] * strain[..., 4:]
+        force[..., 4:] -= (lost * (slope - secant) * part)[..., None] * along
+    return force
+
+
+def exact_elements(
+    model: ElementModel, twists: Array, wrenches: Array, weight: Array, tensions: Array
+) -> tuple[Array, Array]:
+    """Integrate the Cosserat equations along every element under the wrench at its first node.
+
+    Parameters
+    ----------
+    model
+        The elements.
+    twists
+        Of the finite elements, where the iteration starts, shape (S, E, 6).
+    wrenches
+        At the first node, in its frame, shape (S, E, 6).
+    weight
+        Own weight per length in the frame of the first node [N/m], shape (S, E, 3).
+    tensions
+        At the base [N], shape (S, m).
+
+    Returns
+    -------
+    ends : ndarray, shape (S, E, 3, 4)
+        Rotation and position of the last node in the frame of the first.
+    moments : ndarray, shape (S, E, 3)
+        First moment of the curve: integral of its position over the element [m^2].
+    """
+    section = model.section
+    compliance = (1.0 / model.section_stiffness)[:, None, :]
+    h = model.lengths[:, None]
+    start = twists[..., None, :] * POINTS[:, None]
+    poses = exp_matrix(start, coefficients(start[..., 3:]))[..., :3, :]
+    strain = np.broadcast_to((twists / h)[..., None, :], start.shape)
+    force, moment = wrenches[..., None, :3], wrenches[..., None, 3:]
+    along = (model.lengths[:, None] * POINTS)[..., None]
+    integrals = _INTEGRALS * model.lengths[:, None, None]
+    heavy = bool(np.any(model.weight))
+    both = np.empty((*start.shape[:-1], 2, 3))
+    both[..., 0, :] = force - weight[..., None, :] * along
+    moments = np.zeros((*twists.shape[:-1], 3))
+    ends = poses[..., 0, :, :]
+    arm = skew(force)
+    own = exp_matrix(twists, coefficients(twists[..., 3:]))[..., :3, :]
+    for sweep in range(1, MOST_SWEEPS + 1):
+        p = poses[..., 3]
+        both[..., 1, :] = moment + (arm @ p[..., None])[..., 0]
+        if heavy:
+            below = integrals @ p
+            moments = below[..., -1, :]
+            both[..., 1, :] += cross(along * p - below[..., :-1, :], weight[..., None, :])
+        wrench = (both @ poses[..., :3]).reshape(start.shape)
+        if section is not None and section.tendons is not None:
+            wrench = wrench - _tendon_gradient(section, strain, tensions)
+        new = model.reference_strain + wrench * compliance
+        if section is not None and section.superelastic is not None:
+            bend = strain[..., 4:] - model.reference_strain[4:]
+            new[..., 4:] = model.reference_strain[4:] + _softened_curvature(
+                section, wrench[..., 4:], bend, compliance[..., 5]
+            )
+        strain = new
+        rates = poses[..., :3] @ strain.dot(_RATES).reshape(*start.shape[:-1], 3, 4)
+        every = integrals @ rates.reshape(*start.shape[:-1], 12)
+        every += _IDENTITY
+        every = every.reshape(*every.shape[:-1], 3, 4)
+        before, poses, ends = ends, every[..., :-1, :, :], every[..., -1, :, :]
+        if sweep >= LEAST_SWEEPS:
+            change = np.abs(ends - before).max(axis=(1, 2, 3))
+            if np.all(change <= SWEEP_CHANGE * np.abs(ends - own).max(axis=(1, 2, 3))):
+                break
+    return ends, moments
