@@ -135,7 +135,7 @@ class CableLines:
         m, n = tension.shape
         # By segment and tendon: the motion of the far hole relative to the near one by those of both nodes, three
         # rows; and its part along the segment, which is taken off.
-        rows = np.empty((n, m, 4, 12))
+        rows: Array = np.empty((n, m, 4, 12))
         np.negative(maps[:-1], out=rows[:, :, :3, :6])
         rows[:, :, :3, 6:] = maps[1:]
         along = self.directions.transpose(1, 0, 2)
