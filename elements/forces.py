@@ -19,8 +19,6 @@ from tdcr_fe.elements.section import SectionForces, nodal_sum
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
 
 Array = NDArray[np.float64]
-#: From this many unknowns on, the sparse product (a segment depends on two nodes only) is faster.
-SPARSE_WIDTH = 200
 
 
 class Measurement(NamedTuple):
@@ -323,31 +321,18 @@ class TendonForces(NamedTuple):
             change += f.d_length @ d_lengths
         if self.base_response is not None:
             change = change + f.d_base[:, :, None] * self.base_response[:, None, :]
-        width = d_lengths.shape[-1]
-        if width > SPARSE_WIDTH and self.model.geometry is not None:
-            softer = self._by_segments(change)
+        if self.model.geometry is None:
+            k -= d_lengths[:, 0].T @ change[:, 0]
         else:
-            softer = d_lengths.reshape(-1, width).T @ change.reshape(-1, width)
-        columns = self.model.columns
-        if columns is None:
-            k -= softer
-        else:
-            k[np.ix_(columns, columns)] -= softer
+            pull = self.measured.shape.lines.softening(change)
+            pull = pull.reshape(-1, pull.shape[-1])
+            columns = self.model.columns
+            if columns is None:
+                k[: len(pull)] += pull
+            else:
+                k[np.ix_(columns[: len(pull)], columns)] += pull
         if self.model.section is not None:
             self._add_section_tangent(k, loads_jacobian)
-
-    def _by_segments(self, change: Array) -> Array:
-        """Change of the tensions (m, n, W) times the pull on the nodes, segment by segment, shape (W, W)."""
-        geometry = self.model.geometry
-        assert geometry is not None
-        m, n, width = change.shape
-        k = np.zeros((width // 6, 6, width))
-        pulls = self.measured.shape.d_lengths.reshape(m, n, -1, 6)
-        for i, nodes in enumerate(geometry.nodes):
-            segments = np.flatnonzero(geometry.mask[i])
-            for end in (nodes[segments], nodes[segments + 1]):
-                k[end] += pulls[i, segments, end][:, :, None] * change[i, segments][:, None, :]
-        return k.reshape(width, width)
 
     def _add_section_tangent(self, k: Array, loads_jacobian: bool) -> None:
         """Section forces: derivatives by the twists and by the frames in which they are expressed."""

@@ -90,7 +90,7 @@ class CableLines:
         One over their lengths, zero where padded [1/m], shape (m, n).
     """
 
-    __slots__ = ("_frames", "_inverse", "_lever", "_maps", "_offsets", "directions")
+    __slots__ = ("_frames", "_inverse", "_lever", "_maps", "_offsets", "_segments", "directions")
 
     def __init__(
         self, frames: Array, offsets: Array, lever: Array, directions: Array, inverse: Array
@@ -100,6 +100,7 @@ class CableLines:
         self._lever = lever
         self._inverse = inverse
         self._maps: Array | None = None
+        self._segments: Array | None = None
         self.directions = directions
 
     @property
@@ -108,6 +109,15 @@ class CableLines:
         if self._maps is None:
             self._maps = self._lever @ self._frames.swapaxes(-1, -2)
         return self._maps
+
+    def softening(self, change: Array) -> Array:
+        """Pull on the nodes of changes of the tensions, of shape (m, n, W): shape (n+1, 6, W)."""
+        n, width = change.shape[1:]
+        each = self.segments[:, :, 3].swapaxes(1, 2) @ change.transpose(1, 0, 2)
+        pull = np.zeros((n + 1, 6, width))
+        np.negative(each[:, :6], out=pull[:-1])
+        pull[1:] -= each[:, 6:]
+        return pull
 
     def pulls(self, tension: Array) -> Array:
         """Forces on the holes in world axes [N], shape (m, n+1, 3), of tensions (m, n)."""
@@ -123,6 +133,23 @@ class CableLines:
         each = self.maps @ self.pulls(tension)[..., None]
         return np.asarray((each.sum(axis=0) if len(each) != 1 else each[0])[..., 0])
 
+    @property
+    def segments(self) -> Array:
+        """Motion of the far hole of each segment relative to its near one, by those of both nodes: (n, m, 4, 12).
+
+        By segment and tendon three rows in world axes, and a fourth along the segment: the change of its length.
+        """
+        if self._segments is None:
+            maps = self.maps.transpose(1, 0, 3, 2)
+            m, n, _ = self.directions.shape
+            rows: Array = np.empty((n, m, 4, 12))
+            np.negative(maps[:-1], out=rows[:, :, :3, :6])
+            rows[:, :, :3, 6:] = maps[1:]
+            along = self.directions.transpose(1, 0, 2)
+            np.matmul(along[:, :, None], rows[:, :, :3], out=rows[:, :, 3:])
+            self._segments = rows
+        return self._segments
+
     def stiffness(self, tension: Array) -> NodeStiffness:
         """Geometric stiffness: derivative of `wrenches` at fixed tensions (m, n).
 
@@ -131,17 +158,9 @@ class CableLines:
         ``f`` in the frame of the node; the half is that of increments of Euler parameters, as in Exudyn's Jacobian
         (derivation: documentation, page "Theory").
         """
-        maps = self.maps.transpose(1, 0, 3, 2)
         m, n = tension.shape
-        # By segment and tendon: the motion of the far hole relative to the near one by those of both nodes, three
-        # rows; and its part along the segment, which is taken off.
-        rows: Array = np.empty((n, m, 4, 12))
-        np.negative(maps[:-1], out=rows[:, :, :3, :6])
-        rows[:, :, :3, 6:] = maps[1:]
-        along = self.directions.transpose(1, 0, 2)
-        np.matmul(along[:, :, None], rows[:, :, :3], out=rows[:, :, 3:])
         weight = (tension * self._inverse).T[:, :, None] * _ACROSS
-        rows = rows.reshape(n, 4 * m, 12)
+        rows = self.segments.reshape(n, 4 * m, 12)
         block = rows.swapaxes(1, 2) @ (rows * weight.reshape(n, 4 * m, 1))
         itself = np.zeros((n + 1, 6, 6))
         itself[:-1] = block[:, :6, :6]

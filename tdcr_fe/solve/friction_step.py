@@ -19,6 +19,9 @@ from tdcr_fe.solve.numbering import Numbering
 from tdcr_fe.solve.state import SolverState
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int_]
+#: Slips against the direction of a hole are round-off below this fraction of the presliding distance [1].
+ROUND_OFF = 1e-8
 
 
 def mobilisations(numbering: Numbering, state: SolverState) -> Array:
@@ -65,19 +68,102 @@ def all_keep_slipping(mobilisation: Array, residual: Array) -> bool:
     return bool(np.minimum(np.abs(mobilisation) - 1.0, mobilisation * residual).min() >= 0.0)
 
 
-class FrictionResponse(NamedTuple):
-    """Response of the linearised equilibrium to the mobilisations.
+class FrictionCoupling(NamedTuple):
+    """Derivatives between the unknowns of equilibrium and the mobilisations.
 
     Attributes
     ----------
     columns : ndarray, shape (linear, k)
+        Residual by the mobilisations.
+    rows : ndarray, shape (k, linear)
+        Slips by the unknowns of equilibrium.
+    own : ndarray, shape (k, k)
+        Slips by the mobilisations [m].
+    """
+
+    columns: Array
+    rows: Array
+    own: Array
+
+    @classmethod
+    def of(
+        cls,
+        numbering: Numbering,
+        forces: Sequence[TendonForces],
+        clamped: Sequence[slice],
+        slack: Sequence[NDArray[np.bool_]],
+    ) -> FrictionCoupling:
+        """Assemble the derivatives of all robots.
+
+        Parameters
+        ----------
+        numbering, forces
+            As in `slip_residual`.
+        clamped
+            Unknowns of clamped bases.
+        slack
+            By robot, which of the tendons with prescribed displacement are slack.
+        """
+        count = numbering.total - numbering.linear
+        columns = np.zeros((numbering.linear, count), order="F")
+        rows = np.zeros((count, numbering.linear))
+        own = np.zeros((count, count))
+        for part in numbering.robots:
+            if not part.has_friction:
+                continue
+            at = forces[part.robot]
+            start, stop = part.mobilisations.start, part.mobilisations.stop
+            here = slice(start - numbering.linear, stop - numbering.linear)
+            columns[part.nodes, here] = at.mobilisation_columns()
+            by_nodes, by_tension, own[here, here] = at.slip_rows()
+            rows[here, part.nodes] = by_nodes
+            if part.driven.size:
+                by_base = at.base_slip_by_mobilisation()[part.driven]
+                by_base[slack[part.robot]] = 0.0
+                columns[part.tensions, here] = by_base
+                rows[here, part.tensions] = by_tension[:, part.driven]
+        for base in clamped:
+            columns[base] = 0.0
+        return cls(columns, rows, own)
+
+    def response(self, solve: Callable[[Array], Array], which: Index, presliding: float) -> FrictionResponse:
+        """Response to some of the mobilisations.
+
+        Parameters
+        ----------
+        solve
+            Solves the linearised equilibrium at fixed friction for several right sides, shape (linear, k').
+        which
+            Numbers of the mobilisations, shape (k',).
+        presliding
+            Presliding distance [m].
+        """
+        columns = -solve(np.asfortranarray(self.columns[:, which]))
+        matrix = -(self.rows @ columns) - self.own[:, which]
+        matrix[which, np.arange(len(which))] += presliding
+        return FrictionResponse(columns, matrix)
+
+
+class FrictionResponse(NamedTuple):
+    """Response of the linearised equilibrium to mobilisations.
+
+    Attributes
+    ----------
+    columns : ndarray, shape (linear, k')
         Change of the unknowns of equilibrium by the mobilisations.
-    matrix : ndarray, shape (k, k)
+    matrix : ndarray, shape (k, k')
         Presliding distance times identity, minus the derivative of the slips by the mobilisations [m].
     """
 
     columns: Array
     matrix: Array
+
+    def then(self, other: FrictionResponse) -> FrictionResponse:
+        """The response to further mobilisations beside these."""
+        return FrictionResponse(
+            np.concatenate((self.columns, other.columns), axis=1),
+            np.concatenate((self.matrix, other.matrix), axis=1),
+        )
 
 
 def friction_response(
@@ -88,57 +174,52 @@ def friction_response(
     slack: Sequence[NDArray[np.bool_]],
     presliding: float,
 ) -> FrictionResponse:
-    """Response to the mobilisations.
-
-    Parameters
-    ----------
-    numbering, forces
-        As in `slip_residual`.
-    solve
-        Solves the linearised equilibrium at fixed friction for several right sides, shape (linear, k).
-    clamped
-        Unknowns of clamped bases.
-    slack
-        By robot, which of the tendons with prescribed displacement are slack.
-    presliding
-        Presliding distance [m].
-    """
-    count = numbering.total - numbering.linear
-    columns = np.zeros((numbering.linear, count), order="F")
-    rows = np.zeros((count, numbering.linear))
-    own = np.zeros((count, count))
-    for part in numbering.robots:
-        if not part.has_friction:
-            continue
-        at = forces[part.robot]
-        here = slice(part.mobilisations.start - numbering.linear, part.mobilisations.stop - numbering.linear)
-        columns[part.nodes, here] = at.mobilisation_columns()
-        by_nodes, by_tension, own[here, here] = at.slip_rows()
-        rows[here, part.nodes] = by_nodes
-        if part.driven.size:
-            by_base = at.base_slip_by_mobilisation()[part.driven]
-            by_base[slack[part.robot]] = 0.0
-            columns[part.tensions, here] = by_base
-            rows[here, part.tensions] = by_tension[:, part.driven]
-    for base in clamped:
-        columns[base] = 0.0
-    response = -solve(columns)
-    return FrictionResponse(response, presliding * np.eye(count) - rows @ response - own)
+    """Response to all mobilisations; see `FrictionCoupling`."""
+    coupling = FrictionCoupling.of(numbering, forces, clamped, slack)
+    return coupling.response(solve, np.arange(numbering.total - numbering.linear), presliding)
 
 
-def friction_step(response: FrictionResponse, fixed: Array, residual: Array, mobilisation: Array) -> Array:
+def friction_step(
+    coupling: FrictionCoupling,
+    solve: Callable[[Array], Array],
+    fixed: Array,
+    residual: Array,
+    mobilisation: Array,
+    presliding: float,
+) -> Array:
     """Complementarity step: the step with the mobilisations as unknowns, shape (total,).
 
+    Most holes keep slipping. The problem is solved for those that stick or would reverse in the step at fixed friction;
+    any other that then reverses joins them.
+
     Parameters
     ----------
-    response
-        To the mobilisations.
+    coupling
+        Between the unknowns of equilibrium and the mobilisations.
+    solve
+        Solves the linearised equilibrium at fixed friction for several right sides, shape (linear, k).
     fixed
         Step at fixed friction, shape (linear,).
     residual, mobilisation
         See `slip_residual` and `mobilisations`, shape (k,).
+    presliding
+        Presliding distance [m].
     """
-    matrix = response.matrix
-    new, _ = solve_box(matrix, residual + matrix @ mobilisation, mobilisation)
-    change = new - mobilisation
-    return np.concatenate((fixed + response.columns @ change, change))
+    side = np.trunc(mobilisation)
+    which = np.flatnonzero((side == 0.0) | (side * residual < 0.0))
+    response = coupling.response(solve, which, presliding)
+    while True:
+        before, matrix = mobilisation[which], response.matrix[which]
+        new, _ = solve_box(matrix, residual[which] + matrix @ before, before)
+        change = new - before
+        excess = residual - response.matrix @ change
+        reversing = side * excess < -ROUND_OFF * presliding
+        reversing[which] = False
+        further = np.flatnonzero(reversing)
+        if not further.size:
+            break
+        response = response.then(coupling.response(solve, further, presliding))
+        which = np.concatenate((which, further))
+    changes = np.zeros(len(mobilisation))
+    changes[which] = change
+    return np.concatenate((fixed + response.columns @ change, changes))

@@ -14,9 +14,8 @@ from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.convergence import Iterate, NewtonStatus, Unmet, first_unmet, stalled
 from tdcr_fe.solve.friction_step import (
-    FrictionResponse,
+    FrictionCoupling,
     all_keep_slipping,
-    friction_response,
     friction_step,
     mobilisations,
     slip_residual,
@@ -56,8 +55,6 @@ class NewtonResult:
         By robot, in that state.
     linearization : Linearization or None
         The last one; None if the initial state was a solution.
-    response : FrictionResponse or None
-        To the mobilisations, of that linearisation; None where no iteration needed it.
     """
 
     status: NewtonStatus
@@ -67,7 +64,6 @@ class NewtonResult:
     unmet: Unmet | None
     forces: tuple[TendonForces, ...]
     linearization: Linearization | None
-    response: FrictionResponse | None = None
 
     @property
     def converged(self) -> bool:
@@ -99,15 +95,12 @@ class NewtonStep(NamedTuple):
         Whether every hole continues to slip in its direction, so that a chord step may follow.
     damping : float
         Damping used [N m].
-    response : FrictionResponse or None
-        To the mobilisations, where the step needed it.
     """
 
     change: Array
     linearization: Linearization
     friction_kept: bool
     damping: float = 0.0
-    response: FrictionResponse | None = None
 
 
 def newton(
@@ -176,10 +169,7 @@ def _iterate(
     def end(status: NewtonStatus, iterations: int, unmet: Unmet | None = None) -> NewtonResult:
         linear = None if step is None else step.linearization
         final = _committed(system, residual, numbering, linear) if status.converged else residual.state
-        response = None if step is None else step.response
-        return NewtonResult(
-            status, final, tuple(residuals), iterations, unmet, residual.forces, linear, response
-        )
+        return NewtonResult(status, final, tuple(residuals), iterations, unmet, residual.forces, linear)
 
     def tested() -> Iterate:
         state, change = residual.state, None if step is None else step.change
@@ -246,11 +236,9 @@ def _full_step(
     slips = slip_residual(numbering, forces, state, fixed, presliding)
     if all_keep_slipping(mobilised, slips):
         return NewtonStep(_padded(fixed, numbering), linear, True, damping)
-    response = friction_response(
-        numbering, forces, linear.factorisation.solve, system.layout.clamped, linear.slack, presliding
-    )
-    change = friction_step(response, fixed, slips, mobilised)
-    return NewtonStep(change, linear, False, damping, response)
+    coupling = FrictionCoupling.of(numbering, forces, system.layout.clamped, linear.slack)
+    change = friction_step(coupling, linear.factorisation.solve, fixed, slips, mobilised, presliding)
+    return NewtonStep(change, linear, False, damping)
 
 
 def _chord_step(before: NewtonStep, numbering: Numbering, residual: Residual) -> NewtonStep:
