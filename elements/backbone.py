@@ -228,6 +228,7 @@ class ElementChain:
         self.steps = exp_matrix(twists, self._coefficients)
         self._turns = self.steps[:, :3, :3]
         self._skewed: Array | None = None
+        self._derived: tuple[Array, Array] | None = None
 
     @property
     def _lever(self) -> Array:
@@ -257,7 +258,10 @@ class ElementChain:
         -------
         ndarray, shape (E, 6)
         """
-        return twist_change(self.twists, increments[:-1], increments[1:], self._coefficients)
+        if self._derived is None:
+            return twist_change(self.twists, increments[:-1], increments[1:], self._coefficients)
+        both = np.concatenate((increments[:-1], increments[1:]), axis=1)
+        return np.asarray((self._derived[1] @ both[:, :, None])[:, :, 0])
 
     @staticmethod
     def _distal_sum(wrenches: Array, positions: Array, rotations: Array) -> Array:
@@ -330,6 +334,8 @@ class ElementChain:
 
         Shapes (E, 4, 6, 6) and (E, 6, 12).
         """
+        if self._derived is not None:
+            return self._derived
         c, count = self._coefficients, len(self.twists)
         powers = np.empty((count, 4, 6, 6))
         ad, square, cube, fourth = powers[:, 0], powers[:, 1], powers[:, 2], powers[:, 3]
@@ -344,6 +350,7 @@ class ElementChain:
         odd = 0.5 * ad
         np.subtract(odd, even, out=b[:, :, :6])
         np.add(odd, even, out=b[:, :, 6:])
+        self._derived = powers, b
         return powers, b
 
     def _pose_terms(self, wrenches: Array, beyond: Array, b: Array, inner: Array) -> NodeStiffness:

@@ -213,32 +213,13 @@ class CableGeometry:
         self.clearance = clearance if clearance is not None and np.any(clearance > 0.0) else None
         self.mask = mask
         self.node_count = node_count
-        m, n = mask.shape
-        if not np.array_equal(nodes, np.minimum(np.arange(n + 1), mask.sum(axis=1)[:, None])):
+        if not np.array_equal(nodes, np.minimum(np.arange(mask.shape[1] + 1), mask.sum(axis=1)[:, None])):
             raise ValueError("every tendon must run through all nodes from the base plate to its anchor")
         turns = mask[:, 1:]
         self._exists = mask.astype(float)
         self._turns = turns.astype(float)
         self._padded = not bool(np.all(mask))
-        # Each derivative is a sum of forces on holes: at the ends of segments, then at the three holes of each turn.
-        # The row of the derivative and the hole do not change, so they are computed once.
-        hole = np.arange(m * (n + 1)).reshape(m, n + 1)
-        segment = np.arange(m * n).reshape(m, n)
-        turn = m * n + np.arange(m * (n - 1)).reshape(m, n - 1)
-        rows = np.concatenate((segment, segment, turn, turn, turn), axis=1).ravel()
-        holes = np.concatenate(
-            (hole[:, :-1], hole[:, 1:], hole[:, :-2], hole[:, 1:-1], hole[:, 2:]), axis=1
-        ).ravel()
-        # Padded entries would overwrite the anchor's values with zeros, so they are left out.
-        real = np.flatnonzero(np.concatenate((mask, mask, turns, turns, turns), axis=1).ravel())
-        self._entry = real if self._padded else None
-        row, self._hole = rows[real], holes[real]
-        width = 6 * node_count
-        self._target = ((row * width + 6 * nodes.ravel()[self._hole])[:, None] + np.arange(6)).ravel()
-        self._width = width
-        #: Forces on the holes, in the order above, and its five parts.
-        self._forces = np.zeros((m, 5 * n - 3, 3))
-        self._parts = np.split(self._forces, np.cumsum([n, n, n - 1, n - 1]), axis=1)
+        self._width = 6 * node_count
         self._lever = self._levers()
 
     def _levers(self) -> Array:
@@ -340,19 +321,23 @@ class CableGeometry:
         # One over the sine; a straight tendon turns in no defined direction, so its derivative is set to zero.
         weight = np.sqrt(np.abs(square)) / (square + 1e-24)
         versed = (0.5 * chord)[..., None]
-        e = lines.directions
-        near, far, back, middle, front = self._parts
-        np.negative(e, out=near)
-        far[...] = e
-        np.multiply(bend + versed * e[:, :-1], (weight * inverse[:, :-1])[..., None], out=back)
-        np.multiply(bend - versed * e[:, 1:], (weight * inverse[:, 1:])[..., None], out=front)
-        np.add(back, front, out=middle)
-        np.negative(middle, out=middle)
-        forces = self._forces.reshape(-1, 3, 1)
-        if self._entry is not None:
-            forces = forces[self._entry]
-        maps = lines.maps.reshape(-1, 6, 3)
+        e, segments = lines.directions, lines.segments
         (m, n), width = self.mask.shape, self._width
-        derivatives = np.zeros((m * (2 * n - 1), width))
-        derivatives.reshape(-1)[self._target] = (maps.take(self._hole, axis=0) @ forces).ravel()
-        return derivatives[: m * n].reshape(m, n, width), derivatives[m * n :].reshape(m, n - 1, width)
+        d_lengths, d_angles = np.zeros((m, n, width)), np.zeros((m, n - 1, width))
+        _along_nodes(d_lengths, 12)[...] = segments[:, :, 3].transpose(1, 0, 2)
+        if n > 1:
+            # Of each turn by the directions of the segments before and after it.
+            before = -(weight * inverse[:, :-1])[..., None] * (bend + versed * e[:, :-1])
+            after = (weight * inverse[:, 1:])[..., None] * (bend - versed * e[:, 1:])
+            turns = _along_nodes(d_angles, 18)
+            motions = segments[:, :, :3].transpose(1, 0, 2, 3)
+            turns[:, :, :12] = (before[:, :, None] @ motions[:, :-1])[:, :, 0]
+            turns[:, :, 6:] += (after[:, :, None] @ motions[:, 1:])[:, :, 0]
+        return d_lengths, d_angles
+
+
+def _along_nodes(rows: Array, width: int) -> Array:
+    """View of a contiguous array (m, r, 6 N): of row ``k`` the ``width`` entries from node ``k`` on, (m, r, width)."""
+    m, r, _ = rows.shape
+    per_tendon, per_row, one = rows.strides
+    return np.ndarray((m, r, width), rows.dtype, rows, 0, (per_tendon, per_row + 6 * one, one))

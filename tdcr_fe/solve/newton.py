@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 #: Contraction of a chord step: a step with the tangent of the iteration before leaves about this times the residual,
 #: per turn of the elements since [1/rad]; a prediction that met the tolerance in all of 216 steps of three routings.
 CHORD_CONTRACTION = 3.0
+#: A residual below this fraction of the tolerance is not reduced further [1].
+MARGIN = 0.05
 #: A damped step turns no section by more than this; below a fifth of it the damping is reduced [rad].
 DAMPED_TURN = 0.5
 #: Largest damping, over the elastic force times the length: nothing moves any more [1].
@@ -95,12 +97,15 @@ class NewtonStep(NamedTuple):
         Whether every hole continues to slip in its direction, so that a chord step may follow.
     damping : float
         Damping used [N m].
+    new : bool
+        Whether the linearisation is that of the iterate from which the step was taken.
     """
 
     change: Array
     linearization: Linearization
     friction_kept: bool
     damping: float = 0.0
+    new: bool = True
 
 
 def newton(
@@ -163,45 +168,30 @@ def _iterate(
     limit = 10 * settings.max_iterations if damped else settings.max_iterations
     residuals: list[float] = []
     step: NewtonStep | None = None
-    turn, chord = 0.0, False
+    turn = 0.0
     damping = system.layout.scales.elastic_force * system.length if damped else 0.0
 
-    def end(status: NewtonStatus, iterations: int, unmet: Unmet | None = None) -> NewtonResult:
+    def end(status: NewtonStatus, unmet: Unmet | None = None) -> NewtonResult:
         linear = None if step is None else step.linearization
         final = _committed(system, residual, numbering, linear) if status.converged else residual.state
+        iterations = len(residuals) - 1
         return NewtonResult(status, final, tuple(residuals), iterations, unmet, residual.forces, linear)
 
-    def tested() -> Iterate:
-        state, change = residual.state, None if step is None else step.change
-        return Iterate(
-            residual.size,
-            change,
-            system.layout.scales,
-            residual.forces,
-            state.mobilisation,
-            state.friction,
-            presliding,
-        )
-
-    iteration = 0
     while True:
         residuals.append(residual.size)
         if not isfinite(residual.size):
-            return end(NewtonStatus.NOT_FINITE, iteration)
-        unmet = first_unmet(tested(), settings)
-        if unmet is None:
-            return end(NewtonStatus.CONVERGED, iteration)
-        if iteration == limit:
-            return end(unmet.status, limit, unmet)
+            return end(NewtonStatus.NOT_FINITE)
+        unmet = first_unmet(_iterate_of(system, residual, step, presliding), settings)
+        chord_allowed = step is not None and step.new and step.friction_kept and not damped
+        # A chord step costs little: it is also taken where the tolerance is only just met.
+        if unmet is None and not (chord_allowed and residual.size > MARGIN * settings.tolerance):
+            return end(NewtonStatus.CONVERGED)
+        if len(residuals) > limit:
+            return end(NewtonStatus.CONVERGED if unmet is None else unmet.status, unmet)
         # Where little is left to do, the tangent at hand does it; should it not, the next step has its own.
-        chord = (
-            step is not None
-            and step.friction_kept
-            and not (chord or damped)
-            and residual.size * CHORD_CONTRACTION * turn < settings.tolerance
-        )
+        chord = chord_allowed and residual.size * CHORD_CONTRACTION * turn < settings.tolerance
         try:
-            if chord and step is not None:
+            if step is not None and (chord or unmet is None):
                 step = _chord_step(step, numbering, residual)
             elif damped:
                 step = _damped_step(system, residual, numbering, presliding, damping)
@@ -209,14 +199,30 @@ def _iterate(
             else:
                 step = _full_step(system, residual, numbering, presliding)
         except np.linalg.LinAlgError:
-            return end(NewtonStatus.SINGULAR, iteration)
+            return end(NewtonStatus.SINGULAR)
         last = stalled(residual.size, step.change, system.layout.scales, settings)
         trial, turn = _advance(system, residual.state, step, numbering, settings.max_turn)
-        residual = system.residual(trial, residual.target, numbering, iteration + 1)
-        iteration += 1
-        if last and first_unmet(tested(), settings, balance=False) is None:
+        residual = system.residual(trial, residual.target, numbering, len(residuals))
+        iterate = _iterate_of(system, residual, step, presliding)
+        if last and first_unmet(iterate, settings, balance=False) is None:
             residuals.append(residual.size)
-            return end(NewtonStatus.STALLED, iteration)
+            return end(NewtonStatus.STALLED)
+
+
+def _iterate_of(
+    system: SceneSystem, residual: Residual, step: NewtonStep | None, presliding: float
+) -> Iterate:
+    """What the convergence tests see after a step; None at the start."""
+    state = residual.state
+    return Iterate(
+        residual.size,
+        None if step is None else step.change,
+        system.layout.scales,
+        residual.forces,
+        state.mobilisation,
+        state.friction,
+        presliding,
+    )
 
 
 def _full_step(
@@ -244,7 +250,7 @@ def _full_step(
 def _chord_step(before: NewtonStep, numbering: Numbering, residual: Residual) -> NewtonStep:
     """Chord step: with the tangent and frames of the previous iteration, at fixed friction."""
     change = before.linearization.step(residual.unbalanced, residual.forces, residual.target.inputs)
-    return before._replace(change=_padded(change, numbering))
+    return before._replace(change=_padded(change, numbering), new=False)
 
 
 def _damped_step(

@@ -43,6 +43,15 @@ class RowBlocks(NamedTuple):
         return cls(*map(_as_slice, (number[nodes, nodes], number[near, far], number[far, near])))
 
 
+def _add(blocks: Array, which: slice | Index, change: Array) -> None:
+    """``blocks[which] += change``, without copying where a view will do."""
+    if isinstance(which, slice):
+        part = blocks[which]
+        part += change
+    else:
+        blocks[which] += change
+
+
 class RobotNodes(NamedTuple):
     """Numbers of one robot's nodes among all beam nodes.
 
@@ -130,9 +139,9 @@ class SceneTangent(NamedTuple):
 
     def add(self, row: RowBlocks, stiffness: NodeStiffness) -> None:
         """Add to the blocks of neighbours in a row of nodes; changes `blocks`."""
-        self.blocks[row.itself] += stiffness.itself
-        self.blocks[row.after] += stiffness.after
-        self.blocks[row.before] += stiffness.after.swapaxes(1, 2)
+        _add(self.blocks, row.itself, stiffness.itself)
+        _add(self.blocks, row.after, stiffness.after)
+        _add(self.blocks, row.before, stiffness.after.swapaxes(1, 2))
 
     def dense(self, size: int) -> Array:
         """As a matrix of at least the reduced size, shape (size, size), filled up with zeros."""

@@ -11,7 +11,7 @@ from tdcr_fe.model import arguments
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.builder import check_system
 from tdcr_fe.solve.ramp import Ramp
-from tdcr_fe.solve.stepping import LoadStepReport, solve_ramp
+from tdcr_fe.solve.stepping import LoadStepReport, Path, solve_ramp
 from tdcr_fe.solve.system import SceneSystem
 from tdcr_fe.solve.threads import one_thread
 
@@ -66,6 +66,19 @@ def SolveTDCR(
     for name, value in (("startTime", startTime), ("endTime", endTime)):
         arguments.check_number("SolveTDCR", name, value, "It is a time [s].")
     system = SceneSystem(mbs)
+    try:
+        path = _solve(system, settings or SolverSettings(), startTime, endTime, substeps)
+        system.bring_to_rest()
+    finally:
+        system.connect()
+    return asdict(LoadStepReport.of(path))
+
+
+def _solve(
+    system: SceneSystem, settings: SolverSettings, start_time: float, end_time: float, substeps: int | None
+) -> Path:
+    """The load step from the scene's current state to the inputs and loads as set."""
+    mbs = system.mbs
     user_step = _function(mbs.GetPreStepUserFunction())
     before = None if user_step is None else lambda t: user_step(mbs, t)
     user_loads = (
@@ -73,12 +86,10 @@ def SolveTDCR(
         or user_step is not None
         or system.hooks.user_function("PreNewtonResidual") is not None
     )
-    state = system.current_state(startTime)
-    ramp = Ramp.of(system, state, startTime, endTime, before, user_loads)
+    state = system.current_state(start_time)
+    ramp = Ramp.of(system, state, start_time, end_time, before, user_loads)
     with one_thread():
-        path = solve_ramp(system, state, ramp, settings or SolverSettings(), substeps)
-    system.bring_to_rest()
-    return asdict(LoadStepReport.of(path))
+        return solve_ramp(system, state, ramp, settings, substeps)
 
 
 def _function(present: Any) -> Any:

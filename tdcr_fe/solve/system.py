@@ -211,7 +211,7 @@ class SceneSystem:
         )
 
     def store(self, state: SolverState, forces: Sequence[TendonForces] | None = None) -> None:
-        """Leave a solved state in the scene, as current and as initial configuration.
+        """Leave a solved state in the scene, as current and as initial configuration; see also `connect`.
 
         Parameters
         ----------
@@ -222,8 +222,6 @@ class SceneSystem:
         """
         if not forces:
             forces = self.forces(state, state.time)
-        for robot, own in zip(self.robots, forces, strict=True):
-            robot.apply(own)
         for robot, own, history, prescribed in zip(
             self.robots, forces, state.friction, state.prescribed, strict=True
         ):
@@ -232,6 +230,11 @@ class SceneSystem:
         for item, load in zip(self.hooks.point_loads, state.loads, strict=True):
             item.applied = load
         self.layout.space.write(state.configuration, initial=True)
+
+    def connect(self) -> None:
+        """Let Exudyn's items apply the forces of the stored state again, for Exudyn's own solvers and for drawing."""
+        for robot in self.robots:
+            robot.apply(robot.current_forces())
 
     def bring_to_rest(self) -> None:
         """Set the velocities and accelerations of the scene to zero."""
