@@ -172,7 +172,7 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
         level = [best] if explained or number > 1 else [best, *others]
         if number == 1 and not explained and locate:
             # If one local cause explains everything, the search for several effects that mimic it is skipped.
-            located = local_search(search, state, alone=True)
+            located = _local_search(search, state, [state.declared])
             if located.local is not None and residual_is_noise(
                 located.problem, located.local, search.significance
             ):
@@ -214,19 +214,23 @@ def swap_effects(search: Search, state: SearchState) -> Stage:
     return state
 
 
-def local_search(search: Search, state: SearchState, alone: bool = False) -> SearchState:
-    """Try single bays, and springs at one location, beside the best model and smaller ones (or the declared one)."""
+def local_search(search: Search, state: SearchState) -> SearchState:
+    """Try single bays, and springs at one location, beside the best model, smaller ones, and the declared one."""
     bases: dict[Names, Fit] = {frozenset(): state.declared}
-    if not alone:
-        if not residual_is_noise(state.problem, state.best, search.significance):
-            bases[frozenset(state.best.names)] = state.best
-        for e in state.best.effects:
-            state, smaller = _without(state, e)
-            if smaller.solved:
-                bases[frozenset(smaller.names)] = smaller
+    if not residual_is_noise(state.problem, state.best, search.significance):
+        bases[frozenset(state.best.names)] = state.best
+    for e in state.best.effects:
+        state, smaller = _without(state, e)
+        if smaller.solved:
+            bases[frozenset(smaller.names)] = smaller
+    return _local_search(search, state, list(bases.values()))
+
+
+def _local_search(search: Search, state: SearchState, bases: Sequence[Fit]) -> SearchState:
+    """Try single bays, and springs at one location, beside the three best of the given models."""
     found: list[tuple[float, Fit, Score]] = []
     problem = state.problem
-    for base in sorted(bases.values(), key=lambda f: bic(problem, f))[:3]:
+    for base in sorted(bases, key=lambda f: bic(problem, f))[:3]:
         # A local cause is fitted only if it does about as well as the best model to first order; the best candidate
         # has more margin, because the linearisation is inaccurate.
         margin = 0.1 * base.cost + 5.0 * state.best.cost if base is not state.best else math.inf

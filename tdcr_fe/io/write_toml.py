@@ -56,7 +56,7 @@ def robot_to_toml(robot: Robot) -> str:
     Raises
     ------
     ValueError
-        The robot has what the file format cannot express, such as a routing of one's own; all of it is named.
+        The robot has what the file format cannot express, such as a user-defined routing; all of it is named.
     """
     arguments.check_robot("robot_to_toml", robot)
     foreign = [
