@@ -44,16 +44,22 @@ if TYPE_CHECKING:
     from tdcr_fe.model.routing import PointsRouting as PointsRouting
     from tdcr_fe.model.routing import TwistedRouting as TwistedRouting
     from tdcr_fe.model.routing import VaryingHelicalRouting as VaryingHelicalRouting
+    from tdcr_fe.model.sensitivities import LocalResponse as LocalResponse
+    from tdcr_fe.model.sensitivities import Sensitivities as Sensitivities
+    from tdcr_fe.model.sensitivities import Sensitivity as Sensitivity
     from tdcr_fe.model.settings import SolverSettings as SolverSettings
     from tdcr_fe.native import register as register
     from tdcr_fe.scene.builder import CreateTDCR as CreateTDCR
     from tdcr_fe.scene.handle import TDCR as TDCR
     from tdcr_fe.scene.loads import PointLoad as PointLoad
+    from tdcr_fe.solve.local_response import local_response as local_response
+    from tdcr_fe.solve.parameters import effect_parameter as effect_parameter
     from tdcr_fe.solve.simulate import simulate as simulate
     from tdcr_fe.solve.simulation import Simulation as Simulation
     from tdcr_fe.solve.stability import Stability as Stability
     from tdcr_fe.solve.stability import stability as stability
     from tdcr_fe.solve.statics import SolveTDCR as SolveTDCR
+    from tdcr_fe.solve.statics import track_sensitivities as track_sensitivities
     from tdcr_fe.solve.stepping import StepFailed as StepFailed
 
 __version__ = "0.2.0.dev0"
@@ -80,15 +86,18 @@ _PUBLIC = {
         "TwistedRouting",
         "VaryingHelicalRouting",
     ),
+    "tdcr_fe.model.sensitivities": ("LocalResponse", "Sensitivities", "Sensitivity"),
     "tdcr_fe.model.settings": ("SolverSettings",),
     "tdcr_fe.native": ("register",),
     "tdcr_fe.scene.builder": ("CreateTDCR",),
     "tdcr_fe.scene.handle": ("TDCR",),
     "tdcr_fe.scene.loads": ("PointLoad",),
+    "tdcr_fe.solve.local_response": ("local_response",),
+    "tdcr_fe.solve.parameters": ("effect_parameter",),
     "tdcr_fe.solve.simulate": ("simulate",),
     "tdcr_fe.solve.simulation": ("Simulation",),
     "tdcr_fe.solve.stability": ("Stability", "stability"),
-    "tdcr_fe.solve.statics": ("SolveTDCR",),
+    "tdcr_fe.solve.statics": ("SolveTDCR", "track_sensitivities"),
     "tdcr_fe.solve.stepping": ("StepFailed",),
 }
 _MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}

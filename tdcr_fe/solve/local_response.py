@@ -46,8 +46,11 @@ def local_response(where: Simulation | TDCR, s: float | None = None, reversal: b
         system = SceneSystem(where.mbs)
         number = system.robots.index(where.actuation)
         state = system.current_state(where.mbs.systemData.GetTime())
-        found = response_at(system, state, number, where.actuation.law.presliding, s, reversal)
-        system.store(state)
+        try:
+            found = response_at(system, state, number, where.actuation.law.presliding, s, reversal)
+            system.store(state)
+        finally:
+            system.connect()
         return found
 
 

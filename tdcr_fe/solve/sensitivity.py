@@ -10,100 +10,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.model.loading import Actuation, resolve
+from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.sensitivities import Sensitivities, Sensitivity
+from tdcr_fe.scene.handle import TDCR
+from tdcr_fe.scene.loads import PointLoad
+from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.explicit import ExplicitDerivatives
+from tdcr_fe.solve.input_derivatives import InputDerivatives, InputValues
 from tdcr_fe.solve.linear_response import Disturbance, SolvedPoint, TendonChange
-from tdcr_fe.solve.neighbours import Inherited, Neighbours, neighbours
-from tdcr_fe.solve.parameters import ModelParameter, Parameter, StepInput, StructureChanged, same_structure
+from tdcr_fe.solve.neighbours import Inherited, Neighbours, load_positions, neighbours
+from tdcr_fe.solve.parameters import ModelParameter, Parameter, parameters
 from tdcr_fe.solve.ramp import Ramp
 from tdcr_fe.solve.robot_model import RobotModel, RobotPoint, load_wrench
 from tdcr_fe.solve.simulation import Simulation
 from tdcr_fe.solve.state import SolverState
+from tdcr_fe.solve.system import SceneSystem
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class InputDerivatives:
-    """Derivatives of inputs and loads at the ends of all steps.
-
-    Attributes
-    ----------
-    tendons : ndarray, shape (steps, m, P)
-        Of tensions [N] and displacements [m].
-    loads : ndarray, shape (steps, L, 6, P)
-        Of the concentrated loads, in the order of the simulation.
-    times : ndarray, shape (steps, P)
-        Of the times [s].
-    restarts : ndarray of bool, shape (P,)
-        Whose derivatives begin anew with every step.
-    """
-
-    tendons: Array
-    loads: Array
-    times: Array
-    restarts: NDArray[np.bool_]
-
-    @classmethod
-    def of(
-        cls,
-        experiment: Experiment,
-        simulation: Simulation,
-        chosen: Sequence[Parameter],
-        found: Sequence[Neighbours],
-    ) -> InputDerivatives:
-        """Derivatives by all parameters; see `neighbours`."""
-        steps, m = len(experiment.steps), len(experiment.robot.tendons)
-        keys = list(simulation.loads)
-        tendons = np.zeros((steps, m, len(chosen)))
-        loads = np.zeros((steps, len(keys), 6, len(chosen)))
-        times = np.zeros((steps, len(chosen)))
-        present = resolve(experiment.robot, experiment.steps)
-        for each in found:
-            weights = (each.stencil.base_weight, *each.stencil.weights)
-            others = each.stencil.experiments
-            if all(e.steps is experiment.steps for e in others):
-                continue
-            actions = [present, *(_actions_like(experiment, e) for e in others)]
-            for weight, sequence in zip(weights, actions, strict=True):
-                for k, (action, same) in enumerate(zip(sequence, present, strict=True)):
-                    tendons[k, :, each.number] += weight * action.values
-                    times[k, each.number] += weight * action.time
-                    for name, load in action.loads.items():
-                        at = keys.index(simulation.load_key(name, same.loads[name]))
-                        loads[k, at, :, each.number] += weight * np.array([*load.force, *load.moment])
-        restarts = np.array([isinstance(p, StepInput) for p in chosen], dtype=bool)
-        for number, parameter in enumerate(chosen):
-            if not isinstance(parameter, StepInput):
-                continue
-            if parameter.tendon >= 0:
-                tendons[:, parameter.tendon, number] = 1.0
-            for k, action in enumerate(present):
-                if parameter.load in action.loads:
-                    at = keys.index(simulation.load_key(parameter.load, action.loads[parameter.load]))
-                    loads[k, at, parameter.component, number] = 1.0
-        return cls(tendons, loads, times, restarts)
-
-
-def _actions_like(present: Experiment, other: Experiment) -> list[Actuation]:
-    """Inputs of an experiment at the ends of the steps of another, which effects may have divided differently."""
-    actions = resolve(other.robot, other.steps)
-    if same_structure(present.steps, other.steps) and (
-        [k for k, _ in present.step_ends] == [k for k, _ in other.step_ends]
-    ):
-        return actions
-    # Where only the neighbour is divided, its parts begin and end where the change of the parameter takes them.
-    whole = [j for j, (_, factor) in enumerate(other.step_ends) if factor == 1.0]
-    if present.ends is not None or len(whole) != len(present.steps):
-        raise StructureChanged("the load steps are divided differently there")
-    return [actions[j] for j in whole]
 
 
 @dataclass(eq=False)
@@ -146,14 +75,6 @@ class Derivative:
         return Derivative(*(x * keep for x in vars(self).values()))
 
 
-class _Inputs(NamedTuple):
-    """Derivatives of inputs (m, P), loads (L, 6, P) and time (P,) at the end of a substep."""
-
-    tendons: Array
-    loads: Array
-    time: Array
-
-
 @dataclass(eq=False)
 class _StepValues:
     """Derivatives at the end of one step, for the result."""
@@ -165,16 +86,29 @@ class _StepValues:
     slips: Array
 
 
+@dataclass(frozen=True)
+class NodeLoad:
+    """Where a concentrated load acts: node of the robot, -1 for one of another robot, and its frame."""
+
+    node: int
+    frame: str
+
+
 @dataclass(eq=False)
 class SensitivityHistory:
-    """Derivatives along the load steps of a simulation.
+    """Derivatives along the load steps of a robot.
 
     Attributes
     ----------
-    simulation : Simulation
+    handle : TDCR
+        The robot in its scene.
+    presliding : float
+        [m].
     parameters : tuple of Parameter
     explicit : ExplicitDerivatives
     inputs : InputDerivatives
+    loads : tuple of NodeLoad
+        All concentrated loads of the scene.
     present : Derivative
         At the end of the last substep.
     mobilisation : ndarray, shape (m, g)
@@ -185,10 +119,12 @@ class SensitivityHistory:
         What has been computed, by load step.
     """
 
-    simulation: Simulation
+    handle: TDCR
+    presliding: float
     parameters: tuple[Parameter, ...]
     explicit: ExplicitDerivatives
     inputs: InputDerivatives
+    loads: tuple[NodeLoad, ...]
     present: Derivative
     mobilisation: Array
     slip: Array
@@ -215,98 +151,148 @@ class SensitivityHistory:
             There is no derivative by a parameter; the message says why.
         """
         handle, presliding = simulation.handle, simulation.settings.presliding
-        counts = handle.model.elements_per_bay
-        experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
-        positions = sorted({at for _, at, _ in simulation.loads})
-        present = RobotModel.of(experiment.robot, experiment.model, positions, presliding)
-        found = neighbours(experiment, present, chosen, presliding)
-        explicit = ExplicitDerivatives(present, found, len(chosen))
+        loads = tuple(NodeLoad(handle.mesh.node_at(at, 1e-6), frame) for _, at, frame in simulation.loads)
+        present, found = _models(handle, experiment, chosen, presliding)
         inputs = InputDerivatives.of(experiment, simulation, chosen, found)
+        return cls._begun(handle, presliding, chosen, present, found, inputs, loads)
+
+    @classmethod
+    def of_scene(cls, arm: TDCR, names: Sequence[str | Parameter]) -> SensitivityHistory:
+        """Derivatives of a robot in a scene; see `tdcr_fe.solve.statics.track_sensitivities`."""
+        if arm.compliance_factor != 1.0 or arm.robot.backbone.creep_rate != 0.0:
+            raise ValueError(f"robot {arm.name!r}: no sensitivities of a backbone that creeps in a scene")
+        # A step that names all loads and all nodes stands for those to come.
+        named = {name: Load(at=_arc_length(arm, load)) for name, load in arm.loads.items()}
+        nodes = {f"node {k}": Load(at=float(s)) for k, s in enumerate(arm.mesh.arc_lengths)}
+        experiment = Experiment(arm.robot, arm.model, (LoadStep(loads={**nodes, **named}),))
+        chosen = parameters(experiment, names)
+        for p in chosen:
+            if p.name.startswith(("steps", "effects.actuator", "loads.node ")):
+                raise ValueError(
+                    f"sensitivities: {p.name!r}: a scene has no load steps; name inputs of the call"
+                )
+        presliding = arm.actuation.law.presliding
+        present, found = _models(arm, experiment, chosen, presliding)
+        own = {id(load): name for name, load in arm.loads.items()}
+        items = SceneHooks.of(arm.mbs).point_loads
+        loads = tuple(
+            NodeLoad(arm.mesh.node_at(named[own[id(x)]].at, 1e-6), arm.loads[own[id(x)]].frame)
+            if id(x) in own
+            else NodeLoad(-1, "world")
+            for x in items
+        )
+        labels = [own.get(id(x), "") for x in items]
+        inputs = InputDerivatives.of_inputs(len(arm.robot.tendons), labels, chosen)
+        return cls._begun(arm, presliding, chosen, present, found, inputs, loads)
+
+    @classmethod
+    def _begun(
+        cls,
+        handle: TDCR,
+        presliding: float,
+        chosen: Sequence[Parameter],
+        present: RobotModel,
+        found: Sequence[Neighbours],
+        inputs: InputDerivatives,
+        loads: tuple[NodeLoad, ...],
+    ) -> SensitivityHistory:
+        """A history before the first step."""
+        explicit = ExplicitDerivatives(present, found, len(chosen))
         (m, n), g = present.forces.law.shape, present.forces.law.groups
         every = len(explicit.law.slip_operator(n))
-        state = Derivative.zero(m, g, len(simulation.loads), len(chosen))
         return cls(
-            simulation, tuple(chosen), explicit, inputs, state, np.zeros((m, every)), np.zeros((m, every))
+            handle,
+            presliding,
+            tuple(chosen),
+            explicit,
+            inputs,
+            loads,
+            Derivative.zero(m, g, len(loads), len(chosen)),
+            np.zeros((m, every)),
+            np.zeros((m, every)),
         )
 
     # ------------------------------------------------------------------ along the path
 
     def advance(
-        self, ramp: Ramp, before: SolverState, increments: Sequence[tuple[float, SolverState]]
+        self,
+        system: SceneSystem,
+        ramp: Ramp,
+        before: SolverState,
+        increments: Sequence[tuple[float, SolverState]],
+        presliding: float | None = None,
     ) -> None:
         """Differentiate one solved load step. The scene is left in another state.
 
         Parameters
         ----------
+        system
+            The scene.
         ramp
             The load step.
         before
             State at its beginning.
         increments
             Load factors and states at the ends of its substeps.
+        presliding
+            Presliding distance it was solved with [m]; None is that given at the beginning.
         """
-        number = len(self.steps)
+        presliding = self.presliding if presliding is None else presliding
+        robot, goal = system.robots.index(self.handle.actuation), self.inputs.at(len(self.steps))
         begin = self.present.without(self.inputs.restarts)
         self.present = begin
-        driven = self.simulation.handle.actuation.by_displacement
+        driven = self.handle.actuation.by_displacement
         start = begin.base_tension
         if driven.any():
-            prescribed = np.isnan(before.prescribed[0])[:, None]
+            prescribed = np.isnan(before.prescribed[robot])[:, None]
             start = np.where(
                 driven[:, None], np.where(prescribed, begin.base_slip, begin.inputs), begin.base_tension
             )
         history, values = before, None
         for factor, state in increments:
-            inputs = (1.0 - factor) * start + factor * self.inputs.tendons[number]
-            loads = (1.0 - factor) * begin.loads + factor * self.inputs.loads[number]
-            time = (1.0 - factor) * begin.time + factor * self.inputs.times[number]
-            values = self._substep(ramp, factor, history, state, _Inputs(inputs, loads, time))
+            first = InputValues(start, begin.loads, begin.time)
+            inputs = InputValues(*((1.0 - factor) * a + factor * b for a, b in zip(first, goal, strict=True)))
+            target = ramp.apply(system, factor)
+            solved = SolvedPoint.of(system, state._replace(friction=history.friction), target, presliding)
+            values = self._substep(solved, robot, target.time, inputs)
             history = state
         assert values is not None
         self.steps.append(values)
 
-    def _substep(
-        self,
-        ramp: Ramp,
-        factor: float,
-        history: SolverState,
-        state: SolverState,
-        inputs: _Inputs,
-    ) -> _StepValues:
+    def _substep(self, solved: SolvedPoint, robot: int, time: float, inputs: InputValues) -> _StepValues:
         """Differentiate one substep, and carry the derivative of its history on."""
-        simulation, before = self.simulation, self.present
-        system, presliding = simulation.system, simulation.settings.presliding
-        target = ramp.apply(system, factor)
-        solved = SolvedPoint.of(system, state._replace(friction=history.friction), target, presliding)
-        own = solved.forces[0]
+        before, state, own = self.present, solved.state, solved.forces[robot]
+        history = state.friction[robot]
         point = RobotPoint.of(
-            state.configuration.poses[0],
-            state.configuration.twists[0],
-            state.base_tension[0],
-            state.mobilisation[0],
-            history.friction[0],
-            target.time,
+            state.configuration.poses[robot],
+            state.configuration.twists[robot],
+            state.base_tension[robot],
+            state.mobilisation[robot],
+            history,
+            time,
         )
-        self._follow_mobilisation(solved)
+        self._follow_mobilisation(solved, robot)
         inherited = Inherited(before.slip, before.slip_rate, inputs.time, inputs.time - before.time)
         explicit = self.explicit.at(own, point, self.mobilisation, inherited)
         wrenches = explicit.wrenches + self._load_wrenches(point, inputs.loads)
         disturbance = Disturbance(
             wrenches, inputs.tendons, explicit.tension, explicit.released, before.slip, before.mobilisation
         )
-        response = solved.respond((disturbance,))
-        change = response.tendons[0]
+        others = [Disturbance.none(x, len(self.parameters)) for x in solved.forces]
+        others[robot] = disturbance
+        response = solved.respond(tuple(others))
+        change = response.tendons[robot]
         law = own.model.law
         slip = np.einsum("gn,mnp->mgp", law.slip_operator, change.released)
-        elapsed = target.time - history.friction[0].time
+        elapsed = time - history.time
         rate = before.slip_rate
         if elapsed > 0.0:
-            travel = (own.field.slip - history.friction[0].slip)[:, :, None] / elapsed
+            travel = (own.field.slip - history.slip)[:, :, None] / elapsed
             rate = (slip - before.slip - travel * inherited.elapsed) / elapsed
         self.present = Derivative(
             slip, change.mobilisation, rate, change.base_tension, change.released.sum(axis=1), *inputs
         )
-        part = solved.numbering.robots[0]
+        part = solved.numbering.robots[robot]
         moved = response.unknowns[part.nodes].reshape(-1, 2, 3, len(self.parameters))
         world = point.rotations[:, None] @ moved
         holes = np.triu(np.ones((law.shape[1] - 1, law.shape[1])), 1)
@@ -315,28 +301,26 @@ class SensitivityHistory:
         slips = np.einsum("hn,mnp->mhp", holes, change.released)
         return _StepValues(world[:, 0], world[:, 1], change, displacements, slips)
 
-    def _follow_mobilisation(self, solved: SolvedPoint) -> None:
+    def _follow_mobilisation(self, solved: SolvedPoint, robot: int) -> None:
         """Mobilisations at the end of a substep, also of holes that have friction only at neighbouring values."""
-        own, presliding = solved.forces[0], solved.presliding
+        own, presliding = solved.forces[robot], solved.presliding
         law = own.model.law
         if law.groups == self.mobilisation.shape[1] and law.frictional.all():
-            self.mobilisation = solved.state.mobilisation[0]
+            self.mobilisation = solved.state.mobilisation[robot]
             return
         operator = self.explicit.law.slip_operator(law.shape[1])
         slip = own.field.released_length @ operator.T
         free = np.clip(self.mobilisation + (slip - self.slip) / presliding, -1.0, 1.0)
         if law.groups == free.shape[1]:
-            free = np.where(law.frictional, solved.state.mobilisation[0], free)
+            free = np.where(law.frictional, solved.state.mobilisation[robot], free)
         self.mobilisation, self.slip = free, slip
 
     def _load_wrenches(self, point: RobotPoint, loads: Array) -> Array:
         """Derivatives of the concentrated loads on the nodes, shape (6 N, P)."""
         nodes = np.zeros((len(point.positions), len(self.parameters), 6))
-        mesh = self.explicit.present.forces.mesh
-        for (_, at, frame), values in zip(self.simulation.loads, loads, strict=True):
-            if values.any():
-                node = mesh.node_at(at, 1e-6)
-                nodes[node] += load_wrench(values.T, frame, point.rotations[node])
+        for load, values in zip(self.loads, loads, strict=True):
+            if load.node >= 0 and values.any():
+                nodes[load.node] += load_wrench(values.T, load.frame, point.rotations[load.node])
         return nodes.transpose(0, 2, 1).reshape(-1, len(self.parameters))
 
     # ------------------------------------------------------------------ result
@@ -345,7 +329,7 @@ class SensitivityHistory:
         """Derivatives at the ends of all load steps so far."""
         if not self.steps:
             return Sensitivities()
-        robot = self.simulation.handle.robot
+        robot = self.handle.robot
         counts = [len(robot.hole_arc_lengths(t)) - 1 for t in robot.tendons]
         continuous = self.explicit.present.forces.geometry is None
         found = []
@@ -371,3 +355,20 @@ class SensitivityHistory:
                 )
             )
         return Sensitivities(tuple(found))
+
+
+def _models(
+    handle: TDCR, experiment: Experiment, chosen: Sequence[Parameter], presliding: float
+) -> tuple[RobotModel, tuple[Neighbours, ...]]:
+    """Model of a robot in a scene, and its neighbours by all parameters."""
+    counts = elements_of_bays(handle.robot, handle.model)
+    experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
+    present = RobotModel.of(experiment.robot, experiment.model, load_positions(experiment), presliding)
+    return present, neighbours(experiment, present, chosen, presliding)
+
+
+def _arc_length(arm: TDCR, load: PointLoad) -> float:
+    """Arc length of a concentrated load in a scene [m]."""
+    marker = arm.mbs.GetLoad(load.lForce)["markerNumber"]
+    node = arm.mbs.GetMarker(marker)["nodeNumber"]
+    return float(arm.mesh.arc_lengths[[int(n) for n in arm.nNodes].index(int(node))])

@@ -24,8 +24,8 @@ from tdcr_fe.solve.system import SceneSystem
 
 Array = NDArray[np.float64]
 LoadKey = tuple[str, float, str]
-#: Sees every solved load step: its ramp, the state at its beginning, load factors and states of its substeps.
-PathObserver = Callable[[Ramp, SolverState, tuple[tuple[float, SolverState], ...]], None]
+#: Sees every solved load step: scene, ramp, state at its beginning, load factors and states of its substeps.
+PathObserver = Callable[[SceneSystem, Ramp, SolverState, tuple[tuple[float, SolverState], ...]], None]
 
 
 class Simulation:
@@ -105,7 +105,8 @@ class Simulation:
         record_path
             Where the increments of this step are appended.
         follow
-            Called with the ramp, the state at its beginning, and load factors and states at the ends of all substeps.
+            Called with the scene, the ramp, the state at its beginning, and load factors and states at the ends of all
+            substeps.
 
         Raises
         ------
@@ -128,7 +129,7 @@ class Simulation:
             self.state, self._last = failure.state, None
             raise
         if follow is not None:
-            follow(ramp, self.state, path.increments)
+            follow(self.system, ramp, self.state, path.increments)
             ramp.apply(self.system, 1.0)
             self.system.store(path.state)
         self.state, self._last = path.state, path.linearization

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -10,7 +11,10 @@ import exudyn as exu
 from tdcr_fe.model import arguments
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.builder import check_system
+from tdcr_fe.scene.handle import TDCR
+from tdcr_fe.solve.parameters import Parameter
 from tdcr_fe.solve.ramp import Ramp
+from tdcr_fe.solve.sensitivity import SensitivityHistory
 from tdcr_fe.solve.stepping import LoadStepReport, Path, solve_ramp
 from tdcr_fe.solve.system import SceneSystem
 from tdcr_fe.solve.threads import one_thread
@@ -23,6 +27,7 @@ def SolveTDCR(
     startTime: float = 0.0,
     endTime: float = 1.0,
     substeps: int | None = None,
+    sensitivities: Sequence[SensitivityHistory] = (),
 ) -> dict[str, Any]:
     """Take all robots of a scene, and the scene with them, to the inputs that were set.
 
@@ -44,6 +49,8 @@ def SolveTDCR(
         [s].
     substeps
         Fixed number of substeps; None chooses.
+    sensitivities
+        Derivatives to carry along this step, one of each robot for which `track_sensitivities` has begun them.
 
     Returns
     -------
@@ -67,7 +74,7 @@ def SolveTDCR(
         arguments.check_number("SolveTDCR", name, value, "It is a time [s].")
     system = SceneSystem(mbs)
     try:
-        path = _solve(system, settings or SolverSettings(), startTime, endTime, substeps)
+        path = _solve(system, settings or SolverSettings(), startTime, endTime, substeps, sensitivities)
         system.bring_to_rest()
     finally:
         system.connect()
@@ -75,9 +82,14 @@ def SolveTDCR(
 
 
 def _solve(
-    system: SceneSystem, settings: SolverSettings, start_time: float, end_time: float, substeps: int | None
+    system: SceneSystem,
+    settings: SolverSettings,
+    start_time: float,
+    end_time: float,
+    substeps: int | None,
+    sensitivities: Sequence[SensitivityHistory],
 ) -> Path:
-    """The load step from the scene's current state to the inputs and loads as set."""
+    """The load step from the scene's current state to the inputs and loads as set, with its derivatives."""
     mbs = system.mbs
     user_step = _function(mbs.GetPreStepUserFunction())
     before = None if user_step is None else lambda t: user_step(mbs, t)
@@ -89,7 +101,36 @@ def _solve(
     state = system.current_state(start_time)
     ramp = Ramp.of(system, state, start_time, end_time, before, user_loads)
     with one_thread():
-        return solve_ramp(system, state, ramp, settings, substeps)
+        path = solve_ramp(system, state, ramp, settings, substeps)
+        for each in sensitivities:
+            each.advance(system, ramp, state, path.increments, settings.presliding)
+        if sensitivities:
+            ramp.apply(system, 1.0)
+            system.store(path.state)
+    return path
+
+
+def track_sensitivities(arm: TDCR, names: Sequence[str | Parameter]) -> SensitivityHistory:
+    """Begin derivatives of a robot in a scene, before it is solved for the first time.
+
+    Give what it returns to every `SolveTDCR` from then on, and read ``result()`` of it: one entry for each call.
+    Names are those of the robot's and the model's fields and of effects on them, and of inputs of the current call
+    (``"inputs.t1"``, ``"loads.tip.force_x"``). The base plate may be joined to a body that moves; what other bodies and
+    robots do in response is in the derivatives.
+
+    Parameters
+    ----------
+    arm
+        The robot, after ``mbs.Assemble()``.
+    names
+        As in `tdcr_fe.solve.simulate.simulate`.
+
+    Raises
+    ------
+    ValueError
+        There is no derivative by a parameter, or the backbone creeps.
+    """
+    return SensitivityHistory.of_scene(arm, names)
 
 
 def _function(present: Any) -> Any:

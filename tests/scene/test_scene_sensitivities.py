@@ -1,0 +1,102 @@
+"""Sensitivities in a scene: those of `simulate` for a robot alone, and with what carries the robot moving."""
+
+from __future__ import annotations
+
+import exudyn as exu
+import exudyn.itemInterface as eii
+import numpy as np
+import pytest
+
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.scene import TDCR, CreateTDCR
+from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.solve.statics import SolveTDCR, track_sensitivities
+from tests.robots import LENGTH, scene, three
+
+SETTINGS = SolverSettings(tolerance=1e-11)
+NAMES = [
+    "backbone.youngs_modulus",
+    "tendons.friction_coefficient",
+    "inputs.t1",
+    "loads.tip.force_y",
+    "backbone.length",
+]
+
+
+def test_a_robot_alone_has_the_derivatives_of_simulate():
+    robot = three(0.3)
+    steps = [
+        LoadStep("", {"t1": 1.0, "t2": 0.3}, loads={"tip": Load(LENGTH)}, substeps=2),
+        LoadStep("", {"t1": 0.6}, loads={"tip": Load(LENGTH, (0.0, 0.02, 0.0))}, substeps=2),
+    ]
+    expected = simulate(robot, Model(elements_per_bay=1), steps, SETTINGS, sensitivities=NAMES).sensitivities
+    _container, mbs, arm = scene(robot, assemble=False)
+    tip = arm.add_load("tip", LENGTH)
+    mbs.Assemble()
+    tracked = track_sensitivities(arm, NAMES)
+    for step in steps:
+        arm.set_tensions(step.tensions)
+        tip.set(step.loads["tip"].force)
+        SolveTDCR(mbs, SETTINGS, substeps=2, sensitivities=[tracked])
+    found = tracked.result()
+    for name in NAMES:
+        a, b = found[name], expected[name]
+        assert np.allclose(a.positions, b.positions, rtol=0.0, atol=1e-7 * np.abs(b.positions).max())
+        assert np.allclose(
+            np.stack(a.tensions), np.stack(b.tensions), atol=1e-7 * np.abs(b.tensions[0]).max()
+        )
+
+
+def carried(robot: Robot) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR]:
+    """A robot on a platform with a torsional spring about y, which gives way."""
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.AddObject(eii.ObjectGround())))
+    node = mbs.AddNode(eii.NodeRigidBodyEP(referenceCoordinates=[0, 0, 0, 1, 0, 0, 0]))
+    body = mbs.AddObject(
+        eii.ObjectRigidBody(nodeNumber=node, mass=1.0, inertia=[1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+    )
+    platform = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body))
+    mbs.AddObject(eii.GenericJoint(markerNumbers=[ground, platform], constrainedAxes=[1, 1, 1, 1, 0, 1]))
+    k = np.diag([0.0, 0.0, 0.0, 0.0, 0.5, 0.0])
+    mbs.AddObject(eii.RigidBodySpringDamper(markerNumbers=[ground, platform], stiffness=k, damping=0.0 * k))
+    arm = CreateTDCR(mbs, robot, Model(elements_per_bay=1, gravity=(9.81, 0.0, 0.0)), baseMarker=platform)
+    mbs.Assemble()
+    return keep, mbs, arm
+
+
+@pytest.mark.parametrize("field", ["youngs_modulus", "radius"])
+def test_the_platform_that_gives_way_is_in_the_derivative(field):
+    """Against central differences of whole solutions; the weight of the robot turns the platform."""
+    robot = three(0.2)
+    value = getattr(robot.backbone, field)
+
+    def tips(factor: float) -> np.ndarray:
+        _keep, mbs, arm = carried(robot.with_backbone(**{field: value * factor}))
+        found = []
+        for tension in (0.8, 0.5):
+            arm.set_tensions({"t1": tension})
+            SolveTDCR(mbs, SETTINGS, substeps=4)
+            found.append(arm.shape()[0])
+        return np.array(found)
+
+    _keep, mbs, arm = carried(robot)
+    tracked = track_sensitivities(arm, [f"backbone.{field}"])
+    for tension in (0.8, 0.5):
+        arm.set_tensions({"t1": tension})
+        SolveTDCR(mbs, SETTINGS, substeps=4, sensitivities=[tracked])
+    found = tracked.result()[f"backbone.{field}"].positions
+    h = 1e-4
+    expected = (tips(1.0 + h) - tips(1.0 - h)) / (2.0 * h * value)
+    assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()
+
+
+def test_what_a_scene_cannot_differentiate_is_refused():
+    _container, _mbs, arm = scene(three(0.3))
+    for name in ("steps[0].tensions.t1", "effects.actuator_gain.gain"):
+        with pytest.raises(ValueError):
+            track_sensitivities(arm, [name])
+    with pytest.raises(ValueError, match="creeps"):
+        track_sensitivities(scene(three(0.3).with_backbone(creep_rate=0.1))[2], ["backbone.radius"])
