@@ -1,4 +1,4 @@
-"""Draw the pictures of the pages "A first robot" and "In a scene" anew: ``python docs/draw_pictures.py``.
+"""Draw the pictures of "A first robot", "In a scene" and "Sensitivities" anew: ``python docs/draw_pictures.py``.
 
 Those of "A first robot" and of the README are the pictures of ``tdcr-fe demo``.
 """
@@ -15,7 +15,8 @@ from tdcr_fe import cli
 DOCS = Path(__file__).parent
 #: Pictures of the demo, and their width on the page [pixels].
 OF_THE_DEMO = {"shapes": 1018, "tensions": 680, "hysteresis": 640}
-OF_THE_SCENES = ("robot_on_ground", "robot_on_carriage")
+#: Examples that draw a picture.
+OF_EXAMPLES = ("robot_on_ground", "robot_on_carriage", "sensitivities")
 
 
 def draw_demo(folder: Path) -> None:
@@ -30,13 +31,13 @@ def draw_demo(folder: Path) -> None:
             page.quantize(128).save(folder / f"{name}.png")
 
 
-def draw_scenes(folder: Path) -> None:
-    """Run the examples in a scene, each of which draws itself."""
-    for name in OF_THE_SCENES:
+def draw_examples(folder: Path) -> None:
+    """Run the examples that draw a picture."""
+    for name in OF_EXAMPLES:
         example = DOCS / "examples" / f"{name}.py"
         subprocess.run([sys.executable, str(example), str(folder / f"{name}.png")], check=True)
 
 
 if __name__ == "__main__":
     draw_demo(DOCS / "pictures")
-    draw_scenes(DOCS / "pictures")
+    draw_examples(DOCS / "pictures")
