@@ -22,8 +22,9 @@ from tdcr_fe.solve.friction_step import (
 )
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.numbering import Numbering
+from tdcr_fe.solve.residual import Residual
 from tdcr_fe.solve.state import SolverState, Target
-from tdcr_fe.solve.system import Residual, SceneSystem
+from tdcr_fe.solve.system import SceneSystem
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,7 @@ Everything else in the scene keeps its ordinary additive update. Derivation: doc
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
 
 import exudyn as exu
 import numpy as np
@@ -20,106 +19,26 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hooks import SceneHooks
-from tdcr_fe.solve.configuration import Configuration, ConfigurationSpace, Unknowns
-from tdcr_fe.solve.convergence import ResidualScales
+from tdcr_fe.solve.configuration import Configuration, Unknowns
+from tdcr_fe.solve.kernel import StaticKernel
+from tdcr_fe.solve.layout import SceneLayout
 from tdcr_fe.solve.linearization import Factorisation, Linearization
 from tdcr_fe.solve.numbering import Numbering
-from tdcr_fe.solve.reduction import BodyFrameReduction, RobotNodes, SceneTangent
+from tdcr_fe.solve.reduction import SceneTangent
+from tdcr_fe.solve.residual import Residual
 from tdcr_fe.solve.state import SolverState, StoredState, Target
+from tdcr_fe.solve.tangent import (
+    add_couplings,
+    add_damping,
+    add_driven,
+    add_elastic,
+    add_geometric_stiffness,
+    add_unbalanced,
+    hold,
+    slack_tendons,
+)
 
 Array = NDArray[np.float64]
-_EYE6 = np.eye(6)
-
-
-class Residual(NamedTuple):
-    """Residual of a state under a target.
-
-    Attributes
-    ----------
-    state : SolverState
-    target : Target
-    forces : tuple of TendonForces
-        By robot.
-    unbalanced : ndarray
-        Reduced residual; zero at clamped bases, whose joints provide the reactions.
-    on_bases : tuple of ndarray, shape (6,)
-        By clamped robot, the wrench on its base.
-    raw : ndarray
-        Exudyn's residual.
-    size : float
-        Largest residual over its scale, prescribed displacements included [1].
-    """
-
-    state: SolverState
-    target: Target
-    forces: tuple[TendonForces, ...]
-    unbalanced: Array
-    on_bases: tuple[Array, ...]
-    raw: Array
-    size: float
-
-
-@dataclass(frozen=True, eq=False)
-class SceneLayout:
-    """Map from the unknowns of Exudyn's scene to those of the solver.
-
-    Attributes
-    ----------
-    clamps : dict
-        By robot whose base is clamped to ground, the numbers of the joint's multipliers.
-    reduction : BodyFrameReduction
-    space : ConfigurationSpace
-    clamped : tuple of slice
-        Unknowns of the clamped bases, in the order of ``clamps``.
-    scales : ResidualScales
-    loads_jacobian : bool
-        Whether any load changes with the configuration of the node it acts on.
-    user_loads : bool
-        Whether functions of the user may change loads while a load step is solved.
-    robots_only : bool
-        Whether nothing but robots, clamped to ground, resists motion: no other objects, no loads that turn.
-    numberings : dict of Numbering
-        Those computed so far, by which tendons are driven by displacement.
-    """
-
-    clamps: dict[int, NDArray[np.int_]]
-    reduction: BodyFrameReduction
-    space: ConfigurationSpace
-    clamped: tuple[slice, ...]
-    scales: ResidualScales
-    loads_jacobian: bool
-    user_loads: bool
-    robots_only: bool
-    numberings: dict[tuple[bytes, ...], Numbering] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, mbs: exu.MainSystem, robots: Sequence[TendonActuation], with_clamps: bool) -> SceneLayout:
-        """Layout of an assembled scene; ``with_clamps=False`` treats the joints of clamped bases as any other."""
-        data = mbs.systemData
-        for robot in robots:
-            robot.forget_coordinates()
-            robot.disconnect()
-        norms = [i for robot in robots for node in robot.nodes for i in data.GetNodeLTGAE(node)]
-        clamps = _clamps(mbs, robots) if with_clamps else {}
-        dropped = [*norms, *(i for joint in clamps.values() for i in joint)]
-        coordinates = np.concatenate([r.coordinates for r in robots])
-        reduction = BodyFrameReduction(mbs, coordinates, dropped, _rows_of_nodes(robots))
-        space = ConfigurationSpace(mbs, robots, reduction, clamps)
-        starts = [6 * space.slices[i].start for i in clamps]
-        own = {i for r in robots for i in r.connectors.load_numbers}
-        loads = [mbs.GetLoad(i) for i in range(data.NumberOfLoads()) if i not in own]
-        # Forces fixed in the world have no derivative at a node; all other loads may have one.
-        turning = any(_turns(load) for load in loads)
-        return cls(
-            clamps,
-            reduction,
-            space,
-            tuple(slice(k, k + 6) for k in starts),
-            ResidualScales.of(robots, reduction),
-            turning,
-            any(load.get("loadVectorUserFunction") or load.get("loadUserFunction") for load in loads),
-            not turning and not len(reduction.other) and _nothing_but_robots(mbs, robots),
-        )
 
 
 class SceneSystem:
@@ -152,23 +71,7 @@ class SceneSystem:
             raise ValueError("no robot in this system; add one with CreateTDCR before solving")
         if not mbs.systemIsConsistent:
             raise ValueError("the system is not assembled; call mbs.Assemble() before solving")
-        settings = exu.SimulationSettings()
-        settings.solution.file.write = False
-        settings.solution.sensors.active = False
-        settings.staticSolver.verboseMode = 0
-        self._settings = settings
-        self._kernel = _static_kernel(mbs, self.hooks, settings)
-        if self._kernel.GetODE1size():
-            raise ValueError(
-                "the scene has first-order (ODE1) states, which the quasi-static solver does not solve; "
-                "use mbs.SolveDynamic, or leave these items out"
-            )
-        if mbs.systemData.DataSize():
-            raise ValueError(
-                "the scene has data coordinates, as of contact items, which the quasi-static solver does not update; "
-                "use mbs.SolveStatic or mbs.SolveDynamic, or describe the contact by a connector whose force is a "
-                "function of the user"
-            )
+        self._kernel = StaticKernel(mbs, self.hooks)
         self.layout = SceneLayout.of(mbs, self.robots, with_clamps=True)
         self._reactions = self._couplings_and_reactions()
 
@@ -279,8 +182,7 @@ class SceneSystem:
         forces = self.forces(state, target.time)
         for robot in self.robots:
             robot.disconnect()
-        self._kernel.ComputeNewtonResidual(self.mbs, self._settings)
-        raw = self._kernel.GetSystemResidual()
+        raw = self._kernel.residual()
         unbalanced = layout.reduction.residual(raw, state.configuration.frames)
         for nodes, own in zip(layout.space.slices, forces, strict=True):
             unbalanced[6 * nodes.start : 6 * nodes.stop] += own.nodal_wrenches().reshape(-1)
@@ -303,11 +205,10 @@ class SceneSystem:
         residual
             The last one evaluated, whose state is in the scene.
         """
-        kernel, layout, frames = self._kernel, self.layout, residual.state.configuration.frames
-        kernel.ComputeJacobianODE2RHS(self.mbs, computeLoadsJacobian=int(layout.loads_jacobian))
-        if len(layout.reduction.other_multipliers):
-            kernel.ComputeJacobianAE(self.mbs)
-        j = kernel.GetSystemJacobian()
+        layout, frames = self.layout, residual.state.configuration.frames
+        j = self._kernel.jacobian(
+            loads=layout.loads_jacobian, constraints=len(layout.reduction.other_multipliers) > 0
+        )
         extra = self.hooks.user_jacobian(residual.target.time)
         if extra is not None:
             j[: extra.shape[0], : extra.shape[1]] += extra
@@ -315,34 +216,13 @@ class SceneSystem:
         changing = extra is not None or self.mbs.NumberOfGeneralContacts() > 0
         return layout.reduction.tangent(j, frames, search_couplings=changing)
 
-    def _knows_tangent(self) -> bool:
+    def _follows_from_elements(self) -> bool:
         """Whether the tangent follows from the elements' stiffness alone, without Exudyn's Jacobian."""
         return (
             self.layout.robots_only
             and self.mbs.NumberOfGeneralContacts() == 0
             and self.hooks.user_function("SystemJacobian") is None
         )
-
-    def _elastic_tangent(self, residual: Residual) -> SceneTangent:
-        """The same as `_unbalanced_tangent` where nothing but robots is in the scene; in the elements' twists."""
-        configuration, layout = residual.state.configuration, self.layout
-        tangent = layout.reduction.empty_tangent()
-        for i, nodes in enumerate(layout.space.slices):
-            wrenches = residual.unbalanced[6 * nodes.start : 6 * nodes.stop]
-            mesh, chain = self.robots[i].mesh, configuration.chains[i]
-            tangent.add(
-                tangent.pattern.robots[i].backbone, chain.tangent(mesh, wrenches, *configuration.poses[i])
-            )
-        return tangent
-
-    def _unbalanced_tangent(self, residual: Residual) -> SceneTangent:
-        """Exudyn's Jacobian with the geometric terms of unbalanced wrenches."""
-        configuration, tangent = residual.state.configuration, self.scene_tangent(residual)
-        for i, nodes in enumerate(self.layout.space.slices):
-            wrenches = residual.unbalanced[6 * nodes.start : 6 * nodes.stop]
-            terms = configuration.chains[i].unbalanced_terms(wrenches, *configuration.poses[i])
-            tangent.add(tangent.pattern.robots[i].backbone, terms)
-        return tangent
 
     def tangent(self, residual: Residual) -> Array:
         """Derivative of the reduced residual at fixed friction and tensions at the base.
@@ -357,22 +237,11 @@ class SceneSystem:
         ndarray, shape (reduced, reduced)
             Exudyn's sign: minus the stiffness.
         """
-        tangent = self.scene_tangent(residual)
-        self._add_geometric_stiffness(tangent, residual)
-        k = tangent.dense(self.layout.reduction.count)
-        self._add_couplings(k, residual)
+        scene = self.scene_tangent(residual)
+        add_geometric_stiffness(scene, residual)
+        k = scene.dense(self.layout.reduction.count)
+        add_couplings(k, residual, self.layout.space.slices)
         return k
-
-    def _add_geometric_stiffness(self, tangent: SceneTangent, residual: Residual) -> None:
-        for own, robot, rows in zip(residual.forces, self.robots, tangent.pattern.robots, strict=True):
-            if robot.geometry is not None:
-                tangent.add(rows.holes, own.geometric_stiffness())
-
-    def _add_couplings(self, k: Array, residual: Residual) -> None:
-        for own, robot, nodes in zip(residual.forces, self.robots, self.layout.space.slices, strict=True):
-            if robot.count or robot.section is not None:
-                inside = slice(6 * nodes.start, 6 * nodes.stop)
-                own.add_coupling(k[inside, inside])
 
     def linearize(
         self,
@@ -397,51 +266,24 @@ class SceneSystem:
             The tangent is singular.
         """
         layout = self.layout
-        tangent = (
-            self._elastic_tangent(residual) if self._knows_tangent() else self._unbalanced_tangent(residual)
-        )
-        self._add_geometric_stiffness(tangent, residual)
-        k = tangent.dense(numbering.linear)
-        self._add_couplings(k, residual)
-        slack = self._add_driven(k, residual, numbering) if numbering.any_driven else ()
+        nodes = layout.space.slices
+        if self._follows_from_elements():
+            scene = layout.reduction.empty_tangent()
+            add_elastic(scene, residual, nodes)
+        else:
+            scene = self.scene_tangent(residual)
+            add_unbalanced(scene, residual, nodes)
+        add_geometric_stiffness(scene, residual)
+        k = scene.dense(numbering.linear)
+        add_couplings(k, residual, nodes)
+        slack: tuple[NDArray[np.bool_], ...] = ()
+        if numbering.any_driven:
+            slack = slack_tendons(residual, numbering, 10.0 * layout.scales.elastic_force / self.length)
+            add_driven(k, residual, numbering, slack)
         if damping > 0.0:
-            # Exudyn's Jacobian is that of the right-hand side: minus the stiffness.
-            nodes6 = np.arange(6 * layout.reduction.nodes)
-            k[nodes6, nodes6] -= damping * np.tile(
-                np.repeat((1.0 / self.length**2, 1.0), 3), layout.reduction.nodes
-            )
-        for base in layout.clamped:
-            rows = k[base]
-            rows.fill(0.0)
-            rows[:, base] = _EYE6
+            add_damping(k, layout.reduction.nodes, damping, self.length)
+        hold(k, layout.clamped)
         return Linearization(Factorisation.of(k), residual.state.configuration.chains, slack, numbering)
-
-    def _add_driven(
-        self, k: Array, residual: Residual, numbering: Numbering
-    ) -> tuple[NDArray[np.bool_], ...]:
-        """Rows and columns of tensions whose tendons have prescribed displacements; which of these are slack."""
-        found = self.slack_tendons(residual, numbering)
-        for part in numbering.robots:
-            which, own, slack = part.driven, residual.forces[part.robot], found[part.robot]
-            if not which.size:
-                continue
-            k[part.nodes, part.tensions] = own.base_tension_columns()[:, which]
-            rows = own.base_slip_rows()[which]
-            rows[slack] = 0.0
-            k[part.tensions, part.nodes] = rows
-            k[part.tensions, part.tensions] = np.diag(np.where(slack, 1.0, own.base_slip_by_base()[which]))
-        return found
-
-    def slack_tendons(self, residual: Residual, numbering: Numbering) -> tuple[NDArray[np.bool_], ...]:
-        """By robot, which of the tendons with prescribed displacement are slack."""
-        found = []
-        stiffness = 10.0 * self.layout.scales.elastic_force / self.length
-        for part in numbering.robots:
-            which, own = part.driven, residual.forces[part.robot]
-            gap = (own.field.base_slip - residual.target.inputs[part.robot])[which]
-            # A tendon is taut where its tension, or else its displacement deficit, is positive.
-            found.append(own.base_tension[which] - gap * stiffness <= 0.0)
-        return tuple(found)
 
     # ------------------------------------------------------------------ clamps
 
@@ -467,9 +309,7 @@ class SceneSystem:
         layout = self.layout
         configuration = layout.space.from_scene()
         layout.space.write(configuration)
-        self._kernel.ComputeJacobianODE2RHS(self.mbs)
-        self._kernel.ComputeJacobianAE(self.mbs)
-        j = self._kernel.GetSystemJacobian()
+        j = self._kernel.jacobian()
         layout.reduction.tangent(j, configuration.frames, search_couplings=True)
         found = {}
         for i, joint in layout.clamps.items():
@@ -489,67 +329,3 @@ class SceneSystem:
             multipliers[joint] -= self._reactions[i] @ acting
         unknowns = Unknowns(old.coordinates, multipliers, old.twists, old.bases)
         return configuration._replace(unknowns=unknowns)
-
-
-def _static_kernel(mbs: exu.MainSystem, hooks: SceneHooks, settings: exu.SimulationSettings) -> Any:
-    """Exudyn's static solver, ready to evaluate residual and Jacobian; the scene stays as it is."""
-    kernel, data = exu.MainSolverStatic(), mbs.systemData
-    start = np.array(data.GetODE2Coordinates())
-    multipliers = np.array(data.GetAECoordinates())
-    # Exudyn's advice on large systems is about its own solvers.
-    warned = exu.config.suppressWarnings
-    exu.config.suppressWarnings = True
-    try:
-        with hooks.without_post_step():
-            ready = kernel.InitializeSolver(mbs, settings)
-    finally:
-        exu.config.suppressWarnings = warned
-    if not ready:
-        raise RuntimeError("Exudyn could not initialise its static solver for this system")
-    data.SetODE2Coordinates(start)
-    if multipliers.size:
-        data.SetAECoordinates(multipliers)
-    return kernel
-
-
-def _clamps(mbs: exu.MainSystem, robots: Sequence[TendonActuation]) -> dict[int, NDArray[np.int_]]:
-    """By robot whose base is clamped to ground, the numbers of the joint's multipliers."""
-    found = {}
-    for i, robot in enumerate(robots):
-        if robot.clamp is None:
-            continue
-        joint = mbs.GetObject(robot.clamp.joint)
-        if joint["activeConnector"] and all(joint["constrainedAxes"]) and not joint["offsetUserFunction"]:
-            found[i] = np.array(mbs.systemData.GetObjectLTGAE(robot.clamp.joint), dtype=int)
-    return found
-
-
-def _rows_of_nodes(robots: Sequence[TendonActuation]) -> list[RobotNodes]:
-    """Of every robot, the numbers of its nodes and of those with holes, among the nodes of all robots."""
-    found, first = [], 0
-    for robot in robots:
-        every = first + np.arange(len(robot.nodes))
-        found.append(RobotNodes(every, every[robot.model.cable_nodes]))
-        first += len(every)
-    return found
-
-
-def _nothing_but_robots(mbs: exu.MainSystem, robots: Sequence[TendonActuation]) -> bool:
-    """Whether no other object has coordinates, and the beams have the stiffness of the robots' meshes."""
-    data = mbs.systemData
-    own = {i for robot in robots for i in robot.connectors.object_numbers}
-    if any(len(data.GetObjectLTGODE2(i)) for i in range(data.NumberOfObjects()) if i not in own):
-        return False
-    for robot in robots:
-        for beam, expected in zip(robot.connectors.beams, robot.mesh.stiffness, strict=True):
-            present = mbs.GetObjectParameter(beam, "sectionData").stiffnessMatrix
-            if not np.array_equal(present, np.diag(expected)):
-                return False
-    return True
-
-
-def _turns(load: dict[str, Any]) -> bool:
-    """Whether a load of Exudyn changes with the configuration of the node it acts on."""
-    return load["loadType"] != "MassProportional" and not (
-        load["loadType"] == "ForceVector" and not load["bodyFixed"]
-    )

@@ -10,9 +10,12 @@ from robots import paper, scene, three
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.kernel import StaticKernel
 from tdcr_fe.solve.newton import newton
+from tdcr_fe.solve.residual import Residual
 from tdcr_fe.solve.state import Target
-from tdcr_fe.solve.system import Residual, SceneSystem
+from tdcr_fe.solve.system import SceneSystem
+from tdcr_fe.solve.tangent import add_couplings, add_elastic, add_geometric_stiffness
 
 TENSIONS = np.array([2.0, 0.7, 0.4])
 
@@ -52,10 +55,11 @@ def test_tangent_is_the_derivative_of_the_forces_by_the_twists_away_from_equilib
     assert residual.size > 1.0
     j = node_motions(twists)
     numbering = system.numbering()
-    tangent = system._elastic_tangent(residual)
-    system._add_geometric_stiffness(tangent, residual)
+    tangent = system.layout.reduction.empty_tangent()
+    add_elastic(tangent, residual, system.layout.space.slices)
+    add_geometric_stiffness(tangent, residual)
     k = tangent.dense(numbering.linear)
-    system._add_couplings(k, residual)
+    add_couplings(k, residual, system.layout.space.slices)
     predicted = j[6:].T @ k[6:, 6:] @ j[6:]
     assert predicted == pytest.approx(predicted.T, abs=1e-9 * np.abs(predicted).max())
     space, unknowns = system.layout.space, residual.state.configuration.unknowns
@@ -81,12 +85,11 @@ def test_forces_and_tangent_of_tendons_are_those_of_exudyns_connectors(per_bay):
     frames = residual.state.configuration.frames
     system.robots[0].apply(residual.forces[0])
     assert system.robots[0].connected
-    system._kernel.ComputeNewtonResidual(system.mbs, system._settings)
-    raw = system._kernel.GetSystemResidual()
+    raw = StaticKernel(system.mbs, system.hooks).residual()
     wrenches = system.layout.reduction.residual(raw, frames)
     assert residual.unbalanced[6:] == pytest.approx(wrenches[6:], abs=1e-9 * np.abs(wrenches).max())
     exudyns = system.scene_tangent(residual).dense(len(k))
-    system._add_couplings(exudyns, residual)
+    add_couplings(exudyns, residual, system.layout.space.slices)
     assert k == pytest.approx(exudyns, abs=1e-8 * np.abs(exudyns).max())
 
 
@@ -100,10 +103,9 @@ def test_tangent_of_robots_alone_is_exudyns_at_equilibrium():
     )
     assert result.converged
     residual = system.residual(result.state, Target((np.array([2.0]),)), system.numbering())
-    own, exudyns = (
-        tangent.dense(system.layout.reduction.count)
-        for tangent in (system._elastic_tangent(residual), system._unbalanced_tangent(residual))
-    )
+    found = system.layout.reduction.empty_tangent(), system.scene_tangent(residual)
+    add_elastic(found[0], residual, system.layout.space.slices)
+    own, exudyns = (tangent.dense(system.layout.reduction.count) for tangent in found)
     assert own[6:, 6:] == pytest.approx(exudyns[6:, 6:], abs=1e-8 * np.abs(exudyns).max())
 
 
