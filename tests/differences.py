@@ -158,7 +158,7 @@ def errors(
             kinds["slips"] = (np.stack(own.slips, axis=1), differ(lambda v: v.slips))
         for kind, (ours, theirs) in kinds.items():
             # A derivative of zero is one far below the value over the parameter.
-            size = max(float(np.abs(theirs).max()), 1e-7 * SCALES[kind] / parameter.size)
+            size = max(float(np.abs(theirs).max()), 1e-6 * SCALES[kind] / parameter.size)
             error = float(np.abs(ours - theirs).max()) / size
             best[kind] = min(best.get(kind, np.inf), error)
             if TRACE:

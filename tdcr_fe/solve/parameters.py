@@ -153,7 +153,9 @@ def effect_parameter(
             raise ValueError(f"effects.{name}.{parameter} = {value:g}; must be from {lower:g} to {upper:g}")
         return with_effects(experiment, {**present, name: {**own, parameter: about.value(value)}})
 
-    return ModelParameter(f"effects.{name}.{parameter}", start, max(abs(start), about.scale), apply)
+    # From zero most are linear, and a longer step has less round-off.
+    size = max(abs(start), about.scale) if start != 0.0 else 100.0 * about.scale
+    return ModelParameter(f"effects.{name}.{parameter}", start, size, apply)
 
 
 def _order(name: str) -> int:
