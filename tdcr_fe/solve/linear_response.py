@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lu_factor, lu_solve
 
 from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.friction import FrictionState
 from tdcr_fe.solve.cable_variation import hole_disturbance, shift_variation
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.numbering import Numbering, RobotUnknowns
@@ -21,6 +22,8 @@ from tdcr_fe.solve.state import SolverState, Target
 from tdcr_fe.solve.system import SceneSystem
 
 Array = NDArray[np.float64]
+#: Mobilisations this near to their bounds are at them [1].
+AT_BOUND = 1e-7
 
 
 class TendonChange(NamedTuple):
@@ -155,8 +158,10 @@ class SolvedPoint:
         residual = system.residual(state, target, numbering)
         linear = system.linearize(residual, numbering)
         sticking = tuple(
-            robot.law.frictional & (all_stick | (np.abs(mobilisation) < 1.0))
-            for robot, mobilisation in zip(system.robots, state.mobilisation, strict=True)
+            own.model.law.frictional & (all_stick | ~_slips(own, mobilisation, history, presliding))
+            for own, mobilisation, history in zip(
+                residual.forces, state.mobilisation, state.friction, strict=True
+            )
         )
         return cls(system, numbering, state, residual.forces, linear, sticking, presliding)
 
@@ -292,7 +297,7 @@ class SolvedPoint:
                 by_base[self.linearization.slack[part.robot]] = 0.0
                 columns[part.tensions, here] = by_base
                 rows[here, part.tensions] = by_tension[which][:, part.driven]
-            slips = np.einsum("gn,mnp->mgp", at.model.law.slip_operator, disturbance.released)
+            slips = at.model.law.slip_operator @ disturbance.released
             excess[here] += (slips - disturbance.slip + self.presliding * disturbance.mobilisation)[sticks]
         for base in self.system.layout.clamped:
             columns[base] = 0.0
@@ -302,6 +307,14 @@ class SolvedPoint:
         for here, sticks, change in zip(places, stuck, changes, strict=True):
             change[sticks] = found[here]
         return np.asarray(fixed + response @ found)
+
+
+def _slips(
+    own: TendonForces, mobilisation: Array, history: FrictionState, presliding: float
+) -> NDArray[np.bool_]:
+    """Which holes slip: full friction acts, and so it follows from the slip since the history, shape (m, g)."""
+    trial = own.model.law.trial_mobilisation(own.field.slip, history, presliding)
+    return np.asarray(np.minimum(np.abs(mobilisation), np.abs(trial)) >= 1.0 - AT_BOUND)
 
 
 def tendon_change(

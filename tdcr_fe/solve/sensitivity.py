@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.elements.friction import FrictionState
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.sensitivities import Sensitivities, Sensitivity
@@ -30,6 +31,7 @@ from tdcr_fe.solve.ramp import Ramp
 from tdcr_fe.solve.robot_model import RobotModel, RobotPoint, load_wrench
 from tdcr_fe.solve.simulation import Simulation
 from tdcr_fe.solve.state import SolverState
+from tdcr_fe.solve.stepping import RESCUE_FACTORS
 from tdcr_fe.solve.system import SceneSystem
 
 Array = NDArray[np.float64]
@@ -253,7 +255,12 @@ class SensitivityHistory:
             first = InputValues(start, begin.loads, begin.time)
             inputs = InputValues(*((1.0 - factor) * a + factor * b for a, b in zip(first, goal, strict=True)))
             target = ramp.apply(system, factor)
-            solved = SolvedPoint.of(system, state._replace(friction=history.friction), target, presliding)
+            solved = SolvedPoint.of(
+                system,
+                state._replace(friction=history.friction),
+                target,
+                presliding * _presliding_factor(state.friction[robot], history.friction[robot], presliding),
+            )
             values = self._substep(solved, robot, target.time, inputs)
             history = state
         assert values is not None
@@ -283,7 +290,7 @@ class SensitivityHistory:
         response = solved.respond(tuple(others))
         change = response.tendons[robot]
         law = own.model.law
-        slip = np.einsum("gn,mnp->mgp", law.slip_operator, change.released)
+        slip = law.slip_operator @ change.released
         elapsed = time - history.time
         rate = before.slip_rate
         if elapsed > 0.0:
@@ -298,7 +305,7 @@ class SensitivityHistory:
         holes = np.triu(np.ones((law.shape[1] - 1, law.shape[1])), 1)
         displacements = self.present.base_slip.copy()
         displacements[part.driven] = inputs.tendons[part.driven]
-        slips = np.einsum("hn,mnp->mhp", holes, change.released)
+        slips = holes @ change.released
         return _StepValues(world[:, 0], world[:, 1], change, displacements, slips)
 
     def _follow_mobilisation(self, solved: SolvedPoint, robot: int) -> None:
@@ -355,6 +362,16 @@ class SensitivityHistory:
                 )
             )
         return Sensitivities(tuple(found))
+
+
+def _presliding_factor(state: FrictionState, history: FrictionState, presliding: float) -> float:
+    """Factor on the presliding distance that the solver needed in a substep, from the holes that stick [1]."""
+    change = state.mobilisation - history.mobilisation
+    sticks = (np.abs(state.mobilisation) < 1.0 - 1e-6) & (np.abs(change) > 1e-3)
+    if not sticks.any():
+        return 1.0
+    found = float(np.median((state.slip - history.slip)[sticks] / change[sticks])) / presliding
+    return min(RESCUE_FACTORS, key=lambda factor: abs(factor - found))
 
 
 def _models(
