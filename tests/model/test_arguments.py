@@ -35,7 +35,7 @@ STEPS = [LoadStep(tensions={"t1": 1.0})]
     ],
 )
 def test_simulate_names_the_argument_and_what_to_call(given, message):
-    """In 0.1: "AttributeError: 'str' object has no attribute 'tendon_names'"."""
+    """No AttributeError from inside the function."""
     arguments = {"robot": paper_robot(), "model": Model(), "steps": STEPS, **given}
     with pytest.raises(TypeError, match=f"simulate: {message}"):
         simulate(**arguments)
@@ -71,7 +71,7 @@ def test_create_tdcr_names_the_argument_and_what_to_call(arguments, message):
     ],
 )
 def test_create_tdcr_refuses_options_by_name(options, error, message):
-    """e3bbe5d took a name that is no text, and a presliding distance of zero or "1e-6", without an error."""
+    """The message names the function, the argument, its value and what is expected; the system stays empty."""
     container = exu.SystemContainer()
     system = container.AddSystem()
     with pytest.raises(error, match=f"CreateTDCR: {message}"):
@@ -93,7 +93,7 @@ def test_create_tdcr_refuses_options_by_name(options, error, message):
     ],
 )
 def test_solve_tdcr_names_the_argument_and_what_to_call(arguments, error, message):
-    """In 0.1: "AttributeError: 'str' object has no attribute 'variables'"; zero substeps were accepted."""
+    """The message names the function, the argument, its value and what is expected."""
     container = exu.SystemContainer()
     system = container.AddSystem()
     CreateTDCR(system, paper_robot())
@@ -136,7 +136,7 @@ def test_solve_tdcr_takes_whole_numbers_of_numpy():
     ],
 )
 def test_public_functions_name_the_argument_and_what_is_expected(call, message):
-    """In e3bbe5d these were AttributeErrors from inside the function or, for a wrong model, no error at all."""
+    """No AttributeError from inside the function."""
     with pytest.raises(TypeError, match=message):
         call()
 
