@@ -25,8 +25,8 @@ class SolverSettings:
     max_turn : float
         Largest change of an element's rotation in one iteration [rad].
     path_tolerance : float
-        With friction the answer depends on the path. A load step is refined until doubling the number of substeps has
-        twice moved no node by more than this fraction of the backbone's length [1].
+        With friction the answer depends on the path, through slips that reverse. A load step is divided until the
+        uncertainty of where they reverse moves no node by more than this fraction of the backbone's length [1].
     max_substeps : int
         Maximum substeps used to resolve path dependence. If the tolerance is still not met, the step carries its
         refinement error and a warning.
@@ -62,11 +62,11 @@ class SolverSettings:
     path_tolerance: Annotated[
         float,
         Quantity(
-            "a load step with friction is refined until no node moves by more than this fraction of the length",
+            "a step with friction is divided until its path moves no node by more than this fraction of the length",
             ge=1e-9,
             le=1.0,
         ),
-    ] = 1e-4
+    ] = 1e-5
     max_substeps: Annotated[
         int, Quantity("maximum substeps used to resolve path dependence", ge=1, le=100_000)
     ] = 64

@@ -96,3 +96,9 @@ class Numbering(NamedTuple):
     def any_driven(self) -> bool:
         """Whether the displacement of any tendon is prescribed."""
         return self.linear > self.reduced
+
+    def same_unknowns(self, other: Numbering) -> bool:
+        """Whether another numbering has the same unknowns in the same order."""
+        return (self.reduced, self.linear, self.total) == (other.reduced, other.linear, other.total) and all(
+            np.array_equal(a.driven, b.driven) for a, b in zip(self.robots, other.robots, strict=True)
+        )

@@ -51,6 +51,8 @@ class Ramp:
         Called with the time [s] before every solve.
     user_loads : bool
         Whether user functions may change loads within the step.
+    user_inputs : bool
+        Whether user functions set tendon inputs over time.
     """
 
     inputs: tuple[InputRamp, ...]
@@ -59,6 +61,7 @@ class Ramp:
     end_time: float
     before_increment: Callable[[float], None] | None = None
     user_loads: bool = False
+    user_inputs: bool = False
 
     @classmethod
     def of(
@@ -93,7 +96,13 @@ class Ramp:
             end_time,
             before_increment,
             user_loads,
+            any(callable(robot.inputs) for robot in system.robots),
         )
+
+    @property
+    def curved(self) -> bool:
+        """Whether inputs or loads may be other than linear in the load factor."""
+        return self.user_loads or self.user_inputs
 
     @property
     def loads_change(self) -> bool:

@@ -18,6 +18,7 @@ from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.ramp import Ramp
+from tdcr_fe.solve.reversals import Equilibrium
 from tdcr_fe.solve.state import SolverState, Target
 from tdcr_fe.solve.stepping import Increment, LoadStepReport, StepFailed, solve_ramp
 from tdcr_fe.solve.system import SceneSystem
@@ -78,6 +79,7 @@ class Simulation:
         self.system = SceneSystem(mbs)
         self.state: SolverState = self.system.current_state()
         self._last: Linearization | None = None
+        self._end: Equilibrium | None = None
 
     @staticmethod
     def load_key(name: str, load: Load) -> LoadKey:
@@ -124,15 +126,17 @@ class Simulation:
             self.system, self.state, self.state.time, target.time, self._set_creep if creeps else None
         )
         try:
-            path = solve_ramp(self.system, self.state, ramp, self.settings, substeps, reference_path)
+            path = solve_ramp(
+                self.system, self.state, ramp, self.settings, substeps, reference_path, self._end
+            )
         except StepFailed as failure:
-            self.state, self._last = failure.state, None
+            self.state, self._last, self._end = failure.state, None, None
             raise
         if follow is not None:
             follow(self.system, ramp, self.state, path.increments)
             ramp.apply(self.system, 1.0)
             self.system.store(path.state)
-        self.state, self._last = path.state, path.linearization
+        self.state, self._last, self._end = path.state, path.linearization, path.end
         if record_path is not None:
             record_path.extend(Increment(factor, state.stored()) for factor, state in path.increments)
         return LoadStepReport.of(path)
@@ -153,7 +157,7 @@ class Simulation:
     def restore(self, state: SolverState) -> None:
         """Return to a state that was solved before, with the loads that acted in it."""
         self.system.store(state)
-        self.state, self._last = state, None
+        self.state, self._last, self._end = state, None, None
 
     @property
     def displacement(self) -> Array:
@@ -202,7 +206,7 @@ def step_warnings(number: int, report: LoadStepReport) -> list[str]:
         )
     if report.refinement_error > 0.0:
         found.append(
-            f"step {number}: Friction path not resolved: the last refinement moved a node by "
+            f"step {number}: Friction path not resolved: what is left of it may move a node by "
             f"{report.refinement_error:.1e} of the length. Use smaller load steps."
         )
     return found

@@ -1,14 +1,16 @@
 """Substeps of a load step, chosen by convergence and by the path dependence of friction.
 
-With friction the solution depends on the path, but only where a hole changes its state within the step. Where one does,
-the step is refined into two, four, eight substeps and so on, until two successive doublings have changed the solution
-by less than the tolerance. One is not enough, as slip may reverse and return within a substep.
+With friction the solution depends on the path, but only through slips that reverse: a substep in which every slip is
+monotone is exact, however many holes change between stick and slip in it. So the rest of a load step is solved as a
+whole, reversals within it are located, and it is divided where they are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from tdcr_fe.solve.convergence import NewtonStatus
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.newton import NewtonResult, newton
 from tdcr_fe.solve.ramp import Ramp
+from tdcr_fe.solve.reversals import Equilibrium, Reversals, find_reversals, slips_by_load
 from tdcr_fe.solve.state import SolverState, StoredState
 from tdcr_fe.solve.system import SceneSystem
 
@@ -27,6 +30,12 @@ Array = NDArray[np.float64]
 SNAP = 0.02
 #: Factors on the presliding distance that are tried where the smallest substep does not converge [1].
 RESCUE_FACTORS = (1.0, 10.0, 100.0)
+#: Smallest part of a load step that is divided further for the sake of slip reversals [1].
+SMALLEST_PART = 1e-4
+#: Parts of a load step to begin with where functions of the user set inputs or loads.
+CURVED_PARTS = 8
+#: Largest error of a substep, as a fraction of what is left of the path tolerance; where little is left, of all [1].
+SHARE, LEAST_SHARE = 0.3, 0.03
 
 
 @dataclass(frozen=True)
@@ -70,7 +79,10 @@ class Path:
     presliding_factor : float
         Largest factor on the presliding distance that a substep needed [1].
     refinement_error : float
-        Largest change of a node at the last doubling over the length, where refinement has not converged; else 0 [1].
+        Estimated displacement of a node by what is not resolved of the path, over the length, where it is beyond the
+        tolerance; else 0 [1].
+    end : Equilibrium or None
+        The state at its end with its linearisation, where friction needed it.
     """
 
     state: SolverState
@@ -83,6 +95,7 @@ class Path:
     snapped: bool = False
     presliding_factor: float = 1.0
     refinement_error: float = 0.0
+    end: Equilibrium | None = None
 
     @property
     def substeps(self) -> int:
@@ -102,7 +115,76 @@ class Path:
             self.snapped or other.snapped,
             max(self.presliding_factor, other.presliding_factor),
             max(self.refinement_error, other.refinement_error),
+            other.end,
         )
+
+
+class _Goal(NamedTuple):
+    """End of a part of a load step that is still to be solved.
+
+    Attributes
+    ----------
+    load_factor : float
+        [1].
+    near : Equilibrium or None
+        A solution there that is near the one looked for.
+    """
+
+    load_factor: float
+    near: Equilibrium | None = None
+
+
+class _Progress(NamedTuple):
+    """How far a load step has been solved.
+
+    Attributes
+    ----------
+    path : Path
+        Of the accepted substeps.
+    load_factor : float
+        At its end [1].
+    error : float
+        Largest displacement of a node that reversals left out of account may cause, over the length [1].
+    here : Equilibrium or None
+        At its end, where known.
+    """
+
+    path: Path
+    load_factor: float = 0.0
+    error: float = 0.0
+    here: Equilibrium | None = None
+
+    def with_rejected(self, iterations: int) -> _Progress:
+        """The same after an attempt that was not accepted."""
+        return self._replace(path=replace(self.path, rejected=self.path.rejected + iterations))
+
+
+class _Attempt(NamedTuple):
+    """A converged substep, and what slip reversals within it change.
+
+    Attributes
+    ----------
+    result : NewtonResult
+    error : float
+        Largest displacement of a node that reversals may cause, over the length [1].
+    division : float
+        Where it is to be divided, as a fraction of it; 1 where it is good enough.
+    start, end : Equilibrium or None
+        At its ends, where they were needed.
+    """
+
+    result: NewtonResult
+    error: float = 0.0
+    division: float = 1.0
+    start: Equilibrium | None = None
+    end: Equilibrium | None = None
+
+
+def _with_history_of(state: SolverState, start: SolverState) -> SolverState:
+    """The unknowns of a state, as a guess in a step that begins in another one."""
+    return start._replace(
+        configuration=state.configuration, base_tension=state.base_tension, mobilisation=state.mobilisation
+    )
 
 
 @dataclass(frozen=True)
@@ -124,8 +206,8 @@ class LoadStepReport:
     presliding_factor : float
         Largest factor on the presliding distance that a substep needed for the stick-slip iteration to converge [1].
     refinement_error : float
-        Largest change of a node at the last doubling of the substeps over the length, where refinement has not
-        converged; else 0 [1].
+        Estimated displacement of a node by what is not resolved of the path, over the length, where it is beyond the
+        tolerance; else 0 [1].
     """
 
     iterations: int
@@ -185,11 +267,14 @@ class LoadStepper:
     ramp : Ramp
         The load step.
     settings : SolverSettings
+    start : Equilibrium or None
+        The state at the beginning of the load step with its linearisation, where known.
     """
 
     system: SceneSystem
     ramp: Ramp
     settings: SolverSettings = field(default_factory=SolverSettings)
+    start: Equilibrium | None = None
 
     def solve(
         self,
@@ -204,7 +289,8 @@ class LoadStepper:
         state
             At its beginning.
         substeps
-            A fixed number (each is still halved where it does not converge); None chooses by refinement.
+            A fixed number (each is still halved where it does not converge); None divides it where slips
+            reverse.
         reference_path
             Increments of a similar run: the same substeps are taken, each from the state of that run. For
             sensitivities by finite differences: the path is then divided in the same way, so that differences are
@@ -217,7 +303,7 @@ class LoadStepper:
         if reference_path is not None:
             return self._along_reference(state, reference_path)
         if substeps is None:
-            return self._refined(state)
+            return self._resolved(state)
         return self._equal_substeps(state, substeps)
 
     def _newton(self, state: SolverState, load_factor: float) -> NewtonResult:
@@ -262,85 +348,146 @@ class LoadStepper:
             start = end
         return path
 
-    # ------------------------------------------------------------------ refinement
+    # ------------------------------------------------------------------ path
 
-    def _refined(self, state: SolverState) -> Path:
-        """The load step, refined until its path dependence is resolved."""
-        path = self._substep(state, 0.0, 1.0)
-        path_dependent = path.substeps > 1 or self._path_dependent(state, path.state)
-        if not (path_dependent or self._branch_jump_suspected(state, path.state)):
-            return path
-        needed = 2 if path_dependent else 1
-        agreed, count, error = 0, 1, 0.0
+    def _resolved(self, state: SolverState) -> Path:
+        """The load step with its path dependence resolved; halved where reversals are not all there is to it."""
+        count = CURVED_PARTS if self.ramp.curved else 1
+        path = self._divided(state, count)
+        if self._depends_on_rates(state, path.state):
+            needed = 2
+        else:
+            needed = 1 if self._any_jump_suspected(state, path) else 0
+        agreed, error = 0, 0.0
         while agreed < needed and 2 * count <= self.settings.max_substeps:
             count *= 2
             try:
-                finer = self._equal_substeps(state, count)
+                finer = self._divided(state, count)
             except StepFailed as failure:
                 # The coarser path is kept, with its refinement error.
                 error = max(error, 2.0 * self.settings.path_tolerance)
-                path = replace(path, forces=(), rejected=path.rejected + failure.iterations)
+                path = replace(path, rejected=path.rejected + failure.iterations)
                 self.ramp.apply(self.system, 1.0)
                 break
             error = self._distance(finer.state, path.state)
-            met = error <= self.settings.path_tolerance and not self._slip_reversal_suspected(finer)
-            agreed = agreed + 1 if met else 0
+            agreed = agreed + 1 if error <= 2.0 * self.settings.path_tolerance else 0
             path = replace(finer, rejected=finer.rejected + path.iterations + path.rejected)
-        return replace(path, refinement_error=0.0 if agreed >= needed else error)
+        return path if agreed >= needed else replace(path, refinement_error=max(path.refinement_error, error))
+
+    def _divided(self, state: SolverState, count: int) -> Path:
+        """The load step in equal parts, each divided further where slips reverse."""
+        now = _Progress(Path(state), here=self.start)
+        goals = [_Goal(k / count) for k in range(count, 0, -1)]
+        while goals:
+            goal, near = goals[-1]
+            guess = now.path.state if near is None else _with_history_of(near.state, now.path.state)
+            result = self._newton(guess, goal)
+            if not result.converged:
+                if near is not None:
+                    goals[-1] = _Goal(goal)
+                elif goal - now.load_factor > self.settings.min_substep:
+                    goals.append(_Goal(0.5 * (now.load_factor + goal)))
+                else:
+                    now = _Progress(self._rescued(now, goal, result), goal, now.error)
+                    goals.pop()
+                    continue
+                now = now.with_rejected(result.iterations)
+                continue
+            part = self._attempt(now, goal, result, near)
+            length = goal - now.load_factor
+            room = now.path.substeps + len(goals) < self.settings.max_substeps and length > SMALLEST_PART
+            if part.division < 1.0 and room:
+                goals[-1] = _Goal(
+                    goal, None if self._jump_suspected(now.path.state, part.result.state) else part.end
+                )
+                goals.append(_Goal(now.load_factor + part.division * length))
+                now = now.with_rejected(result.iterations)._replace(here=part.start)
+            else:
+                now = _Progress(
+                    now.path.then(_accepted(part.result, goal)), goal, now.error + part.error, part.end
+                )
+                goals.pop()
+        self.ramp.apply(self.system, 1.0)
+        error = now.error if now.error > self.settings.path_tolerance else 0.0
+        return replace(now.path, refinement_error=error, end=now.here)
+
+    def _attempt(
+        self, now: _Progress, goal: float, result: NewtonResult, near: Equilibrium | None
+    ) -> _Attempt:
+        """A converged substep: as it is, or to be divided where slips reverse."""
+        settings, system = self.settings, self.system
+        line = result.linearization
+        if line is None and near is not None:
+            line = near.linearization
+        if line is None or not line.numbering.has_friction or self._has_rates():
+            return _Attempt(result)
+        tolerance = settings.path_tolerance
+        start = now.here
+        if start is None or not start.numbering.same_unknowns(line.numbering):
+            start = self._linearised(now.path.state, now.load_factor)
+        end = Equilibrium.of(system, result.state, result.forces, line, settings.presliding)
+        allowed = max(SHARE * (tolerance - now.error), LEAST_SHARE * tolerance)
+        found = self._reversals(start, end, now.load_factor, goal)
+        if found is not None and found.total > allowed and not (start.exact and end.exact):
+            start = start if start.exact else self._linearised(start.state, now.load_factor)
+            end = end if end.exact else self._linearised(end.state, goal)
+            found = self._reversals(start, end, now.load_factor, goal)
+        attempt = _Attempt(result, start=start, end=end)
+        if found is None:
+            return attempt
+        return attempt._replace(error=found.total, division=found.division if found.total > allowed else 1.0)
+
+    def _linearised(self, state: SolverState, load_factor: float) -> Equilibrium:
+        """Linearise in a solved state at a load factor."""
+        target = self.ramp.apply(self.system, load_factor)
+        return Equilibrium.at(self.system, state, target, self.settings.presliding)
+
+    def _reversals(self, start: Equilibrium, end: Equilibrium, at: float, goal: float) -> Reversals | None:
+        """Slip reversals between two solved states at load factors `at` and `goal`."""
+        first = slips_by_load(self.system, start, self.ramp.apply(self.system, goal))
+        last = -slips_by_load(self.system, end, self.ramp.apply(self.system, at))
+        return find_reversals(start, end, (first, last), self.settings.presliding, self.system.length)
+
+    def _rescued(self, now: _Progress, goal: float, failed: NewtonResult) -> Path:
+        """The path with a smallest substep that does not converge."""
+        try:
+            part = self._rescue(now.path.state, now.load_factor, goal, failed)
+        except StepFailed as failure:
+            failure.iterations += now.path.iterations + now.path.rejected
+            raise
+        return now.path.then(replace(part, rejected=part.rejected + failed.iterations))
 
     def _distance(self, a: SolverState, b: SolverState) -> float:
         """Largest distance of any coordinate of a node between two states over the length [1]."""
         moved = a.configuration.positions - b.configuration.positions
         return float(np.max(np.abs(moved))) / self.system.length
 
-    def _branch_jump_suspected(self, before: SolverState, after: SolverState) -> bool:
+    def _jump_suspected(self, before: SolverState, after: SolverState) -> bool:
         """Whether a substep may have jumped to another branch: large rotation or a sign change of the tangent."""
-        space = self.system.layout.space
-        turn = space.turn_between(before.configuration, after.configuration)
+        turn = self.system.layout.space.turn_between(before.configuration, after.configuration)
         return turn > self.settings.max_substep_turn or before.tangent_sign * after.tangent_sign < 0
 
-    def _path_dependent(self, before: SolverState, after: SolverState) -> bool:
-        """Whether any hole under tension changed its state.
+    def _any_jump_suspected(self, state: SolverState, path: Path) -> bool:
+        """Whether any substep of a path from a state may have jumped to another branch."""
+        states = [state, *(after for _, after in path.increments)]
+        return any(self._jump_suspected(a, b) for a, b in pairwise(states))
 
-        A tendon that is pulled from slack and slips towards the base at every hole does not depend on the path. Where
-        loads change, slip may reverse and return.
+    def _has_rates(self) -> bool:
+        """Whether coefficients of friction follow laws, which may depend on slip rates."""
+        return any(law is not None for robot in self.system.robots for law in robot.law.parameters.laws)
+
+    def _depends_on_rates(self, before: SolverState, after: SolverState) -> bool:
+        """Whether slip rates may matter: coefficients follow laws, and a hole under tension changed its state.
+
+        Slip rates are means over a substep, so the result depends on its length. Where loads change, slip may reverse
+        and return.
         """
-        for i, robot in enumerate(self.system.robots):
-            if not robot.law.has_friction:
-                continue
-            frictional = robot.law.frictional
-            taut = (before.base_tension[i] > 0.0)[:, None]
-            if self.ramp.loads_change and np.any(taut & frictional):
-                return True
-            if np.array_equal(before.mobilisation[i], after.mobilisation[i]):
-                continue
-            old, new = np.trunc(before.mobilisation[i]), np.trunc(after.mobilisation[i])
-            pulled = (after.base_tension[i] > 0.0)[:, None] & (new < 1.0)
-            if np.any((old != new) & frictional & (taut | pulled)):
-                return True
-        return False
-
-    def _slip_reversal_suspected(self, path: Path) -> bool:
-        """Whether any hole that slips may have reversed within the last substep.
-
-        The slips of the last two substeps are interpolated by a parabola. If it has returned by more than a twentieth
-        of the presliding distance at the end, the hole sticks or slips in the opposite direction there, although the
-        net slip continues.
-        """
-        if path.substeps < 3:
+        if not self._has_rates():
             return False
-        back = 0.05 * self.settings.presliding
-        states = [state for _, state in path.increments[-3:]]
         for i, robot in enumerate(self.system.robots):
-            if not robot.law.has_friction:
-                continue
-            slips = [state.friction[i].slip for state in states]
-            first, last = slips[1] - slips[0], slips[2] - slips[1]
-            rate, bend = 0.5 * (3.0 * last - first), last - first
-            slides = np.abs(path.state.mobilisation[i]) >= 1.0
-            slides &= (path.state.base_tension[i] > 0.0)[:, None]
-            comes_back = (last * rate < 0.0) & (rate**2 > 2.0 * back * np.abs(bend))
-            if np.any(slides & robot.law.frictional & comes_back):
+            taut = (np.maximum(before.base_tension[i], after.base_tension[i]) > 0.0)[:, None]
+            changed = np.trunc(before.mobilisation[i]) != np.trunc(after.mobilisation[i])
+            if np.any((changed | self.ramp.loads_change) & taut & robot.law.frictional):
                 return True
         return False
 
@@ -413,6 +560,7 @@ def solve_ramp(
     settings: SolverSettings,
     substeps: int | None = None,
     reference_path: Sequence[Increment] | None = None,
+    start: Equilibrium | None = None,
 ) -> Path:
     """Take a scene through a load step and leave it in the state reached; the one driver of all load steps.
 
@@ -428,6 +576,8 @@ def solve_ramp(
         Numerics.
     substeps, reference_path
         See `LoadStepper.solve`.
+    start
+        The end of the path before, where nothing has changed since.
 
     Returns
     -------
@@ -441,7 +591,7 @@ def solve_ramp(
         of the step.
     """
     try:
-        path = LoadStepper(system, ramp, settings).solve(state, substeps, reference_path)
+        path = LoadStepper(system, ramp, settings, start).solve(state, substeps, reference_path)
     except BaseException as stop:
         reached, load_factor = (
             (stop.state, stop.load_factor) if isinstance(stop, StepFailed) else (state, 0.0)

@@ -34,8 +34,8 @@ def test_a_load_after_a_pull_gives_the_tip_of_simulate(force):
     SolveTDCR(mbs)
     load.set(force)
     report = SolveTDCR(mbs)
-    assert distance(handle.tip_position, expected[1].tip) < 1e-9
-    assert report["substeps"] == expected[1].substeps > 1
+    assert distance(handle.tip_position, expected[1].tip) < 1e-5 * LENGTH
+    assert report["substeps"] > 1
     assert report["refinement_error"] == pytest.approx(expected[1].details["refinement_error"], abs=1e-9)
 
 
@@ -60,7 +60,7 @@ def test_random_sequences_give_the_shapes_of_simulate(seed):
         SolveTDCR(mbs)
         shapes.append(handle.shape()[0])
     for shape, step in zip(shapes, solve(robot, steps).steps, strict=True):
-        assert distance(shape, step.positions) < 1e-9
+        assert distance(shape, step.positions) < 1e-5 * LENGTH
 
 
 def test_a_load_that_fails_within_the_step_is_kept_as_set_and_resumed():

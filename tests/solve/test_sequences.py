@@ -166,16 +166,3 @@ def test_both_ways_of_driving_mixed_and_switched():
 def test_a_wrong_step_is_named(step, words):
     with pytest.raises(ValueError, match=words):
         simulate(paper(), Model(), [step])
-
-
-@pytest.mark.parametrize("case", ["one doubling", "slips that reverse"])
-def test_a_path_that_is_not_resolved_is_reported(case, monkeypatch):
-    """Half of the pull released: four substeps resolve it; neither two suffice, nor any in which slip may reverse."""
-    if case == "slips that reverse":
-        monkeypatch.setattr(
-            "tdcr_fe.solve.stepping.LoadStepper._slip_reversal_suspected", lambda self, path: True
-        )
-    most = 2 if case == "one doubling" else 8
-    result = solve(paper(0.3), pull(1.0, 0.5), settings=SolverSettings(max_substeps=most))
-    assert result.steps[-1].details["refinement_error"] > 0.0
-    assert ["not resolved" in w for w in result.warnings] == [True]

@@ -1,0 +1,301 @@
+"""Slip reversals within a solved substep: where they are, what they change, and how certain that is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.complementarity import solve_box
+from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.solve.friction_path import FollowedPath, SlipRates, follow
+from tdcr_fe.solve.friction_step import FrictionResponse, friction_response, mobilisations
+from tdcr_fe.solve.linearization import Linearization
+from tdcr_fe.solve.numbering import Numbering
+from tdcr_fe.solve.state import SolverState, Target
+from tdcr_fe.solve.system import SceneSystem
+
+Array = NDArray[np.float64]
+
+#: Slips below this fraction of the presliding distance, and mobilisations below it, are zero [1].
+SMALL = 1e-2
+#: Largest error of the interpolated slips, over the largest slip, with which reversals are located [1].
+ROUGH = 0.1
+#: Times the error of the interpolation with which the path is followed once more, for what is uncertain in it [1].
+OVERSHOOT = 1.5
+#: Slips are monotone where their rates are this many times larger than the rates of the error [1].
+SAFETY = 2.0
+#: Nearest to its ends, as a fraction of it, where a substep is divided without and with a reversal located [1].
+NEAR, CLOSE = 0.1, 1e-3
+
+
+class Equilibrium(NamedTuple):
+    """A solved state with its linearisation.
+
+    Attributes
+    ----------
+    state : SolverState
+    forces : tuple of TendonForces
+        By robot.
+    linearization : Linearization
+    response : FrictionResponse
+        To the mobilisations.
+    exact : bool
+        Whether it is linearised in this very state; else an iteration or two before.
+    """
+
+    state: SolverState
+    forces: tuple[TendonForces, ...]
+    linearization: Linearization
+    response: FrictionResponse
+    exact: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        system: SceneSystem,
+        state: SolverState,
+        forces: tuple[TendonForces, ...],
+        linearization: Linearization,
+        presliding: float,
+    ) -> Equilibrium:
+        """With the response to the mobilisations computed; presliding distance in m."""
+        solve, slack = linearization.factorisation.solve, linearization.slack
+        response = friction_response(
+            linearization.numbering, forces, solve, system.layout.clamped, slack, presliding
+        )
+        return cls(state, forces, linearization, response)
+
+    @classmethod
+    def at(cls, system: SceneSystem, state: SolverState, target: Target, presliding: float) -> Equilibrium:
+        """Linearise in a solved state under its own target, which is in the scene; presliding distance in m."""
+        numbering = system.numbering()
+        residual = system.residual(state, target, numbering)
+        linearization = system.linearize(residual, numbering)
+        return cls.of(system, state, residual.forces, linearization, presliding)._replace(exact=True)
+
+    @property
+    def numbering(self) -> Numbering:
+        """Of the unknowns."""
+        return self.linearization.numbering
+
+    @property
+    def slips(self) -> Array:
+        """Slips of the frictional holes [m], shape (k,)."""
+        return _frictional(self.numbering, [own.field.slip for own in self.forces])
+
+    @property
+    def mobilisation(self) -> Array:
+        """Of the frictional holes [1], shape (k,)."""
+        return mobilisations(self.numbering, self.state)
+
+    @property
+    def taut(self) -> NDArray[np.bool_]:
+        """Which frictional holes belong to tendons under tension, shape (k,)."""
+        tension = [np.broadcast_to(own.base_tension[:, None], own.field.slip.shape) for own in self.forces]
+        return np.asarray(_frictional(self.numbering, tension) > 0.0)
+
+    def displacement(self, change: Array) -> float:
+        """Largest displacement of a node by a change of the mobilisations, shape (k,), at first order [m]."""
+        step = self.response.columns @ change
+        nodes = np.concatenate([step[p.nodes] for p in self.numbering.robots]).reshape(-1, 6)
+        return float(np.linalg.norm(nodes[:, :3], axis=1).max())
+
+
+def _frictional(numbering: Numbering, by_robot: Sequence[Array]) -> Array:
+    """Values at the frictional holes of all robots, one after the other."""
+    return np.concatenate([by_robot[p.robot][p.frictional] for p in numbering.robots if p.has_friction])
+
+
+def slips_by_load(system: SceneSystem, at: Equilibrium, other: Target) -> Array:
+    """Change of the slips when inputs and loads change to another target, at fixed mobilisations.
+
+    Parameters
+    ----------
+    system
+        The scene; the loads of the other target are in it.
+    at
+        Where equilibrium is linearised.
+    other
+        The other target.
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        At first order [m].
+    """
+    numbering = at.numbering
+    tension = tuple(
+        np.where(r.by_displacement, old, new)
+        for r, old, new in zip(system.robots, at.state.base_tension, other.inputs, strict=True)
+    )
+    residual = system.residual(at.state._replace(base_tension=tension), other, numbering)
+    fixed = at.linearization.step(residual.unbalanced, residual.forces, other.inputs)
+    slips = [own.field.slip for own in residual.forces]
+    for part in numbering.robots:
+        base = None
+        if part.driven.size:
+            base = np.zeros(len(part.frictional))
+            base[part.driven] = fixed[part.tensions]
+        slips[part.robot] = slips[part.robot] + residual.forces[part.robot].slip_change(
+            fixed[part.nodes], base
+        )
+    return _frictional(numbering, slips) - at.slips
+
+
+class Reversals(NamedTuple):
+    """Slip reversals within a substep.
+
+    Attributes
+    ----------
+    effect : float
+        Largest displacement of a node that they cause at its end, over the length [1].
+    error : float
+        Uncertainty of that effect [1].
+    division : float
+        Where to divide the substep, as a fraction of it [1].
+    """
+
+    effect: float
+    error: float
+    division: float
+
+    @property
+    def total(self) -> float:
+        """Largest displacement of a node where they are left out of account, over the length [1]."""
+        return self.effect + self.error
+
+
+class _Substep(NamedTuple):
+    """Taut holes of a substep that was solved as a whole.
+
+    Attributes
+    ----------
+    start, end : SlipRates
+        Derivatives of the slips at its ends.
+    before, after : ndarray, shape (k,)
+        Mobilisations there [1].
+    slip : ndarray, shape (k,)
+        Change of the slips [m].
+    presliding : float
+        Presliding distance [m].
+    """
+
+    start: SlipRates
+    end: SlipRates
+    before: Array
+    after: Array
+    slip: Array
+    presliding: float
+
+    def follow(self, bulge: Array | None = None) -> FollowedPath:
+        """The friction states followed through it, see `tdcr_fe.solve.friction_path.follow`.
+
+        Reversals that change a mobilisation by less than `SMALL` are left out.
+        """
+        path = follow(self.start, self.end, self.before, self.presliding, bulge)
+        lost = path.turning_mobilisation - self.before - path.turning_slip / self.presliding
+        slight = path.reversed & (np.abs(lost) < SMALL)
+        if not slight.any():
+            return path
+        return path._replace(
+            turning_slip=np.where(slight, 0.0, path.turning_slip),
+            turning_mobilisation=np.where(slight, self.before, path.turning_mobilisation),
+            turning_factor=np.where(slight, 0.0, path.turning_factor),
+        )
+
+    def corrected(self, trial: Array) -> Array:
+        """Mobilisations at the end for other trial mobilisations there, at first order, shape (k,)."""
+        right = self.presliding * (trial - self.after) + self.end.matrix @ self.after
+        return solve_box(self.end.matrix, right, self.after)[0]
+
+    def with_reversals(self, path: FollowedPath) -> Array:
+        """Mobilisations at the end, counted from the last reversals, shape (k,)."""
+        return self.corrected(path.turning_mobilisation + (self.slip - path.turning_slip) / self.presliding)
+
+    def error(self, path: FollowedPath, mobilisation: Array) -> Array:
+        """By how much the slips at the end exceed the interpolated ones at the same mobilisations [m], shape (k,)."""
+        stiffness = self.presliding * np.eye(len(self.slip)) - self.end.matrix
+        slip = self.slip + stiffness @ (mobilisation - self.after)
+        return np.asarray(slip - path.slip - stiffness @ (mobilisation - path.mobilisation))
+
+
+def find_reversals(
+    start: Equilibrium,
+    end: Equilibrium,
+    by_load: tuple[Array, Array],
+    presliding: float,
+    length: float,
+) -> Reversals | None:
+    """Reversals of slips between two solved states.
+
+    Parameters
+    ----------
+    start, end
+        The states; `end` is solved from `start` as a whole.
+    by_load
+        Derivatives of the slips in both, by the load factor from one to the other, each of shape (k,) [m].
+    presliding
+        Presliding distance [m].
+    length
+        Of the longest backbone [m].
+
+    Returns
+    -------
+    Reversals or None
+        None where every slip is monotone, so that the substep is exact.
+    """
+    taut = start.taut | end.taut
+    holes = np.flatnonzero(taut)
+    if not holes.size:
+        return None
+    pairs = holes[:, None], holes
+    first, last = (
+        SlipRates(rate[holes], at.response.matrix[pairs])
+        for rate, at in zip(by_load, (start, end), strict=True)
+    )
+    before, after = start.mobilisation[holes], end.mobilisation[holes]
+    substep = _Substep(first, last, before, after, (end.slips - start.slips)[holes], presliding)
+    path = substep.follow()
+    plain = substep.with_reversals(path)
+    bulge = substep.error(path, plain)
+    worst = float(np.abs(bulge).max())
+    sure = worst <= SMALL * presliding or np.all(path.margin >= SAFETY * np.abs(bulge))
+    if path.complete and sure and not path.reversed.any():
+        return None
+
+    def displacement(mobilisation: Array, other: Array) -> float:
+        change = np.zeros(len(taut))
+        change[holes] = mobilisation - other
+        return end.displacement(change) / length
+
+    def found(mobilisation: Array, others: Sequence[Array], division: float) -> Reversals:
+        error = max(displacement(mobilisation, other) for other in others)
+        return Reversals(displacement(mobilisation, after), error, division)
+
+    scale = max(float(np.abs(substep.slip).max()), presliding)
+    if path.complete and worst <= ROUGH * scale:
+        # The error of the interpolation taken into account, and once more than that.
+        better, beyond = substep.follow(bulge), substep.follow(OVERSHOOT * bulge)
+        if better.complete and beyond.complete:
+            if not (path.reversed.any() or better.reversed.any() or beyond.reversed.any()):
+                return None
+            corrected = substep.with_reversals(better)
+            others = plain, substep.with_reversals(beyond)
+            return found(corrected, others, _division(better, corrected - after))
+    # Reversals are not located well enough. At worst every hole that slips at the end has just reversed by the error of
+    # the interpolation, which falls about with the square of the substep.
+    lost = np.abs(bulge) if path.complete else np.abs(substep.slip) + presliding
+    side = np.trunc(plain)
+    trial = np.where(side != 0.0, side * (1.0 - lost / presliding), plain)
+    division = min(0.5, max(NEAR, float(np.sqrt(ROUGH * scale / max(worst, ROUGH * scale)))))
+    return found(plain, (substep.corrected(trial),), division)
+
+
+def _division(path: FollowedPath, change: Array) -> float:
+    """Where to divide the substep: at the first reversal that changes a mobilisation; else in the middle [1]."""
+    factors = path.turning_factor[path.reversed & (np.abs(change) > SMALL)]
+    first = float(factors.min(initial=1.0))
+    return first if CLOSE < first < 1.0 - CLOSE else 0.5
