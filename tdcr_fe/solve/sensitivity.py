@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from math import log10
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,6 @@ from tdcr_fe.solve.ramp import Ramp
 from tdcr_fe.solve.robot_model import RobotModel, RobotPoint, load_wrench
 from tdcr_fe.solve.simulation import Simulation
 from tdcr_fe.solve.state import SolverState
-from tdcr_fe.solve.stepping import RESCUE_FACTORS
 from tdcr_fe.solve.system import SceneSystem
 
 Array = NDArray[np.float64]
@@ -365,13 +365,16 @@ class SensitivityHistory:
 
 
 def _presliding_factor(state: FrictionState, history: FrictionState, presliding: float) -> float:
-    """Factor on the presliding distance that the solver needed in a substep, from the holes that stick [1]."""
+    """Factor on the presliding distance that the solver needed in a substep, a power of ten [1].
+
+    From the holes that stick: they have slipped by the presliding distance times the change of mobilisation.
+    """
     change = state.mobilisation - history.mobilisation
     sticks = (np.abs(state.mobilisation) < 1.0 - 1e-6) & (np.abs(change) > 1e-3)
     if not sticks.any():
         return 1.0
     found = float(np.median((state.slip - history.slip)[sticks] / change[sticks])) / presliding
-    return min(RESCUE_FACTORS, key=lambda factor: abs(factor - found))
+    return float(10.0 ** max(0, round(log10(max(found, 1.0)))))
 
 
 def _models(
