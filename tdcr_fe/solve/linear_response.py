@@ -19,6 +19,7 @@ from tdcr_fe.solve.cable_variation import hole_disturbance, shift_variation
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.numbering import Numbering, RobotUnknowns
 from tdcr_fe.solve.state import SolverState, Target
+from tdcr_fe.solve.stiff_elements import Solve, linearize
 from tdcr_fe.solve.system import SceneSystem
 
 Array = NDArray[np.float64]
@@ -112,6 +113,8 @@ class SolvedPoint:
     forces : tuple of TendonForces
         By robot.
     linearization : Linearization
+    solve : callable
+        Solves the linearised equilibrium at fixed friction for several right sides.
     sticking : tuple of ndarray of bool, shape (m, g)
         By robot, whose mobilisations follow their slips.
     presliding : float
@@ -123,6 +126,7 @@ class SolvedPoint:
     state: SolverState
     forces: tuple[TendonForces, ...]
     linearization: Linearization
+    solve: Solve
     sticking: tuple[NDArray[np.bool_], ...]
     presliding: float
 
@@ -156,14 +160,14 @@ class SolvedPoint:
         """
         numbering = system.numbering() if numbering is None else numbering
         residual = system.residual(state, target, numbering)
-        linear = system.linearize(residual, numbering)
+        linear, solve = linearize(system, residual, numbering)
         sticking = tuple(
             own.model.law.frictional & (all_stick | ~_slips(own, mobilisation, history, presliding))
             for own, mobilisation, history in zip(
                 residual.forces, state.mobilisation, state.friction, strict=True
             )
         )
-        return cls(system, numbering, state, residual.forces, linear, sticking, presliding)
+        return cls(system, numbering, state, residual.forces, linear, solve, sticking, presliding)
 
     def respond(self, disturbances: tuple[Disturbance, ...]) -> Response:
         """Response to disturbances, one of each robot."""
@@ -224,7 +228,7 @@ class SolvedPoint:
             known.append(self._right_side(right, part, disturbance))
         for clamped in self.system.layout.clamped:
             right[clamped] = 0.0
-        unknowns = self.linearization.factorisation.solve(right)
+        unknowns = self.solve(right)
         stuck = [
             x if part.has_friction else np.zeros_like(x)
             for part, x in zip(numbering.robots, self.sticking, strict=True)
@@ -301,7 +305,7 @@ class SolvedPoint:
             excess[here] += (slips - disturbance.slip + self.presliding * disturbance.mobilisation)[sticks]
         for base in self.system.layout.clamped:
             columns[base] = 0.0
-        response = -self.linearization.factorisation.solve(columns)
+        response = -self.solve(columns)
         matrix = self.presliding * np.eye(total) - rows @ response - own
         found = lu_solve(lu_factor(matrix), rows @ fixed + excess)
         for here, sticks, change in zip(places, stuck, changes, strict=True):

@@ -216,7 +216,7 @@ class SceneSystem:
         changing = extra is not None or self.mbs.NumberOfGeneralContacts() > 0
         return layout.reduction.tangent(j, frames, search_couplings=changing)
 
-    def _follows_from_elements(self) -> bool:
+    def tangent_follows_from_elements(self) -> bool:
         """Whether the tangent follows from the elements' stiffness alone, without Exudyn's Jacobian."""
         return (
             self.layout.robots_only
@@ -267,7 +267,7 @@ class SceneSystem:
         """
         layout = self.layout
         nodes = layout.space.slices
-        if self._follows_from_elements():
+        if self.tangent_follows_from_elements():
             scene = layout.reduction.empty_tangent()
             add_elastic(scene, residual, nodes)
         else:
