@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 #: Largest part of a substep over which slip rates are taken as linear in the load factor [1].
-LONGEST = 0.1
+LONGEST = 0.2
 #: Shortest part, which resolves events that follow each other [1].
 SHORTEST = 1e-5
 #: Slip rates below this fraction of the presliding distance per substep are zero [1].

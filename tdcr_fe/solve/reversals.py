@@ -228,6 +228,7 @@ def find_reversals(
     by_load: tuple[Array, Array],
     presliding: float,
     length: float,
+    allowed: float,
 ) -> Reversals | None:
     """Reversals of slips between two solved states.
 
@@ -241,11 +242,15 @@ def find_reversals(
         Presliding distance [m].
     length
         Of the longest backbone [m].
+    allowed
+        Largest displacement of a node that they may cause, over the length: beyond it their effect is not looked at
+        more closely [1].
 
     Returns
     -------
     Reversals or None
-        None where every slip is monotone, so that the substep is exact.
+        None where every slip is monotone, so that the substep is exact. Infinite where that is not certain, and the
+        linearisations are not exact enough for more.
     """
     taut = start.taut | end.taut
     holes = np.flatnonzero(taut)
@@ -265,6 +270,8 @@ def find_reversals(
     sure = worst <= SMALL * presliding or np.all(path.margin >= SAFETY * np.abs(bulge))
     if path.complete and sure and not path.reversed.any():
         return None
+    if not (start.exact and end.exact):
+        return Reversals(np.inf, np.inf, 0.5)
 
     def displacement(mobilisation: Array, other: Array) -> float:
         change = np.zeros(len(taut))
@@ -277,14 +284,17 @@ def find_reversals(
 
     scale = max(float(np.abs(substep.slip).max()), presliding)
     if path.complete and worst <= ROUGH * scale:
-        # The error of the interpolation taken into account, and once more than that.
-        better, beyond = substep.follow(bulge), substep.follow(OVERSHOOT * bulge)
-        if better.complete and beyond.complete:
-            if not (path.reversed.any() or better.reversed.any() or beyond.reversed.any()):
-                return None
+        better = substep.follow(bulge)
+        if better.complete:
             corrected = substep.with_reversals(better)
-            others = plain, substep.with_reversals(beyond)
-            return found(corrected, others, _division(better, corrected - after))
+            located = found(corrected, (plain,), _division(better, corrected - after))
+            if located.total > allowed:
+                return located
+            beyond = substep.follow(OVERSHOOT * bulge)
+            if beyond.complete:
+                if not (path.reversed.any() or better.reversed.any() or beyond.reversed.any()):
+                    return None
+                return found(corrected, (plain, substep.with_reversals(beyond)), located.division)
     # Reversals are not located well enough. At worst every hole that slips at the end has just reversed by the error of
     # the interpolation, which falls about with the square of the substep.
     lost = np.abs(bulge) if path.complete else np.abs(substep.slip) + presliding

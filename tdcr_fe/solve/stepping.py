@@ -427,11 +427,11 @@ class LoadStepper:
             start = self._linearised(now.path.state, now.load_factor)
         end = Equilibrium.of(system, result.state, result.forces, line, settings.presliding)
         allowed = max(SHARE * (tolerance - now.error), LEAST_SHARE * tolerance)
-        found = self._reversals(start, end, now.load_factor, goal)
-        if found is not None and found.total > allowed and not (start.exact and end.exact):
+        found = self._reversals(start, end, now.load_factor, goal, allowed)
+        if found is not None and not (start.exact and end.exact):
             start = start if start.exact else self._linearised(start.state, now.load_factor)
             end = end if end.exact else self._linearised(end.state, goal)
-            found = self._reversals(start, end, now.load_factor, goal)
+            found = self._reversals(start, end, now.load_factor, goal, allowed)
         attempt = _Attempt(result, start=start, end=end)
         if found is None:
             return attempt
@@ -442,11 +442,14 @@ class LoadStepper:
         target = self.ramp.apply(self.system, load_factor)
         return Equilibrium.at(self.system, state, target, self.settings.presliding)
 
-    def _reversals(self, start: Equilibrium, end: Equilibrium, at: float, goal: float) -> Reversals | None:
-        """Slip reversals between two solved states at load factors `at` and `goal`."""
+    def _reversals(
+        self, start: Equilibrium, end: Equilibrium, at: float, goal: float, allowed: float
+    ) -> Reversals | None:
+        """Slip reversals between two solved states at load factors `at` and `goal`, see `find_reversals`."""
         first = slips_by_load(self.system, start, self.ramp.apply(self.system, goal))
         last = -slips_by_load(self.system, end, self.ramp.apply(self.system, at))
-        return find_reversals(start, end, (first, last), self.settings.presliding, self.system.length)
+        presliding, length = self.settings.presliding, self.system.length
+        return find_reversals(start, end, (first, last), presliding, length, allowed)
 
     def _rescued(self, now: _Progress, goal: float, failed: NewtonResult) -> Path:
         """The path with a smallest substep that does not converge."""
