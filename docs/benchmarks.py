@@ -17,7 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from tdcr_fe import Backbone, Disks, LoadStep, Model, ParallelRouting, Robot, Simulation, Tendon, simulate
+from tdcr_fe import (
+    Backbone,
+    Disks,
+    LoadStep,
+    Model,
+    ParallelRouting,
+    Robot,
+    Simulation,
+    SolverSettings,
+    Tendon,
+    simulate,
+)
 from tdcr_fe.model.loading import resolve
 from tdcr_fe.validation.reference import solve_reference
 
@@ -115,6 +126,43 @@ def print_accuracy() -> None:
     print(f"| reference | {angles[0]} | | {angles[1]} | |")
 
 
+#: Forty parameters: by tendon, of backbone and disks, of effects.
+PARAMETERS = (
+    *(f"inputs.t{k}" for k in (1, 2, 3)),
+    *(f"tendons.t{k}.{n}" for n in ("offset", "angle_deg", "friction_coefficient") for k in (1, 2, 3)),
+    *(f"backbone.{n}" for n in ("youngs_modulus", "radius", "poisson_ratio", "density", "length")),
+    *(f"backbone.{n}_stiffness" for n in ("bending", "torsional", "axial", "shear")),
+    *("backbone.precurvature[0]", "backbone.precurvature[1]", "disks.mass", "disks.positions[3]", "tip_mass"),
+    *("tendons.offset", "tendons.friction_coefficient", "tendons.adhesion", "effects.actuator_gain.gain"),
+    *(f"effects.gravity.g_{axis}" for axis in "xyz"),
+    *("effects.stiffness_scale.bending", "effects.stiffness_scale.torsion", "effects.tip_payload.mass"),
+    *("effects.hole_adhesion.drop", "effects.routing_twist.angle_tip", "effects.hole_clearance.clearance"),
+    "effects.tendon_stretch.axial_stiffness",
+)
+
+
+def print_sensitivities() -> None:
+    """Print what parameters beside a run cost."""
+    one = robot(13)
+    tendons = tuple(
+        Tendon(f"t{k + 1}", ParallelRouting(4.5e-3, 120.0 * k), friction_coefficient=0.3) for k in range(3)
+    )
+    arm = replace(one, tendons=tendons)
+    steps = [
+        LoadStep(tensions={"t1": 1.0 + float(np.sin(k / 3.0)), "t2": 1.0 + float(np.cos(k / 5.0)), "t3": 0.3})
+        for k in range(100)
+    ]
+    settings = SolverSettings(mesh_tolerance=np.inf)
+    print("\n| parameters | processor time [s] | over the run alone |\n| --- | --- | --- |")
+    alone = 0.0
+    for count in (0, 1, 10, len(PARAMETERS)):
+        begun = time.process_time()
+        simulate(arm, Model(elements_per_bay=1), steps, settings, sensitivities=PARAMETERS[:count])
+        spent = time.process_time() - begun
+        alone = alone or spent
+        print(f"| {count} | {spent:.2f} | {spent / alone:.2f} |", flush=True)
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -144,6 +192,7 @@ def main() -> None:
     ):
         spent = least_time(lambda model=model, steps=steps: simulate(robot(13), model, steps), 7)  # type: ignore[misc]
         print(f"| {name} | {1e3 * spent:.0f} |", flush=True)
+    print_sensitivities()
     print_accuracy()
 
 

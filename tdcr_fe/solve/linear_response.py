@@ -18,6 +18,7 @@ from tdcr_fe.elements.friction import FrictionState
 from tdcr_fe.solve.cable_variation import hole_disturbance, shift_variation
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.numbering import Numbering, RobotUnknowns
+from tdcr_fe.solve.residual import Residual
 from tdcr_fe.solve.state import SolverState, Target
 from tdcr_fe.solve.stiff_elements import Solve, linearize
 from tdcr_fe.solve.system import SceneSystem
@@ -146,7 +147,7 @@ class SolvedPoint:
         Parameters
         ----------
         system
-            The scene; it is left in this state.
+            The scene. It is left in this state where there is more in it than robots.
         state
             With the history at the beginning of its increment.
         target
@@ -159,7 +160,7 @@ class SolvedPoint:
             Let holes that slip stick, as where all motion reverses.
         """
         numbering = system.numbering() if numbering is None else numbering
-        residual = system.residual(state, target, numbering)
+        residual = _balanced(system, state, target, numbering)
         linear, solve = linearize(system, residual, numbering)
         sticking = tuple(
             own.model.law.frictional & (all_stick | ~_slips(own, mobilisation, history, presliding))
@@ -311,6 +312,15 @@ class SolvedPoint:
         for here, sticks, change in zip(places, stuck, changes, strict=True):
             change[sticks] = found[here]
         return np.asarray(fixed + response @ found)
+
+
+def _balanced(system: SceneSystem, state: SolverState, target: Target, numbering: Numbering) -> Residual:
+    """Residual of a solved state; where nothing but robots is in the scene, Exudyn need not compute that it is zero."""
+    if not system.tangent_follows_from_elements():
+        return system.residual(state, target, numbering)
+    zero = np.zeros(system.layout.reduction.count)
+    nothing = tuple(np.zeros(6) for _ in system.layout.clamped)
+    return Residual(state, target, system.forces(state, target.time), zero, nothing, zero, 0.0)
 
 
 def _slips(

@@ -135,7 +135,8 @@ class Simulation:
         if follow is not None:
             follow(self.system, ramp, self.state, path.increments)
             ramp.apply(self.system, 1.0)
-            self.system.store(path.state)
+            if not self.system.tangent_follows_from_elements():
+                self.system.store(path.state)
         self.state, self._last, self._end = path.state, path.linearization, path.end
         if record_path is not None:
             record_path.extend(Increment(factor, state.stored()) for factor, state in path.increments)
