@@ -94,18 +94,21 @@ class CableDerivatives:
         """Derivatives of the holes' positions, tendons shifted in them, shape (n+1, 3, m, P')."""
         geometry = own.model.geometry
         assert geometry is not None
-        if geometry.clearance is None and not self._by_clearance.any():
+        # Without clearance, tendons shift only by the parameters that give them some.
+        which = slice(None) if geometry.clearance is not None else self._by_clearance.any(axis=0)
+        nodes, nominal = own.model.cable_nodes, self._by_nominal[..., which]
+        if not nominal.shape[-1]:
             return self._by_nominal
-        which = own.model.cable_nodes
-        at_rest = np.zeros((len(which), 6, self._by_nominal.shape[-1]))
-        return shift_variation(
+        moved = self._by_nominal.copy()
+        moved[..., which] = shift_variation(
             geometry,
-            point.positions[which],
-            point.rotations[which],
-            at_rest,
-            self._by_nominal,
-            self._by_clearance,
+            point.positions[nodes],
+            point.rotations[nodes],
+            np.zeros((len(nodes), 6, nominal.shape[-1])),
+            nominal,
+            self._by_clearance[:, which],
         )
+        return moved
 
     def _by_constants(self, own: TendonForces, mobilisation: Array) -> LawValues:
         """Derivatives by constant coefficients of friction, adhesion and compliance, shapes (m, n, P')."""
