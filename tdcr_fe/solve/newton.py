@@ -67,6 +67,7 @@ class NewtonResult:
     unmet: Unmet | None
     forces: tuple[TendonForces, ...]
     linearization: Linearization | None
+    target: Target
 
     @property
     def converged(self) -> bool:
@@ -176,7 +177,10 @@ def _iterate(
         linear = None if step is None else step.linearization
         final = _committed(system, residual, numbering, linear) if status.converged else residual.state
         iterations = len(residuals) - 1
-        return NewtonResult(status, final, tuple(residuals), iterations, unmet, residual.forces, linear)
+        forces = residual.forces
+        return NewtonResult(
+            status, final, tuple(residuals), iterations, unmet, forces, linear, residual.target
+        )
 
     while True:
         residuals.append(residual.size)

@@ -23,6 +23,7 @@ from tdcr_fe.solve.newton import NewtonResult, newton
 from tdcr_fe.solve.ramp import Ramp
 from tdcr_fe.solve.reversals import Equilibrium, Reversals, find_reversals, slips_by_load
 from tdcr_fe.solve.state import SolverState, StoredState
+from tdcr_fe.solve.steady_slip import slips_steadily
 from tdcr_fe.solve.system import SceneSystem
 
 Array = NDArray[np.float64]
@@ -420,6 +421,16 @@ class LoadStepper:
         if line is None and near is not None:
             line = near.linearization
         if line is None or not line.numbering.has_friction or self._has_rates():
+            return _Attempt(result)
+        if not (self.ramp.loads_change or self.ramp.curved) and slips_steadily(
+            now.path.state,
+            result.state,
+            result.forces,
+            result.target,
+            line,
+            system.layout.clamped,
+            settings.presliding,
+        ):
             return _Attempt(result)
         tolerance = settings.path_tolerance
         start = now.here
