@@ -28,7 +28,7 @@ UNMET = {
 
 def ended(status, residual):
     """A solve that ended without a solution."""
-    return NewtonResult(status, None, (residual,), 20, UNMET.get(status), (), None)
+    return NewtonResult(status, None, (residual,), 20, UNMET.get(status), (), None, Target(()))
 
 
 def test_a_friction_state_that_is_not_found_is_not_called_a_residual(monkeypatch):
