@@ -25,6 +25,8 @@ SMALL = 1e-2
 ROUGH = 0.1
 #: Times the error of the interpolation with which the path is followed once more, for what is uncertain in it [1].
 OVERSHOOT = 1.5
+#: Factor on the uncertainty where a tendon becomes taut or slack within a substep, which bends the slips' rates [1].
+KINK = 4.0
 #: Slips are monotone where their rates are this many times larger than the rates of the error [1].
 SAFETY = 2.0
 #: Nearest to its ends, as a fraction of it, where a substep is divided without and with a reversal located [1].
@@ -190,6 +192,24 @@ class _Substep(NamedTuple):
     slip: Array
     presliding: float
 
+    @classmethod
+    def of(
+        cls,
+        start: Equilibrium,
+        end: Equilibrium,
+        by_load: tuple[Array, Array],
+        holes: NDArray[np.int_],
+        presliding: float,
+    ) -> _Substep:
+        """Pick these of the frictional holes."""
+        pairs = holes[:, None], holes
+        first, last = (
+            SlipRates(rate[holes], at.response.matrix[pairs])
+            for rate, at in zip(by_load, (start, end), strict=True)
+        )
+        slip = (end.slips - start.slips)[holes]
+        return cls(first, last, start.mobilisation[holes], end.mobilisation[holes], slip, presliding)
+
     def follow(self, bulge: Array | None = None) -> FollowedPath:
         """The friction states followed through it, see `tdcr_fe.solve.friction_path.follow`.
 
@@ -220,6 +240,12 @@ class _Substep(NamedTuple):
         stiffness = self.presliding * np.eye(len(self.slip)) - self.end.matrix
         slip = self.slip + stiffness @ (mobilisation - self.after)
         return np.asarray(slip - path.slip - stiffness @ (mobilisation - path.mobilisation))
+
+    def at_worst(self, path: FollowedPath, mobilisation: Array, error: Array) -> Array:
+        """Mobilisations at the end if every hole that slips there has just reversed by an error, shape (k,)."""
+        lost = np.abs(error) if path.complete else np.abs(self.slip) + self.presliding
+        side = np.trunc(mobilisation)
+        return self.corrected(np.where(side != 0.0, side * (1.0 - lost / self.presliding), mobilisation))
 
 
 def find_reversals(
@@ -256,13 +282,7 @@ def find_reversals(
     holes = np.flatnonzero(taut)
     if not holes.size:
         return None
-    pairs = holes[:, None], holes
-    first, last = (
-        SlipRates(rate[holes], at.response.matrix[pairs])
-        for rate, at in zip(by_load, (start, end), strict=True)
-    )
-    before, after = start.mobilisation[holes], end.mobilisation[holes]
-    substep = _Substep(first, last, before, after, (end.slips - start.slips)[holes], presliding)
+    substep = _Substep.of(start, end, by_load, holes, presliding)
     path = substep.follow()
     plain = substep.with_reversals(path)
     bulge = substep.error(path, plain)
@@ -273,21 +293,24 @@ def find_reversals(
     if not (start.exact and end.exact):
         return Reversals(np.inf, np.inf, 0.5)
 
+    slack = zip(start.linearization.slack, end.linearization.slack, strict=True)
+    kink = 1.0 if all(np.array_equal(*both) for both in slack) else KINK
+
     def displacement(mobilisation: Array, other: Array) -> float:
         change = np.zeros(len(taut))
         change[holes] = mobilisation - other
         return end.displacement(change) / length
 
     def found(mobilisation: Array, others: Sequence[Array], division: float) -> Reversals:
-        error = max(displacement(mobilisation, other) for other in others)
-        return Reversals(displacement(mobilisation, after), error, division)
+        error = kink * max(displacement(mobilisation, other) for other in others)
+        return Reversals(displacement(mobilisation, substep.after), error, division)
 
     scale = max(float(np.abs(substep.slip).max()), presliding)
     if path.complete and worst <= ROUGH * scale:
         better = substep.follow(bulge)
         if better.complete:
             corrected = substep.with_reversals(better)
-            located = found(corrected, (plain,), _division(better, corrected - after))
+            located = found(corrected, (plain,), _division(better, corrected - substep.after))
             if located.total > allowed:
                 return located
             beyond = substep.follow(OVERSHOOT * bulge)
@@ -295,13 +318,9 @@ def find_reversals(
                 if not (path.reversed.any() or better.reversed.any() or beyond.reversed.any()):
                     return None
                 return found(corrected, (plain, substep.with_reversals(beyond)), located.division)
-    # Reversals are not located well enough. At worst every hole that slips at the end has just reversed by the error of
-    # the interpolation, which falls about with the square of the substep.
-    lost = np.abs(bulge) if path.complete else np.abs(substep.slip) + presliding
-    side = np.trunc(plain)
-    trial = np.where(side != 0.0, side * (1.0 - lost / presliding), plain)
+    # Reversals are not located well enough; the error falls about with the square of the substep.
     division = min(0.5, max(NEAR, float(np.sqrt(ROUGH * scale / max(worst, ROUGH * scale)))))
-    return found(plain, (substep.corrected(trial),), division)
+    return found(plain, (substep.at_worst(path, plain, bulge),), division)
 
 
 def _division(path: FollowedPath, change: Array) -> float:
