@@ -88,9 +88,13 @@ def parameters(experiment: Experiment, names: Sequence[str | Parameter]) -> tupl
 
     Raises
     ------
+    TypeError
+        One name instead of a list of names.
     ValueError
         An unknown or repeated name, or a field that is not a number.
     """
+    if isinstance(names, str):
+        raise TypeError(f"sensitivities: {names!r} is one name; must be a list of names: [{names!r}]")
     found = tuple(x if isinstance(x, ModelParameter | StepInput) else _named(experiment, x) for x in names)
     repeated = sorted({p.name for p in found if [q.name for q in found].count(p.name) > 1})
     if repeated:

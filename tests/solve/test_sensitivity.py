@@ -263,5 +263,7 @@ def test_what_has_no_derivative_is_refused_by_name() -> None:
     }.items():
         with pytest.raises(ValueError, match=text):
             run(experiment, [name])
+    with pytest.raises(TypeError, match="must be a list of names"):
+        run(experiment, "backbone.radius")
     with pytest.raises(ValueError, match="named twice"):
         run(experiment, ["backbone.radius", "backbone.radius"])
