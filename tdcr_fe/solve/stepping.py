@@ -436,7 +436,11 @@ class LoadStepper:
         start = now.here
         if start is None or not start.numbering.same_unknowns(line.numbering):
             start = self._linearised(now.path.state, now.load_factor)
-        end = Equilibrium.of(system, result.state, result.forces, line, settings.presliding)
+        if start.exact and (now.path.substeps or now.path.rejected):
+            # In a load step that has been divided, the last iteration's linearisation hardly ever suffices.
+            end = self._linearised(result.state, goal)
+        else:
+            end = Equilibrium.of(system, result.state, result.forces, line, settings.presliding)
         allowed = max(SHARE * (tolerance - now.error), LEAST_SHARE * tolerance)
         found = self._reversals(start, end, now.load_factor, goal, allowed)
         if found is not None and not (start.exact and end.exact):
