@@ -48,10 +48,16 @@ if TYPE_CHECKING:
     from tdcr_fe.model.sensitivities import Sensitivities as Sensitivities
     from tdcr_fe.model.sensitivities import Sensitivity as Sensitivity
     from tdcr_fe.model.settings import SolverSettings as SolverSettings
+    from tdcr_fe.model.targets import FollowResult as FollowResult
+    from tdcr_fe.model.targets import ReachedTarget as ReachedTarget
+    from tdcr_fe.model.targets import TensionLimits as TensionLimits
+    from tdcr_fe.model.targets import TipTarget as TipTarget
     from tdcr_fe.native import register as register
     from tdcr_fe.scene.builder import CreateTDCR as CreateTDCR
     from tdcr_fe.scene.handle import TDCR as TDCR
     from tdcr_fe.scene.loads import PointLoad as PointLoad
+    from tdcr_fe.solve.inverse import follow_path as follow_path
+    from tdcr_fe.solve.inverse import reach as reach
     from tdcr_fe.solve.local_response import local_response as local_response
     from tdcr_fe.solve.parameters import effect_parameter as effect_parameter
     from tdcr_fe.solve.simulate import simulate as simulate
@@ -88,10 +94,12 @@ _PUBLIC = {
     ),
     "tdcr_fe.model.sensitivities": ("LocalResponse", "Sensitivities", "Sensitivity"),
     "tdcr_fe.model.settings": ("SolverSettings",),
+    "tdcr_fe.model.targets": ("FollowResult", "ReachedTarget", "TensionLimits", "TipTarget"),
     "tdcr_fe.native": ("register",),
     "tdcr_fe.scene.builder": ("CreateTDCR",),
     "tdcr_fe.scene.handle": ("TDCR",),
     "tdcr_fe.scene.loads": ("PointLoad",),
+    "tdcr_fe.solve.inverse": ("follow_path", "reach"),
     "tdcr_fe.solve.local_response": ("local_response",),
     "tdcr_fe.solve.parameters": ("effect_parameter",),
     "tdcr_fe.solve.simulate": ("simulate",),

@@ -1,0 +1,199 @@
+"""The command ``tdcr-fe follow``: tensions or displacements that take the tip along a path."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, complain, count
+
+if TYPE_CHECKING:
+    from tdcr_fe.model.loading import Model
+    from tdcr_fe.model.robot import Robot
+    from tdcr_fe.model.settings import SolverSettings
+    from tdcr_fe.model.targets import FollowResult, ReachedTarget, TensionLimits, TipTarget
+
+
+def add_follow_parser(commands: Any) -> None:
+    """Add ``tdcr-fe follow``."""
+    parser = commands.add_parser(
+        "follow",
+        help="find the tensions that take the tip along a path",
+        description="Find the loading sequence that takes the tip of a robot through the targets of a path.csv, with "
+        "bounds on the tensions; a target that is out of reach is approached as far as possible.",
+        epilog="Exit status: 0 every target was reached or is out of reach; 1 a load step or a search did not "
+        "converge; 2 the input is wrong; 130 interrupted (143 by SIGTERM), what was found is written.",
+    )
+    parser.add_argument("robot", help="path of a robot.toml")
+    parser.add_argument("path", help="path of a path.csv with the columns step,x,y,z[,dx,dy,dz], in m")
+    parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for the results")
+    parser.add_argument(
+        "--largest",
+        nargs="+",
+        required=True,
+        metavar="T",
+        help="largest tension in N: one number for all tendons, or NAME=T for each",
+    )
+    parser.add_argument(
+        "--pretension",
+        nargs="+",
+        default=["0"],
+        metavar="T",
+        help="smallest tension in N, above zero to keep tendons from becoming slack: one number, or NAME=T [0]",
+    )
+    parser.add_argument(
+        "--model", metavar="MODEL", help="path of a model.toml with the tables [model] and [solver]"
+    )
+    parser.add_argument(
+        "--displacements", action="store_true", help="find prescribed displacements instead of tensions"
+    )
+    parser.add_argument(
+        "--effort",
+        choices=("tension", "change"),
+        default="tension",
+        help="what has the smallest sum of squares where several tensions reach a target: the tensions, or their "
+        "change from the target before [%(default)s]",
+    )
+    parser.add_argument("--no-pictures", action="store_true", help="write tables and summary only")
+    parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
+    parser.set_defaults(handler=follow)
+
+
+def follow(args: argparse.Namespace) -> int:
+    """Find the loading sequence, and write it with what it reaches."""
+    from tdcr_fe.io.atomic import check_output_folder
+    from tdcr_fe.io.follow_files import write_follow
+    from tdcr_fe.io.problems import InputError, Problem
+    from tdcr_fe.io.toml import digest, read_robot
+
+    robot = read_robot(args.robot)
+    model, settings, targets, limits = _read(args, robot)
+    out = check_output_folder(args.out)
+    if not args.no_pictures:
+        importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
+    try:
+        result = _solve(args, robot, model, targets, limits, settings)
+    except ValueError as error:  # a contradiction between bounds, model and robot
+        raise InputError([Problem(args.robot, "", "", str(error))]) from error
+    names = [args.robot, args.path, *([args.model] if args.model else [])]
+    options = {
+        "largest": limits.largest,
+        "pretension": limits.pretension,
+        "drive_by": "displacement" if args.displacements else "tension",
+        "effort": args.effort,
+    }
+    written = write_follow(
+        result,
+        out,
+        settings,
+        {Path(n).name: digest(n) for n in names},
+        len(targets),
+        options,
+        not args.no_pictures,
+    )
+    if not args.quiet:
+        print(f"{result!r}\nWritten to {out}: " + ", ".join(str(p.relative_to(out)) for p in written))
+        if result.steps:
+            print(f"Solve it again: tdcr-fe run {out / 'scenario' / 'scenario.toml'} -o OUT")
+    for warning in result.simulation.warnings:
+        complain(f"warning: {warning}")
+    return _status(result, len(targets))
+
+
+def _status(result: FollowResult, asked: int) -> int:
+    """Exit status; what went wrong is printed."""
+    for number in (*result.out_of_reach, *result.not_converged):
+        found = result.targets[number - 1]
+        complain(f"target {number} ({found.target.label}): {found.sentence}")
+    if result.simulation.converged:
+        return FAILURE if result.not_converged else SUCCESS
+    done, message = len(result.targets), result.simulation.message
+    complain(
+        f"{message}; {count(done, 'target')} of {asked} before that {'is' if done == 1 else 'are'} written"
+    )
+    return INTERRUPTED if message == "interrupted" else FAILURE
+
+
+def _read(
+    args: argparse.Namespace, robot: Robot
+) -> tuple[Model, SolverSettings, tuple[TipTarget, ...], TensionLimits]:
+    """Everything beside the robot, with the mistakes of all files and options together."""
+    from tdcr_fe.io.path_table import read_path
+    from tdcr_fe.io.problems import InputError, Problem
+    from tdcr_fe.io.toml import read_model_file
+    from tdcr_fe.model.loading import Model
+    from tdcr_fe.model.settings import SolverSettings
+    from tdcr_fe.model.targets import TensionLimits
+
+    problems: list[Any] = []
+    model, settings = Model(), SolverSettings()
+    targets: tuple[TipTarget, ...] = ()
+    limits = TensionLimits(0.0)
+    try:
+        targets = read_path(args.path, robot.backbone.length)
+    except InputError as error:
+        problems += error.problems
+    if args.model:
+        try:
+            model, settings = read_model_file(args.model)
+        except InputError as error:
+            problems += error.problems
+    try:
+        limits = TensionLimits(_tensions(args.largest), _tensions(args.pretension))
+        limits.bounds(robot.tendon_names)
+    except ValueError as error:
+        problems.append(Problem("--largest, --pretension", "", "", str(error)))
+    if problems:
+        raise InputError(problems)
+    return model, settings, targets, limits
+
+
+def _tensions(texts: list[str]) -> float | dict[str, float]:
+    """One number, or numbers by tendon."""
+    try:
+        if len(texts) == 1 and "=" not in texts[0]:
+            return float(texts[0])
+        pairs = [text.rpartition("=") for text in texts]
+        found = {name: float(value) for name, _, value in pairs}
+    except ValueError:
+        found = {}
+    if len(found) != len(texts) or "" in found:
+        raise ValueError(f"{' '.join(texts)!r}: must be one number, or NAME=NUMBER for each tendon [N]")
+    return found
+
+
+def _solve(
+    args: argparse.Namespace,
+    robot: Robot,
+    model: Model,
+    targets: tuple[TipTarget, ...],
+    limits: TensionLimits,
+    settings: SolverSettings,
+) -> FollowResult:
+    """Follow the path with a bar on stderr, where that is a terminal."""
+    from tqdm import tqdm
+
+    from tdcr_fe.solve.inverse import follow_path
+
+    silent = True if args.quiet else None
+    with tqdm(total=len(targets), unit="target", leave=False, file=sys.stderr, disable=silent) as bar:
+
+        def progress(found: ReachedTarget) -> None:
+            if found.result.step == 1:
+                bar.reset()  # refining the mesh begins again with the first target
+            bar.set_postfix_str(found.target.label, refresh=False)
+            bar.update(1)
+
+        return follow_path(
+            robot,
+            model,
+            targets,
+            limits,
+            settings,
+            progress,
+            drive_by="displacement" if args.displacements else "tension",
+            effort=args.effort,
+        )

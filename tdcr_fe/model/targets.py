@@ -1,0 +1,327 @@
+"""Targets of the tip, limits of the tensions, and what inverse statics found. Imports no solver."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tdcr_fe.model.loading import LoadStep, Vector
+from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.robot import Robot
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+#: What drives the tendons.
+DriveBy = Literal["tension", "displacement"]
+#: Whose sum of squares is smallest among all tensions that reach a target.
+EffortKind = Literal["tension", "change"]
+
+
+@dataclass(frozen=True)
+class TipTarget:
+    """A position of the tip, and a direction of its tangent where that matters.
+
+    Attributes
+    ----------
+    position : (float, float, float)
+        World frame [m].
+    direction : (float, float, float) or None
+        Of the tangent at the tip, of any length; None leaves it free.
+    label : str
+        For tables and pictures.
+    time : float or None
+        At which the target is to be reached [s]; for creep and for friction that depends on the slip rate.
+    """
+
+    position: Vector
+    direction: Vector | None = None
+    label: str = ""
+    time: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", _vector("position", self.position))
+        if self.direction is not None:
+            direction = _vector("direction", self.direction)
+            if not any(direction):
+                raise ValueError("TipTarget.direction = (0, 0, 0): must not be zero; None leaves it free")
+            object.__setattr__(self, "direction", direction)
+
+    @property
+    def unit_direction(self) -> Array | None:
+        """Direction of length 1, shape (3,)."""
+        if self.direction is None:
+            return None
+        direction = np.array(self.direction)
+        return np.asarray(direction / np.linalg.norm(direction))
+
+
+def _vector(name: str, value: ArrayLike) -> Vector:
+    try:
+        found = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        found = np.full(0, np.nan)
+    if found.shape != (3,) or not np.isfinite(found).all():
+        raise ValueError(f"TipTarget.{name} = {value!r}: must be three finite numbers")
+    x, y, z = found.tolist()
+    return x, y, z
+
+
+def tip_targets(targets: ArrayLike | Sequence[TipTarget] | TipTarget) -> tuple[TipTarget, ...]:
+    """Targets from a table: three columns for positions [m], six with directions.
+
+    Parameters
+    ----------
+    targets
+        One or several `TipTarget`, or an array of shape (n, 3) or (n, 6).
+
+    Raises
+    ------
+    ValueError
+        The array has another shape, or a number is not finite.
+    """
+    if isinstance(targets, TipTarget):
+        return (targets,)
+    if isinstance(targets, Sequence) and targets and all(isinstance(x, TipTarget) for x in targets):
+        return tuple(x for x in targets if isinstance(x, TipTarget))
+    try:
+        table = np.atleast_2d(np.asarray(targets, dtype=float))
+    except (TypeError, ValueError):
+        table = np.zeros((0, 0))  # not numbers, or rows of different lengths
+    if table.ndim != 2 or table.shape[0] == 0 or table.shape[1] not in (3, 6):
+        raise ValueError(
+            "targets: must be TipTarget objects, or an array of shape (n, 3) for positions [m] or (n, 6) for "
+            f"positions and directions; the shape is {table.shape}"
+        )
+    return tuple(TipTarget(tuple(row[:3]), tuple(row[3:]) if len(row) == 6 else None) for row in table)
+
+
+@dataclass(frozen=True)
+class TensionLimits:
+    """Bounds of the tensions at the base.
+
+    Attributes
+    ----------
+    largest : float or mapping of str to float
+        Largest tension, of all tendons or by tendon [N].
+    pretension : float or mapping of str to float
+        Smallest tension, of all tendons or by tendon; above zero no tendon becomes slack [N].
+    """
+
+    largest: float | Mapping[str, float]
+    pretension: float | Mapping[str, float] = 0.0
+
+    def bounds(self, names: Sequence[str]) -> tuple[Array, Array]:
+        """Smallest and largest tension of every tendon [N], each of shape (n_tendons,).
+
+        Raises
+        ------
+        ValueError
+            A tendon is missing or unknown, a bound is negative or not finite, or they exclude each other.
+        """
+        lower, upper = (_by_tendon(field, getattr(self, field), names) for field in ("pretension", "largest"))
+        for name, low, high in zip(names, lower, upper, strict=True):
+            if low > high:
+                raise ValueError(
+                    f"TensionLimits: the pretension of {low:g} N of {name} is above the largest tension of {high:g} N"
+                )
+        return lower, upper
+
+
+def _by_tendon(field: str, value: float | Mapping[str, float], names: Sequence[str]) -> Array:
+    if isinstance(value, Mapping):
+        unknown = [n for n in value if n not in names]
+        missing = [n for n in names if n not in value] if field == "largest" else []
+        if unknown or missing:
+            what = f"unknown tendon {unknown[0]}" if unknown else f"tendon {missing[0]} is missing"
+            raise ValueError(f"TensionLimits.{field}: {what}; the robot has {', '.join(names)}")
+        found = np.array([float(value.get(n, 0.0)) for n in names])
+    else:
+        found = np.full(len(names), float(value))
+    if not np.isfinite(found).all() or (found < 0.0).any():
+        raise ValueError(f"TensionLimits.{field} = {value!r}: must be zero or more, and finite [N]")
+    return found
+
+
+class ReachStatus(Enum):
+    """How the search for one target ended."""
+
+    REACHED = "reached"
+    OUT_OF_REACH = "out of reach"
+    NOT_CONVERGED = "not converged"
+
+
+@dataclass(frozen=True)
+class ReachedTarget:
+    """The tensions found for one target.
+
+    Attributes
+    ----------
+    target : TipTarget
+    status : ReachStatus
+        Out of reach: the distance is smallest here, as no admissible change of the tensions reduces it to first order.
+        Not converged: the search ended elsewhere, so that nothing is known.
+    error : float
+        Distance of the tip from the target [m].
+    direction_error : float or None
+        Angle between the tangent at the tip and the target's direction [rad]; None where that is free.
+    tensions : ndarray, shape (n_tendons,)
+        At the base [N].
+    displacements : ndarray, shape (n_tendons,)
+        Pulled in at the base [m].
+    at_largest, at_pretension : tuple of str
+        Tendons whose tension is at its upper and lower bound.
+    possible_gain : float
+        By how much the linearised robot could still come closer within the bounds, as a fraction of its length [1].
+    trials : int
+        Load steps that were solved for this target.
+    starts : int
+        Tensions that the search was started from.
+    step : LoadStep
+        That takes the robot from the target before to this one.
+    result : StepResult
+        State of the robot.
+    """
+
+    target: TipTarget
+    status: ReachStatus
+    error: float
+    direction_error: float | None
+    tensions: Array
+    displacements: Array
+    at_largest: tuple[str, ...]
+    at_pretension: tuple[str, ...]
+    possible_gain: float
+    trials: int
+    starts: int
+    step: LoadStep
+    result: StepResult
+
+    @property
+    def reached(self) -> bool:
+        """Whether the target was reached."""
+        return self.status is ReachStatus.REACHED
+
+    @property
+    def sentence(self) -> str:
+        """The outcome in one sentence."""
+        angle = "" if self.direction_error is None else f" and {np.degrees(self.direction_error):.3g} deg"
+        how_far = f"{1e3 * self.error:.3g} mm{angle}"
+        if self.reached:
+            return f"reached, error {how_far}"
+        if self.status is ReachStatus.NOT_CONVERGED:
+            return f"not converged, {how_far} away; try targets closer together or other bounds"
+        at = f"; at the largest tension: {', '.join(self.at_largest)}" if self.at_largest else ""
+        return f"out of reach; the nearest point found is {how_far} away{at}"
+
+    def __repr__(self) -> str:
+        names = tuple(self.step.tensions) or tuple(self.step.displacements)
+        pulled = ", ".join(f"{n} {t:.4g} N" for n, t in zip(names, self.tensions, strict=True))
+        return f"{self.target.label or 'target'}: {self.sentence}; {pulled}"
+
+
+@dataclass(frozen=True)
+class FollowResult:
+    """Tensions or displacements that take the tip through targets; printed, it is a summary.
+
+    Attributes
+    ----------
+    targets : tuple of ReachedTarget
+        In order; all of them where no load step failed.
+    steps : tuple of LoadStep
+        The loading sequence, with the steps before the first target; `simulate` with the same model reproduces it.
+    simulation : SequenceResult
+        The same sequence as solved.
+    wall_time : float
+        [s].
+    """
+
+    targets: tuple[ReachedTarget, ...]
+    steps: tuple[LoadStep, ...]
+    simulation: SequenceResult
+    wall_time: float
+
+    @property
+    def robot(self) -> Robot:
+        """Whose tip follows the path."""
+        return self.simulation.robot
+
+    @property
+    def out_of_reach(self) -> tuple[int, ...]:
+        """Numbers of the targets that are out of reach, from 1."""
+        return self._with(ReachStatus.OUT_OF_REACH)
+
+    @property
+    def not_converged(self) -> tuple[int, ...]:
+        """Numbers of the targets at which the search did not converge, from 1."""
+        return self._with(ReachStatus.NOT_CONVERGED)
+
+    def _with(self, status: ReachStatus) -> tuple[int, ...]:
+        return tuple(k for k, x in enumerate(self.targets, start=1) if x.status is status)
+
+    @property
+    def errors(self) -> Array:
+        """Distances of the tip from the targets [m], shape (n_targets,)."""
+        return np.array([x.error for x in self.targets])
+
+    @property
+    def tensions(self) -> Array:
+        """At the base [N], shape (n_targets, n_tendons)."""
+        return np.array([x.tensions for x in self.targets])
+
+    @property
+    def displacements(self) -> Array:
+        """Pulled in at the base [m], shape (n_targets, n_tendons)."""
+        return np.array([x.displacements for x in self.targets])
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per target, with the columns of ``targets.csv``."""
+        import pandas as pd
+
+        names = self.robot.tendon_names
+        rows = []
+        for number, found in enumerate(self.targets, start=1):
+            direction = found.target.direction or (None, None, None)
+            row: dict[str, object] = {
+                "target": number,
+                "label": found.target.label,
+                "step": found.result.step,
+            }
+            row |= {
+                "status": found.status.value,
+                "error": found.error,
+                "direction_error": found.direction_error,
+            }
+            row |= dict(zip(("x", "y", "z"), found.target.position, strict=True))
+            row |= dict(zip(("dx", "dy", "dz"), direction, strict=True))
+            row |= dict(zip(("tip_x", "tip_y", "tip_z"), found.result.tip.tolist(), strict=True))
+            row |= dict(
+                zip(("tangent_x", "tangent_y", "tangent_z"), found.result.tangent.tolist(), strict=True)
+            )
+            row |= {f"tension_{n}": float(t) for n, t in zip(names, found.tensions, strict=True)}
+            row |= {f"displacement_{n}": float(d) for n, d in zip(names, found.displacements, strict=True)}
+            row |= {"at_largest": " ".join(found.at_largest), "possible_gain": found.possible_gain}
+            rows.append(row | {"trials": found.trials, "starts": found.starts})
+        return pd.DataFrame(rows)
+
+    def __repr__(self) -> str:
+        reached = sum(x.reached for x in self.targets)
+        lines = [
+            f"robot         {self.robot.name}: {len(self.robot.tendons)} tendons",
+            f"targets       {len(self.targets)}, {reached} reached, {len(self.out_of_reach)} out of reach, "
+            f"{len(self.not_converged)} not converged; {sum(x.trials for x in self.targets)} load steps solved, "
+            f"{self.wall_time:.2f} s",
+            f"status        {self.simulation.message}",
+        ]
+        if self.targets:
+            lines.append(f"largest error {1e3 * float(self.errors.max()):.3g} mm")
+            lines.append(f"tension [N]   {self.tensions.min():.4g} to {self.tensions.max():.4g}")
+        for number in (*self.out_of_reach, *self.not_converged)[:6]:
+            lines.append(f"target {number:<6d} {self.targets[number - 1].sentence}")
+        return "\n".join(lines)

@@ -1,0 +1,236 @@
+"""Tensions and displacements found for targets of the tip: reached, within bounds, of least effort, and reproduced."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.targets import ReachStatus, TensionLimits, TipTarget
+from tdcr_fe.solve.inverse import REACHED, follow_path, reach
+from tdcr_fe.solve.least_effort import Effort
+from tdcr_fe.solve.simulate import simulate
+from tests.robots import BACKBONE, LENGTH, tendon, three
+
+LIMITS = TensionLimits(largest=2.5, pretension=0.1)
+DISKS = Disks.equally_spaced(10, LENGTH, radius=5e-3)
+
+
+def two_segments(mu: float) -> Robot:
+    """Six tendons; three end in the middle, three at the tip, 60 degrees from the others."""
+    near = [tendon(f"p{i}", 120.0 * i, mu, end=0.5 * LENGTH) for i in range(3)]
+    far = [tendon(f"d{i}", 60.0 + 120.0 * i, mu) for i in range(3)]
+    return Robot(BACKBONE, DISKS, (*near, *far), "two segments")
+
+
+CASES = {
+    "no friction": (three(0.0), Model(friction="none", elements_per_bay=1)),
+    "friction": (three(0.2), Model(elements_per_bay=1)),
+    "two segments": (two_segments(0.2), Model(elements_per_bay=1)),
+}
+
+
+def random_tips(robot: Robot, model: Model, count: int, seed: int = 0) -> np.ndarray:
+    """Tips that random tensions within the limits lead to from the unloaded robot."""
+    generator = np.random.default_rng(seed)
+    tips = []
+    while len(tips) < count:
+        tensions = generator.uniform(0.1, 2.5, len(robot.tendons))
+        step = LoadStep(tensions=dict(zip(robot.tendon_names, tensions.tolist(), strict=True)))
+        found = simulate(robot, model, [step])
+        if found.converged:
+            tips.append(found.tips[-1])
+    return np.array(tips)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("drive_by", ["tension", "displacement"])
+def test_tips_of_random_tensions_are_reached_within_the_bounds(case, drive_by):
+    robot, model = CASES[case]
+    for tip in random_tips(robot, model, 2, seed=4):
+        found = reach(robot, model, tip, LIMITS, drive_by=drive_by)
+        assert found.status is ReachStatus.REACHED, found
+        assert found.error <= REACHED * LENGTH
+        assert (found.tensions >= 0.1 - 1e-5).all() and (found.tensions <= 2.5 + 1e-5).all()
+        # The step alone, from the unloaded robot, leads there.
+        again = simulate(robot, model, [found.step])
+        assert np.linalg.norm(again.tips[-1] - tip) <= REACHED * LENGTH
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+def test_99_percent_of_random_reachable_targets_are_reached(case):
+    """334 targets of each robot, a thousand in all; 99 % reach 1e-6 of the length."""
+    robot, model = CASES[case]
+    found = [reach(robot, model, tip, LIMITS) for tip in random_tips(robot, model, 334, seed=11)]
+    assert sum(x.error <= 1e-6 * LENGTH for x in found) >= 0.99 * len(found)
+
+
+@pytest.mark.parametrize("drive_by", ["tension", "displacement"])
+def test_the_loading_sequence_solved_again_ends_where_the_path_did(drive_by):
+    """With friction every step begins in the state that the last one left; forwards and back, with a load."""
+    robot, model = CASES["friction"]
+    before = [LoadStep("load", loads={"tip": Load(LENGTH, (0.0, 0.02, 0.0))})]
+    ends = simulate(
+        robot,
+        model,
+        [*before, LoadStep(tensions={"t1": 1.2, "t2": 0.5, "t3": 0.1}), LoadStep("", {"t1": 0.6})],
+    ).tips[1:]
+    path = [ends[0], ends[1], ends[0]]
+    found = follow_path(robot, model, path, LIMITS, drive_by=drive_by, before=before)
+    assert found.simulation.converged and len(found.steps) == 4
+    again = simulate(robot, found.simulation.model, found.steps)
+    assert np.array_equal(again.tips, found.simulation.tips)
+    assert np.array_equal(again.tips[1:], [x.result.tip for x in found.targets])
+    assert [x.error for x in found.targets] == pytest.approx(
+        np.linalg.norm(again.tips[1:] - path, axis=1).tolist(), abs=1e-15
+    )
+    # The last target is where the first one is, but the friction has another history.
+    assert np.abs(found.tensions[2] - found.tensions[0]).max() > 1e-3
+
+
+def test_position_and_direction_are_reached_by_two_segments():
+    robot, model = CASES["two segments"]
+    tensions = {"p0": 1.0, "p1": 0.3, "p2": 0.2, "d0": 0.2, "d1": 0.6, "d2": 0.3}
+    goal = simulate(robot, model, [LoadStep(tensions=tensions)]).steps[-1]
+    target = TipTarget(tuple(goal.tip), tuple(3.0 * goal.tangent), "pose")
+    found = reach(robot, model, target, LIMITS)
+    assert found.status is ReachStatus.REACHED
+    assert found.error <= 1e-6 * LENGTH and found.direction_error <= 1e-6
+    assert np.sum(found.tensions**2) <= sum(x**2 for x in tensions.values()) * (1.0 + 1e-6)
+    # The position alone takes less effort, and leaves another direction.
+    alone = reach(robot, model, goal.tip, LIMITS)
+    assert alone.direction_error is None
+    assert np.sum(alone.tensions**2) < np.sum(found.tensions**2)
+    assert np.linalg.norm(alone.result.tangent - goal.tangent) > 1e-2
+
+
+def test_no_neighbouring_tensions_reach_the_target_with_less_effort():
+    """The gradient of the effort has no part along the tensions that keep the tip, tendons at their bounds left out."""
+    robot, model = two_segments(0.0), Model(friction="none", elements_per_bay=1)
+    (tip,) = random_tips(robot, model, 1, seed=7)
+    found = reach(robot, model, tip, LIMITS)
+    assert found.reached
+    result = simulate(robot, model, [found.step], responses=True)
+    jacobian = result.steps[-1].responses[0].by_tension[:3]
+    free = np.flatnonzero((found.tensions > 0.1 + 1e-6) & (found.tensions < 2.5 - 1e-6))
+    multiplier = np.linalg.lstsq(jacobian[:, free].T, found.tensions[free], rcond=None)[0]
+    gradient = found.tensions - jacobian.T @ multiplier
+    assert np.abs(gradient[free]).max() < 0.05 * np.abs(found.tensions).max()
+    at_lower = found.tensions <= 0.1 + 1e-6
+    assert (gradient[at_lower] >= -0.05 * np.abs(found.tensions).max()).all()
+
+
+def test_least_change_moves_the_tensions_less_than_least_tension_does():
+    robot, model = two_segments(0.0), Model(friction="none", elements_per_bay=1)
+    begin = {"p0": 0.9, "p1": 1.0, "p2": 1.1, "d0": 1.0, "d1": 1.2, "d2": 0.8}
+    first = simulate(robot, model, [LoadStep(tensions=begin)])
+    target = first.tips[-1] + [0.003, 0.001, 0.0]
+    found = {
+        effort: reach(robot, model, target, LIMITS, effort=effort, before=[LoadStep(tensions=begin)])
+        for effort in ("tension", "change")
+    }
+    assert all(x.reached for x in found.values())
+    start = np.array(list(begin.values()))
+    change, other = (np.linalg.norm(found[x].tensions - start) for x in ("change", "tension"))
+    assert change < 0.3 * other
+    assert np.linalg.norm(found["tension"].tensions) < 0.7 * np.linalg.norm(found["change"].tensions)
+
+
+def test_out_of_reach_ends_at_the_nearest_point_and_says_so():
+    """Above the straight robot the tensions are the smallest ones; elsewhere no random tensions come nearer."""
+    robot, model = CASES["no friction"]
+    above = reach(robot, model, (0.0, 0.0, 1.1 * LENGTH), LIMITS)
+    assert above.status is ReachStatus.OUT_OF_REACH
+    assert above.error == pytest.approx(0.1 * LENGTH, rel=1e-3)
+    assert above.tensions == pytest.approx(0.1, abs=1e-9)
+    assert above.at_pretension == ("t1", "t2", "t3") and above.at_largest == ()
+    assert "out of reach; the nearest point found is 25 mm away" in repr(above)
+    target = np.array([0.12, 0.05, 0.15])
+    found = reach(robot, model, target, LIMITS)
+    assert found.status is ReachStatus.OUT_OF_REACH and found.possible_gain <= 1e-4
+    others = np.linalg.norm(random_tips(robot, model, 60, seed=2) - target, axis=1)
+    assert found.error < others.min()
+
+
+def test_a_largest_tension_that_is_too_small_puts_the_target_out_of_reach():
+    """The tip of one tendon pulled alone at 0.5 N, with a largest tension of 0.4 N: the tendon is at its bound."""
+    robot, model = CASES["no friction"]
+    tip = simulate(robot, model, [LoadStep(tensions={"t1": 0.5})]).tips[-1]
+    assert reach(robot, model, tip, TensionLimits(2.0)).tensions == pytest.approx([0.5, 0.0, 0.0], abs=2e-3)
+    found = reach(robot, model, tip, TensionLimits(0.4))
+    assert found.status is ReachStatus.OUT_OF_REACH and found.at_largest == ("t1",)
+
+
+def test_the_automatic_mesh_is_that_of_the_simulation_of_the_sequence():
+    robot = three(0.2, disks=Disks.equally_spaced(4, LENGTH, radius=5e-3))
+    tip = simulate(robot, Model(), [LoadStep(tensions={"t1": 1.5, "t2": 0.4, "t3": 0.2})]).tips[-1]
+    found = follow_path(robot, Model(), [tip], LIMITS)
+    assert found.targets[0].reached
+    assert found.simulation.elements_per_bay == found.simulation.model.elements_per_bay
+    assert found.simulation.steps[-1].discretisation_error <= 1e-4 * LENGTH
+    again = simulate(robot, found.simulation.model, found.steps)
+    assert np.array_equal(again.tips, found.simulation.tips)
+    assert np.linalg.norm(again.tips[-1] - tip) <= 1e-6 * LENGTH
+
+
+def test_a_path_prints_a_summary_and_its_table():
+    robot, model = CASES["no friction"]
+    found = follow_path(robot, model, [[0.05, 0.0, 0.24], [0.0, 0.0, 0.3]], TensionLimits(3.0))
+    text = repr(found)
+    assert "2 out of reach" in text and "target 2" in text
+    assert len(text.splitlines()) <= 12
+    table = found.to_frame()
+    assert list(table["status"]) == ["out of reach"] * 2 and table["error"].to_numpy() == pytest.approx(
+        found.errors
+    )
+
+
+def test_bounds_and_targets_that_make_no_sense_are_refused():
+    robot, model = CASES["no friction"]
+    target = [0.0, 0.0, 0.2]
+    with pytest.raises(ValueError, match="above the largest tension"):
+        reach(robot, model, target, TensionLimits(1.0, 2.0))
+    with pytest.raises(ValueError, match="unknown tendon t9"):
+        reach(robot, model, target, TensionLimits(1.0, {"t9": 0.1}))
+    with pytest.raises(ValueError, match="tendon t2 is missing"):
+        reach(robot, model, target, TensionLimits({"t1": 1.0}))
+    with pytest.raises(ValueError, match="zero or more"):
+        reach(robot, model, target, TensionLimits(np.inf))
+    with pytest.raises(ValueError, match="needs a pretension above zero"):
+        reach(robot, model, target, TensionLimits(1.0), drive_by="displacement")
+    with pytest.raises(ValueError, match=r"shape \(n, 3\)"):
+        follow_path(robot, model, [[1.0, 2.0]], TensionLimits(1.0))
+    with pytest.raises(ValueError, match="three finite numbers"):
+        TipTarget((0.0, np.nan, 0.2))
+    with pytest.raises(ValueError, match="must not be zero"):
+        TipTarget((0.0, 0.0, 0.2), (0.0, 0.0, 0.0))
+    with pytest.raises(TypeError, match="TensionLimits"):
+        reach(robot, model, target, 3.0)
+    with pytest.raises(ValueError, match="no tendons"):
+        reach(replace(robot, tendons=()), model, target, TensionLimits(1.0))
+
+
+def test_the_bounded_step_is_the_pseudoinverse_where_no_bound_acts():
+    """Least squares of the tensions under a linear condition: T = J^+ (J T0 - r), whatever T0 was."""
+    generator = np.random.default_rng(3)
+    jacobian, start = generator.normal(size=(3, 6)), generator.normal(size=6)
+    residual = 0.1 * generator.normal(size=3)
+    effort = Effort(np.full(6, -1e3), np.full(6, 1e3), np.zeros(6), 1.5)
+    step = effort.step(start, residual, jacobian, 1e-8, 1e3)
+    assert start + step == pytest.approx(np.linalg.pinv(jacobian) @ (jacobian @ start - residual), abs=1e-7)
+
+
+def test_a_target_is_reached_with_other_settings():
+    """A tight path tolerance changes the substeps, not the agreement."""
+    robot, model = CASES["friction"]
+    settings = SolverSettings(path_tolerance=1e-5)
+    tip = simulate(robot, model, [LoadStep(tensions={"t1": 1.4, "t3": 0.5})], settings).tips[-1]
+    found = reach(robot, model, tip, TensionLimits(2.0), settings)
+    assert found.reached
+    again = simulate(robot, model, [found.step], settings)
+    assert np.linalg.norm(again.tips[-1] - tip) <= 1e-6 * LENGTH
