@@ -182,8 +182,9 @@ class Search:
         aim, scale = self._aim, effort.scale
         radius, ratio, gain = FIRST_RADIUS, WEIGHT_RATIO, np.inf
         refused, end = 0, self.count + MOST_TRIALS
+        jacobian = aim.jacobian(current)
         while self.count < end and refused < MOST_REFUSALS:
-            residual, jacobian = aim.residual(current.tip, current.tangent), aim.jacobian(current)
+            residual = aim.residual(current.tip, current.tangent)
             size = float(np.linalg.norm(residual))
             weight = float(np.clip(ratio * size, SMALLEST_WEIGHT, LARGEST_WEIGHT))
             # Where the state of the friction changes, the least effort may be far off: the smallest change instead.
@@ -203,14 +204,25 @@ class Search:
                     return self._found(current, gain, True)
                 continue
             trial = self._moved(current, step)
-            nearer = -np.inf if trial is None else size - aim.size(trial.tip, trial.tangent)
-            if trial is None or nearer < 0.1 * gain or gain <= 0.0:
+            if trial is None:
                 radius, refused = 0.25 * moved, refused + 1
                 continue
-            refused = 0
+            nearer = size - aim.size(trial.tip, trial.tangent)
+            good = nearer >= 0.5 * gain > 0.0
+            if not good:
+                # What was seen along the step replaces the derivative there, which holes that change their state
+                # make another one on both sides (Broyden's formula).
+                seen = aim.residual(trial.tip, trial.tangent) - residual
+                step = trial.tensions - current.tensions
+                jacobian = jacobian + np.outer(seen - jacobian @ step, step) / float(step @ step)
+            if nearer < 0.1 * gain or gain <= 0.0:
+                radius, refused = 0.5 * moved, refused + 1
+                continue
             if nearer > 0.7 * gain and limited:
                 radius *= 2.5
-            current = trial
+            refused, current = 0, trial
+            if good:
+                jacobian = aim.jacobian(trial)
         return self._found(current, gain, False)
 
     def _with_least_effort(self, best: Found) -> Found:

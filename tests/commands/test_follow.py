@@ -1,0 +1,109 @@
+"""``tdcr-fe follow``: the loading sequence it writes, solved again by ``tdcr-fe run``, leads through the targets."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tdcr_fe import cli
+from tdcr_fe.io.spreadsheet import read_table
+from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.solve.simulate import simulate
+from tests.robots import LENGTH, three
+
+ROBOT, MODEL = three(0.2), Model(elements_per_bay=1)
+
+
+@pytest.fixture
+def robot(tmp_path):
+    (tmp_path / "robot.toml").write_text(robot_to_toml(ROBOT))
+    (tmp_path / "model.toml").write_text(model_to_toml(MODEL))
+    return tmp_path / "robot.toml"
+
+
+def follow(robot, *options):
+    folder = robot.parent
+    paths = [str(robot), str(folder / "path.csv"), "-o", str(folder / "out")]
+    return cli.main(["follow", *paths, "--model", str(folder / "model.toml"), "--no-pictures", *options])
+
+
+@pytest.mark.parametrize("displacements", [False, True], ids=["tensions", "displacements"])
+def test_run_reproduces_the_path(tmp_path, robot, capsys, displacements):
+    steps = [LoadStep(tensions={"t1": 0.5, "t2": 0.3, "t3": 0.2}), LoadStep(tensions={"t1": 0.3, "t2": 0.6})]
+    tips = simulate(ROBOT, MODEL, steps).tips
+    rows = [f"{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(tips.tolist(), start=1)]
+    (tmp_path / "path.csv").write_text("\n".join(["step,x,y,z", *rows]) + "\n")
+    options = ["--displacements"] if displacements else []
+    assert follow(robot, "--largest", "2", "--pretension", "0.1", *options) == 0
+    assert "2 reached" in capsys.readouterr().out
+    out = tmp_path / "out"
+    table = pd.read_csv(out / "targets.csv")
+    assert list(table["status"]) == ["reached"] * 2 and (table["error"] <= 1e-6 * LENGTH).all()
+    again = tmp_path / "again"
+    scenario = out / "scenario" / "scenario.toml"
+    assert cli.main(["run", str(scenario), "-o", str(again), "--no-pictures", "-q"]) == 0
+    found = pd.read_csv(again / "steps.csv")
+    columns = ["tip_x", "tip_y", "tip_z"]
+    assert np.array_equal(found[columns], pd.read_csv(out / "steps.csv")[columns])
+    assert np.array_equal(found[columns], table[columns])
+    assert np.linalg.norm(found[columns] - tips, axis=1).max() <= 1e-6 * LENGTH
+    kind = "displacement" if displacements else "tension"
+    loading = read_table(out / "scenario" / "loading.csv")
+    assert list(loading.columns) == ["step", *(f"{kind}_{n}" for n in ROBOT.tendon_names)]
+    written = table[[f"{kind}_{n}" for n in ROBOT.tendon_names]].to_numpy()
+    assert loading.iloc[:, 1:].astype(float).to_numpy() == pytest.approx(written, abs=1e-15)
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["targets"]["reached"] == 2 and summary["targets"]["drive_by"] == kind
+    assert set(summary["input"]) == {"robot.toml", "path.csv", "model.toml"}
+
+
+def test_a_target_out_of_reach_is_named_and_the_exit_status_is_0(tmp_path, robot, capsys):
+    (tmp_path / "path.csv").write_text("step;x;y;z;dx;dy;dz;label\n1;0,0;0,0;0,3;;;;above\n")
+    assert follow(robot, "--largest", "t1=2", "t2=2", "t3=1.5", "-q") == 0
+    assert "target 1 (above): out of reach; the nearest point found is 50 mm away" in capsys.readouterr().err
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["targets"]["out_of_reach"] == [1]
+    assert summary["targets"]["largest"] == {"t1": 2.0, "t2": 2.0, "t3": 1.5}
+
+
+def test_mistakes_of_all_inputs_are_reported_together(tmp_path, robot, capsys):
+    (tmp_path / "path.csv").write_text(
+        "step,x,y,z,dx,dy,dz,time\n1,30,0,200,,,,\n1,0,0,x,,,,\n2,0,0,0.2,0,0,0,\n3,0,0,0.2,1,,0,5\n4,0,0,0.2,,,,1\n"
+    )
+    assert follow(robot, "--largest", "1", "--pretension", "t9=0.1") == 2
+    text = capsys.readouterr().err
+    for expected in (
+        "line 2, x = 30: more than 10 lengths of the robot away; must be in m; 0.03 would fit, are these mm?",
+        "line 3, z = x: must be a finite number",
+        "line 3, step = 1: the step is there more than once",
+        "line 4, dx = 0: the direction is zero",
+        "line 5, dy = empty: must be a finite number",
+        "unknown tendon t9",
+    ):
+        assert expected in text
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("x,y,z\n0,0,0.2\n", "step: missing column"),
+        ("step,x,y,z,dx\n1,0,0,0.2,1\n", "all three or none"),
+        ("step,x,y,zz\n1,0,0,0.2\n", "did you mean z?"),
+        ("step,x,y,z\n", "has no targets"),
+    ],
+)
+def test_columns_are_checked(tmp_path, robot, capsys, text, expected):
+    (tmp_path / "path.csv").write_text(text)
+    assert follow(robot, "--largest", "1") == 2
+    assert expected in capsys.readouterr().err
+    (tmp_path / "path.csv").write_text("step,x,y,z\n1,0,0,0.2\n")
+    assert follow(robot, "--largest", "much") == 2
+    assert "'much': must be one number" in capsys.readouterr().err
+    assert follow(robot, "--largest", "1", "--displacements") == 2
+    assert "needs a pretension above zero" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
