@@ -58,6 +58,10 @@ class NewtonResult:
         By robot, in that state.
     linearization : Linearization or None
         The last one; None if the initial state was a solution.
+    target : Target
+        What was solved for.
+    predicted_slips : ndarray, shape (k,), or None
+        Change of the slips predicted by the first iteration, where it has every hole keep slipping [m].
     """
 
     status: NewtonStatus
@@ -68,6 +72,7 @@ class NewtonResult:
     forces: tuple[TendonForces, ...]
     linearization: Linearization | None
     target: Target
+    predicted_slips: Array | None = None
 
     @property
     def converged(self) -> bool:
@@ -101,6 +106,8 @@ class NewtonStep(NamedTuple):
         Damping used [N m].
     new : bool
         Whether the linearisation is that of the iterate from which the step was taken.
+    slips : ndarray, shape (k,), or None
+        Slip residual after the step at fixed friction, where friction is kept [m].
     """
 
     change: Array
@@ -108,6 +115,7 @@ class NewtonStep(NamedTuple):
     friction_kept: bool
     damping: float = 0.0
     new: bool = True
+    slips: Array | None = None
 
 
 def newton(
@@ -170,7 +178,7 @@ def _iterate(
     limit = 10 * settings.max_iterations if damped else settings.max_iterations
     residuals: list[float] = []
     step: NewtonStep | None = None
-    turn = 0.0
+    turn, predicted = 0.0, None
     damping = system.layout.scales.elastic_force * system.length if damped else 0.0
 
     def end(status: NewtonStatus, unmet: Unmet | None = None) -> NewtonResult:
@@ -179,7 +187,7 @@ def _iterate(
         iterations = len(residuals) - 1
         forces = residual.forces
         return NewtonResult(
-            status, final, tuple(residuals), iterations, unmet, forces, linear, residual.target
+            status, final, tuple(residuals), iterations, unmet, forces, linear, residual.target, predicted
         )
 
     while True:
@@ -205,6 +213,8 @@ def _iterate(
                 step = _full_step(system, residual, numbering, presliding)
         except np.linalg.LinAlgError:
             return end(NewtonStatus.SINGULAR)
+        if len(residuals) == 1:
+            predicted = step.slips
         last = stalled(residual.size, step.change, system.layout.scales, settings)
         trial, turn = _advance(system, residual.state, step, numbering, settings.max_turn)
         residual = system.residual(trial, residual.target, numbering, len(residuals))
@@ -246,7 +256,7 @@ def _full_step(
     mobilised = mobilisations(numbering, state)
     slips = slip_residual(numbering, forces, state, fixed, presliding)
     if all_keep_slipping(mobilised, slips):
-        return NewtonStep(_padded(fixed, numbering), linear, True, damping)
+        return NewtonStep(_padded(fixed, numbering), linear, True, damping, slips=slips)
     coupling = FrictionCoupling.of(numbering, forces, system.layout.clamped, linear.slack)
     change = friction_step(coupling, linear.factorisation.solve, fixed, slips, mobilised, presliding)
     return NewtonStep(change, linear, False, damping)

@@ -7,39 +7,38 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.linearization import Linearization
-from tdcr_fe.solve.state import SolverState, Target
+from tdcr_fe.solve.newton import NewtonResult
+from tdcr_fe.solve.state import SolverState
 
 Array = NDArray[np.float64]
 
 #: Slips below this fraction of the presliding distance are zero [1].
 SMALL = 1e-2
+#: Slips within this fraction of those predicted from the start have the same direction all through [1].
+PREDICTED = 0.5
 
 
 def slips_steadily(
     before: SolverState,
-    after: SolverState,
-    forces: Sequence[TendonForces],
-    target: Target,
+    result: NewtonResult,
     line: Linearization,
     clamped: Sequence[slice],
     presliding: float,
 ) -> bool:
     """Whether every hole of tendons under tension slips in one direction through a substep in which no load changes.
 
-    All of them slip at its end. The slip rates there follow from the last linearisation, those at the start from these
-    and the slips, which are taken as parabolas of the load factor. A substep in which no slip reverses is exact as a
-    whole, see `tdcr_fe.solve.reversals`.
+    All of them slip at its end. Either the slips are about those that the first iteration predicted from the start.
+    Or the slip rates at the end, from the last linearisation, have the direction of the friction, and so have those at
+    the start, from these and the slips taken as parabolas of the load factor. A substep in which no slip reverses is
+    exact as a whole, see `tdcr_fe.solve.reversals`.
 
     Parameters
     ----------
-    before, after
-        States at both ends.
-    forces
-        By robot, at the end.
-    target
-        At the end.
+    before
+        State at the start.
+    result
+        The solved substep.
     line
         Linearisation at the end, or at most an iteration before.
     clamped
@@ -47,8 +46,36 @@ def slips_steadily(
     presliding
         Presliding distance [m].
     """
-    if not _all_slip(before, after, line):
+    if not _all_slip(before, result.state, line):
         return False
+    if result.predicted_slips is not None and _as_predicted(before, result, line, presliding):
+        return True
+    return _rates_agree(before, result, line, clamped, presliding)
+
+
+def _as_predicted(before: SolverState, result: NewtonResult, line: Linearization, presliding: float) -> bool:
+    """Whether every slip of holes that keep their direction is about the one predicted from the start."""
+    gone, side = [], []
+    for part in line.numbering.robots:
+        if part.has_friction:
+            i, which = part.robot, part.frictional
+            gone.append((result.state.friction[i].slip - before.friction[i].slip)[which])
+            side.append(result.state.mobilisation[i][which] * before.mobilisation[i][which])
+    slips = gone[0] if len(gone) == 1 else np.concatenate(gone)
+    sides = side[0] if len(side) == 1 else np.concatenate(side)
+    off = np.abs(result.predicted_slips - slips) - PREDICTED * np.abs(slips)
+    return bool(off.max() <= SMALL * presliding and sides.min() > 0.0)
+
+
+def _rates_agree(
+    before: SolverState,
+    result: NewtonResult,
+    line: Linearization,
+    clamped: Sequence[slice],
+    presliding: float,
+) -> bool:
+    """Whether all slip rates at both ends of the substep have the direction of the friction."""
+    after, forces, target = result.state, result.forces, result.target
     numbering, driven = line.numbering, line.numbering.any_driven
     right = np.zeros(numbering.linear)
     starts = before.inputs if driven else before.base_tension

@@ -423,13 +423,7 @@ class LoadStepper:
         if line is None or not line.numbering.has_friction or self._has_rates():
             return _Attempt(result)
         if not (self.ramp.loads_change or self.ramp.curved) and slips_steadily(
-            now.path.state,
-            result.state,
-            result.forces,
-            result.target,
-            line,
-            system.layout.clamped,
-            settings.presliding,
+            now.path.state, result, line, system.layout.clamped, settings.presliding
         ):
             return _Attempt(result)
         tolerance = settings.path_tolerance
