@@ -48,12 +48,15 @@ def slips_steadily(
     """
     if not _all_slip(before, result.state, line):
         return False
-    if result.predicted_slips is not None and _as_predicted(before, result, line, presliding):
+    predicted = result.predicted_slips
+    if predicted is not None and _as_predicted(predicted, before, result, line, presliding):
         return True
     return _rates_agree(before, result, line, clamped, presliding)
 
 
-def _as_predicted(before: SolverState, result: NewtonResult, line: Linearization, presliding: float) -> bool:
+def _as_predicted(
+    predicted: Array, before: SolverState, result: NewtonResult, line: Linearization, presliding: float
+) -> bool:
     """Whether every slip of holes that keep their direction is about the one predicted from the start."""
     gone, side = [], []
     for part in line.numbering.robots:
@@ -63,7 +66,7 @@ def _as_predicted(before: SolverState, result: NewtonResult, line: Linearization
             side.append(result.state.mobilisation[i][which] * before.mobilisation[i][which])
     slips = gone[0] if len(gone) == 1 else np.concatenate(gone)
     sides = side[0] if len(side) == 1 else np.concatenate(side)
-    off = np.abs(result.predicted_slips - slips) - PREDICTED * np.abs(slips)
+    off = np.abs(predicted - slips) - PREDICTED * np.abs(slips)
     return bool(off.max() <= SMALL * presliding and sides.min() > 0.0)
 
 
