@@ -1,4 +1,4 @@
-"""Draw the pictures of "A first robot", "In a scene" and "Sensitivities" anew: ``python docs/draw_pictures.py``.
+"""Draw the pictures of the pages anew, those of the paper left out: ``python docs/draw_pictures.py``.
 
 Those of "A first robot" and of the README are the pictures of ``tdcr-fe demo``.
 """
@@ -16,7 +16,7 @@ DOCS = Path(__file__).parent
 #: Pictures of the demo, and their width on the page [pixels].
 OF_THE_DEMO = {"shapes": 1018, "tensions": 680, "hysteresis": 640}
 #: Examples that draw a picture.
-OF_EXAMPLES = ("robot_on_ground", "robot_on_carriage", "sensitivities")
+OF_EXAMPLES = ("robot_on_ground", "robot_on_carriage", "sensitivities", "inverse_statics")
 
 
 def draw_demo(folder: Path) -> None:

@@ -47,6 +47,8 @@ Array = NDArray[np.float64]
 REACHED = 1e-6
 #: Tensions from which the search is started at most before a target is said to be out of reach.
 MOST_STARTS = 6
+#: Searches that end in the same nearest point, after which no more are started.
+AGREEING_STARTS = 3
 #: Random tensions whose tips are looked up for further starts.
 SAMPLES = 64
 
@@ -297,6 +299,7 @@ class _Run:
 
     def _from_all_starts(self, search: Search, aim: Aim, first: Sequence[Array]) -> tuple[Found | None, int]:
         """The best of several searches, which end with the first that reaches the target; and their number."""
+        ended: list[Found] = []
         best: Found | None = None
         starts = 0
         for tensions in self._starts(aim, first):
@@ -304,9 +307,12 @@ class _Run:
                 break
             starts += 1
             found = search.run(tensions)
-            if found is not None and (best is None or found.better_than(best)):
-                best = found
-            if best is not None and best.size <= REACHED:
+            if found is None:
+                continue
+            ended.append(found)
+            best = found if best is None or found.better_than(best) else best
+            same = sum(x.stationary and x.size <= (1.0 + 1e-3) * best.size for x in ended)
+            if best.size <= REACHED or same == AGREEING_STARTS:
                 break
         return best, starts
 

@@ -26,7 +26,9 @@ ERROR_GAIN, EFFORT_GAIN = 1e-4, 1e-3
 #: First radius of the trust region, in units of the scale of the tensions [1].
 FIRST_RADIUS = 0.5
 #: Trial steps on the way to a target, and refused ones in succession; steps of less effort, and refused ones.
-MOST_TRIALS, MOST_REFUSALS, MOST_ROUNDS, MOST_REFUSED_ROUNDS = 40, 8, 12, 3
+MOST_TRIALS, MOST_REFUSALS, MOST_ROUNDS, MOST_REFUSED_ROUNDS = 40, 8, 8, 2
+#: Trial steps on the way back to the target after a step of less effort.
+MOST_TRIALS_BACK = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +156,7 @@ class Search:
         if first is None:
             return None
         found = self._approach(first, self._effort)
-        if not found.stationary:
+        if not found.stationary and found.size > CONVERGED:
             trial = self._solve(found.trial.inputs, by_displacement, found.trial.report.substeps)
             if trial is not None:
                 again = self._approach(trial, self._effort)
@@ -177,11 +179,11 @@ class Search:
         size = self._aim.size(trial.tip, trial.tangent)
         return Found(trial, size, max(gain, 0.0), stationary, self._effort.of(trial.tensions))
 
-    def _approach(self, current: Trial, effort: Effort) -> Found:
+    def _approach(self, current: Trial, effort: Effort, most_trials: int = MOST_TRIALS) -> Found:
         """Reduce the error by Gauss-Newton steps; of those that do, prefer tensions of little effort."""
         aim, scale = self._aim, effort.scale
         radius, ratio, gain = FIRST_RADIUS, WEIGHT_RATIO, np.inf
-        refused, end = 0, self.count + MOST_TRIALS
+        refused, end = 0, self.count + most_trials
         jacobian = aim.jacobian(current)
         while self.count < end and refused < MOST_REFUSALS:
             residual = aim.residual(current.tip, current.tangent)
@@ -237,7 +239,7 @@ class Search:
                 break
             moved = self._moved(trial, step)
             if moved is not None:
-                found = self._approach(moved, effort.around(moved.tensions))
+                found = self._approach(moved, effort.around(moved.tensions), MOST_TRIALS_BACK)
                 if found.size <= CONVERGED and best.effort - found.effort >= 0.1 * saved:
                     best, refused = found, 0
                     continue
