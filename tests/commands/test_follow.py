@@ -7,13 +7,13 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from robots import LENGTH, three
 
 from tdcr_fe import cli
 from tdcr_fe.io.spreadsheet import read_table
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.solve.simulate import simulate
-from tests.robots import LENGTH, three
 
 ROBOT, MODEL = three(0.2), Model(elements_per_bay=1)
 

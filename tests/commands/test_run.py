@@ -6,49 +6,11 @@ import json
 
 import pandas as pd
 import pytest
+from run_files import ENDS, write_robot
 
 from tdcr_fe import cli
 from tdcr_fe.commands.run import LONG_RUN, long_run
 from tdcr_fe.io.toml import read_scenario
-
-ROBOT = """
-[backbone]
-length = 0.25
-radius = 0.4e-3
-youngs_modulus = 85e9
-poisson_ratio = 0.3
-density = 5600.0
-[disks]
-count = 6
-mass = 0.17e-3
-radius = 5e-3
-"""
-TENDONS = {
-    "parallel": "offset = 4e-3",
-    "helical": "offset = 4e-3\nturns = 0.5",
-    "helical-varying": "offset = 3e-3\nturns_base = 0.0\nturns_end = 1.0",
-    "converging": "offset = 4e-3\nend_offset = 2e-3",
-    "points": "holes = [[4e-3, 0.0], [3e-3, 0.0], [4e-3, 0.0], [3e-3, 1e-3]]",
-}
-ENDS = {"parallel": 6, "helical": 4, "helical-varying": 6, "converging": 5, "points": 3}
-
-
-def write_robot(folder, tendon_path, friction, end_of_all=False):
-    text = ROBOT
-    for name, fields in TENDONS.items():
-        if end_of_all and name == "points":
-            fields = "holes = [" + ", ".join(["[4e-3, 0.0]"] * 7) + "]"
-        text += f'[[tendons]]\nname = "{name}"\nrouting = "{name}"\n{fields}\nfriction_coefficient = 0.2\n'
-        if not end_of_all:
-            text += f"end = {0.25 * ENDS[name] / 6!r}\n"
-    (folder / "robot.toml").write_text(text)
-    path = folder / "scenario.toml"
-    path.write_text(
-        f'robot = "robot.toml"\n[model]\ntendon_path = "{tendon_path}"\nfriction = "{friction}"\n'
-        "elements_per_bay = 1\n[[steps]]\ntensions = { parallel = 1.0, helical = 0.5 }\n"
-        "[[steps]]\ntensions = { converging = 0.6, points = 0.4 }\n"
-    )
-    return path
 
 
 @pytest.mark.parametrize("same_end", [True, False], ids=["same end", "different ends"])
@@ -85,7 +47,9 @@ def test_odd_values_are_warned_of_before_solving_and_in_the_summary(tmp_path, ca
     from tdcr_fe.solve import simulate as module
 
     solve = module.simulate
-    monkeypatch.setattr(module, "simulate", lambda *a: (said.append(capsys.readouterr().err), solve(*a))[1])
+    monkeypatch.setattr(
+        module, "simulate", lambda *a, **k: (said.append(capsys.readouterr().err), solve(*a, **k))[1]
+    )
     assert cli.main(["run", str(path), "-o", str(tmp_path / "out"), "--no-pictures"]) == 0
     assert "warning: model.gravity = [0.0, 0.0, -9.81]: nothing has mass" in said[0]
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())

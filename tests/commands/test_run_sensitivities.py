@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from run_files import write_robot
 
 from tdcr_fe import cli
-from tests.commands.test_run import write_robot
 
 
 @pytest.mark.parametrize(("tendon_path", "friction"), [("straight", "per-hole"), ("continuous", "none")])

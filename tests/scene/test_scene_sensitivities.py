@@ -6,6 +6,7 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
+from robots import LENGTH, scene, three
 
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
@@ -13,7 +14,6 @@ from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene import TDCR, CreateTDCR
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.solve.statics import SolveTDCR, track_sensitivities
-from tests.robots import LENGTH, scene, three
 
 SETTINGS = SolverSettings(tolerance=1e-11)
 NAMES = [

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from robots import BACKBONE, LENGTH, tendon, three
 
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
@@ -14,7 +15,6 @@ from tdcr_fe.model.targets import ReachStatus, TensionLimits, TipTarget
 from tdcr_fe.solve.inverse import REACHED, follow_path, reach
 from tdcr_fe.solve.least_effort import Effort
 from tdcr_fe.solve.simulate import simulate
-from tests.robots import BACKBONE, LENGTH, tendon, three
 
 LIMITS = TensionLimits(largest=2.5, pretension=0.1)
 DISKS = Disks.equally_spaced(10, LENGTH, radius=5e-3)

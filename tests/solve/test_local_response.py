@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from differences import rotation_vectors
+from robots import BACKBONE, LENGTH, scene, tendon
 
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.robot import Disks, Robot
@@ -14,8 +16,6 @@ from tdcr_fe.solve.local_response import local_response
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.solve.simulation import Simulation
 from tdcr_fe.solve.statics import SolveTDCR
-from tests.differences import rotation_vectors
-from tests.robots import BACKBONE, LENGTH, scene, tendon
 
 SETTINGS = SolverSettings(tolerance=1e-12)
 

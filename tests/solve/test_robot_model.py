@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from robots import three
 
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
@@ -14,7 +15,6 @@ from tdcr_fe.model.robot import Robot, StiffnessPatch, Superelastic
 from tdcr_fe.solve.robot_model import RobotModel, RobotPoint, SectionStack, elastic_gradient, load_wrench
 from tdcr_fe.solve.simulation import Simulation
 from tdcr_fe.solve.state import Target
-from tests.robots import three
 
 STEPS = [
     LoadStep(

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from differences import errors, run
+from robots import BACKBONE, LENGTH, tendon
 
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
@@ -13,8 +15,6 @@ from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot, StiffnessPatch, Superelastic
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
 from tdcr_fe.solve.parameters import effect_parameter, parameters
-from tests.differences import errors, run
-from tests.robots import BACKBONE, LENGTH, tendon
 
 #: Relative error that derivatives must meet.
 TOLERANCE = 1e-5
