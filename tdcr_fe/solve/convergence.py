@@ -78,7 +78,7 @@ class ResidualScales:
             Size of the applied loads [N].
         """
         size = np.abs(unbalanced * self.weights)
-        largest = max((max(t.tolist(), default=0.0) for t in base_tension), default=0.0)
+        largest = max([max(t.tolist(), default=0.0) for t in base_tension])
         scale = largest + self.elastic_force + load_size
         if size.size == self.forces:
             return float(size.max()) / scale

@@ -143,6 +143,12 @@ class SceneTangent(NamedTuple):
         _add(self.blocks, row.after, stiffness.after)
         _add(self.blocks, row.before, stiffness.after.swapaxes(1, 2))
 
+    def put(self, row: RowBlocks, stiffness: NodeStiffness) -> None:
+        """Set the blocks of neighbours in a row of nodes; changes `blocks`."""
+        self.blocks[row.itself] = stiffness.itself
+        self.blocks[row.after] = stiffness.after
+        self.blocks[row.before] = stiffness.after.swapaxes(1, 2)
+
     def dense(self, size: int) -> Array:
         """As a matrix of at least the reduced size, shape (size, size), filled up with zeros."""
         pattern = self.pattern

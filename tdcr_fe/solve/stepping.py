@@ -408,7 +408,9 @@ class LoadStepper:
                     now.path.then(_accepted(part.result, goal)), goal, now.error + part.error, part.end
                 )
                 goals.pop()
-        self.ramp.apply(self.system, 1.0)
+        if now.here is not None:
+            # The search for reversals looked at other loads.
+            self.ramp.apply(self.system, 1.0)
         error = now.error if now.error > self.settings.path_tolerance else 0.0
         return replace(now.path, refinement_error=error, end=now.here)
 

@@ -13,15 +13,16 @@ from tdcr_fe.solve.residual import Residual
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+_EYE6 = np.eye(6)
 
 
 def add_elastic(tangent: SceneTangent, residual: Residual, nodes: Sequence[slice]) -> None:
-    """Add the tangent of the backbones, in the unknowns of the solver.
+    """Put the tangent of the backbones, in the unknowns of the solver, into a tangent of zeros.
 
     Parameters
     ----------
     tangent
-        Of zeros; its blocks are changed.
+        Its blocks are changed.
     residual
         Of a state where nothing but robots resists.
     nodes
@@ -31,7 +32,7 @@ def add_elastic(tangent: SceneTangent, residual: Residual, nodes: Sequence[slice
     for i, own in enumerate(nodes):
         mesh, wrenches = residual.forces[i].model.mesh, residual.unbalanced[6 * own.start : 6 * own.stop]
         terms = configuration.chains[i].tangent(mesh, wrenches, *configuration.poses[i])
-        tangent.add(tangent.pattern.robots[i].backbone, terms)
+        tangent.put(tangent.pattern.robots[i].backbone, terms)
 
 
 def add_unbalanced(tangent: SceneTangent, residual: Residual, nodes: Sequence[slice]) -> None:
@@ -102,4 +103,4 @@ def hold(k: Array, bases: Sequence[slice]) -> None:
     for base in bases:
         rows = k[base]
         rows.fill(0.0)
-        rows[:, base] = np.eye(6)
+        rows[:, base] = _EYE6
