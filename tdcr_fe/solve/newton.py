@@ -163,7 +163,9 @@ def newton(
         system.release_clamps()
         numbering = system.numbering()
         residual = system.residual(trial, target, numbering)
-    return _iterate(system, numbering, residual, settings, presliding, damped)
+    # Iterates far off may overflow; the residual is then not a number, which ends the solve by name.
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        return _iterate(system, numbering, residual, settings, presliding, damped)
 
 
 def _iterate(
