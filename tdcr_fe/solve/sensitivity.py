@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import log10
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,7 @@ from tdcr_fe.solve.system import SceneSystem
 Array = NDArray[np.float64]
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Derivative:
     """Derivative of the state at the end of a substep, on which the next one depends; parameters are the last axis.
 
@@ -77,15 +78,33 @@ class Derivative:
         return Derivative(*(x * keep for x in vars(self).values()))
 
 
-@dataclass(eq=False)
+class _Carried(NamedTuple):
+    """What one substep hands on to the next.
+
+    Attributes
+    ----------
+    derivative : Derivative
+    mobilisation : ndarray, shape (m, g)
+        Of the holes, also of those without friction at the present values.
+    slip : ndarray, shape (m, g)
+        Slips to which these belong [m].
+    """
+
+    derivative: Derivative
+    mobilisation: Array
+    slip: Array
+
+
+@dataclass(frozen=True, eq=False)
 class _StepValues:
-    """Derivatives at the end of one step, for the result."""
+    """Derivatives at the end of one substep, for the result, and what the next one begins with."""
 
     nodes: Array
     rotations: Array
     tendons: TendonChange
     displacements: Array
     slips: Array
+    carried: _Carried
 
 
 @dataclass(frozen=True)
@@ -96,7 +115,7 @@ class NodeLoad:
     frame: str
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class SensitivityHistory:
     """Derivatives along the load steps of a robot.
 
@@ -111,14 +130,8 @@ class SensitivityHistory:
     inputs : InputDerivatives
     loads : tuple of NodeLoad
         All concentrated loads of the scene.
-    present : Derivative
-        At the end of the last substep.
-    mobilisation : ndarray, shape (m, g)
-        Of the holes, also of those without friction at the present values.
-    slip : ndarray, shape (m, g)
-        Slips to which these belong [m].
     steps : list
-        What has been computed, by load step.
+        What has been computed, by load step. Cleared, the history begins anew.
     """
 
     handle: TDCR
@@ -127,9 +140,6 @@ class SensitivityHistory:
     explicit: ExplicitDerivatives
     inputs: InputDerivatives
     loads: tuple[NodeLoad, ...]
-    present: Derivative
-    mobilisation: Array
-    slip: Array
     steps: list[_StepValues] = field(default_factory=list)
 
     @classmethod
@@ -200,19 +210,17 @@ class SensitivityHistory:
     ) -> SensitivityHistory:
         """A history before the first step."""
         explicit = ExplicitDerivatives(present, found, len(chosen))
-        (m, n), g = present.forces.law.shape, present.forces.law.groups
-        every = len(explicit.law.slip_operator(n))
-        return cls(
-            handle,
-            presliding,
-            tuple(chosen),
-            explicit,
-            inputs,
-            loads,
-            Derivative.zero(m, g, len(loads), len(chosen)),
-            np.zeros((m, every)),
-            np.zeros((m, every)),
-        )
+        return cls(handle, presliding, tuple(chosen), explicit, inputs, loads)
+
+    @property
+    def carried(self) -> _Carried:
+        """What the next load step begins with."""
+        if self.steps:
+            return self.steps[-1].carried
+        law = self.explicit.present.forces.law
+        m, n = law.shape
+        holes = np.zeros((m, len(self.explicit.law.slip_operator(n))))
+        return _Carried(Derivative.zero(m, law.groups, len(self.loads), len(self.parameters)), holes, holes)
 
     # ------------------------------------------------------------------ along the path
 
@@ -241,8 +249,9 @@ class SensitivityHistory:
         """
         presliding = self.presliding if presliding is None else presliding
         robot, goal = system.robots.index(self.handle.actuation), self.inputs.at(len(self.steps))
-        begin = self.present.without(self.inputs.restarts)
-        self.present = begin
+        carried = self.carried
+        begin = carried.derivative.without(self.inputs.restarts)
+        carried = carried._replace(derivative=begin)
         driven = self.handle.actuation.by_displacement
         start = begin.base_tension
         if driven.any():
@@ -261,14 +270,16 @@ class SensitivityHistory:
                 target,
                 presliding * _presliding_factor(state.friction[robot], history.friction[robot], presliding),
             )
-            values = self._substep(solved, robot, target.time, inputs)
-            history = state
+            values = self._substep(solved, robot, target.time, inputs, carried)
+            history, carried = state, values.carried
         assert values is not None
         self.steps.append(values)
 
-    def _substep(self, solved: SolvedPoint, robot: int, time: float, inputs: InputValues) -> _StepValues:
-        """Differentiate one substep, and carry the derivative of its history on."""
-        before, state, own = self.present, solved.state, solved.forces[robot]
+    def _substep(
+        self, solved: SolvedPoint, robot: int, time: float, inputs: InputValues, carried: _Carried
+    ) -> _StepValues:
+        """Differentiate one substep."""
+        before, state, own = carried.derivative, solved.state, solved.forces[robot]
         history = state.friction[robot]
         point = RobotPoint.of(
             state.configuration.poses[robot],
@@ -278,9 +289,9 @@ class SensitivityHistory:
             history,
             time,
         )
-        self._follow_mobilisation(solved, robot)
+        mobilisation, at_slip = self._mobilisation(solved, robot, carried)
         inherited = Inherited(before.slip, before.slip_rate, inputs.time, inputs.time - before.time)
-        explicit = self.explicit.at(own, point, self.mobilisation, inherited)
+        explicit = self.explicit.at(own, point, mobilisation, inherited)
         wrenches = explicit.wrenches + self._load_wrenches(point, inputs.loads)
         disturbance = Disturbance(
             wrenches, inputs.tendons, explicit.tension, explicit.released, before.slip, before.mobilisation
@@ -296,31 +307,34 @@ class SensitivityHistory:
         if elapsed > 0.0:
             travel = (own.field.slip - history.slip)[:, :, None] / elapsed
             rate = (slip - before.slip - travel * inherited.elapsed) / elapsed
-        self.present = Derivative(
+        after = Derivative(
             slip, change.mobilisation, rate, change.base_tension, change.released.sum(axis=1), *inputs
         )
         part = solved.numbering.robots[robot]
         moved = response.unknowns[part.nodes].reshape(-1, 2, 3, len(self.parameters))
         world = point.rotations[:, None] @ moved
         holes = np.triu(np.ones((law.shape[1] - 1, law.shape[1])), 1)
-        displacements = self.present.base_slip.copy()
+        displacements = after.base_slip.copy()
         displacements[part.driven] = inputs.tendons[part.driven]
         slips = holes @ change.released
-        return _StepValues(world[:, 0], world[:, 1], change, displacements, slips)
+        carried = _Carried(after, mobilisation, at_slip)
+        return _StepValues(world[:, 0], world[:, 1], change, displacements, slips, carried)
 
-    def _follow_mobilisation(self, solved: SolvedPoint, robot: int) -> None:
-        """Mobilisations at the end of a substep, also of holes that have friction only at neighbouring values."""
+    def _mobilisation(self, solved: SolvedPoint, robot: int, carried: _Carried) -> tuple[Array, Array]:
+        """Mobilisations at the end of a substep, also of holes that have friction only at neighbouring values.
+
+        With the slips to which they belong [m].
+        """
         own, presliding = solved.forces[robot], solved.presliding
         law = own.model.law
-        if law.groups == self.mobilisation.shape[1] and law.frictional.all():
-            self.mobilisation = solved.state.mobilisation[robot]
-            return
+        if law.groups == carried.mobilisation.shape[1] and law.frictional.all():
+            return solved.state.mobilisation[robot], carried.slip
         operator = self.explicit.law.slip_operator(law.shape[1])
         slip = own.field.released_length @ operator.T
-        free = np.clip(self.mobilisation + (slip - self.slip) / presliding, -1.0, 1.0)
+        free = np.clip(carried.mobilisation + (slip - carried.slip) / presliding, -1.0, 1.0)
         if law.groups == free.shape[1]:
             free = np.where(law.frictional, solved.state.mobilisation[robot], free)
-        self.mobilisation, self.slip = free, slip
+        return free, slip
 
     def _load_wrenches(self, point: RobotPoint, loads: Array) -> Array:
         """Derivatives of the concentrated loads on the nodes, shape (6 N, P)."""
