@@ -254,21 +254,22 @@ class TendonActuation:
         """
         if not self.connected:
             return
-        self.connected = False
-        for springs in self.connectors.springs:
-            for spring in springs:
-                self.mbs.SetObjectParameter(spring, "activeConnector", False)
+        self._switch_springs(False)
         for load in (*self.connectors.node_forces, *self.connectors.node_torques):
             self.mbs.SetLoadParameter(load, "loadVector", [0.0, 0.0, 0.0])
+
+    def _switch_springs(self, on: bool) -> None:
+        """Switch the springs of all segments on or off."""
+        self.connected = on
+        for springs in self.connectors.springs:
+            for spring in springs:
+                self.mbs.SetObjectParameter(spring, "activeConnector", on)
 
     def apply(self, forces: TendonForces) -> None:
         """Set the forces on Exudyn's items."""
         mbs = self.mbs
         if not self.connected:
-            self.connected = True
-            for springs in self.connectors.springs:
-                for spring in springs:
-                    mbs.SetObjectParameter(spring, "activeConnector", True)
+            self._switch_springs(True)
         if forces.measured.offsets is not None:
             half = 0.5 * float(self.mesh.lengths[0])
             for markers, offsets in zip(self.connectors.hole_markers, forces.measured.offsets, strict=True):

@@ -30,7 +30,6 @@ from tdcr_fe.elements.poses import (
     log_se3,
     pose_matrix,
     skew,
-    twist_change,
 )
 
 Array = NDArray[np.float64]
@@ -227,15 +226,11 @@ class ElementChain:
         #: Pose of every node in the frame of the one before, shape (E, 4, 4).
         self.steps = exp_matrix(twists, self._coefficients)
         self._turns = self.steps[:, :3, :3]
-        self._skewed: Array | None = None
-        self._derived: tuple[Array, Array] | None = None
 
-    @property
+    @cached_property
     def _lever(self) -> Array:
         """Cross product with the way from each node to the next, shape (E, 3, 3)."""
-        if self._skewed is None:
-            self._skewed = skew(self.steps[:, :3, 3])
-        return self._skewed
+        return skew(self.steps[:, :3, 3])
 
     def poses(self, base: Array) -> tuple[Array, Array]:
         """Positions (N, 3) and rotations (N, 3, 3) of all nodes, from the pose of the base (4, 4)."""
@@ -258,10 +253,9 @@ class ElementChain:
         -------
         ndarray, shape (E, 6)
         """
-        if self._derived is None:
-            return twist_change(self.twists, increments[:-1], increments[1:], self._coefficients)
+        _, b = self._maps
         both = np.concatenate((increments[:-1], increments[1:]), axis=1)
-        return np.asarray((self._derived[1] @ both[:, :, None])[:, :, 0])
+        return np.asarray((b @ both[:, :, None])[:, :, 0])
 
     @staticmethod
     def _distal_sum(wrenches: Array, positions: Array, rotations: Array) -> Array:
@@ -297,7 +291,7 @@ class ElementChain:
         NodeStiffness
             With the sign of Exudyn's Jacobian: minus the stiffness.
         """
-        powers, b = self._maps()
+        powers, b = self._maps
         stiffness = mesh.twist_stiffness
         internal = ((stiffness * (self.twists - mesh.reference_twists))[:, None] @ b)[:, 0]
         # Everything but the elastic wrenches: beyond an element it is what the element transmits, and the unbalanced.
@@ -324,18 +318,17 @@ class ElementChain:
         positions, rotations
             Of the nodes, shapes (N, 3) and (N, 3, 3).
         """
-        powers, b = self._maps()
+        powers, b = self._maps
         beyond = self._distal_sum(wrenches.reshape(-1, 2, 3), positions, rotations)
         inner = exponential_curvature(self.twists, powers, beyond[1:].reshape(-1, 6))
         return self._pose_terms(wrenches.reshape(-1, 6), beyond, b, inner)
 
+    @cached_property
     def _maps(self) -> tuple[Array, Array]:
         """Powers 1 to 4 of ``ad`` of the twists; change of the twists by increments of both nodes.
 
         Shapes (E, 4, 6, 6) and (E, 6, 12).
         """
-        if self._derived is not None:
-            return self._derived
         c, count = self._coefficients, len(self.twists)
         powers = np.empty((count, 4, 6, 6))
         ad, square, cube, fourth = powers[:, 0], powers[:, 1], powers[:, 2], powers[:, 3]
@@ -350,7 +343,6 @@ class ElementChain:
         odd = 0.5 * ad
         np.subtract(odd, even, out=b[:, :, :6])
         np.add(odd, even, out=b[:, :, 6:])
-        self._derived = powers, b
         return powers, b
 
     def _pose_terms(self, wrenches: Array, beyond: Array, b: Array, inner: Array) -> NodeStiffness:

@@ -300,7 +300,7 @@ class TendonForces(NamedTuple):
         """
         return self.measured.shape.lines.stiffness(self.field.tension)
 
-    def add_coupling(self, k: Array, loads_jacobian: bool = False) -> None:
+    def add_coupling(self, k: Array) -> None:
         """Add the change of the tensions with the configuration, and the tangent of the section forces.
 
         With `geometric_stiffness` it is the derivative of `nodal_wrenches` by the nodes, written in frames that stay.
@@ -310,9 +310,6 @@ class TendonForces(NamedTuple):
         ----------
         k
             Changed in place, shape (6 N, 6 N).
-        loads_jacobian
-            Whether Exudyn's Jacobian contains the derivatives of loads, and so already the rotation of the
-            body-fixed loads that represent the section forces.
         """
         f = self.field
         d_lengths, d_angles = self.measured.shape.derivatives
@@ -332,16 +329,14 @@ class TendonForces(NamedTuple):
             else:
                 k[np.ix_(columns[: len(pull)], columns)] += pull
         if self.model.section is not None:
-            self._add_section_tangent(k, loads_jacobian)
+            self._add_section_tangent(k)
 
-    def _add_section_tangent(self, k: Array, loads_jacobian: bool) -> None:
+    def _add_section_tangent(self, k: Array) -> None:
         """Section forces: derivatives by the twists and by the frames in which they are expressed."""
         assert self.model.section is not None
         element = self.model.section.wrench_tangent(self.measured.twists, self.field.tension[:, 0])
         for e, block in enumerate(element):
             k[6 * e : 6 * e + 12, 6 * e : 6 * e + 12] += block
-        if loads_jacobian:
-            return
         wrench = self.section_wrenches()
         turned = skew(wrench[:, :3]), skew(wrench[:, 3:])
         # The residual is expressed in the nodes' moving frames; Exudyn's Jacobian of it has these terms too.

@@ -243,33 +243,6 @@ def inverse_tangent_se3(xi: Array) -> Array:
     return _EYE6 + 0.5 * ad + c[..., 4, None, None] * a2 + c[..., 5, None, None] * (a2 @ a2)
 
 
-def twist_change(xi: Array, before: Array, after: Array, c: Array) -> Array:
-    """Linearised change of the twist from one frame to another, as both move: (..., 6).
-
-    With ``T`` as in `inverse_tangent_se3` it is ``T(xi) after - T(-xi) before``, as ``T(xi) Ad(exp(-xi)) = T(-xi)``;
-    powers of ``ad`` act on sum and difference of both, and no matrix but ``ad`` is formed.
-
-    Parameters
-    ----------
-    xi
-        Relative twist, shape (..., 6).
-    before, after
-        Body-frame increments of the first frame and of the second, shape (..., 6).
-    c
-        `coefficients` of its rotation.
-    """
-    ad = adjoint_map(xi)
-    apart = after - before
-    # Nested as in Horner's scheme: apart + ad ((before + after) / 2 + ad (c apart + d ad ad apart)).
-    column = apart[..., None]
-    inner = ad @ (ad @ column)
-    inner *= c[..., 5, None, None]
-    inner += c[..., 4, None, None] * column
-    outer = ad @ inner
-    outer += (c[..., 3, None] * (before + after))[..., None]
-    return np.asarray(apart + (ad @ outer)[..., 0])
-
-
 #: ``w @ _COADJOINT`` is, row by row, the matrix ``M`` with ``a^T M b = w^T ad(a) b``.
 _COADJOINT = np.ascontiguousarray(_AD.reshape(6, 6, 6).transpose(1, 0, 2)).reshape(6, 36)
 

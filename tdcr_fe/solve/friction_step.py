@@ -26,8 +26,22 @@ ROUND_OFF = 1e-8
 
 def mobilisations(numbering: Numbering, state: SolverState) -> Array:
     """Mobilisations that are unknowns, of all robots one after the other, shape (k,)."""
-    parts = [state.mobilisation[p.robot][p.frictional] for p in numbering.robots if p.has_friction]
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+    return numbering.at_frictional_holes(state.mobilisation)
+
+
+def slips_after(numbering: Numbering, forces: Sequence[TendonForces], step: Array) -> list[Array]:
+    """By robot, slips after a step at fixed friction, linearised [m], shape (m, g); arguments as in `slip_residual`."""
+    slips = []
+    for part in numbering.robots:
+        own, base = forces[part.robot], None
+        slip = own.field.slip
+        if part.has_friction:
+            if part.driven.size:
+                base = np.zeros(len(part.frictional))
+                base[part.driven] = step[part.tensions]
+            slip = slip + own.slip_change(step[part.nodes], base)
+        slips.append(slip)
+    return slips
 
 
 def slip_residual(
@@ -48,19 +62,13 @@ def slip_residual(
     presliding
         Presliding distance [m].
     """
-    parts = []
-    for part in numbering.robots:
-        if not part.has_friction:
-            continue
-        own, before = forces[part.robot], state.friction[part.robot]
-        base = None
-        if part.driven.size:
-            base = np.zeros(len(part.frictional))
-            base[part.driven] = step[part.tensions]
-        slip = own.field.slip + own.slip_change(step[part.nodes], base)
-        mobilised = presliding * (state.mobilisation[part.robot] - before.mobilisation)
-        parts.append((slip - before.slip - mobilised)[part.frictional])
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+    excess = [
+        slip - before.slip - presliding * (mobilisation - before.mobilisation)
+        for slip, before, mobilisation in zip(
+            slips_after(numbering, forces, step), state.friction, state.mobilisation, strict=True
+        )
+    ]
+    return numbering.at_frictional_holes(excess)
 
 
 def all_keep_slipping(mobilisation: Array, residual: Array) -> bool:

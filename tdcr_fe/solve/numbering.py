@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
 
+Array = NDArray[np.float64]
+
 
 class RobotUnknowns(NamedTuple):
     """Positions of one robot's unknowns.
@@ -91,6 +93,17 @@ class Numbering(NamedTuple):
     def has_friction(self) -> bool:
         """Whether friction acts anywhere."""
         return self.total > self.linear
+
+    def at_frictional_holes(self, by_robot: Sequence[Array]) -> Array:
+        """Values at the holes whose mobilisations are unknowns, of all robots one after the other, shape (k,).
+
+        Parameters
+        ----------
+        by_robot
+            At all holes, shape (m, g).
+        """
+        parts = [by_robot[p.robot][p.frictional] for p in self.robots if p.has_friction]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     @property
     def any_driven(self) -> bool:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.friction_path import FollowedPath, SlipRates, follow
-from tdcr_fe.solve.friction_step import FrictionResponse, friction_response, mobilisations
+from tdcr_fe.solve.friction_step import FrictionResponse, friction_response, mobilisations, slips_after
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.numbering import Numbering
 from tdcr_fe.solve.state import SolverState, Target
@@ -86,7 +86,7 @@ class Equilibrium(NamedTuple):
     @property
     def slips(self) -> Array:
         """Slips of the frictional holes [m], shape (k,)."""
-        return _frictional(self.numbering, [own.field.slip for own in self.forces])
+        return self.numbering.at_frictional_holes([own.field.slip for own in self.forces])
 
     @property
     def mobilisation(self) -> Array:
@@ -97,18 +97,13 @@ class Equilibrium(NamedTuple):
     def taut(self) -> NDArray[np.bool_]:
         """Which frictional holes belong to tendons under tension, shape (k,)."""
         tension = [np.broadcast_to(own.base_tension[:, None], own.field.slip.shape) for own in self.forces]
-        return np.asarray(_frictional(self.numbering, tension) > 0.0)
+        return np.asarray(self.numbering.at_frictional_holes(tension) > 0.0)
 
     def displacement(self, change: Array) -> float:
         """Largest displacement of a node by a change of the mobilisations, shape (k,), at first order [m]."""
         step = self.response.columns @ change
         nodes = np.concatenate([step[p.nodes] for p in self.numbering.robots]).reshape(-1, 6)
         return float(np.linalg.norm(nodes[:, :3], axis=1).max())
-
-
-def _frictional(numbering: Numbering, by_robot: Sequence[Array]) -> Array:
-    """Values at the frictional holes of all robots, one after the other."""
-    return np.concatenate([by_robot[p.robot][p.frictional] for p in numbering.robots if p.has_friction])
 
 
 def slips_by_load(system: SceneSystem, at: Equilibrium, other: Target) -> Array:
@@ -135,16 +130,8 @@ def slips_by_load(system: SceneSystem, at: Equilibrium, other: Target) -> Array:
     )
     residual = system.residual(at.state._replace(base_tension=tension), other, numbering)
     fixed = at.linearization.step(residual.unbalanced, residual.forces, other.inputs)
-    slips = [own.field.slip for own in residual.forces]
-    for part in numbering.robots:
-        base = None
-        if part.driven.size:
-            base = np.zeros(len(part.frictional))
-            base[part.driven] = fixed[part.tensions]
-        slips[part.robot] = slips[part.robot] + residual.forces[part.robot].slip_change(
-            fixed[part.nodes], base
-        )
-    return _frictional(numbering, slips) - at.slips
+    slips = slips_after(numbering, residual.forces, fixed)
+    return numbering.at_frictional_holes(slips) - at.slips
 
 
 class Reversals(NamedTuple):

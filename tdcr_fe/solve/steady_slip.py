@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.newton import NewtonResult
+from tdcr_fe.solve.reversals import SMALL
 from tdcr_fe.solve.state import SolverState
 
 Array = NDArray[np.float64]
 
-#: Slips below this fraction of the presliding distance are zero [1].
-SMALL = 1e-2
 #: Slips within this fraction of those predicted from the start have the same direction all through [1].
 PREDICTED = 0.5
 
@@ -58,14 +57,9 @@ def _as_predicted(
     predicted: Array, before: SolverState, result: NewtonResult, line: Linearization, presliding: float
 ) -> bool:
     """Whether every slip of holes that keep their direction is about the one predicted from the start."""
-    gone, side = [], []
-    for part in line.numbering.robots:
-        if part.has_friction:
-            i, which = part.robot, part.frictional
-            gone.append((result.state.friction[i].slip - before.friction[i].slip)[which])
-            side.append(result.state.mobilisation[i][which] * before.mobilisation[i][which])
-    slips = gone[0] if len(gone) == 1 else np.concatenate(gone)
-    sides = side[0] if len(side) == 1 else np.concatenate(side)
+    after, pick = result.state, line.numbering.at_frictional_holes
+    slips = pick([new.slip - old.slip for new, old in zip(after.friction, before.friction, strict=True)])
+    sides = pick([new * old for new, old in zip(after.mobilisation, before.mobilisation, strict=True)])
     off = np.abs(predicted - slips) - PREDICTED * np.abs(slips)
     return bool(off.max() <= SMALL * presliding and sides.min() > 0.0)
 
