@@ -34,6 +34,14 @@ def add_identify_parser(commands: Any) -> None:
         help="worker processes [%(default)s]",
     )
     parser.add_argument(
+        "--hold-out",
+        action="append",
+        default=[],
+        metavar="PATTERN",
+        help="hold out the branches of loading.csv that match a shell pattern, such as 'pair*'; may be repeated "
+        "[about a third of the branches, chosen automatically]",
+    )
+    parser.add_argument(
         "--strict",
         action="store_true",
         help="refuse bad rows (exit status 2) instead of leaving them out by name",
@@ -53,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
 
     data = read_measured(args.folder, strict=args.strict)
     out = check_output_folder(args.out)
+    settings = IdentifySettings(processes=args.processes, hold_out_branches=tuple(args.hold_out))
     for row in data.left_out:
         complain(f"left out: {row}")
     with tqdm(total=100, leave=False, file=sys.stderr, disable=True if args.quiet else None,
@@ -64,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
             bar.refresh()
 
         try:
-            result = identify(data, IdentifySettings(processes=args.processes), progress)
+            result = identify(data, settings, progress)
         except NotSolved as error:
             complain(str(error))
             return FAILURE

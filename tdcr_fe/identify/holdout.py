@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fnmatch import fnmatchcase
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.model.loading import resolve
 
 Array = NDArray[np.float64]
@@ -94,3 +96,41 @@ def choose_held_out(data: MeasuredData, share: float = 0.3) -> tuple[int, ...]:
         if value > best[0] + 1e-12:
             best = (value, held)
     return tuple(int(k) for k in best[1])
+
+
+def held_out_branches(data: MeasuredData, patterns: Sequence[str]) -> tuple[int, ...]:
+    """Positions of the steps whose branch matches a pattern; whole branches, all steps of the same name.
+
+    Parameters
+    ----------
+    data
+        Measured data.
+    patterns
+        Shell patterns (``*``, ``?``, ``[...]``), matched with case against the ``branch`` of ``loading.csv``.
+
+    Returns
+    -------
+    tuple of int
+        Steps with readings.
+
+    Raises
+    ------
+    InputError
+        A pattern matches no branch with readings, or the patterns leave nothing to fit. The message names the branches.
+    """
+    read = {r.step for r in data.readings}
+    with_readings = [k for k, n in enumerate(data.step_ids) if n in read]
+    names = list(dict.fromkeys(data.branches[k] for k in with_readings if data.branches[k]))
+    there = f"branches with readings are {', '.join(names)}" if names else "loading.csv names no branches"
+    problems = [
+        Problem(data.name, "--hold-out", p, f"matches no branch with readings; {there}")
+        for p in patterns
+        if not any(fnmatchcase(name, p) for name in names)
+    ]
+    held = tuple(k for k in with_readings if any(fnmatchcase(data.branches[k], p) for p in patterns))
+    if not problems and len(held) == len(with_readings):
+        allowed = f"matches every step with readings, and nothing is left to fit; {there}"
+        problems.append(Problem(data.name, "--hold-out", ", ".join(patterns), allowed))
+    if problems:
+        raise InputError(problems)
+    return held

@@ -10,7 +10,7 @@ import numpy as np
 from tdcr_fe.identify.conclude import conclude
 from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.holdout import choose_held_out
+from tdcr_fe.identify.holdout import choose_held_out, held_out_branches
 from tdcr_fe.identify.information import unusable_data
 from tdcr_fe.identify.noise import estimate_sigma
 from tdcr_fe.identify.outcome import IdentificationResult, IdentifySettings
@@ -56,6 +56,8 @@ def identify(
     ------
     TypeError
         An argument is of another type; the message names the expected type and the function to call.
+    InputError
+        ``settings.hold_out_branches`` matches no branch, or every step; nothing was simulated.
     NotSolved
         The declared model does not converge.
     KeyboardInterrupt
@@ -120,7 +122,10 @@ def _build_problem(
     data: MeasuredData, settings: IdentifySettings, forward: ForwardModel
 ) -> tuple[FitProblem, bool]:
     """The problem with sigma known, steps held out, mesh and path fine enough; and whether sigma was estimated."""
-    positions = set(choose_held_out(data, settings.hold_out))
+    if settings.hold_out_branches:
+        positions = set(held_out_branches(data, settings.hold_out_branches))
+    else:
+        positions = set(choose_held_out(data, settings.hold_out))
     at = {n: k for k, n in enumerate(data.step_ids)}
     held_out = np.array([at[r.step] in positions for r in data.readings])
     problem = FitProblem.of(data, np.ones(len(data.readings)), held_out, forward, settings.path_tolerance)

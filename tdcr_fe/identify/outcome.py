@@ -38,7 +38,9 @@ class IdentifySettings:
     max_effects : int
         At most so many effects are added.
     hold_out : float
-        Fraction of the readings that is held out, about [1].
+        Fraction of the readings that is held out, about, where ``hold_out_branches`` is empty [1].
+    hold_out_branches : tuple of str
+        Shell patterns; every branch of ``loading.csv`` that matches one is held out, and no other step.
     path_tolerance : float
         Of the solver: accuracy of the path of loading over the length [1].
     """
@@ -49,6 +51,7 @@ class IdentifySettings:
     beam: int = 2
     max_effects: int = 4
     hold_out: float = 0.3
+    hold_out_branches: tuple[str, ...] = ()
     path_tolerance: float = 5e-5
 
 
