@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from tdcr_fe.effects.actuation import ActuatorBacklash, ActuatorGain, ActuatorLoss
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Observation, Parameter
@@ -46,15 +46,19 @@ EFFECTS: tuple[Effect, ...] = (
 )
 
 
-def effect(name: str) -> Effect:
+def effect(name: str, catalogue: Sequence[Effect] = EFFECTS) -> Effect:
     """The effect of that name; `KeyError` names those that exist."""
-    for e in EFFECTS:
+    for e in catalogue:
         if e.name == name:
             return e
-    raise KeyError(f"no effect {name!r}; there are {', '.join(e.name for e in EFFECTS)}")
+    raise KeyError(f"no effect {name!r}; there are {', '.join(e.name for e in catalogue)}")
 
 
-def with_effects(experiment: Experiment, effects: Mapping[str, Mapping[str, float]]) -> Experiment:
+def with_effects(
+    experiment: Experiment,
+    effects: Mapping[str, Mapping[str, float]],
+    catalogue: Sequence[Effect] = EFFECTS,
+) -> Experiment:
     """Add several effects to an experiment.
 
     Parameters
@@ -63,6 +67,8 @@ def with_effects(experiment: Experiment, effects: Mapping[str, Mapping[str, floa
         Robot, model, steps and observation.
     effects
         By name of the effect, its values; parameters that are not named keep their null values.
+    catalogue
+        The effects that there are, in the order in which several are applied.
 
     Raises
     ------
@@ -74,8 +80,8 @@ def with_effects(experiment: Experiment, effects: Mapping[str, Mapping[str, floa
     hint = "{'gravity': {'g_z': -9.81}} is one."
     check_instance("with_effects", "effects", effects, Mapping, "a mapping of names to values", hint)
     for name in effects:
-        effect(name)
-    for e in EFFECTS:
+        effect(name, catalogue)
+    for e in catalogue:
         if e.name in effects:
             e.check(effects[e.name])
             experiment = e.apply(experiment, {**e.null_values(experiment), **effects[e.name]})

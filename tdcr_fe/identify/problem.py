@@ -101,6 +101,8 @@ class FitProblem:
         Estimated discretisation error, rms over sigma [1].
     scales : mapping
         Typical step of a parameter in its fitted coordinate, by effect and parameter; from the score tests.
+    catalogue : tuple of Effect
+        The candidates, in the order in which several are applied.
     """
 
     data: MeasuredData
@@ -114,6 +116,7 @@ class FitProblem:
     correction: Array
     mesh_error: float = 0.0
     scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    catalogue: tuple[Effect, ...] = EFFECTS
 
     @classmethod
     def of(
@@ -151,7 +154,7 @@ class FitProblem:
 
     def with_effects(self, effects: Sequence[Effect], values: Point) -> Experiment:
         """The experiment with effects, applied in the order of the catalogue, unlisted ones last."""
-        order = {e.name: i for i, e in enumerate(EFFECTS)}
+        order = {e.name: i for i, e in enumerate(self.catalogue)}
         experiment = self.experiment
         for e in sorted(effects, key=lambda e: order.get(e.name, len(order))):
             experiment = e.apply(experiment, values[e.name])

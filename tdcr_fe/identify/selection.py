@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.effects import EFFECTS, Effect
+from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
@@ -504,7 +504,9 @@ def _scores(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]
     """Scores of all candidates beside a fitted model, computed once."""
     key = frozenset(fit.names)
     if key not in state.scores:
-        others = [e for e in EFFECTS if e.name not in fit.names and e.name not in state.refused]
+        others = [
+            e for e in state.problem.catalogue if e.name not in fit.names and e.name not in state.refused
+        ]
         scores = screen(state.problem, fit, others)
         state = _with_scales(replace(state, scores={**state.scores, key: scores}), scores)
         if not fit.effects:

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Sequence
 from typing import Any
 
-from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
+from tdcr_fe.effects import EFFECTS, Effect, Experiment, effect, with_effects
 from tdcr_fe.io.problems import Report
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.robot import Robot
 
 
 def read_effects(
-    table: Any, robot: Robot, model: Model, steps: tuple[LoadStep, ...], report: Report
+    table: Any,
+    robot: Robot,
+    model: Model,
+    steps: tuple[LoadStep, ...],
+    report: Report,
+    catalogue: Sequence[Effect] = EFFECTS,
 ) -> tuple[Robot, Model, tuple[LoadStep, ...]]:
     """Apply a table such as ``gravity = { g_z = -9.81 }`` to the robot, model and steps of a scenario.
 
@@ -24,6 +30,8 @@ def read_effects(
         As the files describe them.
     report
         Takes every mistake: key, value, what is allowed.
+    catalogue
+        The effects that there are.
     """
     experiment = Experiment(robot, model, steps)
     if not isinstance(table, dict):
@@ -31,13 +39,13 @@ def read_effects(
         return robot, model, steps
     sound: dict[str, dict[str, float]] = {}
     for name, values in table.items():
-        known = [e.name for e in EFFECTS]
+        known = [e.name for e in catalogue]
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1)
             hint = f"; did you mean {near[0]}?" if near else ""
             report(f"effects.{name}", str(values), f"unknown effect{hint}; there are {', '.join(known)}")
             continue
-        e = effect(name)
+        e = effect(name, catalogue)
         allowed = ", ".join(f"{p.name} [{p.unit}]" for p in e.parameters)
         if not isinstance(values, dict):
             report(f"effects.{name}", str(values), f"must be a table with {allowed}")
@@ -61,7 +69,7 @@ def read_effects(
                 numbers[key] = float(value)
         sound[name] = numbers
     try:
-        changed = with_effects(experiment, sound)
+        changed = with_effects(experiment, sound, catalogue)
     except ValueError as error:  # a robot that cannot be
         report("effects", "", str(error))
         return robot, model, steps
