@@ -313,7 +313,11 @@ def _advance(
         i = part.robot
         if part.driven.size:
             new = tension[i].copy()
-            new[part.driven] = np.maximum(new[part.driven] + move.fraction * change[part.tensions], 0.0)
+            pulled = np.maximum(new[part.driven] + move.fraction * change[part.tensions], 0.0)
+            if move.fraction == 1.0:
+                # Exactly: round-off in the tension of a slack tendon would count as a miss of its displacement.
+                pulled[step.linearization.slack[i]] = 0.0
+            new[part.driven] = pulled
             tension = (*tension[:i], new, *tension[i + 1 :])
         slipped = change[part.mobilisations]
         if slipped.any():
