@@ -20,12 +20,12 @@ from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.mesh import build_mesh
 from tdcr_fe.scene.parts import (
-    BasePose,
     add_base_joint,
     add_disks,
     add_gravity,
     add_ground,
     add_tip_mass,
+    base_pose,
     section_marker,
 )
 from tdcr_fe.scene.section import add_node_loads
@@ -43,7 +43,7 @@ def CreateTDCR(
     model: Model | None = None,
     *,
     name: str | None = None,
-    basePosition: Sequence[float] = (0.0, 0.0, 0.0),
+    basePosition: Sequence[float] | None = None,
     baseRotationMatrix: Any = None,
     baseMarker: Any = None,
     loadPositions: Sequence[float] = (),
@@ -66,10 +66,11 @@ def CreateTDCR(
     name
         Prefix of all item names; must differ between robots of one system. Default: the robot's name.
     basePosition, baseRotationMatrix
-        Pose of the base plate in the world [m], shapes (3,) and (3, 3); the robot points along the third axis.
+        Pose of the base plate in the world [m], shapes (3,) and (3, 3); the robot points along the third axis. None
+        is the origin with the axes of the world or, with ``baseMarker``, the pose of that marker.
     baseMarker
-        Rigid marker that carries the base plate; its pose in the reference configuration must be
-        the one above. None puts the robot on ground.
+        Rigid marker that carries the base plate, at its pose in the reference configuration. None puts the robot on
+        ground.
     loadPositions
         Arc lengths of further nodes, for loads or markers between disks [m].
     presliding
@@ -87,8 +88,8 @@ def CreateTDCR(
     TypeError
         An argument is of another type; the message names the expected type and the function to call.
     ValueError
-        The model needs too much memory, two robots have one name, an argument is no rotation, or a load lies beyond
-        the tip.
+        The model needs too much memory, two robots have one name, an argument is no rotation, a load lies beyond
+        the tip, or the pose of ``baseMarker`` is another than the one given.
     """
     model = Model() if model is None else model
     check_system("CreateTDCR", mbs)
@@ -97,7 +98,7 @@ def CreateTDCR(
     _check_placement(name, basePosition, loadPositions, presliding)
     check_size(robot, model)
     check_arc_lengths(loadPositions, robot.backbone.length)
-    pose = BasePose.of(basePosition, baseRotationMatrix)
+    pose = base_pose(mbs, basePosition, baseRotationMatrix, baseMarker)
     name = name or robot.name
     if name in robots_of(mbs):
         raise ValueError(f"the system has a robot {name!r} already; give another name")
@@ -136,7 +137,10 @@ def _check_placement(name: Any, position: Any, load_positions: Any, presliding: 
     """Refuse arguments of `CreateTDCR` of another type or size."""
     hint = "It is the prefix of all item names; None takes the robot's name."
     arguments.check_instance("CreateTDCR", "name", name, (str, type(None)), "a text", hint)
-    arguments.check_numbers("CreateTDCR", "basePosition", position, "[0, 0, 0] is the origin [m].", count=3)
+    if position is not None:
+        arguments.check_numbers(
+            "CreateTDCR", "basePosition", position, "[0, 0, 0] is the origin [m].", count=3
+        )
     hint = "loadPositions=[0.1] adds a node at 0.1 m."
     arguments.check_numbers("CreateTDCR", "loadPositions", load_positions, hint)
     hint = "1e-6 is the default [m]."

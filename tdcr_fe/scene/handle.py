@@ -17,6 +17,7 @@ from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.scene.inputs import InputsOverTime, named_inputs
 from tdcr_fe.scene.loads import Frame, PointLoad, add_point_load
 from tdcr_fe.scene.mesh import softened_stiffness
 from tdcr_fe.scene.parts import section_marker
@@ -164,27 +165,25 @@ class TDCR:
         inputs
             Function of the solver's time [s] (0 to 1 over the load steps of ``SolveStatic``) that returns tension [N]
             or displacement [m] of every tendon in order, shape (n_tendons,). Whether a value is a tension or a
-            displacement was determined by the last `set_tensions` or `set_displacements`.
+            displacement was determined by the last `set_tensions` or `set_displacements`. Every value is checked:
+            one finite number per tendon, no negative tension. A later `set_tensions` or `set_displacements` ends
+            the function; tendons that it does not name keep what they had at the last solved time.
         """
-        self.actuation.inputs = lambda t: np.asarray(inputs(t), dtype=float)
+        if not callable(inputs):
+            hint = "set_tensions and set_displacements take values."
+            raise TypeError(f"set_inputs_over_time needs a function of the time [s], not {inputs!r}. {hint}")
+        self.actuation.inputs = InputsOverTime(self.name, self.robot.tendon_names, self.actuation, inputs)
 
     def _set_inputs(self, given: Mapping[str, float] | Sequence[float], by_displacement: bool) -> None:
-        names = self.robot.tendon_names
-        if not isinstance(given, Mapping):
-            if len(given) != len(names):
-                raise ValueError(f"{len(given)} values for {len(names)} tendons ({', '.join(names)})")
-            given = dict(zip(names, (float(x) for x in given), strict=True))
-        unknown = sorted(set(given) - set(names))
-        if unknown:
-            raise ValueError(f"no tendon {unknown[0]!r}; the robot has {', '.join(names) or 'none'}")
-        values = np.zeros(len(names)) if callable(self.actuation.inputs) else self.actuation.inputs.copy()
-        mode = self.actuation.by_displacement.copy()
-        for name, value in given.items():
-            if not np.isfinite(value) or (value < 0.0 and not by_displacement):
-                raise ValueError(f"tendon {name!r}: {value} is not allowed; must be finite, a tension >= 0")
+        names, actuation = self.robot.tendon_names, self.actuation
+        inputs = named_inputs(names, given, by_displacement)
+        # Inputs over time end here: the other tendons keep what they had in the last solved state.
+        values = actuation.input_values(actuation.state.time).copy()
+        mode = actuation.by_displacement.copy()
+        for name, value in inputs.items():
             values[names.index(name)] = value
             mode[names.index(name)] = by_displacement
-        self.actuation.inputs, self.actuation.by_displacement = values, mode
+        actuation.inputs, actuation.by_displacement = values, mode
 
     @property
     def compliance_factor(self) -> float:

@@ -40,14 +40,14 @@ class BasePose:
 
     @classmethod
     def of(cls, position: Any, rotation: Any) -> BasePose:
-        """Pose from the arguments of the user; None as rotation is the identity.
+        """Pose from the arguments of the user; None is the origin, and the identity.
 
         Raises
         ------
         ValueError
             The position does not have three finite components, or the rotation is no rotation matrix.
         """
-        p = np.asarray(position, dtype=float)
+        p = np.zeros(3) if position is None else np.asarray(position, dtype=float)
         r = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
         if p.shape != (3,) or not np.all(np.isfinite(p)):
             raise ValueError(f"basePosition {position!r}; must be three finite coordinates [m]")
@@ -56,6 +56,49 @@ class BasePose:
         if np.linalg.det(r) < 0.0:
             raise ValueError("baseRotationMatrix is a reflection; must be a rotation matrix")
         return cls(p, r)
+
+
+def base_pose(mbs: exu.MainSystem, position: Any, rotation: Any, marker: Any) -> BasePose:
+    """Pose of the base plate: as given, else that of the marker which carries it.
+
+    Parameters
+    ----------
+    mbs
+        The system.
+    position, rotation
+        As given by the user, or None.
+    marker
+        Rigid marker that carries the base plate, or None.
+
+    Raises
+    ------
+    ValueError
+        Position or rotation are not valid, or differ from those of the marker in the reference configuration.
+    """
+    pose = BasePose.of(position, rotation)
+    if marker is None:
+        return pose
+    variable, reference = exu.OutputVariableType, exu.ConfigurationType.Reference
+    try:
+        at = np.array(mbs.GetMarkerOutput(marker, variable.Position, reference), dtype=float)
+        axes = np.array(mbs.GetMarkerOutput(marker, variable.RotationMatrix, reference), dtype=float)
+    except Exception as unknown:
+        raise ValueError(
+            f"baseMarker {marker!r} has no position and rotation; must be a rigid marker"
+        ) from unknown
+    axes = axes.reshape(3, 3)
+    scale = max(1.0, float(np.abs(at).max()))
+    if position is not None and not np.allclose(pose.position, at, rtol=0.0, atol=1e-6 * scale):
+        raise ValueError(
+            f"basePosition {pose.position.tolist()} differs from that of baseMarker {marker}, {at.tolist()}, in the "
+            "reference configuration; leave it out to take that of the marker"
+        )
+    if rotation is not None and not np.allclose(pose.rotation, axes, rtol=0.0, atol=1e-6):
+        raise ValueError(
+            f"baseRotationMatrix differs from the axes of baseMarker {marker}, {axes.tolist()}, in the reference "
+            "configuration; leave it out to take those of the marker"
+        )
+    return BasePose.of(at, axes)
 
 
 def section_marker(mbs: exu.MainSystem, node: Any, name: str) -> Any:
