@@ -1,22 +1,22 @@
 """Measured channels: every quantity that a data set may contain, each an object in the list `CHANNELS`.
 
 Adding a channel takes one object in that list: its name, unit and kind of location, what is plausible, how it is
-displayed, and how it is predicted from a solved step. Reading, prediction, fitting, reports and the maker of blind data
-all go through the list.
+displayed, how it is predicted from a solved step, and how the prediction changes with the step. Reading, prediction,
+fitting, reports and the maker of blind data all go through the list.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.model.interpolation import interpolate_positions
+from tdcr_fe.model.interpolation import interpolate_positions, rotation_vector_rate, within_elements
 from tdcr_fe.model.results import StepResult
 
 Array = NDArray[np.float64]
@@ -27,11 +27,33 @@ Location = float | str | None
 #: An arc length that is this near to a node is at the node [m].
 AT_NODE = 2e-6
 
+#: A vector that is nearer to the z axis than this angle is on the axis [rad].
+ON_AXIS = 1e-9
+
 #: Largest plausible position or displacement over the length of the backbone [1].
 LARGEST_POSITION = 1.5
 
 #: Largest plausible rotation of the section along the whole backbone, which bounds the curvature [rad].
 LARGEST_TURN = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedChange:
+    """Derivatives of the quantities of an `ObservedStep` by parameters, which are the last axis.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (n, 3, P)
+        Of the nodes in the world.
+    rotations : ndarray, shape (n, 3, P)
+        Of the sections, as world rotation vectors.
+    displacements, distal_tensions : ndarray, shape (n_tendons, P)
+    """
+
+    positions: Array
+    rotations: Array
+    displacements: Array
+    distal_tensions: Array
 
 
 @dataclass(frozen=True)
@@ -93,6 +115,46 @@ class ObservedStep:
             at = interpolate_positions(self.s, self.positions, self.rotations, s)
         return np.asarray((at + self.rotations[nodes] @ self.offset) @ self.frame.T)
 
+    def marker_changes(self, change: ObservedChange, s: Array) -> Array:
+        """Derivatives of `markers`, shape (n_markers, 3, P)."""
+        nodes = np.argmin(np.abs(s[:, None] - self.s), axis=1)
+        if np.max(np.abs(self.s[nodes] - s)) < AT_NODE:
+            moved = change.positions[nodes]
+        else:
+            moved = self._between_nodes(change, s)
+        turned = np.cross(change.rotations[nodes], (self.rotations[nodes] @ self.offset)[..., None], axis=1)
+        return np.asarray(self.frame @ (moved + turned))
+
+    def _between_nodes(self, change: ObservedChange, s: Array) -> Array:
+        """Derivatives of the positions at arc lengths between nodes, (n_markers, 3, P), by central differences."""
+        k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, self.s.size - 2)
+        share = (s - self.s[k]) / (self.s[k + 1] - self.s[k])
+        columns = range(change.positions.shape[-1])
+        steps = np.array([_difference_step(self, change, p) for p in columns])
+        moved = []
+        for sign in (1.0, -1.0):
+            ends = []
+            for nodes in (k, k + 1):
+                turned = (sign * steps * change.rotations[nodes]).swapaxes(1, 2)
+                turn = Rotation.from_rotvec(turned.reshape(-1, 3)).as_matrix().reshape(*turned.shape, 3)
+                at = self.positions[nodes, :, None] + sign * steps * change.positions[nodes]
+                ends += [
+                    at.swapaxes(1, 2).reshape(-1, 3),
+                    (turn @ self.rotations[nodes, None]).reshape(-1, 3, 3),
+                ]
+            moved.append(within_elements(*ends, np.repeat(share, len(columns))))
+        found = (moved[0] - moved[1]).reshape(len(s), -1, 3).swapaxes(1, 2)
+        return np.asarray(found / (2.0 * steps))
+
+    def tip_change(self, change: ObservedChange) -> Array:
+        """Derivatives of `tip`, shape (3, P)."""
+        turned = np.cross(change.rotations[-1], (self.rotations[-1] @ self.offset)[:, None], axis=0)
+        return np.asarray(self.frame @ (change.positions[-1] + turned))
+
+    def tangent_change(self, change: ObservedChange) -> Array:
+        """Derivatives of `tangent`, shape (3, P)."""
+        return np.asarray(self.frame @ np.cross(change.rotations[-1], self.rotations[-1][:, 2, None], axis=0))
+
     @property
     def tip(self) -> Array:
         """Measured position of the tip [m], shape (3,)."""
@@ -109,16 +171,34 @@ class ObservedStep:
         The mean over the element at ``s``, from the relative rotation of its ends; at a node the mean of both
         elements. Exact where the curvature is constant.
         """
-        lower = np.clip(np.searchsorted(self.s, s - AT_NODE, side="right") - 1, 0, self.s.size - 2)
-        upper = np.clip(np.searchsorted(self.s, s + AT_NODE, side="right") - 1, 0, self.s.size - 2)
+        lower, upper = self._elements_at(s)
         used = np.unique(np.concatenate((lower, upper)))
         relative = np.swapaxes(self.rotations[used], 1, 2) @ self.rotations[used + 1]
         rate = Rotation.from_matrix(relative).as_rotvec() / (self.s[used + 1] - self.s[used])[:, None]
         return np.asarray(0.5 * (rate[np.searchsorted(used, lower)] + rate[np.searchsorted(used, upper)]))
 
+    def curvature_change(self, change: ObservedChange, s: Array) -> Array:
+        """Derivatives of `curvature`, shape (n, 3, P)."""
+        lower, upper = self._elements_at(s)
+        used = np.unique(np.concatenate((lower, upper)))
+        end = np.swapaxes(self.rotations[used + 1], 1, 2)
+        turn = Rotation.from_matrix(np.swapaxes(end @ self.rotations[used], 1, 2)).as_rotvec()
+        own = rotation_vector_rate(turn) @ end @ (change.rotations[used + 1] - change.rotations[used])
+        own /= (self.s[used + 1] - self.s[used])[:, None, None]
+        return np.asarray(0.5 * (own[np.searchsorted(used, lower)] + own[np.searchsorted(used, upper)]))
+
+    def _elements_at(self, s: Array) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+        """Numbers of the elements before and after arc lengths; the same one between nodes."""
+        lower = np.clip(np.searchsorted(self.s, s - AT_NODE, side="right") - 1, 0, self.s.size - 2)
+        upper = np.clip(np.searchsorted(self.s, s + AT_NODE, side="right") - 1, 0, self.s.size - 2)
+        return lower, upper
+
 
 #: From an observed step and locations of the channel's kind to the values that an instrument would show.
 Prediction = Callable[[ObservedStep, Sequence[Location]], Array]
+
+#: From an observed step, its derivatives and locations to the derivatives of the prediction, shape (k, P).
+Derivation = Callable[[ObservedStep, ObservedChange, Sequence[Location]], Array]
 
 
 @dataclass(frozen=True)
@@ -137,6 +217,8 @@ class Channel:
         For people.
     predict : callable
         See `Prediction`.
+    derive : callable or None
+        See `Derivation`. None: by central differences of `predict`, which takes longer; see `Channel.derivatives`.
     limits, largest_sigma, resolution : callable
         From the backbone's length [m] to the lowest and highest plausible value, the largest plausible sigma, and the
         smallest sigma that may be estimated from scatter.
@@ -164,6 +246,51 @@ class Channel:
     at_rest: Callable[[Location], float] = lambda location: 0.0
     mistaken_unit: str = ""
     mistaken_factor: float = 1.0
+    derive: Derivation | None = None
+
+    def derivatives(self, step: ObservedStep, change: ObservedChange, locations: Sequence[Location]) -> Array:
+        """Derivatives of the prediction by parameters, shape (k, P).
+
+        Parameters
+        ----------
+        step
+            The observed step.
+        change
+            Its derivatives by the parameters.
+        locations
+            Of the readings, k of them.
+        """
+        if self.derive is not None:
+            return self.derive(step, change, locations)
+        columns = []
+        for p in range(change.positions.shape[-1]):
+            h = _difference_step(step, change, p)
+            ahead, behind = (self.predict(_moved(step, change, p, x), locations) for x in (h, -h))
+            columns.append((ahead - behind) / (2.0 * h))
+        return np.array(columns).T.reshape(len(locations), -1)
+
+
+def _difference_step(step: ObservedStep, change: ObservedChange, p: int) -> float:
+    """Change of parameter ``p`` that moves a step by 1e-5 of its length, or turns it by so much."""
+    length = float(step.s[-1])
+    largest = max(
+        float(np.max(np.abs(change.rotations[:, :, p]), initial=0.0)),
+        float(np.max(np.abs(change.positions[:, :, p]), initial=0.0)) / length,
+        float(np.max(np.abs(change.displacements[:, p]), initial=0.0)) / length,
+    )
+    return 1e-5 / largest if largest > 0.0 else 1e-5
+
+
+def _moved(step: ObservedStep, change: ObservedChange, p: int, h: float) -> ObservedStep:
+    """A step with parameter ``p`` changed by ``h``, to first order."""
+    turn = Rotation.from_rotvec(h * change.rotations[:, :, p]).as_matrix()
+    return replace(
+        step,
+        positions=step.positions + h * change.positions[:, :, p],
+        rotations=turn @ step.rotations,
+        displacements=step.displacements + h * change.displacements[:, p],
+        distal_tensions=step.distal_tensions + h * change.distal_tensions[:, p],
+    )
 
 
 def arc_lengths(locations: Sequence[Location]) -> Array:
@@ -185,9 +312,41 @@ def _single(value: Callable[[ObservedStep], float]) -> Prediction:
     return predict
 
 
+def _tendon_derivation(values: Callable[[ObservedChange], Array]) -> Derivation:
+    def derive(step: ObservedStep, change: ObservedChange, locations: Sequence[Location]) -> Array:
+        return values(change)[[step.tendon_names.index(str(x)) for x in locations]]
+
+    return derive
+
+
+def _single_derivation(value: Callable[[ObservedStep, ObservedChange], Array]) -> Derivation:
+    def derive(step: ObservedStep, change: ObservedChange, locations: Sequence[Location]) -> Array:
+        return np.repeat(value(step, change)[None, :], len(locations), axis=0)
+
+    return derive
+
+
 def _from_z(vector: Array) -> float:
     """Angle between a vector and the z axis [rad]."""
     return math.atan2(math.hypot(vector[0], vector[1]), vector[2])
+
+
+def _off_axis_change(vector: Array, change: Array) -> Array:
+    """Derivatives of a vector's distance from the z axis, (3,) and (3, P) to (P,).
+
+    On the axis the distance is not differentiable; there it is the derivative to the side of growing parameters.
+    """
+    distance = math.hypot(vector[0], vector[1])
+    if distance < ON_AXIS * math.hypot(distance, vector[2]):
+        return np.asarray(np.hypot(change[0], change[1]))
+    return np.asarray((vector[0] * change[0] + vector[1] * change[1]) / distance)
+
+
+def _from_z_change(vector: Array, change: Array) -> Array:
+    """Derivatives of the angle between a vector and the z axis, (3,) and (3, P) to (P,)."""
+    distance = math.hypot(vector[0], vector[1])
+    turned = vector[2] * _off_axis_change(vector, change) - distance * change[2]
+    return np.asarray(turned / (distance**2 + vector[2] ** 2))
 
 
 def _length(
@@ -197,6 +356,7 @@ def _length(
     predict: Prediction,
     family: str = "",
     at_rest: Callable[[Location], float] = lambda location: 0.0,
+    derive: Derivation | None = None,
 ) -> Channel:
     """A channel in metres."""
     return Channel(
@@ -214,12 +374,16 @@ def _length(
         at_rest=at_rest,
         mistaken_unit="mm",
         mistaken_factor=1e-3,
+        derive=derive,
     )
 
 
 def _position(axis: int) -> Channel:
     def predict(step: ObservedStep, locations: Sequence[Location]) -> Array:
         return step.markers(arc_lengths(locations))[:, axis]
+
+    def derive(step: ObservedStep, change: ObservedChange, locations: Sequence[Location]) -> Array:
+        return step.marker_changes(change, arc_lengths(locations))[:, axis]
 
     return _length(
         f"position_{'xyz'[axis]}",
@@ -228,17 +392,23 @@ def _position(axis: int) -> Channel:
         predict,
         family="position",
         at_rest=(lambda location: float(location or 0.0)) if axis == 2 else (lambda location: 0.0),
+        derive=derive,
     )
 
 
-def _angle(quantity: str, meaning: str, value: Callable[[ObservedStep], float]) -> Channel:
-    """A channel of angles from the z axis."""
+def _angle(
+    quantity: str,
+    meaning: str,
+    vector: Callable[[ObservedStep], Array],
+    change: Callable[[ObservedStep, ObservedChange], Array],
+) -> Channel:
+    """A channel of the angle between a vector and the z axis."""
     return Channel(
         quantity,
         "rad",
         "",
         meaning,
-        _single(value),
+        _single(lambda step: _from_z(vector(step))),
         limits=lambda length: (-0.2, math.pi + 0.2),
         largest_sigma=lambda length: 1.6,
         resolution=lambda length: 2e-5,
@@ -247,12 +417,16 @@ def _angle(quantity: str, meaning: str, value: Callable[[ObservedStep], float]) 
         family=quantity,
         mistaken_unit="degrees",
         mistaken_factor=math.radians(1.0),
+        derive=_single_derivation(lambda step, by: _from_z_change(vector(step), change(step, by))),
     )
 
 
 def _curvature(axis: int) -> Channel:
     def predict(step: ObservedStep, locations: Sequence[Location]) -> Array:
         return step.curvature(arc_lengths(locations))[:, axis]
+
+    def derive(step: ObservedStep, change: ObservedChange, locations: Sequence[Location]) -> Array:
+        return step.curvature_change(change, arc_lengths(locations))[:, axis]
 
     return Channel(
         f"curvature_{'xy'[axis]}",
@@ -266,6 +440,7 @@ def _curvature(axis: int) -> Channel:
         display_unit="1/m",
         display_factor=1.0,
         family="curvature",
+        derive=derive,
     )
 
 
@@ -275,24 +450,30 @@ CHANNELS: tuple[Channel, ...] = (
     _position(1),
     _position(2),
     _angle(
-        "bending_angle", "angle between the tip tangent and the z axis", lambda step: _from_z(step.tangent)
+        "bending_angle",
+        "angle between the tip tangent and the z axis",
+        lambda step: step.tangent,
+        lambda step, change: step.tangent_change(change),
     ),
     _angle(
         "chord_angle",
         "angle between the line from base to tip and the z axis",
-        lambda step: _from_z(step.tip),
+        lambda step: step.tip,
+        lambda step, change: step.tip_change(change),
     ),
     _length(
         "tip_offset",
         "",
         "distance of the tip from the z axis",
         _single(lambda step: math.hypot(step.tip[0], step.tip[1])),
+        derive=_single_derivation(lambda step, change: _off_axis_change(step.tip, step.tip_change(change))),
     ),
     _length(
         "tendon_displacement",
         "tendon",
         "tendon pulled in at the base plate since the straight, unloaded state",
         _tendon_table(lambda step: step.displacements),
+        derive=_tendon_derivation(lambda change: change.displacements),
     ),
     Channel(
         "distal_tension",
@@ -306,6 +487,7 @@ CHANNELS: tuple[Channel, ...] = (
         display_unit="N",
         display_factor=1.0,
         family="distal_tension",
+        derive=_tendon_derivation(lambda change: change.distal_tensions),
     ),
     _curvature(0),
     _curvature(1),

@@ -9,13 +9,17 @@ from scipy.spatial.transform import Rotation
 Array = NDArray[np.float64]
 
 
+def _skew(rotvec: Array) -> Array:
+    """Skew matrices: (..., 3) to (..., 3, 3)."""
+    w = np.zeros((*rotvec.shape[:-1], 3, 3))
+    w[..., 0, 1], w[..., 0, 2], w[..., 1, 2] = -rotvec[..., 2], rotvec[..., 1], -rotvec[..., 0]
+    return np.asarray(w - np.swapaxes(w, -1, -2))
+
+
 def _left_jacobian(rotvec: Array, scale: Array) -> Array:
     """Integral of ``exp(x scale W)`` over x in 0..1, times scale; W the skew matrix of ``rotvec``; (m, 3, 3)."""
     angle = np.linalg.norm(rotvec, axis=-1) * scale
-    w = np.zeros((*rotvec.shape[:-1], 3, 3))
-    w[..., 0, 1], w[..., 0, 2], w[..., 1, 2] = -rotvec[..., 2], rotvec[..., 1], -rotvec[..., 0]
-    w -= np.swapaxes(w, -1, -2).copy()
-    w *= scale[..., None, None]
+    w = _skew(rotvec) * scale[..., None, None]
     small = angle < 1e-4
     a = np.where(small, 1.0, angle)
     c1 = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(a)) / a**2)
@@ -52,11 +56,41 @@ def interpolate_positions(nodes: Array, positions: Array, rotations: Array, s: A
         raise ValueError(f"arc length outside the backbone, which spans {nodes[0]:g} to {nodes[-1]:g} m")
     k = np.clip(np.searchsorted(nodes, flat, side="right") - 1, 0, len(nodes) - 2)
     x = (flat - nodes[k]) / (nodes[k + 1] - nodes[k])
-    relative = np.swapaxes(rotations[k], -1, -2) @ rotations[k + 1]
-    turn = Rotation.from_matrix(relative).as_rotvec()
-    chord = np.einsum("mji,mj->mi", rotations[k], positions[k + 1] - positions[k])
-    whole = _left_jacobian(turn, np.ones_like(x))
-    translation = np.linalg.solve(whole, chord[..., None])
-    part = (_left_jacobian(turn, x) @ translation)[..., 0]
-    result = positions[k] + np.einsum("mij,mj->mi", rotations[k], part)
+    result = within_elements(positions[k], rotations[k], positions[k + 1], rotations[k + 1], x)
     return result.reshape((*np.shape(s), 3))
+
+
+def within_elements(start: Array, turn: Array, end: Array, end_turn: Array, share: Array) -> Array:
+    """World positions inside elements of constant strain.
+
+    Parameters
+    ----------
+    start, turn, end, end_turn
+        Positions [m], shape (m, 3), and rotations, shape (m, 3, 3), at both ends of each element.
+    share
+        Arc length from the start over that of the element [1], shape (m,).
+
+    Returns
+    -------
+    numpy.ndarray
+        [m], shape (m, 3).
+    """
+    relative = Rotation.from_matrix(np.swapaxes(turn, -1, -2) @ end_turn).as_rotvec()
+    chord = np.einsum("mji,mj->mi", turn, end - start)
+    translation = np.linalg.solve(_left_jacobian(relative, np.ones_like(share)), chord[..., None])
+    part = (_left_jacobian(relative, share) @ translation)[..., 0]
+    return np.asarray(start + np.einsum("mij,mj->mi", turn, part))
+
+
+def rotation_vector_rate(rotvec: Array) -> Array:
+    """Matrix from a rotation of the far section about its own axes to the change of the relative rotation vector.
+
+    The inverse of the right Jacobian of SO(3) (Chirikjian, Stochastic Models, Information Theory, and Lie Groups 2,
+    Sec. 10.6): (m, 3) to (m, 3, 3).
+    """
+    angle = np.linalg.norm(rotvec, axis=-1)[..., None, None]
+    w = _skew(rotvec)
+    small = angle < 1e-3
+    a = np.where(small, 1.0, angle)
+    closed = 1.0 / a**2 - 1.0 / (2.0 * a * np.tan(0.5 * a))
+    return np.asarray(np.eye(3) + 0.5 * w + np.where(small, 1.0 / 12.0 + angle**2 / 720.0, closed) * (w @ w))

@@ -1,13 +1,14 @@
 """Measured channels against closed forms of a constant-curvature arc, and against the independent reference."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from robots import LENGTH, paper
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.model.channels import CHANNELS, QUANTITIES, ObservedStep, channel
+from tdcr_fe.model.channels import CHANNELS, QUANTITIES, ObservedChange, ObservedStep, channel
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
@@ -93,3 +94,70 @@ def test_an_unknown_quantity_names_those_that_exist():
     assert len(set(QUANTITIES)) == len(CHANNELS)
     with pytest.raises(KeyError, match="curvature_x"):
         channel("strain")
+
+
+def bent_step(seed: int) -> tuple[ObservedStep, ObservedChange]:
+    """A bent and twisted backbone of ten elements seen by a turned instrument, and random derivatives."""
+    rng = np.random.default_rng(seed)
+    s = np.linspace(0.0, 0.2, 11)
+    position, rotation = np.zeros(3), np.eye(3)
+    positions, rotations = [position], [rotation]
+    for _ in range(10):
+        turn = Rotation.from_rotvec(rng.normal([0.2, 0.1, 0.0], 0.1)).as_matrix()
+        position = position + rotation @ np.array([*rng.normal(0.0, 1e-3, 2), 0.02])
+        rotation = rotation @ turn
+        positions.append(position)
+        rotations.append(rotation)
+    step = ObservedStep(
+        s,
+        np.array(positions),
+        np.array(rotations),
+        rng.normal(0.0, 1e-3, 2),
+        rng.normal(1.0, 0.1, 2),
+        ("t1", "t2"),
+        Rotation.from_rotvec([0.1, -0.2, 0.3]).as_matrix(),
+        np.array([1e-3, -2e-3, 0.0]),
+    )
+    change = ObservedChange(
+        rng.normal(0.0, 0.1, (11, 3, 4)),
+        rng.normal(0.0, 1.0, (11, 3, 4)),
+        rng.normal(0.0, 0.1, (2, 4)),
+        rng.normal(0.0, 1.0, (2, 4)),
+    )
+    return step, change
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+@pytest.mark.parametrize("between", [False, True])
+def test_derivatives_equal_central_differences(quantity: str, between: bool) -> None:
+    """Of every channel, at nodes and between them, with the instrument turned and markers off the backbone."""
+    known = channel(quantity)
+    step, change = bent_step(3)
+    arcs: tuple[float, ...] = (0.03, 0.117, 0.2) if between else (0.04, 0.12, 0.2)
+    locations = {"arc length": arcs, "tendon": ("t2", "t1"), "": (None,)}[known.location]
+    found = known.derivatives(step, change, locations)
+    expected = replace(known, derive=None).derivatives(step, change, locations)
+    assert known.derive is not None
+    assert np.max(np.abs(found - expected)) < 1e-7 * np.max(np.abs(expected))
+
+
+def test_derivatives_of_angles_on_the_axis_are_to_one_side() -> None:
+    """A straight robot along z: the angle grows by the rotation of the tip, whatever its direction."""
+    s = np.linspace(0.0, 0.1, 3)
+    straight = ObservedStep(
+        s, np.outer(s, [0.0, 0.0, 1.0]), np.tile(np.eye(3), (3, 1, 1)), np.zeros(1), np.zeros(1), ("t1",)
+    )
+    rotations = np.zeros((3, 3, 2))
+    rotations[2, 0, 0], rotations[2, 1, 1] = 0.3, -0.4
+    positions = np.zeros((3, 3, 2))
+    positions[2, 1, 0], positions[2, 0, 1] = -0.02, 0.03
+    change = ObservedChange(positions, rotations, np.zeros((1, 2)), np.zeros((1, 2)))
+    assert channel("bending_angle").derivatives(straight, change, [None]) == pytest.approx(
+        np.array([[0.3, 0.4]])
+    )
+    assert channel("tip_offset").derivatives(straight, change, [None]) == pytest.approx(
+        np.array([[0.02, 0.03]])
+    )
+    assert channel("chord_angle").derivatives(straight, change, [None]) == pytest.approx(
+        np.array([[0.2, 0.3]])
+    )
