@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.effects import EFFECTS, Experiment, with_effects
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.measured import MeasuredData
@@ -46,12 +46,17 @@ def sequence():
     )
 
 
-def measured(truth=None, sigma=1e-4, seed=0, robot=None, given=True):
-    """Readings of a true robot that is `ROBOT` with effects, on a finer mesh, with noise."""
+def measured(truth=None, sigma=1e-4, seed=0, robot=None, given=True, model=MODEL, catalogue=EFFECTS):
+    """Readings of a true robot that is ``robot`` (`ROBOT`) with effects, on a finer mesh, with noise.
+
+    With another ``model`` than `MODEL`, the robot is also the declared one.
+    """
     steps = sequence()
     ids = tuple(range(1, len(steps) + 1))
     readings = [Reading(n, f"position_{a}", s, 0.0, sigma) for n in ids for s in (0.1, LENGTH) for a in "xyz"]
-    true = with_effects(Experiment(robot or ROBOT, replace(MODEL, elements_per_bay=4), steps), truth or {})
+    true = with_effects(
+        Experiment(robot or ROBOT, replace(model, elements_per_bay=4), steps), truth or {}, catalogue
+    )
     run = simulate_experiment(Task(true, run_settings(SolverSettings(), 2e-5)))
     values = Reader(readings, ids, ROBOT.tendon_names).read(run, true)
     values = values + np.random.default_rng(seed).normal(0.0, sigma, values.size)
@@ -59,4 +64,5 @@ def measured(truth=None, sigma=1e-4, seed=0, robot=None, given=True):
         replace(r, value=float(v), sigma=r.sigma if given else None)
         for r, v in zip(readings, values, strict=True)
     ]
-    return MeasuredData("small", ROBOT, MODEL, ids, steps, ("",) * len(ids), tuple(readings))
+    declared = ROBOT if robot is None or model is MODEL else robot
+    return MeasuredData("small", declared, model, ids, steps, ("",) * len(ids), tuple(readings))

@@ -42,6 +42,13 @@ def add_identify_parser(commands: Any) -> None:
         "[about a third of the branches, chosen automatically]",
     )
     parser.add_argument(
+        "--effects",
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="add an effect of your own, a class in a Python file, to the candidates; may be repeated",
+    )
+    parser.add_argument(
         "--strict",
         action="store_true",
         help="refuse bad rows (exit status 2) instead of leaving them out by name",
@@ -53,15 +60,21 @@ def run(args: argparse.Namespace) -> int:
     """Identify what the model of a folder of measured data lacks."""
     from tqdm import tqdm
 
+    from tdcr_fe.identify.corrected import corrected_files
     from tdcr_fe.identify.identification import NotSolved, identify
     from tdcr_fe.identify.outcome import IdentifySettings
     from tdcr_fe.identify.report import summary, write_report
-    from tdcr_fe.io.atomic import check_output_folder, write_json
+    from tdcr_fe.io.atomic import check_output_folder, write_json, write_text
     from tdcr_fe.io.measured import read_measured
+    from tdcr_fe.io.own_effects import read_own_effects
 
     data = read_measured(args.folder, strict=args.strict)
     out = check_output_folder(args.out)
-    settings = IdentifySettings(processes=args.processes, hold_out_branches=tuple(args.hold_out))
+    settings = IdentifySettings(
+        processes=args.processes,
+        hold_out_branches=tuple(args.hold_out),
+        own_effects=read_own_effects(args.effects),
+    )
     for row in data.left_out:
         complain(f"left out: {row}")
     with tqdm(total=100, leave=False, file=sys.stderr, disable=True if args.quiet else None,
@@ -79,10 +92,12 @@ def run(args: argparse.Namespace) -> int:
             return FAILURE
     out.mkdir(parents=True, exist_ok=True)
     write_json(result.to_json(), out / "result.json")
+    for name, text in corrected_files(result).items():
+        write_text(text, out / name)
     write_report(result, out / "report.html")
     if not args.quiet:
         print(summary(result))
-        print(f"\nWritten to {out}: result.json, report.html")
+        print(f"\nWritten to {out}: result.json, report.html, robot.toml, effects.toml")
     if result.interrupted:
         complain("interrupted; what was found until then is written")
         return INTERRUPTED

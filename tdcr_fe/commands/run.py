@@ -32,6 +32,13 @@ def add_run_parser(commands: Any) -> None:
         choices=("robot", "scenario", "model"),
         help="print the JSON schema of robot.toml, scenario.toml or model.toml, for editors, and do nothing else",
     )
+    parser.add_argument(
+        "--effects",
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="effects of your own, classes in a Python file, that [effects] may name; may be repeated",
+    )
     add_options(parser)
     parser.set_defaults(handler=run, parser=parser)
 
@@ -65,10 +72,13 @@ def run(args: argparse.Namespace) -> int:
     if missing:
         args.parser.error(f"the following arguments are required: {', '.join(missing)}")
     from tdcr_fe.io.atomic import check_output_folder
+    from tdcr_fe.io.effects import effects_reader
+    from tdcr_fe.io.own_effects import read_own_effects
     from tdcr_fe.io.toml import read_scenario
 
     problems: list[Any] = []
-    scenario = _or_note(problems, lambda: read_scenario(args.scenario))
+    own = _or_note(problems, lambda: read_own_effects(args.effects)) or ()
+    scenario = _or_note(problems, lambda: read_scenario(args.scenario, {"effects": effects_reader(own)}))
     out = _or_note(problems, lambda: check_output_folder(args.out))
     _refuse(problems)
     return solve_and_write(scenario, out, args)

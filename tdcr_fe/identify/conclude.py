@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.effects import EFFECTS, Effect
+from tdcr_fe.effects import Effect
 from tdcr_fe.identify.criteria import chi_square_threshold, reduced_chi_square, residual_is_noise
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.information import insufficient_data
@@ -26,6 +26,7 @@ from tdcr_fe.identify.outcome import (
     Verdict,
 )
 from tdcr_fe.identify.problem import Fit, FitProblem
+from tdcr_fe.identify.run import run_settings
 from tdcr_fe.identify.selection import Search, SearchState
 from tdcr_fe.identify.unlisted import SideSpring, SoftBay, describe_moment, missing_moment
 
@@ -80,11 +81,14 @@ def conclude(
         noise=_noise(problem, sigma_estimated),
         shapes=_shapes(problem, declared, best, set(held_ids)),
         corrected=replace(corrected, model=declared_mesh),
+        commanded=problem.experiment,
+        solver=run_settings(problem.forward.settings, problem.path_tolerance),
         left_out_candidates=dict(state.refused),
         runs=problem.forward.runs,
         wall_time=wall_time,
         interrupted=state.interrupted,
         history=state.history,
+        catalogue=problem.catalogue,
     )
 
 
@@ -159,7 +163,7 @@ def _added(search: Search, state: SearchState, deviation: Array) -> tuple[AddedE
         }
         experiment = ""
         if rivals:
-            others = [x for x in EFFECTS if x.name in rivals]
+            others = [x for x in problem.catalogue if x.name in rivals]
             experiment = f"for {e.name}: {e.separating_experiment}" + "".join(
                 f"; for {x.name}: {x.separating_experiment}" for x in others
             )

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.conclude import conclude
 from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.forward import ForwardModel
@@ -23,6 +24,7 @@ from tdcr_fe.identify.selection import (
     with_intermediate_models,
 )
 from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.own_effects import check_on
 from tdcr_fe.model.arguments import check_callable, wrong_type
 
 #: Tolerance of the loading path as a fraction of the noise of a position (a third of it is left), and its limit.
@@ -57,7 +59,8 @@ def identify(
     TypeError
         An argument is of another type; the message names the expected type and the function to call.
     InputError
-        ``settings.hold_out_branches`` matches no branch, or every step; nothing was simulated.
+        ``settings.hold_out_branches`` matches no branch, or every step, or an effect of one's own fails; nothing was
+        simulated.
     NotSolved
         The declared model does not converge.
     KeyboardInterrupt
@@ -71,6 +74,7 @@ def identify(
         raise wrong_type("identify", "settings", settings, "IdentifySettings", hint)
     check_callable("identify", "progress", progress, "It is called with a sentence and a fraction.")
     settings = settings or IdentifySettings()
+    check_on(settings.own_effects, Experiment(data.robot, data.model, data.steps))
     begun = time.perf_counter()
     search = Search(settings, progress or (lambda text, share: None))
     search.report("the declared model", 0.0)
@@ -129,6 +133,7 @@ def _build_problem(
     at = {n: k for k, n in enumerate(data.step_ids)}
     held_out = np.array([at[r.step] in positions for r in data.readings])
     problem = FitProblem.of(data, np.ones(len(data.readings)), held_out, forward, settings.path_tolerance)
+    problem = replace(problem, catalogue=settings.catalogue)
     (residual,), _ = problem.residuals((), [{}], record=True)
     sigma, estimated = estimate_sigma(data, residual)
     problem = replace(problem, sigma=sigma)

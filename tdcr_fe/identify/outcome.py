@@ -10,10 +10,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.effects import Experiment
+from tdcr_fe.effects import EFFECTS, Effect, Experiment
 from tdcr_fe.io.atomic import plain
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.summary import versions
+from tdcr_fe.model.settings import SolverSettings
 
 Array = NDArray[np.float64]
 Verdict = Literal[
@@ -43,6 +44,8 @@ class IdentifySettings:
         Shell patterns; every branch of ``loading.csv`` that matches one is held out, and no other step.
     path_tolerance : float
         Of the solver: accuracy of the path of loading over the length [1].
+    own_effects : tuple of Effect
+        Candidates besides the listed ones; see `tdcr_fe.io.own_effects.read_own_effects`.
     """
 
     processes: int = 1
@@ -53,6 +56,12 @@ class IdentifySettings:
     hold_out: float = 0.3
     hold_out_branches: tuple[str, ...] = ()
     path_tolerance: float = 5e-5
+    own_effects: tuple[Effect, ...] = ()
+
+    @property
+    def catalogue(self) -> tuple[Effect, ...]:
+        """All candidates, in the order in which several are applied."""
+        return (*EFFECTS, *self.own_effects)
 
 
 @dataclass(frozen=True)
@@ -306,6 +315,12 @@ class IdentificationResult:
         Measured and predicted positions, for pictures.
     corrected : Experiment
         Robot, model, loading sequence and observation with the effects that were added.
+    commanded : Experiment
+        What was simulated, without effects: the declared one with the mesh and the divided steps of the fit.
+    solver : SolverSettings
+        Of the simulations.
+    catalogue : tuple of Effect
+        The candidates.
     """
 
     data: MeasuredData
@@ -330,11 +345,14 @@ class IdentificationResult:
     noise: Noise
     shapes: Shapes
     corrected: Experiment
+    commanded: Experiment
+    solver: SolverSettings
     left_out_candidates: Mapping[str, str] = field(default_factory=dict)
     runs: int = 0
     wall_time: float = 0.0
     interrupted: bool = False
     history: tuple[str, ...] = ()
+    catalogue: tuple[Effect, ...] = EFFECTS
 
     @property
     def effects_table(self) -> dict[str, dict[str, float]]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from tdcr_fe.effects import effect
 from tdcr_fe.identify import figures
-from tdcr_fe.identify.next_step import effects_block, observation_effects, scenario_text
+from tdcr_fe.identify.corrected import corrected_files, effects_block, observation_effects
 from tdcr_fe.identify.outcome import IdentificationResult, Misfit
 from tdcr_fe.identify.remarks import half_width, remarks
 from tdcr_fe.io.atomic import write_text
@@ -213,7 +213,7 @@ def _evidence_section(result: IdentificationResult) -> Section:
     steps = [
         {
             "name": words(e.name),
-            "sentence": effect(e.name).description,
+            "sentence": effect(e.name, result.catalogue).description,
             "evidence": e.evidence,
             "after_fit": size(e.after_fit),
             "after_held_out": size(e.after_held_out),
@@ -312,7 +312,7 @@ def _scenario_section(result: IdentificationResult) -> Section:
         "scenario",
         "Scenario of the corrected robot",
         "scenario.html.j2",
-        {"scenario": scenario_text(result), "count": len(result.data.steps)},
+        {"scenario": corrected_files(result)["effects.toml"], "count": len(result.data.steps)},
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, effect, with_effects
@@ -81,3 +81,16 @@ def read_effects(
             "acts on the measurement only; the results of a run are those of the robot itself",
         )
     return changed.robot, changed.model, changed.steps
+
+
+def effects_reader(
+    own: Sequence[Effect],
+) -> Callable[[Any, Robot, Model, tuple[LoadStep, ...], Report], tuple[Robot, Model, tuple[LoadStep, ...]]]:
+    """`read_effects` that knows effects of the user's own besides the listed ones."""
+
+    def read(
+        table: Any, robot: Robot, model: Model, steps: tuple[LoadStep, ...], report: Report
+    ) -> tuple[Robot, Model, tuple[LoadStep, ...]]:
+        return read_effects(table, robot, model, steps, report, (*EFFECTS, *own))
+
+    return read

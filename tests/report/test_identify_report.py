@@ -10,7 +10,7 @@ import pytest
 
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify import figures
-from tdcr_fe.identify.next_step import effects_block, scenario_text
+from tdcr_fe.identify.corrected import corrected_files, effects_block
 from tdcr_fe.identify.outcome import (
     AddedEffect,
     Estimate,
@@ -26,10 +26,10 @@ from tdcr_fe.identify.report import render, summary
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_scenario
-from tdcr_fe.io.write_toml import robot_to_toml
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
 from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.model.settings import SolverSettings
 
 LENGTH = 0.2
 ROBOT = Robot(
@@ -87,7 +87,7 @@ def result(*effects, angles=(0.1, 0.5, 1.0, 0.6, 0.2, 1.1), **rest):
         "correlation": np.eye(2), "parameter_names": ("a", "b"), "mesh_error": 0.01,
         "noise": Noise(1.73e-4, 1e-4, None, {"position_x": 1e-4}, False),
         "shapes": shapes,
-        "corrected": with_effects(experiment, {}),
+        "corrected": with_effects(experiment, {}), "commanded": experiment, "solver": SolverSettings(),
     }  # fmt: skip
     return IdentificationResult(**{**fields, **rest})
 
@@ -135,10 +135,9 @@ def test_long_parts_are_folded_and_every_link_leads_somewhere():
 
 def test_the_next_step_runs(tmp_path):
     """The scenario of the report is read with its effects and steps."""
-    found = result(GRAVITY)
-    (tmp_path / "robot.toml").write_text(robot_to_toml(ROBOT), encoding="utf-8")
-    (tmp_path / "scenario.toml").write_text(scenario_text(found), encoding="utf-8")
-    scenario = read_scenario(tmp_path / "scenario.toml")
+    for name, text in corrected_files(result(GRAVITY)).items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    scenario = read_scenario(tmp_path / "effects.toml")
     assert scenario.model.gravity == pytest.approx((0.0, 6.95, -6.91))
     assert [dict(s.tensions) for s in scenario.steps] == [dict(s.tensions) for s in STEPS]
     assert scenario.steps[-1].loads["tip"].force == (0.0, 0.02, 0.0)
@@ -147,9 +146,9 @@ def test_the_next_step_runs(tmp_path):
 def test_an_effect_on_the_measurement_is_not_part_of_the_scenario(tmp_path):
     found = result(GRAVITY, added("marker_offset", offset_x=(1e-3, 1e-5, "m"), offset_y=(0.0, 1e-5, "m")))
     assert "# acts on the measurement only: marker_offset" in effects_block(found)
-    (tmp_path / "robot.toml").write_text(robot_to_toml(ROBOT), encoding="utf-8")
-    (tmp_path / "scenario.toml").write_text(scenario_text(found), encoding="utf-8")
-    assert read_scenario(tmp_path / "scenario.toml").model.gravity[1] == pytest.approx(6.95)
+    for name, text in corrected_files(found).items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    assert read_scenario(tmp_path / "effects.toml").model.gravity[1] == pytest.approx(6.95)
 
 
 def test_a_declared_value_that_the_fit_contradicts_is_named():

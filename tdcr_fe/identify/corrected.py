@@ -1,0 +1,105 @@
+"""The corrected robot of an identification as files for ``tdcr-fe run``: ``robot.toml`` and ``effects.toml``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from tdcr_fe.effects import Experiment, effect, with_effects
+from tdcr_fe.identify.outcome import IdentificationResult
+from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml, value_to_toml
+from tdcr_fe.model.loading import LoadStep
+
+Table = Mapping[str, Mapping[str, float]]
+
+
+def observation_effects(result: IdentificationResult) -> list[str]:
+    """Effects that act on the measurement only; a scenario cannot have them."""
+    data = result.data
+    declared = Experiment(data.robot, data.model, data.steps)
+    found = []
+    for name, values in result.effects_table.items():
+        e = effect(name, result.catalogue)
+        changed = e.apply(declared, {**e.null_values(declared), **values})
+        if changed.observation != declared.observation:
+            found.append(name)
+    return found
+
+
+def effects_block(result: IdentificationResult) -> str:
+    """The ``[effects]`` table of a scenario that corrects the declared robot; empty where nothing was added."""
+    skipped = observation_effects(result)
+    lines = []
+    for name, values in result.effects_table.items():
+        table = ", ".join(f"{key} = {_seven_digits(value)}" for key, value in values.items())
+        comment = "# acts on the measurement only: " if name in skipped else ""
+        lines.append(f"{comment}{name} = {{ {table} }}")
+    return "\n".join(["[effects]", *lines]) if lines else ""
+
+
+def corrected_files(result: IdentificationResult) -> dict[str, str]:
+    """Texts of the files that give the corrected robot, by name.
+
+    ``robot.toml`` is the robot with all effects that a robot description can have. ``effects.toml`` is a scenario
+    with that robot, the model, mesh and solver settings of the fit, the effects that act on commands or on the model
+    in its ``[effects]`` table, and the measured loading sequence as it was simulated: ``tdcr-fe run effects.toml``
+    repeats the fit. Steps that were divided to resolve their path stand there in parts.
+
+    Effects that act on the measurement only are comments. Where a robot cannot be written (an effect of the
+    user's own with a routing of its own), ``robot.toml`` is as declared, and all effects are in ``effects.toml``.
+    """
+    commanded = result.commanded
+    skipped = observation_effects(result)
+    table: Table = {name: values for name, values in result.effects_table.items() if name not in skipped}
+    final = with_effects(commanded, table, result.catalogue)
+    base, inside = _beside_robot(result, final, table)
+    try:
+        robot_text = robot_to_toml(base.robot)
+    except ValueError:
+        robot_text, base, inside = robot_to_toml(commanded.robot), commanded, table
+    remarks = ["# The corrected robot with the measured loading: tdcr-fe run effects.toml -o OUT"]
+    remarks += [
+        f"# acts on the measurement only: {name} = {value_to_toml(result.effects_table[name])}"
+        for name in skipped
+    ]
+    scenario = scenario_to_toml(
+        base.model, _labelled(result, base), settings=result.solver, effects=inside or None
+    )
+    return {"robot.toml": robot_text, "effects.toml": "\n".join([*remarks, "", scenario])}
+
+
+def _beside_robot(result: IdentificationResult, final: Experiment, table: Table) -> tuple[Experiment, Table]:
+    """Experiment and effects that give the final one, with all that acts on the robot alone in the robot."""
+    base = replace(result.commanded, robot=final.robot)
+    inside = {
+        name: values for name, values in table.items() if not _acts_on_robot_alone(result, name, values)
+    }
+    again = with_effects(base, inside, result.catalogue)
+    if (again.robot, again.model, again.steps) == (final.robot, final.model, final.steps):
+        return base, inside
+    return final, {}  # an effect acts on the robot and on more: model and steps stand as they become
+
+
+def _acts_on_robot_alone(result: IdentificationResult, name: str, values: Mapping[str, float]) -> bool:
+    before = result.commanded
+    changed = with_effects(before, {name: values}, result.catalogue)
+    return (changed.model, changed.steps) == (before.model, before.steps)
+
+
+def _labelled(result: IdentificationResult, experiment: Experiment) -> list[LoadStep]:
+    """Steps with the numbers of ``loading.csv`` as labels; parts of a divided step are counted."""
+    ids = result.data.step_ids
+    commanded = [k for k, _ in experiment.step_ends]
+    steps = []
+    for j, (step, k) in enumerate(zip(experiment.steps, commanded, strict=True)):
+        parts = commanded.count(k)
+        part = commanded[: j + 1].count(k)
+        label = str(ids[k]) if part == parts else f"{ids[k]} (part {part} of {parts})"
+        steps.append(replace(step, label=label))
+    return steps
+
+
+def _seven_digits(value: float) -> str:
+    """A float as TOML has it, to seven digits."""
+    text = f"{value:.7g}"
+    return text if any(c in text for c in ".e") else f"{text}.0"

@@ -1,0 +1,119 @@
+"""Effects of one's own: the example of the documentation, used like a listed effect; and files that are refused."""
+
+import json
+import re
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from identify_data import LENGTH, measured
+
+from tdcr_fe.cli import main
+from tdcr_fe.effects import EFFECTS, Experiment
+from tdcr_fe.identify import IdentifySettings, identify
+from tdcr_fe.io.measured import write_measured
+from tdcr_fe.io.own_effects import read_own_effects
+from tdcr_fe.io.problems import InputError
+
+PAGE = (Path(__file__).parents[2] / "docs" / "own_effects.md").read_text(encoding="utf-8")
+EXAMPLE = re.search(r"```python\n# cable_pull\.py\n(.*?)```", PAGE, re.S)[1]
+TRUTH = {"force_x": 0.02, "force_y": -0.015, "force_z": 0.03}
+
+
+@pytest.fixture
+def example(tmp_path):
+    """The file of the documentation page."""
+    path = tmp_path / "cable_pull.py"
+    path.write_text(EXAMPLE, encoding="utf-8")
+    return path
+
+
+def test_the_example_has_twenty_lines():
+    assert len([line for line in EXAMPLE.splitlines() if line.strip()]) <= 20
+
+
+def test_the_example_of_the_page_is_found_and_runs(example, tmp_path, capsys):
+    """On readings with a force at the tip, ``identify`` names it, and ``run`` repeats the fit."""
+    (own,) = read_own_effects([example])
+    data = measured({"cable_pull": TRUTH}, catalogue=(*EFFECTS, own))
+    write_measured(data, tmp_path / "set")
+    out = tmp_path / "out"
+    option = ["--effects", str(example)]
+    assert main(["identify", str(tmp_path / "set"), "-o", str(out), *option]) == 0
+    assert "A camera cable pulls at the tip" in (out / "report.html").read_text(encoding="utf-8")
+    document = json.loads((out / "result.json").read_text())
+    (found,) = document["effects"]
+    assert (found["effect"], document["verdict"]) == ("cable_pull", "explained")
+    for name, true in TRUTH.items():
+        estimate = found["parameters"][name]
+        assert abs(estimate["value"] - true) < 4.0 * estimate["std_error"] < 0.01
+    capsys.readouterr()
+    run = ["run", str(out / "effects.toml"), "-o", str(tmp_path / "run"), "--no-pictures"]
+    assert main(run) == 2  # without the option the scenario names an unknown effect
+    assert "effects.cable_pull" in capsys.readouterr().err
+    assert main([*run, *option]) == 0
+    steps = pd.read_csv(tmp_path / "run" / "steps.csv", dtype={"label": str}).set_index("label")
+    tips = [r for r in data.readings if r.location == LENGTH and r.quantity == "position_x"]
+    assert all(abs(steps.loc[str(r.step), "tip_x"] - r.value) < 5.0 * r.sigma for r in tips)
+
+
+def test_without_it_the_cause_is_not_found(example):
+    """The listed effects do not explain a force at the tip: the file makes the difference."""
+    (own,) = read_own_effects([example])
+    data = measured({"cable_pull": TRUTH}, catalogue=(*EFFECTS, own))
+    result = identify(data, IdentifySettings(max_effects=1))
+    assert result.verdict != "explained"
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda t: t.replace("class CablePull(Effect)", "class CablePull"), "must define a class derived from"),
+        (lambda t: t.replace('"cable_pull"', '"gravity"'), "is the name of another effect"),
+        (lambda t: t.replace('"cable_pull"', '"cable pull"'), "must be a word"),
+        (lambda t: t.replace("def apply", "def act"), "apply: must be defined"),
+        (lambda t: t.replace("parameters = tuple(", "numbers = tuple("), "at least one"),
+        (lambda t: t.replace("0.0, 1e-3", "9.0, 1e-3"), "must lie within its bounds, -5 to 5 N"),
+        (lambda t: t.replace("import replace", "import substitute"), "cannot be run: ImportError"),
+        (lambda t: t + "\n1 +", "cannot be run: SyntaxError"),
+    ],
+    ids=["no class", "listed name", "two words", "no apply", "no parameters", "bounds", "import", "syntax"],
+)  # fmt: skip
+def test_a_file_that_is_no_effect_is_refused_with_what_is_allowed(example, tmp_path, capsys, change, text):
+    changed = change(EXAMPLE)
+    assert changed != EXAMPLE
+    example.write_text(changed, encoding="utf-8")
+    write_measured(measured(), tmp_path / "set")
+    command = ["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out"), "--effects", str(example)]
+    assert main(command) == 2
+    assert text in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda t: t.replace('values[p.name]', 'values["force"]'), "CablePull.apply: fails at null values: KeyError"),
+        (lambda t: t.replace("return replace(experiment, steps=steps)", "return steps"), "must return an Experiment"),
+    ],
+    ids=["error", "no experiment"],
+)  # fmt: skip
+def test_mistakes_in_apply_show_before_anything_is_simulated(example, change, text):
+    example.write_text(change(EXAMPLE), encoding="utf-8")
+    own = read_own_effects([example])
+    with pytest.raises(InputError) as caught:
+        identify(measured(), IdentifySettings(own_effects=own))
+    assert text in str(caught.value) and str(example) in str(caught.value)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        read_own_effects([tmp_path / "missing.py"])
+
+
+def test_own_effects_are_applied_after_the_listed_ones(example):
+    own = read_own_effects([example])
+    catalogue = IdentifySettings(own_effects=own).catalogue
+    assert catalogue[:-1] == EFFECTS and catalogue[-1].name == "cable_pull"
+    data = measured()
+    experiment = Experiment(data.robot, data.model, data.steps)
+    assert own[0].apply(experiment, TRUTH).steps[3].loads["cable"].force == tuple(TRUTH.values())
