@@ -239,12 +239,12 @@ class TendonActuation:
 
     @property
     def displacements(self) -> Array:
-        """Tendon displacement at the base since the unloaded, just taut state [m], shape (m,).
+        """Tendon pulled in at the base [m], shape (m,): zero in the unloaded shape, just taut or with its pretension.
 
         For a tendon driven by displacement this is the prescribed value, which a slack tendon does not follow.
         """
         if self.forces is None:
-            return np.zeros(self.count)
+            return self.law.released_unloaded().sum(axis=1)
         return np.where(np.isnan(self.prescribed), self.forces.field.base_slip, self.prescribed)
 
     def disconnect(self) -> None:

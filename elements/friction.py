@@ -135,6 +135,8 @@ class TendonParameters:
         Tension drop at every hole that does not grow with the tension [N].
     compliance : ndarray, shape (m,)
         ``1 / EA`` of the tendon, zero where inextensible [1/N].
+    pretension : ndarray, shape (m,)
+        Tension in the unloaded state where the displacement at the base is zero [N].
     laws : tuple of CoefficientLaw or None
         Law of each tendon's coefficients of friction, used instead of ``friction``; None, or an empty tuple, where
         the coefficients are constant.
@@ -145,7 +147,13 @@ class TendonParameters:
     friction: Array
     adhesion: Array
     compliance: Array
+    pretension: Array
     laws: tuple[CoefficientLaw | None, ...] = ()
+
+    @property
+    def material(self) -> Array:
+        """Length of every segment's tendon without tension, where the displacement at the base is zero [m], (m, n)."""
+        return self.lengths / (1.0 + self.compliance * self.pretension)[:, None]
 
 
 @dataclass(frozen=True)
@@ -200,7 +208,7 @@ class TensionField:
     tension : ndarray, shape (m, n)
         [N].
     released_length : ndarray, shape (m, n)
-        Released length of each segment, ``L - l / (1 + T/EA)`` [m].
+        Released length of each segment, ``L / (1 + T0/EA) - l / (1 + T/EA)`` with the pretension ``T0`` [m].
     slip, mobilisation : ndarray, shape (m, g)
         As they would be committed.
     released_d_length, released_d_tension : ndarray, shape (m, n)
@@ -296,6 +304,7 @@ class TendonLaw:
                 acts[i] = self._holes[i]
         #: For which mobilisations there is friction, shape (m, g).
         self.frictional: NDArray[np.bool_] = (acts.astype(float) @ np.abs(self._hole_incidence)) > 0.0
+        self._material = parameters.material
         self.has_friction = bool(np.any(self.frictional))
         #: Whether any tendon stretches.
         self.elastic = bool(np.any(parameters.compliance > 0.0))
@@ -305,9 +314,13 @@ class TendonLaw:
         self._negative, self._nothing, self._constant = -self._masked, np.zeros((m, n)), np.zeros((m, n, n))
 
     def initial_state(self) -> FrictionState:
-        """History of a robot that was never loaded."""
-        m = self.shape[0]
-        return FrictionState(np.zeros((m, self.groups)), np.zeros((m, self.groups)))
+        """History of a robot that was never loaded, its tendons just taut."""
+        slip = self.slips(self.released_unloaded())
+        return FrictionState(slip, np.zeros_like(slip))
+
+    def released_unloaded(self) -> Array:
+        """Released lengths in the unloaded shape without tension [m], shape (m, n): zero but for pretension."""
+        return self._material - self.parameters.lengths
 
     def slips(self, released: Array) -> Array:
         """Slip that drives each mobilisation, from the released segment lengths [m], (m, n) to (m, g)."""
@@ -390,7 +403,7 @@ class TendonLaw:
             return self.parameters.lengths - lengths, self._negative, self._nothing
         c = self.parameters.compliance[:, None]
         stretch = 1.0 / (1.0 + c * tension)
-        released = (self.parameters.lengths - lengths * stretch) * self._masked
+        released = (self._material - lengths * stretch) * self._masked
         return released, -stretch * self._masked, lengths * c * stretch**2 * self._masked
 
     def _slip_rate(self, slip: Array, state: FrictionState, elapsed: float) -> Array:

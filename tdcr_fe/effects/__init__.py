@@ -19,6 +19,7 @@ from tdcr_fe.effects.tendons import (
     FrictionCoefficient,
     HoleAdhesion,
     HoleClearance,
+    Pretension,
     RoutingTwist,
     TendonStretch,
 )
@@ -41,6 +42,7 @@ EFFECTS: tuple[Effect, ...] = (
     RoutingTwist(),
     HoleClearance(),
     TendonStretch(),
+    Pretension(),
     MarkerOffset(),
     FrameMisalignment(),
 )
@@ -83,7 +85,7 @@ def with_effects(
         effect(name, catalogue)
     for e in catalogue:
         if e.name in effects:
-            e.check(effects[e.name])
+            e.check(effects[e.name], experiment.robot)
             experiment = e.apply(experiment, {**e.null_values(experiment), **effects[e.name]})
     return experiment
 

@@ -148,6 +148,14 @@ class Effect:
         """Values at which it changes nothing in ``experiment``."""
         return {p.name: p.null_value for p in self.parameters}
 
+    def parameters_of(self, robot: Robot) -> tuple[Parameter, ...]:
+        """All parameters that may be given for a robot, such as one for each tendon."""
+        return self.parameters
+
+    def null_value(self, experiment: Experiment, name: str) -> float:
+        """Value at which one parameter of `parameters_of` changes nothing."""
+        return self.null_values(experiment)[name]
+
     def unidentifiable_at_null(self, experiment: Experiment) -> tuple[str, ...]:
         """Parameters that change nothing while the others have their null values; `probe_points` has alternatives."""
         return ()
@@ -173,14 +181,14 @@ class Effect:
         null = self.null_values(experiment)
         return [[{**null, p.name: null[p.name] + p.scale} for p in self.parameters]]
 
-    def check(self, values: Values) -> None:
-        """Refuse unknown, missing and impossible values.
+    def check(self, values: Values, robot: Robot | None = None) -> None:
+        """Refuse unknown, missing and impossible values; with a robot, those of its tendons are known as well.
 
         Raises
         ------
         ValueError
         """
-        known = {p.name: p for p in self.parameters}
+        known = {p.name: p for p in (self.parameters if robot is None else self.parameters_of(robot))}
         unknown = sorted(set(values) - set(known))
         if unknown:
             raise ValueError(f"effect {self.name}: no parameter {unknown[0]!r}; it has {', '.join(known)}")

@@ -1,4 +1,4 @@
-"""Effects of the tendons and their holes: friction, adhesion, twisted routing, clearance, stretch."""
+"""Effects of the tendons and their holes: friction, adhesion, twisted routing, clearance, stretch, pretension."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Parameter, Values
-from tdcr_fe.model.robot import Tendon
+from tdcr_fe.model.robot import Robot, Tendon
 from tdcr_fe.model.routing import TwistedRouting
 
 
@@ -218,6 +218,66 @@ class TendonStretch(Effect):
                 ea = parameter.value(max(0.0, _compliance(t) + compliance - null))
             tendons.append(replace(t, axial_stiffness=None if math.isinf(ea) else float(ea)))
         return experiment.with_robot(tendons=tuple(tendons))
+
+
+class Pretension(Effect):
+    """Tendons pulled in before what is called zero."""
+
+    name = "pretension"
+    description = (
+        "Elastic tendons are tightened before the displacements are counted: they act on each other through the "
+        "backbone, and become slack only when let out by more than their stretch."
+    )
+    separating_experiment = "let one tendon out step by step until it is slack"
+    parameters = (
+        Parameter("tension", "N", 0.0, 1e3, 0.0, 0.05, "of the tendons in the straight, unloaded robot"),
+    )
+
+    def parameters_of(self, robot: Robot) -> tuple[Parameter, ...]:
+        """One for all tendons, and ``tension_NAME`` for each."""
+        return (
+            *self.parameters,
+            *(
+                replace(self.parameters[0], name=f"tension_{t}", meaning=f"of {t}")
+                for t in robot.tendon_names
+            ),
+        )
+
+    def null_values(self, experiment: Experiment) -> dict[str, float]:
+        """The mean of the tendons' declared values."""
+        tendons = experiment.robot.tendons
+        return {"tension": _mean([t.pretension for t in tendons]) if tendons else 0.0}
+
+    def null_value(self, experiment: Experiment, name: str) -> float:
+        """The declared value of one tendon, or their mean."""
+        if name == "tension":
+            return self.null_values(experiment)[name]
+        return experiment.robot.tendon(name.removeprefix("tension_")).pretension
+
+    def probe_points(
+        self, experiment: Experiment, excitation: ExcitationRange
+    ) -> list[list[dict[str, float]]]:
+        """A twentieth and a half of the largest tension; nothing unless elastic tendons are driven by displacement."""
+        robot, steps = experiment.robot, experiment.steps
+        elastic = {t.name for t in robot.tendons if t.axial_stiffness is not None}
+        if not steps or elastic != set(robot.tendon_names) or not elastic <= set(steps[0].displacements):
+            return []
+        null, largest = self.null_values(experiment)["tension"], max(excitation.tension, 0.01)
+        return [[{"tension": null + share * largest}] for share in (0.05, 0.5)]
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`; pretensions that differ between tendons keep their proportions."""
+        null = self.null_values(experiment)["tension"]
+        tendons = tuple(
+            replace(
+                t,
+                pretension=values.get(
+                    f"tension_{t.name}", _shifted(t.pretension, null, values.get("tension", null))
+                ),
+            )
+            for t in experiment.robot.tendons
+        )
+        return experiment.with_robot(tendons=tendons)
 
 
 def _compliance(tendon: Tendon) -> float:

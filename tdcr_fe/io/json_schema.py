@@ -26,6 +26,9 @@ def _effects_schema() -> dict[str, Any]:
             "properties": numbers,
             "additionalProperties": False,
         }
+    # One pretension for each tendon, whose names the schema does not know.
+    tension = properties["pretension"]["properties"]["tension"]
+    properties["pretension"]["patternProperties"] = {"^tension_": tension}
     return {
         "type": "object",
         "description": "effects that the model includes, by name",

@@ -123,6 +123,9 @@ def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: floa
         )
         value = f"{tendon.friction_coefficient:g}"
         found.append(Contradiction(f"{key}.friction_coefficient", value, sentence))
+    if tendon.pretension > 0.0 and tendon.axial_stiffness is None:
+        sentence = "needs an elastic tendon; give its axial_stiffness [N], or leave pretension out"
+        found.append(Contradiction(f"{key}.pretension", f"{tendon.pretension:g}", sentence))
     s = np.asarray(disks.positions, dtype=float)
     end = length if tendon.end is None else tendon.end
     if not np.min(np.abs(s - end)) <= ARC_TOLERANCE:

@@ -69,7 +69,8 @@ class LoadStep:
     tensions : mapping of str to float
         Tension at the base, by tendon [N].
     displacements : mapping of str to float
-        Tendon pulled in at the base, measured from the unloaded, just taut state, by tendon [m].
+        Tendon pulled in at the base, by tendon [m]: zero in the unloaded shape, where it is just taut or has its
+        pretension.
     loads : mapping of str to Load
         By the load's name.
     substeps : int or None
@@ -167,7 +168,7 @@ class Actuation:
 def resolve(robot: Robot, steps: Iterable[LoadStep]) -> list[Actuation]:
     """Carry what a step does not name over from the step before.
 
-    Before the first step every tendon is driven by tension zero.
+    Before the first step every tendon is driven by tension zero; a tendon with pretension by displacement zero.
 
     Parameters
     ----------
@@ -187,7 +188,7 @@ def resolve(robot: Robot, steps: Iterable[LoadStep]) -> list[Actuation]:
         A step names an unknown tendon, or a tendon twice, or a load beyond the tip.
     """
     index = {name: i for i, name in enumerate(robot.tendon_names)}
-    by_displacement = np.zeros(len(index), dtype=bool)
+    by_displacement = np.array([t.pretension > 0.0 for t in robot.tendons], dtype=bool)
     values = np.zeros(len(index))
     loads: dict[str, Load] = {}
     time = 0.0

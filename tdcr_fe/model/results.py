@@ -44,7 +44,7 @@ class StepResult:
     base_tensions : ndarray, shape (n_tendons,)
         Tension at the base plate [N].
     displacements : ndarray, shape (n_tendons,)
-        Tendon pulled in at the base plate since the unloaded, just taut state [m].
+        Tendon pulled in at the base plate [m]: zero in the unloaded shape, just taut or at its pretension.
     tensions : tuple of ndarray, each of shape (n_segments,)
         By tendon, tension of every segment from the base plate to the anchor [N]. The classical model has
         the same tension everywhere; it is given for the same segments.

@@ -259,6 +259,9 @@ class Tendon:
         Tension drop per hole that does not grow with the tension [N].
     clearance : float
         How far the tendon can shift sideways in an oversized hole [m].
+    pretension : float
+        Tension in the unloaded shape where all displacements are zero [N]; needs an elastic tendon. Before the first
+        step that names it, a tendon with pretension is held at displacement zero.
     """
 
     name: Annotated[str, Quantity("by which steps and tables call it", name=True)]
@@ -274,6 +277,15 @@ class Tendon:
     ] = 0.0
     clearance: Annotated[
         float, Quantity("how far the tendon can shift sideways in an oversized hole", unit="m", ge=0.0)
+    ] = 0.0
+    pretension: Annotated[
+        float,
+        Quantity(
+            "tension in the unloaded shape where all displacements are zero",
+            unit="N",
+            ge=0.0,
+            note="needs axial_stiffness",
+        ),
     ] = 0.0
     friction: Annotated[
         FrictionCoefficient | None,

@@ -152,6 +152,9 @@ def tendon_law(
     coefficient = np.array([t.friction_coefficient for t in tendons]).reshape(m, 1)
     adhesion = np.array([t.adhesion for t in tendons]).reshape(m, 1)
     compliance = np.array([0.0 if t.axial_stiffness is None else 1.0 / t.axial_stiffness for t in tendons])
+    pretension = np.array([t.pretension for t in tendons])
     laws = tuple(t.friction for t in tendons)
-    parameters = TendonParameters(lengths, mask, coefficient * inner, adhesion * inner, compliance, laws)
+    parameters = TendonParameters(
+        lengths, mask, coefficient * inner, adhesion * inner, compliance, pretension, laws
+    )
     return TendonLaw(parameters, FRICTION_MODELS[friction], presliding)

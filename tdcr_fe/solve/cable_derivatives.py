@@ -56,12 +56,12 @@ class CableDerivatives:
             np.array([[t.clearance for t in m.robot.tendons] for m in self._holes.models])
         )
         self._by_unloaded = self._lengths.derivative(
-            np.stack([m.forces.law.parameters.lengths for m in self._lengths.models])
+            np.stack([m.forces.law.parameters.material for m in self._lengths.models])
         )
         acting = [acting_parameters(m.forces.law) for m in self._laws.models]
         #: Whether coefficients of friction are numbers in all models.
         self._constant = not any(law is not None for p in acting for law in p.laws)
-        self._law_lengths = np.stack([p.lengths for p in acting])
+        self._law_lengths = np.stack([p.material for p in acting])
         self._by_friction = self._laws.derivative(np.stack([p.friction for p in acting]))
         self._by_adhesion = self._laws.derivative(np.stack([p.adhesion for p in acting]))
         self._by_compliance = self._laws.derivative(np.stack([p.compliance for p in acting]))
@@ -185,7 +185,7 @@ def _holes_differ(a: RobotModel, b: RobotModel) -> bool:
 
 
 def _lengths_differ(a: RobotModel, b: RobotModel) -> bool:
-    return not np.array_equal(a.forces.law.parameters.lengths, b.forces.law.parameters.lengths)
+    return not np.array_equal(a.forces.law.parameters.material, b.forces.law.parameters.material)
 
 
 def _laws_differ(a: RobotModel, b: RobotModel) -> bool:

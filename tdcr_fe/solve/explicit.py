@@ -53,6 +53,7 @@ class ExplicitDerivatives:
         self._creeps = any(m.robot.backbone.creep_rate != 0.0 for m in self._elastic.models)
         self._by_weight = self._weight.derivative(np.stack([m.weight for m in self._weight.models]))
         self._coefficients = self._elastic_coefficients(0.0)
+        self._unloaded = Stacked.where(present, found, _released_unloaded_differ)
 
     def _elastic_coefficients(self, time: float) -> tuple[Array, Array]:
         """Derivatives of stiffness over length, and of its product with the unloaded twists, (E, 6, P')."""
@@ -63,6 +64,13 @@ class ExplicitDerivatives:
             slopes.append(slope)
             loads.append(slope * mesh.reference_twists)
         return self._elastic.derivative(np.stack(slopes)), self._elastic.derivative(np.stack(loads))
+
+    def released_unloaded(self) -> Array:
+        """Derivatives of the released lengths in the unloaded shape without tension, shape (m, n, P)."""
+        found = np.zeros((*self.present.forces.law.shape, self.count))
+        values = np.stack([m.forces.law.released_unloaded() for m in self._unloaded.models])
+        found[:, :, self._unloaded.parameters] = self._unloaded.derivative(values)
+        return found
 
     def at(
         self, own: TendonForces, point: RobotPoint, mobilisation: Array, inherited: Inherited
@@ -120,7 +128,7 @@ class ExplicitDerivatives:
             by_twist[:, :, self._section.parameters] += self._section.derivative(gradient)
             if self._section_stack.has_tendons:
                 laws = [x.forces.law.parameters for x in self._section.models]
-                unloaded = np.stack([p.lengths[:, 0] for p in laws])
+                unloaded = np.stack([p.material[:, 0] for p in laws])
                 stretch = 1.0 + np.stack([p.compliance for p in laws]) * point.base_tension
                 released[:, 0, self._section.parameters] = self._section.derivative(
                     unloaded - lengths / stretch
@@ -140,6 +148,11 @@ class ExplicitDerivatives:
                 gradient = gradient + section.superelastic.gradient(point.twists, section.lengths)
             found.append(gradient)
         return np.asarray((found[0] - found[1]) / (2.0 * step))
+
+
+def _released_unloaded_differ(a: RobotModel, b: RobotModel) -> bool:
+    first, second = a.forces.law, b.forces.law
+    return first is not second and not np.array_equal(first.released_unloaded(), second.released_unloaded())
 
 
 def _elasticity_differs(a: RobotModel, b: RobotModel) -> bool:
@@ -175,7 +188,7 @@ def _section_differs(a: RobotModel, b: RobotModel) -> bool:
             np.array_equal(s.offset, t.offset)
             and np.array_equal(s.slope, t.slope)
             and np.array_equal(first.lengths, second.lengths)
-            and np.array_equal(a.forces.law.parameters.lengths, b.forces.law.parameters.lengths)
+            and np.array_equal(a.forces.law.parameters.material, b.forces.law.parameters.material)
             and np.array_equal(a.forces.law.parameters.compliance, b.forces.law.parameters.compliance)
         )
     )

@@ -134,7 +134,7 @@ def effect_parameter(
     from tdcr_fe.effects import with_effects
 
     chosen = effect(name)
-    known = {p.name: p for p in chosen.parameters}
+    known = {p.name: p for p in chosen.parameters_of(experiment.robot)}
     if parameter not in known:
         raise ValueError(f"effect {name}: no parameter {parameter!r}; it has {', '.join(known)}")
     if name in ("frame_misalignment", "marker_offset"):
@@ -145,7 +145,9 @@ def effect_parameter(
     present = dict(values or {})
     # Null values depend on the effects that are applied before.
     before = {k: v for k, v in present.items() if _order(k) < _order(name)}
-    own = {**chosen.null_values(with_effects(experiment, before)), **present.get(name, {})}
+    below = with_effects(experiment, before)
+    own = {**chosen.null_values(below), **present.get(name, {})}
+    own.setdefault(parameter, chosen.null_value(below, parameter))
     start = about.coordinate(own[parameter])
     lower = min(about.coordinate(about.lower), about.coordinate(about.upper))
     upper = max(about.coordinate(about.lower), about.coordinate(about.upper))
@@ -264,6 +266,7 @@ def _size(robot: Robot, path: Sequence[str], value: float) -> float:
         "moment": _SIZES["N m"],
         "time": 1.0,
         "adhesion": 0.1 * _SIZES["N"],
+        "pretension": _SIZES["N"],
         "creep_rate": _SIZES["1/s"],
         "friction_coefficient": 0.1,
     }

@@ -215,6 +215,7 @@ class LawStack:
                 np.concatenate([p.friction for p in parameters]),
                 np.concatenate([p.adhesion for p in parameters]),
                 np.concatenate([p.compliance for p in parameters]),
+                np.concatenate([p.pretension for p in parameters]),
                 tuple(law for p in parameters for law in (p.laws or (None,) * self.shape[0])),
             ),
             mobilised,

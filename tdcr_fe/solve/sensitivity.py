@@ -64,11 +64,22 @@ class Derivative:
     time: Array
 
     @classmethod
-    def zero(cls, m: int, g: int, loads: int, count: int) -> Derivative:
-        """Of a robot that was never loaded."""
-        history = np.zeros((m, g, count))
-        base = np.zeros((m, count))
-        return cls(history, history, history, base, base, base, np.zeros((loads, 6, count)), np.zeros(count))
+    def unloaded(cls, released: Array, operator: Array, loads: int) -> Derivative:
+        """Of a robot that was never loaded.
+
+        Parameters
+        ----------
+        released
+            Derivatives of the released lengths, which are not zero where tendons have pretension, shape (m, n, P).
+        operator
+            From released lengths to slips, shape (g, n).
+        loads
+            Number of concentrated loads.
+        """
+        slip, base = operator @ released, released.sum(axis=1)
+        history, none = np.zeros_like(slip), np.zeros_like(base)
+        count = released.shape[2]
+        return cls(slip, history, history, none, base, none, np.zeros((loads, 6, count)), np.zeros(count))
 
     def without(self, which: NDArray[np.bool_]) -> Derivative:
         """Zero for some parameters, shape (P,)."""
@@ -218,9 +229,11 @@ class SensitivityHistory:
         if self.steps:
             return self.steps[-1].carried
         law = self.explicit.present.forces.law
-        m, n = law.shape
-        holes = np.zeros((m, len(self.explicit.law.slip_operator(n))))
-        return _Carried(Derivative.zero(m, law.groups, len(self.loads), len(self.parameters)), holes, holes)
+        slip = law.released_unloaded() @ self.explicit.law.slip_operator(law.shape[1]).T
+        released = self.explicit.released_unloaded()
+        return _Carried(
+            Derivative.unloaded(released, law.slip_operator, len(self.loads)), np.zeros_like(slip), slip
+        )
 
     # ------------------------------------------------------------------ along the path
 

@@ -54,7 +54,10 @@ def fan(coefficient, holes: int, total: float, base: float, pulled: float) -> np
     n = holes + 1
     lengths, mask = np.full((1, n), 1e-3), np.ones((1, n), dtype=bool)
     zero = np.zeros((1, holes))
-    x = TendonLaw(TendonParameters(lengths, mask, zero, zero, np.zeros(1), (coefficient,)), PerHoleFriction())
+    x = TendonLaw(
+        TendonParameters(lengths, mask, zero, zero, np.zeros(1), np.zeros(1), (coefficient,)),
+        PerHoleFriction(),
+    )
     moved = lengths.copy()
     moved[0, -1] -= pulled
     angles = np.full((1, holes), total / holes)

@@ -54,6 +54,15 @@ def by_displacement() -> tuple[LoadStep, ...]:
     )
 
 
+def tightened() -> tuple[LoadStep, ...]:
+    """At displacement zero, then one tendon pulled in and the others let out, and back."""
+    return (
+        LoadStep("", displacements={"t1": 0.0, "t2": 0.0, "t3": 0.0}, substeps=4, time=1.0),
+        LoadStep("", displacements={"t1": 2e-3, "t2": -6e-4, "t3": -5e-4}, substeps=4, time=2.0),
+        LoadStep("", displacements={"t1": 1.2e-3, "t2": 2e-4}, substeps=4, time=3.0),
+    )
+
+
 EXPERIMENTS = {
     "no friction": Experiment(
         robot(0.0), Model(friction="none", elements_per_bay=2, gravity=(0.5, 1.0, -9.81)), by_tension()
@@ -64,6 +73,14 @@ EXPERIMENTS = {
         robot(axial_stiffness=400.0, adhesion=0.01), Model(elements_per_bay=1), by_tension()
     ),
     "displacements": Experiment(robot(axial_stiffness=400.0), Model(elements_per_bay=1), by_displacement()),
+    "pretension": Experiment(
+        robot(axial_stiffness=400.0, pretension=0.4), Model(elements_per_bay=1), tightened()
+    ),
+    "continuous, pretension": Experiment(
+        robot(0.0, axial_stiffness=400.0, pretension=0.4),
+        Model(friction="none", tendon_path="continuous", elements_per_bay=1),
+        tightened(),
+    ),
     "inextensible, displacements": Experiment(robot(), Model(elements_per_bay=1), by_displacement()),
     "clearance": Experiment(robot(clearance=2e-4), Model(elements_per_bay=1), by_tension()),
     "superelastic, creep": Experiment(
@@ -100,6 +117,9 @@ FAST = [
     ("elastic, adhesion", "tendons.adhesion"),
     ("displacements", "steps[1].displacements.t2"),
     ("displacements", "tendons.axial_stiffness"),
+    ("pretension", "tendons.pretension"),
+    ("pretension", "effects.pretension.tension_t2"),
+    ("continuous, pretension", "tendons.t3.pretension"),
     ("inextensible, displacements", "tendons.t2.turns"),
     ("clearance", "tendons.clearance"),
     ("superelastic, creep", "backbone.superelastic.threshold_strain"),
@@ -130,6 +150,11 @@ SLOW = {
         "steps[2].displacements.t1", "effects.actuator_gain.gain", "backbone.length",
     ],
     "inextensible, displacements": ["backbone.youngs_modulus", "tendons.friction_coefficient", "tendons.t1.offset"],
+    "pretension": [
+        "tendons.axial_stiffness", "backbone.length", "tendons.friction_coefficient", "tendons.t1.offset",
+        "effects.pretension.tension", "effects.tendon_stretch.axial_stiffness", "steps[1].displacements.t2",
+    ],
+    "continuous, pretension": ["tendons.axial_stiffness", "effects.pretension.tension", "backbone.length"],
     "clearance": ["backbone.youngs_modulus", "tendons.t1.offset", "tendons.friction_coefficient"],
     "superelastic, creep": [
         "backbone.superelastic.plateau_ratio", "backbone.creep_rate", "backbone.radius", "backbone.length",

@@ -19,7 +19,7 @@ from tdcr_fe.validation.blind import OFF_LIST, Answer, Recipe, make_blind, plan
 from tdcr_fe.validation.blind.benchmark import run_benchmark
 from tdcr_fe.validation.blind.loading import draw_loading
 from tdcr_fe.validation.blind.readings import read
-from tdcr_fe.validation.blind.recipes import BY_DISPLACEMENT, ROBOTS
+from tdcr_fe.validation.blind.recipes import BY_DISPLACEMENT, LATER, ROBOTS, plan_of
 from tdcr_fe.validation.blind.report import BEGIN, END, to_markdown, write_into_page, write_report
 from tdcr_fe.validation.blind.robots import draw_robot
 from tdcr_fe.validation.blind.scoring import score, summarise
@@ -53,12 +53,20 @@ def test_a_plan_covers_everything_early_and_does_not_depend_on_its_length():
     recipes = plan(60, 3)
     assert recipes[:28] == plan(28, 3)
     assert len({r.seed for r in recipes}) == 60
-    assert {r.effects[0] for r in recipes[:28] if r.kind == "single"} == {e.name for e in EFFECTS}
+    assert {r.effects[0] for r in recipes[:28] if r.kind == "single"} == {e.name for e in EFFECTS} - set(
+        LATER
+    )
     kinds = [r.kind for r in recipes]
     assert kinds.count("clean") >= 8 and kinds.count("pair") >= 6 and kinds.count("weak") >= 2
     assert {r.effects[0] for r in recipes if r.kind == "off-list"} == set(OFF_LIST)
     assert {r.robot for r in recipes} == set(ROBOTS)
     assert all(5e-5 <= r.sigma <= 5e-4 for r in recipes)
+
+
+def test_later_effects_have_a_plan_of_their_own():
+    recipes = plan_of(LATER, 8)
+    assert recipes[:3] == plan_of(LATER, 3) and len({r.seed for r in recipes}) == 8
+    assert {r.effects[0] for r in recipes} == set(LATER)
 
 
 def test_recipes_that_cannot_be_are_refused():

@@ -35,6 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--processes", type=at_least_one, default=1, help="number of sets at a time (1)")
     parser.add_argument("--seed", type=int, default=0, help="of the plan (0)")
+    parser.add_argument("--effects", nargs="+", metavar="NAME", help="one of these in each set, in turn")
     parser.add_argument("--only", type=int, nargs="+", metavar="SET", help="seeds of the sets to do")
     parser.add_argument("--page", metavar="FILE", help="page of the documentation that gets the tables")
     args = parser.parse_args(argv)
@@ -45,10 +46,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     from tqdm import tqdm
 
     from tdcr_fe.validation.blind.benchmark import run_benchmark
-    from tdcr_fe.validation.blind.recipes import plan
+    from tdcr_fe.validation.blind.recipes import plan, plan_of
     from tdcr_fe.validation.blind.report import to_markdown, write_into_page, write_report
 
-    recipes = [r for r in plan(args.n, args.seed) if args.only is None or r.seed in args.only]
+    try:
+        planned = plan_of(args.effects, args.n, args.seed) if args.effects else plan(args.n, args.seed)
+    except ValueError as error:
+        parser.error(f"--effects: {error}")
+    recipes = [r for r in planned if args.only is None or r.seed in args.only]
     if not recipes:
         parser.error("--only names no set of this plan")
     with tqdm(total=len(recipes), unit="set") as bar:

@@ -15,9 +15,9 @@ from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.validation.blind.loading import draw_loading
+from tdcr_fe.validation.blind.loading import draw_loading, largest_commands
 from tdcr_fe.validation.blind.readings import Mark, draw_markers, planned_readings, read
-from tdcr_fe.validation.blind.recipes import Recipe
+from tdcr_fe.validation.blind.recipes import DRIVES, Recipe
 from tdcr_fe.validation.blind.robots import draw_robot
 from tdcr_fe.validation.blind.unlisted import Unlisted, draw_unlisted
 from tdcr_fe.validation.blind.values import DETECTABLE, Values, detectable, draw_values
@@ -157,6 +157,11 @@ def _make(recipe: Recipe, rng: np.random.Generator, substeps: int) -> tuple[Meas
 def _draw_declared(recipe: Recipe, rng: np.random.Generator) -> tuple[Experiment, tuple[str, ...]]:
     """The declared robot with its loading sequence, and the branches of the steps."""
     robot = draw_robot(recipe.robot, rng)
+    if "pretension" in recipe.effects:
+        # Tendons that stretch by a fifth of the largest displacement at the tension that bends the robot by 1 rad.
+        largest = {d: min(largest_commands(robot, d, 1.0).values()) for d in DRIVES}
+        stiffness = 5.0 * robot.backbone.length * largest["tension"] / largest["displacement"]
+        robot = robot.with_tendons(axial_stiffness=float(f"{stiffness:.3g}"))
     timed = "creep" in recipe.effects or rng.random() < 0.2
     steps, branches = draw_loading(robot, recipe.drive, timed, rng)
     model = Model(gravity=_draw_gravity(recipe, rng), elements_per_bay=2)

@@ -138,6 +138,9 @@ DRAW: dict[str, Callable[[_Sizes, np.random.Generator], dict[str, float]]] = {
         * sizes.length
         / (float(rng.uniform(0.05, 0.25)) * sizes.displacement),
     },
+    "pretension": lambda sizes, rng: {
+        "tension": float(rng.uniform(0.1, 0.6)) * sizes.tension,
+    },
     "actuator_backlash": lambda sizes, rng: {
         "backlash": float(rng.uniform(0.05, 0.2)) * sizes.displacement,
     },

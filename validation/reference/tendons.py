@@ -197,6 +197,10 @@ class Tendons:
         self.loose = not self.continuous and bool(np.any(self.clearance > 0.0))
         stiffness = [np.inf if t.axial_stiffness is None else t.axial_stiffness for t in robot.tendons]
         self.flexibility = np.repeat(1.0 / np.array(stiffness, dtype=float), counts)
+        pretension = np.array([t.pretension for t in robot.tendons], dtype=float)
+        #: Stretch of the tendon of every segment in the unloaded shape at displacement zero [1].
+        self.tightened = 1.0 + self.flexibility * np.repeat(pretension, counts)
+        #: Length of every segment in the unloaded shape [m].
         self.rest = np.zeros(self.size)
         self.base_sum = np.zeros((self.count, self.size))
         for i in range(self.count):
@@ -236,13 +240,18 @@ class Tendons:
         return mu
 
     def start(self) -> History:
-        """The unloaded state."""
-        return History(np.zeros(self.n_friction), np.zeros(self.n_friction))
+        """The unloaded shape without tension: a tendon with pretension has been let out."""
+        let_out = self.rest / self.tightened - self.rest
+        return History(np.zeros(self.n_friction), self.passed_sum @ let_out)
 
     def taken_in(self, lengths: Array, tension: Array) -> tuple[Array, Array, Array]:
         """Released length of each segment [m] and its derivatives by length and tension."""
         stretch = 1.0 + self.flexibility * tension
-        return self.rest - lengths / stretch, -1.0 / stretch, lengths * self.flexibility / stretch**2
+        return (
+            self.rest / self.tightened - lengths / stretch,
+            -1.0 / stretch,
+            lengths * self.flexibility / stretch**2,
+        )
 
     def equations(
         self,
