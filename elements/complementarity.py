@@ -1,4 +1,4 @@
-"""Box-constrained linear complementarity problem: which holes stick and which slip in one linearised step."""
+"""Linear complementarity problems: which holes stick or slip, and which tendons are slack, in one linearised step."""
 
 from __future__ import annotations
 
@@ -71,3 +71,49 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
         side[broken & up] = 1.0
         side[broken & down] = -1.0
     return np.clip(s, -1.0, 1.0), False
+
+
+def solve_nonnegative(matrix: Array, right: Array, start: Array) -> tuple[Array, bool]:
+    """Find ``z >= 0`` with ``w = right + matrix z >= 0`` and ``z w = 0``.
+
+    Block principal pivoting as in `solve_box`.
+
+    Parameters
+    ----------
+    matrix
+        Shape (k, k).
+    right
+        Shape (k,).
+    start
+        Initial guess; it sets the first partition of the indices, shape (k,).
+
+    Returns
+    -------
+    solution : ndarray, shape (k,)
+    solved : bool
+        False where the pivots ran out or met a singular block (the matrix is then not a P-matrix).
+    """
+    k = len(right)
+    positive = start > 0.0
+    tolerance = 1e-13 * float(np.abs(right).max(initial=0.0))
+    best, patience = k + 1, 3
+    for _ in range(30 + 10 * k):
+        z, inside = np.zeros(k), np.flatnonzero(positive)
+        if inside.size:
+            block = matrix[inside[:, None], inside]
+            _, _, z[inside], singular = dgesv(block, -right[inside], overwrite_a=True)
+            if singular:
+                return start, False
+        w = right + matrix @ z
+        broken = np.where(positive, z <= 0.0, w < -tolerance)
+        count = int(np.count_nonzero(broken))
+        if count == 0:
+            return z, True
+        if count < best:
+            best, patience = count, 3
+        elif patience > 0:
+            patience -= 1
+        else:
+            broken[np.flatnonzero(broken)[1:]] = False
+        positive = positive ^ broken
+    return start, False

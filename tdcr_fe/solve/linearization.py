@@ -2,58 +2,19 @@
 
 from __future__ import annotations
 
-from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgetrf, dgetrs
 
 from tdcr_fe.elements.backbone import ElementChain
+from tdcr_fe.elements.complementarity import solve_nonnegative
 from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.solve.factors import BorderedFactors, Factors
 from tdcr_fe.solve.numbering import Numbering
 
 Array = NDArray[np.float64]
-
-
-class Factorisation(NamedTuple):
-    """LU factors of a tangent.
-
-    Attributes
-    ----------
-    lu : ndarray
-        Of the transposed matrix.
-    pivots : ndarray of int
-    """
-
-    lu: Array
-    pivots: NDArray[np.int_]
-
-    @classmethod
-    def of(cls, matrix: Array) -> Factorisation:
-        """Factorise, overwriting the matrix.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            The matrix is singular.
-        """
-        lu, pivots, info = dgetrf(matrix.T, overwrite_a=True)
-        if info != 0 or not isfinite(lu[-1, -1]):
-            raise np.linalg.LinAlgError("singular matrix")
-        return cls(lu, pivots)
-
-    def solve(self, right: Array) -> Array:
-        """Solution for one or several right sides."""
-        solution: Array = dgetrs(self.lu, self.pivots, right, trans=1)[0]
-        return solution
-
-    @property
-    def sign(self) -> int:
-        """Sign of the determinant; it changes where an equilibrium loses its stability."""
-        # The parity of row exchanges and negative pivots.
-        turned = np.count_nonzero((self.pivots != np.arange(len(self.pivots))) ^ (self.lu.diagonal() < 0.0))
-        return 1 if turned % 2 == 0 else -1
+Flags = NDArray[np.bool_]
 
 
 class Linearization(NamedTuple):
@@ -61,23 +22,31 @@ class Linearization(NamedTuple):
 
     Attributes
     ----------
-    factorisation : Factorisation
-        Of the tangent.
+    factorisation : Factors
+        Of the tangent; `BorderedFactors` where any tendon has a prescribed displacement.
     chains : tuple of ElementChain
         The elements in whose frames its steps are.
-    slack : tuple of ndarray of bool
-        By robot, which of the tendons with prescribed displacement are slack; empty where there are none.
     numbering : Numbering
         Of the unknowns.
     """
 
-    factorisation: Factorisation
+    factorisation: Factors
     chains: tuple[ElementChain, ...]
-    slack: tuple[NDArray[np.bool_], ...]
     numbering: Numbering
 
+    @property
+    def slack(self) -> tuple[Flags, ...]:
+        """By robot, which of the tendons with prescribed displacement are slack; empty where there are none."""
+        factors = self.factorisation
+        if not isinstance(factors, BorderedFactors):
+            return ()
+        first = self.numbering.reduced
+        return tuple(
+            factors.slack[p.tensions.start - first : p.tensions.stop - first] for p in self.numbering.robots
+        )
+
     def step(self, unbalanced: Array, forces: tuple[TendonForces, ...], inputs: tuple[Array, ...]) -> Array:
-        """Step at fixed friction that undoes a residual, shape (linear,).
+        """Step at fixed friction that undoes a residual, shape (linear,); the same tendons stay slack.
 
         Parameters
         ----------
@@ -88,13 +57,45 @@ class Linearization(NamedTuple):
         inputs
             By robot, prescribed tensions [N] and displacements [m], shape (m,).
         """
-        numbering = self.numbering
-        right = np.zeros(numbering.linear)
-        np.negative(unbalanced, out=right[: numbering.reduced])
-        for part in numbering.robots:
-            if part.driven.size:
-                own = forces[part.robot]
-                gap = (own.field.base_slip - inputs[part.robot])[part.driven]
-                tension = own.base_tension[part.driven]
-                right[part.tensions] = -np.where(self.slack[part.robot], tension, gap)
-        return self.factorisation.solve(right)
+        factors = self.factorisation
+        if not isinstance(factors, BorderedFactors):
+            return factors.solve(-unbalanced)
+        gap, tension = self._gaps(forces, inputs)
+        return factors.solve(-np.concatenate((unbalanced, np.where(factors.slack, tension, gap))))
+
+    def complementarity_step(
+        self, unbalanced: Array, forces: tuple[TendonForces, ...], inputs: tuple[Array, ...]
+    ) -> tuple[Linearization, Array]:
+        """Step at fixed friction in which tendons become slack or taut, and the linearisation with these.
+
+        After the step every tendon with prescribed displacement is taut and meets it, or has no tension and takes less
+        length than its base lets out: a complementarity problem in the tensions, with the robot in equilibrium.
+        Arguments as of `step`.
+        """
+        factors = self.factorisation
+        if not isinstance(factors, BorderedFactors):
+            return self, factors.solve(-unbalanced)
+        gap, tension = self._gaps(forces, inputs)
+        start = factors.inner.solve(-unbalanced)
+        at_zero = gap + factors.rows @ start - factors.schur @ tension
+        new, solved = solve_nonnegative(factors.schur, at_zero, tension)
+        if not solved:
+            return self, self.step(unbalanced, forces, inputs)
+        linear = self._replace(factorisation=factors.with_slack(new == 0.0))
+        return linear, factors.at_tensions(start, new - tension)
+
+    def _gaps(self, forces: tuple[TendonForces, ...], inputs: tuple[Array, ...]) -> tuple[Array, Array]:
+        """By how much displacements exceed those prescribed [m], and the tensions of these tendons [N], (k,) each."""
+        robots = self.numbering.robots
+        gaps = [
+            (forces[p.robot].field.base_slip - inputs[p.robot])[p.driven] for p in robots if p.driven.size
+        ]
+        tensions = [forces[p.robot].base_tension[p.driven] for p in robots if p.driven.size]
+        if len(gaps) == 1:
+            return gaps[0], tensions[0]
+        return np.concatenate(gaps), np.concatenate(tensions)
+
+    def turn_since(self, twists: tuple[Array, ...]) -> float:
+        """Largest change of the rotation of any element since, with the present twists by robot [rad]."""
+        pairs = zip(self.chains, twists, strict=True)
+        return max([float(np.abs(new[:, 3:] - chain.twists[:, 3:]).max()) for chain, new in pairs])

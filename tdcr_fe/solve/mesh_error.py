@@ -65,7 +65,7 @@ class SolvedState:
         clamped = bool(simulation.system.layout.clamps)
 
         def solve(wrenches: Array) -> Array:
-            right = np.zeros((len(factorisation.lu), wrenches.shape[1]), order="F")
+            right = np.zeros((linearization.numbering.linear, wrenches.shape[1]), order="F")
             # The tangent is that of the forces on the nodes: minus the stiffness.
             right[nodes] = -wrenches
             if clamped:

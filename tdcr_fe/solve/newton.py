@@ -33,6 +33,10 @@ Array = NDArray[np.float64]
 CHORD_CONTRACTION = 3.0
 #: A residual below this fraction of the tolerance is not reduced further [1].
 MARGIN = 0.05
+#: The first step may use a linearisation from whose elements none has turned by more than this since [rad].
+NEAR_TURN = 0.01
+#: And only where the relative residual is below this: else the tangent changes more with the loads than with the state.
+NEAR_RESIDUAL = 0.01
 #: A damped step turns no section by more than this; below a fifth of it the damping is reduced [rad].
 DAMPED_TURN = 0.5
 #: Largest damping, over the elastic force times the length: nothing moves any more [1].
@@ -126,6 +130,7 @@ def newton(
     *,
     damped: bool = False,
     presliding: float | None = None,
+    linearization: Linearization | None = None,
 ) -> NewtonResult:
     """Solve for equilibrium.
 
@@ -145,6 +150,9 @@ def newton(
         Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508-523).
     presliding
         Presliding distance, replaces that of the settings [m].
+    linearization
+        Of a state near the initial one, as that of the last load step. Where it is near enough, the first step is taken
+        with it, which saves a factorisation: from a solved state that step is a prediction in any case.
     """
     presliding = settings.presliding if presliding is None else presliding
     trial = state._replace(
@@ -165,7 +173,27 @@ def newton(
         residual = system.residual(trial, target, numbering)
     # Iterates far off may overflow; the residual is then not a number, which ends the solve by name.
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        return _iterate(system, numbering, residual, settings, presliding, damped)
+        near = None if damped else _usable(linearization, system, residual, numbering)
+        return _iterate(system, numbering, residual, settings, presliding, damped, near)
+
+
+def _usable(
+    linearization: Linearization | None, system: SceneSystem, residual: Residual, numbering: Numbering
+) -> Linearization | None:
+    """A linearisation, if the first step from a state may be taken with it.
+
+    What else is in a scene, such as contact, may change its stiffness without any turn of an element, so there must be
+    nothing but robots.
+    """
+    if (
+        linearization is None
+        or not residual.size < NEAR_RESIDUAL
+        or not numbering.same_unknowns(linearization.numbering)
+        or not system.tangent_follows_from_elements()
+        or linearization.turn_since(residual.state.configuration.twists) > NEAR_TURN
+    ):
+        return None
+    return linearization
 
 
 def _iterate(
@@ -175,8 +203,9 @@ def _iterate(
     settings: SolverSettings,
     presliding: float,
     damped: bool,
+    near: Linearization | None,
 ) -> NewtonResult:
-    """Newton's iteration from a first residual."""
+    """Newton's iteration from a first residual; ``near`` is the linearisation for its first step, if there is one."""
     limit = 10 * settings.max_iterations if damped else settings.max_iterations
     residuals: list[float] = []
     step: NewtonStep | None = None
@@ -197,20 +226,28 @@ def _iterate(
         if not isfinite(residual.size):
             return end(NewtonStatus.NOT_FINITE)
         unmet = first_unmet(_iterate_of(system, residual, step, presliding), settings)
-        chord_allowed = step is not None and step.new and step.friction_kept and not damped
-        # A chord step costs little: it is also taken where the tolerance is only just met.
-        if unmet is None and not (chord_allowed and residual.size > MARGIN * settings.tolerance):
+        chord_allowed = step is not None and step.friction_kept and not damped
+        # A chord step costs little: it is also taken where the tolerance is only just met, as long as it helps.
+        helps = len(residuals) > 1 and residual.size < 0.5 * residuals[-2]
+        if unmet is None and not (chord_allowed and helps and residual.size > MARGIN * settings.tolerance):
             return end(NewtonStatus.CONVERGED)
         if len(residuals) > limit:
             return end(NewtonStatus.CONVERGED if unmet is None else unmet.status, unmet)
         # Where little is left to do, the tangent at hand does it; should it not, the next step has its own.
-        chord = chord_allowed and residual.size * CHORD_CONTRACTION * turn < settings.tolerance
+        chord = (
+            chord_allowed
+            and step is not None
+            and step.new
+            and residual.size * CHORD_CONTRACTION * turn < settings.tolerance
+        )
         try:
             if step is not None and (chord or unmet is None):
                 step = _chord_step(step, numbering, residual)
             elif damped:
                 step = _damped_step(system, residual, numbering, presliding, damping)
                 damping = step.damping
+            elif near is not None and step is None:
+                step = _step_with(near, system, residual, numbering, presliding)
             else:
                 step = _full_step(system, residual, numbering, presliding)
         except np.linalg.LinAlgError:
@@ -251,7 +288,19 @@ def _full_step(
 ) -> NewtonStep:
     """A step with a new tangent: at fixed friction where every hole keeps slipping, else a complementarity step."""
     linear = system.linearize(residual, numbering, damping)
-    fixed = linear.step(residual.unbalanced, residual.forces, residual.target.inputs)
+    return _step_with(linear, system, residual, numbering, presliding, damping)
+
+
+def _step_with(
+    linear: Linearization,
+    system: SceneSystem,
+    residual: Residual,
+    numbering: Numbering,
+    presliding: float,
+    damping: float = 0.0,
+) -> NewtonStep:
+    """A step with a given linearisation, of this or a near state."""
+    linear, fixed = linear.complementarity_step(residual.unbalanced, residual.forces, residual.target.inputs)
     if not numbering.has_friction:
         return NewtonStep(fixed, linear, True, damping)
     state, forces = residual.state, residual.forces

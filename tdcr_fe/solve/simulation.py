@@ -127,7 +127,7 @@ class Simulation:
         )
         try:
             path = solve_ramp(
-                self.system, self.state, ramp, self.settings, substeps, reference_path, self._end
+                self.system, self.state, ramp, self.settings, substeps, reference_path, self._end, self._last
             )
         except StepFailed as failure:
             self.state, self._last, self._end = failure.state, None, None

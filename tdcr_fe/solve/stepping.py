@@ -270,12 +270,15 @@ class LoadStepper:
     settings : SolverSettings
     start : Equilibrium or None
         The state at the beginning of the load step with its linearisation, where known.
+    linearization : Linearization or None
+        The last one of the load step before, with which the first iteration begins.
     """
 
     system: SceneSystem
     ramp: Ramp
     settings: SolverSettings = field(default_factory=SolverSettings)
     start: Equilibrium | None = None
+    linearization: Linearization | None = None
 
     def solve(
         self,
@@ -307,11 +310,14 @@ class LoadStepper:
             return self._resolved(state)
         return self._equal_substeps(state, substeps)
 
-    def _newton(self, state: SolverState, load_factor: float) -> NewtonResult:
-        return newton(self.system, state, self.ramp.apply(self.system, load_factor), self.settings)
+    def _newton(
+        self, state: SolverState, load_factor: float, linearization: Linearization | None
+    ) -> NewtonResult:
+        target = self.ramp.apply(self.system, load_factor)
+        return newton(self.system, state, target, self.settings, linearization=linearization)
 
     def _equal_substeps(self, state: SolverState, count: int) -> Path:
-        path = Path(state)
+        path = Path(state, linearization=self.linearization)
         for k in range(count):
             path = self._extended(path, k / count, (k + 1) / count)
         return path
@@ -319,29 +325,31 @@ class LoadStepper:
     def _extended(self, path: Path, start: float, end: float) -> Path:
         """A path with one more substep."""
         try:
-            return path.then(self._substep(path.state, start, end))
+            return path.then(self._substep(path, start, end))
         except StepFailed as failure:
             failure.iterations += path.iterations + path.rejected
             raise
 
-    def _substep(self, state: SolverState, start: float, end: float) -> Path:
-        """One substep, halved only where it does not converge."""
-        result = self._newton(state, end)
+    def _substep(self, before: Path, start: float, end: float) -> Path:
+        """One substep after a path, halved only where it does not converge."""
+        state = before.state
+        result = self._newton(state, end, before.linearization)
         if result.converged:
             return _accepted(result, end)
         if end - start <= self.settings.min_substep:
             solved = self._rescue(state, start, end, result)
         else:
             middle = 0.5 * (start + end)
-            solved = self._extended(self._substep(state, start, middle), middle, end)
+            solved = self._extended(self._substep(before, start, middle), middle, end)
         return replace(solved, rejected=solved.rejected + result.iterations)
 
     def _along_reference(self, state: SolverState, reference: Sequence[Increment]) -> Path:
         """The substeps of a reference path, each started from its solution; if one fails, it is solved without."""
-        path, start = Path(state), 0.0
+        path, start = Path(state, linearization=self.linearization), 0.0
         for point in reference:
             end = point.load_factor
-            result = self._newton(self.system.warm_start(path.state, point.state), end)
+            guess = self.system.warm_start(path.state, point.state)
+            result = self._newton(guess, end, path.linearization)
             if result.converged:
                 path = path.then(_accepted(result, end))
             else:
@@ -377,12 +385,14 @@ class LoadStepper:
 
     def _divided(self, state: SolverState, count: int) -> Path:
         """The load step in equal parts, each divided further where slips reverse."""
-        now = _Progress(Path(state), here=self.start)
+        now = _Progress(Path(state, linearization=self.linearization), here=self.start)
         goals = [_Goal(k / count) for k in range(count, 0, -1)]
         while goals:
             goal, near = goals[-1]
-            guess = now.path.state if near is None else _with_history_of(near.state, now.path.state)
-            result = self._newton(guess, goal)
+            guess, line = now.path.state, now.path.linearization
+            if near is not None:
+                guess, line = _with_history_of(near.state, guess), near.linearization
+            result = self._newton(guess, goal, line)
             if not result.converged:
                 if near is not None:
                     goals[-1] = _Goal(goal)
@@ -575,6 +585,7 @@ def solve_ramp(
     substeps: int | None = None,
     reference_path: Sequence[Increment] | None = None,
     start: Equilibrium | None = None,
+    linearization: Linearization | None = None,
 ) -> Path:
     """Take a scene through a load step and leave it in the state reached; the one driver of all load steps.
 
@@ -592,6 +603,8 @@ def solve_ramp(
         See `LoadStepper.solve`.
     start
         The end of the path before, where nothing has changed since.
+    linearization
+        The last one of the path before, for the first iteration.
 
     Returns
     -------
@@ -605,7 +618,9 @@ def solve_ramp(
         of the step.
     """
     try:
-        path = LoadStepper(system, ramp, settings, start).solve(state, substeps, reference_path)
+        path = LoadStepper(system, ramp, settings, start, linearization).solve(
+            state, substeps, reference_path
+        )
     except BaseException as stop:
         reached, load_factor = (
             (stop.state, stop.load_factor) if isinstance(stop, StepFailed) else (state, 0.0)

@@ -20,9 +20,10 @@ from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.solve.configuration import Configuration, Unknowns
+from tdcr_fe.solve.factors import BorderedFactors, DenseFactors, Factors
 from tdcr_fe.solve.kernel import StaticKernel
 from tdcr_fe.solve.layout import SceneLayout
-from tdcr_fe.solve.linearization import Factorisation, Linearization
+from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.numbering import Numbering
 from tdcr_fe.solve.reduction import SceneTangent
 from tdcr_fe.solve.residual import Residual
@@ -30,12 +31,11 @@ from tdcr_fe.solve.state import SolverState, StoredState, Target
 from tdcr_fe.solve.tangent import (
     add_couplings,
     add_damping,
-    add_driven,
     add_elastic,
     add_geometric_stiffness,
     add_unbalanced,
+    border,
     hold,
-    slack_tendons,
 )
 
 Array = NDArray[np.float64]
@@ -274,16 +274,15 @@ class SceneSystem:
             scene = self.scene_tangent(residual)
             add_unbalanced(scene, residual, nodes)
         add_geometric_stiffness(scene, residual)
-        k = scene.dense(numbering.linear)
+        k = scene.dense(numbering.reduced)
         add_couplings(k, residual, nodes)
-        slack: tuple[NDArray[np.bool_], ...] = ()
-        if numbering.any_driven:
-            slack = slack_tendons(residual, numbering, 10.0 * layout.scales.elastic_force / self.length)
-            add_driven(k, residual, numbering, slack)
         if damping > 0.0:
             add_damping(k, layout.reduction.nodes, damping, self.length)
         hold(k, layout.clamped)
-        return Linearization(Factorisation.of(k), residual.state.configuration.chains, slack, numbering)
+        factors: Factors = DenseFactors.of(k)
+        if numbering.any_driven:
+            factors = BorderedFactors.of(factors, *border(residual, numbering, layout.clamped))
+        return Linearization(factors, residual.state.configuration.chains, numbering)
 
     # ------------------------------------------------------------------ clamps
 

@@ -59,36 +59,44 @@ def add_couplings(k: Array, residual: Residual, nodes: Sequence[slice]) -> None:
             own.add_coupling(k[inside, inside])
 
 
-def slack_tendons(residual: Residual, numbering: Numbering, stiffness: float) -> tuple[Flags, ...]:
-    """By robot, which of the tendons with prescribed displacement are slack.
+def border(
+    residual: Residual, numbering: Numbering, clamped: Sequence[slice]
+) -> tuple[Array, Array, Array, Flags]:
+    """Rows and columns of tensions whose tendons have prescribed displacements.
 
     Parameters
     ----------
     residual, numbering
-        State, target, and order of the unknowns.
-    stiffness
-        With which a displacement deficit counts against a tension [N/m].
+        State, and order of the unknowns.
+    clamped
+        Unknowns of clamped bases.
+
+    Returns
+    -------
+    columns : ndarray, shape (reduced, k)
+        Of the reduced residual by the tensions.
+    rows : ndarray, shape (k, reduced)
+        Displacements at the base by the other unknowns.
+    own : ndarray, shape (k,)
+        Every displacement by the tension of that tendon [m/N].
+    slack : ndarray of bool, shape (k,)
+        Which of the tendons have no tension.
     """
-    found = []
+    count = numbering.linear - numbering.reduced
+    columns = np.zeros((numbering.reduced, count), order="F")
+    rows, own, slack = np.zeros((count, numbering.reduced)), np.zeros(count), np.zeros(count, dtype=bool)
     for part in numbering.robots:
-        which, own = part.driven, residual.forces[part.robot]
-        gap = (own.field.base_slip - residual.target.inputs[part.robot])[which]
-        # A tendon is taut where its tension, or else its displacement deficit, is positive.
-        found.append(own.base_tension[which] - gap * stiffness <= 0.0)
-    return tuple(found)
-
-
-def add_driven(k: Array, residual: Residual, numbering: Numbering, slack: Sequence[Flags]) -> None:
-    """Fill rows and columns of tensions whose tendons have prescribed displacements."""
-    for part in numbering.robots:
-        which, own, loose = part.driven, residual.forces[part.robot], slack[part.robot]
+        which, at = part.driven, residual.forces[part.robot]
         if not which.size:
             continue
-        k[part.nodes, part.tensions] = own.base_tension_columns()[:, which]
-        rows = own.base_slip_rows()[which]
-        rows[loose] = 0.0
-        k[part.tensions, part.nodes] = rows
-        k[part.tensions, part.tensions] = np.diag(np.where(loose, 1.0, own.base_slip_by_base()[which]))
+        here = slice(part.tensions.start - numbering.reduced, part.tensions.stop - numbering.reduced)
+        columns[part.nodes, here] = at.base_tension_columns()[:, which]
+        rows[here, part.nodes] = at.base_slip_rows()[which]
+        own[here] = at.base_slip_by_base()[which]
+        slack[here] = at.base_tension[which] <= 0.0
+    for base in clamped:
+        columns[base] = 0.0
+    return columns, rows, own, slack
 
 
 def add_damping(k: Array, nodes: int, damping: float, length: float) -> None:

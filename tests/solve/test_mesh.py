@@ -259,9 +259,16 @@ def test_a_given_number_of_elements_is_kept_and_its_error_reported() -> None:
 
 
 def test_steep_displacements_are_reported() -> None:
-    """(0, 5, -2.5) mm on three tendons, steep: e3bbe5d gave no warning of 1.9 % between two meshes."""
+    """(0, 5, -2.5) mm on three tendons, steep: e3bbe5d gave no warning of 1.9 % between two meshes.
+
+    With two elements a bay a bay buckles on the way, and whether a path is found past it depends on round-off; with
+    four it does not.
+    """
     steps = [LoadStep("", displacements={"t1": 0.0, "t2": 5e-3, "t3": -2.5e-3}, substeps=4)]
     coarse = simulate(three(0.3), Model(elements_per_bay=2), steps)
+    assert coarse.warnings or not coarse.converged
+    coarse = simulate(three(0.3), Model(elements_per_bay=4), steps)
+    assert coarse.converged
     assert any("too coarse" in w for w in coarse.warnings)
     assert any("buckling load" in w and "bay 13" in w for w in coarse.warnings)
     assert coarse.steps[0].buckling_load_fraction > 0.7

@@ -1,0 +1,94 @@
+"""Tendons with prescribed displacements that become slack and taut: complementarity problems, and whole robots."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from robots import BACKBONE, DISKS, LENGTH, tendon
+
+from tdcr_fe.elements.complementarity import solve_nonnegative
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.solve.factors import BorderedFactors, DenseFactors
+from tdcr_fe.solve.simulate import simulate
+
+ANGLES = {"a": (0.0, 120.0, 240.0), "b": (40.0, 160.0, 280.0)}
+#: Arc lengths of the anchors: the middle disk and the last one.
+ENDS = {"a": float(DISKS.positions[5]), "b": float(DISKS.positions[-1])}
+
+
+def two_segments(mu: float) -> Robot:
+    """Three tendons to the middle disk, three to the last one."""
+    tendons = [
+        tendon(f"{segment}{i}", angle, mu, end=ENDS[segment])
+        for segment, angles in ANGLES.items()
+        for i, angle in enumerate(angles)
+    ]
+    return Robot(BACKBONE, DISKS, tuple(tendons), name="two segments")
+
+
+def bending(angle: float, plane: float, spare: float) -> LoadStep:
+    """Displacements of an arc of that angle [rad], and by how much tendons on the inner side are let out more [m]."""
+    displacements = {}
+    for segment, angles in ANGLES.items():
+        for i, own in enumerate(angles):
+            arc = 4.5e-3 * angle * ENDS[segment] / LENGTH * np.cos(np.radians(own) - plane)
+            displacements[f"{segment}{i}"] = float(arc - (spare if arc < 0.0 else 0.0))
+    return LoadStep("", displacements=displacements)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_complementarity_problem_of_tensions_is_that_of_the_best_partition(seed: int) -> None:
+    """Against all 2^k partitions: exactly one has no negative tension and no tendon that is too long."""
+    rng = np.random.default_rng(seed)
+    k = int(rng.integers(1, 7))
+    root = rng.normal(size=(k, k))
+    matrix, right = root @ root.T + 0.1 * np.eye(k), rng.normal(size=k)
+    found, solved = solve_nonnegative(matrix, right, np.maximum(rng.normal(size=k), 0.0))
+    assert solved
+    solutions = []
+    for taut in product((False, True), repeat=k):
+        which, z = np.array(taut), np.zeros(k)
+        z[which] = np.linalg.solve(matrix[np.ix_(which, which)], -right[which])
+        if np.all(z >= 0.0) and np.all(right + matrix @ z >= -1e-12):
+            solutions.append(z)
+    assert len(solutions) == 1
+    assert found == pytest.approx(solutions[0], abs=1e-10)
+
+
+def test_bordered_factors_are_those_of_the_whole_matrix() -> None:
+    """Solution for one and several right sides and the sign of the determinant, with every set of slack tendons."""
+    rng = np.random.default_rng(5)
+    n, k = 12, 3
+    inner, columns, rows = (rng.normal(size=s) for s in ((n, n), (n, k), (k, n)))
+    own = rng.normal(size=k)
+    factors = BorderedFactors.of(DenseFactors.of(inner.copy()), columns, rows, own, np.zeros(k, dtype=bool))
+    for slack in product((False, True), repeat=k):
+        loose = np.array(slack)
+        lower = np.where(loose[:, None], np.eye(k, n + k, n), np.hstack((rows, np.diag(own))))
+        whole = np.vstack((np.hstack((inner, columns)), lower))
+        changed = factors.with_slack(loose)
+        for right in (rng.normal(size=n + k), rng.normal(size=(n + k, 4))):
+            assert whole @ changed.solve(right) == pytest.approx(right, abs=1e-11)
+        assert changed.sign == np.sign(np.linalg.det(whole))
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.1])
+def test_small_steps_of_a_robot_with_slack_tendons_take_few_iterations(mu: float) -> None:
+    """Six tendons, those on the inner side let out a little more than needed, through two bends in two planes.
+
+    Which tendons were slack was judged before the robot had moved: a tendon let out counted as slack until the others
+    had pulled the robot after it, which took up to 6 iterations a step, 3.4 in the mean.
+    """
+    path = [(0.1 * k, 0.4, 2e-5 * (k % 3)) for k in range(1, 9)]
+    path += [(0.8, 0.4 + 0.1 * k, 2e-5 * (k % 3)) for k in range(1, 9)]
+    steps = [bending(*x) for x in path]
+    friction = "per-hole" if mu else "none"
+    result = simulate(two_segments(mu), Model(friction=friction, elements_per_bay=1), steps)  # type: ignore[arg-type]
+    assert result.converged
+    tensions = np.array([s.base_tensions for s in result.steps])
+    assert np.count_nonzero((tensions > 0.0).any(axis=0)) > 3 and (tensions == 0.0).any()
+    assert max(s.residual for s in result.steps) <= 1e-8
+    assert np.mean([s.iterations / s.substeps for s in result.steps]) <= 3.1
