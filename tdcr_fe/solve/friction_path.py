@@ -7,6 +7,7 @@ depend on how it was reached: the mobilisation then counts from the slip where i
 With the configuration eliminated, the slips are a smooth function of load factor and mobilisations. Its derivatives
 are known at both ends of a substep (a few right sides with factors that are at hand), so it is interpolated between
 them, and the friction states are followed through the interpolant from event to event. This gives every turning point.
+Tendons driven by displacement that become slack or taut are events of the same kind: their tensions join the unknowns.
 Derivation: documentation, page "Theory".
 """
 
@@ -16,7 +17,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgesv, dgetrs
+
+from tdcr_fe.solve.slip_rates import (
+    Bounds,
+    Motion,
+    distance_to_bound,
+    distance_to_closing,
+    distance_to_reversal,
+    solve_rates,
+)
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -27,21 +36,48 @@ LONGEST = 0.2
 SHORTEST = 1e-5
 #: Slip rates below this fraction of the presliding distance per substep are zero [1].
 RATE_TOLERANCE = 1e-4
+#: Distance from a bound that counts as none, over the size of the unknown [1].
+NEAR_BOUND = 1e-12
+#: Upper bound of tensions, beyond all that occur [N].
+UNBOUNDED = 1e100
 
 
 class SlipRates(NamedTuple):
-    """Derivatives of the slips at one end of a substep.
+    """Derivatives of the slips at one end of a substep; with tendons that become slack or taut, of their slack too.
 
     Attributes
     ----------
-    by_load : ndarray, shape (k,)
-        By the load factor at fixed mobilisations, times the length of the substep [m].
-    matrix : ndarray, shape (k, k)
-        Presliding distance times identity, minus the derivative by the mobilisations [m].
+    by_load : ndarray, shape (k + c,)
+        Slips, and minus the slack of the tendons, by the load factor at fixed mobilisations and tensions of these
+        tendons, times the length of the substep [m].
+    matrix : ndarray, shape (k + c, k + c)
+        Presliding distance times identity for the slips, minus the derivatives by the mobilisations [m] and tensions
+        [m/N].
     """
 
     by_load: Array
     matrix: Array
+
+
+class ChangingTendons(NamedTuple):
+    """Tendons with prescribed displacement that are taut at one end of a substep and slack at the other.
+
+    Attributes
+    ----------
+    owner : ndarray of int, shape (k,)
+        By hole, the number of its tendon among them; -1 where it is none of them.
+    tension : ndarray, shape (2, c)
+        At the base, at both ends of the substep [N].
+    mobilisation : ndarray, shape (2, k)
+        At both ends [1].
+    slack : ndarray, shape (c,)
+        Length that is let out beyond what the tendon needs, at the start [m].
+    """
+
+    owner: NDArray[np.int_]
+    tension: Array
+    mobilisation: Array
+    slack: Array
 
 
 class FollowedPath(NamedTuple):
@@ -49,10 +85,10 @@ class FollowedPath(NamedTuple):
 
     Attributes
     ----------
-    slip : ndarray, shape (k,)
-        Change of the slips within the substep [m].
-    mobilisation : ndarray, shape (k,)
-        At its end [1].
+    slip : ndarray, shape (k + c,)
+        Change of the slips, and minus that of the slack, within the substep [m].
+    mobilisation : ndarray, shape (k + c,)
+        At its end [1], and the tensions [N].
     turning_slip : ndarray, shape (k,)
         Change of the slip up to the last reversal; zero where there is none [m].
     turning_mobilisation : ndarray, shape (k,)
@@ -80,28 +116,76 @@ class FollowedPath(NamedTuple):
         return self.turning_factor > 0.0
 
 
-class _Motion(NamedTuple):
-    """Rates from a load factor on, linear in it.
+class _Interpolant:
+    """Derivatives between the ends of a substep: linear in the load factor, and bilinear in tensions and mobilisations.
 
-    Attributes
-    ----------
-    side : ndarray, shape (k,)
-        1 or -1 where a hole slips, 0 where it sticks.
-    mobilisation, mobilisation_change : ndarray, shape (k,)
-        Rates of the mobilisations and their derivatives; zero where holes slip.
-    slip, slip_change : ndarray, shape (k,)
-        Slip rates where holes slip, and their derivatives; elsewhere meaningless.
+    The derivatives by the mobilisations of a tendon's holes are proportional to its tension. Arguments as in `follow`.
     """
 
-    side: Array
-    mobilisation: Array
-    mobilisation_change: Array
-    slip: Array
-    slip_change: Array
+    def __init__(
+        self,
+        start: SlipRates,
+        end: SlipRates,
+        presliding: float,
+        bulge: Array | None,
+        tendons: ChangingTendons | None,
+    ) -> None:
+        self.load, self.matrix = start.by_load, start.matrix
+        self.load_change, self.bulge, self.holes = end.by_load - start.by_load, bulge, len(start.by_load)
+        if tendons is None or not tendons.slack.size:
+            self.per_tension = None
+            self.matrix_change = end.matrix - start.matrix
+            return
+        self.holes = len(tendons.owner)
+        self.coupled = np.flatnonzero(tendons.owner >= 0)
+        self.own = tendons.owner[self.coupled]
+        self.belongs = (self.own[:, None] == np.arange(tendons.slack.size)).astype(float)
+        ends = []
+        for rates in (start, end):
+            matrix = rates.matrix.copy()
+            matrix[:, self.coupled] = 0.0
+            matrix[self.coupled, self.coupled] = presliding
+            ends.append(matrix)
+        pulled = tendons.tension.max(axis=0)[self.own]
+        at_end = (tendons.tension[1] > tendons.tension[0])[self.own]
+        taut = np.where(at_end, end.matrix[:, self.coupled], start.matrix[:, self.coupled])
+        # Derivatives by the mobilisations of the holes of these tendons, per tension.
+        self.per_tension = (taut - ends[0][:, self.coupled]) / pulled
+        self.mobilisation = tendons.mobilisation[0, self.coupled]
+        self.mobilisation_change = tendons.mobilisation[1, self.coupled] - self.mobilisation
+        self.matrix, self.matrix_change = ends[0], ends[1] - ends[0]
+
+    def at(self, factor: float, z: Array) -> tuple[Array, Array]:
+        """Derivatives by the load factor and by the unknowns, as in `SlipRates`."""
+        load = self.load + factor * self.load_change
+        matrix = self.matrix + factor * self.matrix_change
+        if self.bulge is not None:
+            load += (6.0 * factor * (1.0 - factor)) * self.bulge
+        if self.per_tension is not None:
+            beyond = z[self.coupled] - self.mobilisation - factor * self.mobilisation_change
+            matrix[:, self.coupled] += self.per_tension * z[self.holes + self.own]
+            matrix[:, self.holes :] += (self.per_tension * beyond) @ self.belongs
+        return load, matrix
+
+    def slope(self, factor: float, rate: Array) -> Array:
+        """Derivative of the rates of slips and slack at constant rates of the unknowns."""
+        slope = self.load_change - self.matrix_change @ rate
+        if self.bulge is not None:
+            middle = min(1.0, factor + 0.5 * LONGEST)
+            slope += (6.0 - 12.0 * middle) * self.bulge
+        if self.per_tension is not None:
+            pulled = rate[self.holes + self.own]
+            slope -= self.per_tension @ (pulled * (2.0 * rate[self.coupled] - self.mobilisation_change))
+        return slope
 
 
 def follow(
-    start: SlipRates, end: SlipRates, mobilisation: Array, presliding: float, bulge: Array | None = None
+    start: SlipRates,
+    end: SlipRates,
+    mobilisation: Array,
+    presliding: float,
+    bulge: Array | None = None,
+    tendons: ChangingTendons | None = None,
 ) -> FollowedPath:
     """Follow the friction states through a substep.
 
@@ -114,51 +198,82 @@ def follow(
     presliding
         Presliding distance [m].
     bulge
-        Change of the slips within the substep beyond that of derivatives that are linear in the load factor, at fixed
-        mobilisations [m], shape (k,). Its rate is a parabola that vanishes at both ends.
+        Change of the slips, and minus the slack, within the substep beyond that of derivatives that are linear in the
+        load factor, at fixed mobilisations [m], shape (k + c,). Its rate is a parabola that vanishes at both ends.
+    tendons
+        Those that become slack or taut; None where there are none.
     """
-    count = len(mobilisation)
-    s, side, u, now = mobilisation, np.trunc(mobilisation), np.zeros(count), 0.0
-    turning_slip, turning_factor, turning_mobilisation = np.zeros(count), np.zeros(count), s.copy()
-    change = SlipRates(end.by_load - start.by_load, end.matrix - start.matrix)
-    pieces: list[tuple[float, float, _Motion]] = []
-    complete, tolerance = False, RATE_TOLERANCE * presliding
+    between = _Interpolant(start, end, presliding, bulge, tendons)
+    k, count = len(mobilisation), len(start.by_load)
+    z, stiffness, bounds, slack = mobilisation, np.full(count, presliding), _mobilisation_bounds(k), None
+    if tendons is not None and tendons.slack.size:
+        z, bounds, slack = np.append(z, tendons.tension[0]), _with_tensions(bounds, tendons), tendons.slack
+        stiffness[k:] = 0.0
+    tolerance = RATE_TOLERANCE * presliding
+    side, open_, now, u = bounds.side(z), _open(slack, k, tolerance), 0.0, np.zeros(count)
+    turning_slip, turning_factor, turning_mobilisation = np.zeros(k), np.zeros(k), mobilisation.copy()
+    pieces: list[tuple[float, float, Motion]] = []
+    complete = False
     for _ in range(50 + 4 * count):
-        here = SlipRates(start.by_load + now * change.by_load, start.matrix + now * change.matrix)
-        slope = change
-        if bulge is not None:
-            middle = min(1.0, now + 0.5 * LONGEST)
-            here = here._replace(by_load=here.by_load + (6.0 * now * (1.0 - now)) * bulge)
-            slope = change._replace(by_load=change.by_load + (6.0 - 12.0 * middle) * bulge)
-        motion = _motion(here, slope, side, tolerance)
-        if motion is None:
+        load, matrix = between.at(now, z)
+        rates = solve_rates(matrix, load, side, open_, tolerance)
+        if rates is None:
             break
+        motion = rates.motion(between.slope(now, rates.rate))
         sticks = motion.side == 0.0
-        turned = sticks & (side != 0.0)
-        if turned.any():
+        turned = (sticks & (side != 0.0))[:k].nonzero()[0]
+        if turned.size:
             turning_slip[turned], turning_factor[turned] = u[turned], now
             turning_mobilisation[turned] = side[turned]
-        part = min(1.0 - now, LONGEST, max(SHORTEST, _next_event(motion, s, sticks, tolerance)))
+        event = min(distance_to_bound(motion, z, bounds), distance_to_reversal(motion, tolerance, k))
+        if slack is not None:
+            event = min(event, distance_to_closing(motion, slack, k))
+        part = min(1.0 - now, LONGEST, max(SHORTEST, event))
         pieces.append((now, part, motion))
         half = 0.5 * part * part
-        moved = part * motion.mobilisation + half * motion.mobilisation_change
-        s = np.where(sticks, np.minimum(np.maximum(s + moved, -1.0), 1.0), motion.side)
-        u = u + np.where(sticks, presliding * moved, part * motion.slip + half * motion.slip_change)
-        side = np.where(np.abs(s) > 1.0 - 1e-12, np.rint(s), 0.0)
+        moved = part * motion.rate + half * motion.rate_change
+        slipped = part * motion.excess + half * motion.excess_change
+        z = np.minimum(np.maximum(z + moved, bounds.lower), bounds.upper)
+        u = u + np.where(sticks, stiffness * moved, slipped)
+        side = bounds.side(z)
+        if slack is not None and tendons is not None:
+            slack = np.maximum(tendons.slack - u[k:], 0.0)
+            open_ = _open(slack, k, tolerance)
         now += part
         if now >= 1.0 - 1e-12:
             complete = True
             break
-    throughout = all(bool(np.all(motion.side != 0.0)) for _, _, motion in pieces)
-    margin = _margin(pieces) if throughout else np.full(count, -np.inf)
-    return FollowedPath(u, s, turning_slip, turning_mobilisation, turning_factor, complete, margin)
+    throughout = all(bool(np.all(motion.side[:k] != 0.0)) for _, _, motion in pieces)
+    margin = _margin(pieces, k) if throughout else np.full(k, -np.inf)
+    return FollowedPath(u, z, turning_slip, turning_mobilisation, turning_factor, complete, margin)
 
 
-def _margin(pieces: list[tuple[float, float, _Motion]]) -> Array:
+def _mobilisation_bounds(count: int) -> Bounds:
+    one = np.ones(count)
+    return Bounds(-one, one, np.full(count, NEAR_BOUND))
+
+
+def _with_tensions(bounds: Bounds, tendons: ChangingTendons) -> Bounds:
+    """Bounds of the mobilisations, then those of the tensions."""
+    near = NEAR_BOUND * tendons.tension.max(axis=0)
+    return Bounds(
+        np.append(bounds.lower, np.zeros(tendons.slack.size)),
+        np.append(bounds.upper, np.full(tendons.slack.size, UNBOUNDED)),
+        np.append(bounds.near, near),
+    )
+
+
+def _open(slack: Array | None, holes: int, tolerance: float) -> Flags | None:
+    """Which unknowns are tensions of tendons with slack, shape (k + c,)."""
+    return None if slack is None else np.append(np.zeros(holes, dtype=bool), slack > tolerance)
+
+
+def _margin(pieces: list[tuple[float, float, Motion]], holes: int) -> Array:
     """See `FollowedPath.margin`."""
     now, part = np.array([p[:2] for p in pieces]).T
-    side = np.array([p[2].side for p in pieces])
-    slip, change = np.array([p[2].slip for p in pieces]), np.array([p[2].slip_change for p in pieces])
+    side = np.array([p[2].side[:holes] for p in pieces])
+    slip = np.array([p[2].excess[:holes] for p in pieces])
+    change = np.array([p[2].excess_change[:holes] for p in pieces])
     # Between the ends of a piece the parabola may be nearer to the rate than at them.
     within = np.linspace(0.0, 1.0, 6)
     at = now[:, None] + part[:, None] * within
@@ -166,68 +281,3 @@ def _margin(pieces: list[tuple[float, float, _Motion]]) -> Array:
     rate /= (6.0 * at * (1.0 - at) + 1e-2)[..., None]
     least: Array = rate.min(axis=(0, 1))
     return least
-
-
-def _motion(here: SlipRates, change: SlipRates, side: Array, tolerance: float) -> _Motion | None:
-    """Rates from a given load factor on; None where no consistent ones were found.
-
-    A complementarity problem of the rates: a hole at its bound keeps slipping in its direction, or begins to stick with
-    its mobilisation leaving the bound. Block principal pivoting as in `tdcr_fe.elements.complementarity.solve_box`.
-    """
-    matrix, load, count = here.matrix, here.by_load, len(side)
-    active = side
-    best, patience = count + 1, 3
-    for _ in range(30 + 10 * count):
-        inside = np.flatnonzero(active == 0.0)
-        rate, slip = np.zeros(count), load
-        if inside.size:
-            lu, pivots, found, singular = dgesv(
-                matrix[inside[:, None], inside], load[inside], overwrite_a=True
-            )
-            if singular:
-                return None
-            rate[inside] = found
-            slip = load - matrix.take(inside, axis=1) @ found
-        outward = (side * rate * np.diagonal(matrix) > tolerance) & (active == 0.0)
-        broken = outward | (active * slip < -tolerance)
-        number = int(np.count_nonzero(broken))
-        if number == 0:
-            break
-        if number < best:
-            best, patience = number, 3
-        elif patience > 0:
-            patience -= 1
-        else:
-            first = np.flatnonzero(broken)[0]
-            broken = np.zeros(count, dtype=bool)
-            broken[first] = True
-        active = np.where(broken, np.where(outward, side, 0.0), active)
-    else:
-        return None
-    rate_change, slip_change = np.zeros(count), change.by_load
-    if inside.size:
-        slip_change = slip_change - change.matrix.take(inside, axis=1) @ found
-        rate_change[inside] = more = dgetrs(lu, pivots, slip_change[inside])[0]
-        slip_change = slip_change - matrix.take(inside, axis=1) @ more
-    return _Motion(active, rate, rate_change, slip, slip_change)
-
-
-def _next_event(motion: _Motion, mobilisation: Array, sticks: Flags, tolerance: float) -> float:
-    """Distance to where a sticking hole begins to slip, or the slip at another one reverses."""
-    first = np.inf
-    held = np.flatnonzero(sticks)
-    if held.size:
-        s, a, b = mobilisation[held], motion.mobilisation[held], 2.0 * motion.mobilisation_change[held]
-        # s + a h + b h^2 / 4 = 1 or -1, the root at which the bound is crossed outward.
-        for gap, pace, bend in ((1.0 - s, a, b), (1.0 + s, -a, -b)):
-            inner = pace * pace + bend * gap
-            speed = pace + np.sqrt(np.maximum(inner, 0.0))
-            ahead = (inner >= 0.0) & (speed > 0.0)
-            if ahead.any():
-                first = min(first, float((2.0 * gap[ahead] / speed[ahead]).min()))
-    if held.size < len(sticks):
-        rate, fall = motion.side * motion.slip, -motion.side * motion.slip_change
-        falls = fall > 0.0
-        if falls.any():
-            first = min(first, float((np.maximum(rate[falls] + tolerance, 0.0) / fall[falls]).min()))
-    return first

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.solve.friction_path import FollowedPath, SlipRates, follow
+from tdcr_fe.solve.friction_path import ChangingTendons, FollowedPath, SlipRates, follow
 from tdcr_fe.solve.friction_step import FrictionResponse, friction_response, mobilisations, slips_after
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.numbering import Numbering
 from tdcr_fe.solve.state import SolverState, Target
 from tdcr_fe.solve.system import SceneSystem
+from tdcr_fe.solve.tendon_rates import LoadResponse, driven_owners, driven_values, rates_with_tensions
 
 Array = NDArray[np.float64]
 
@@ -25,8 +26,6 @@ SMALL = 1e-2
 ROUGH = 0.1
 #: Times the error of the interpolation with which the path is followed once more, for what is uncertain in it [1].
 OVERSHOOT = 1.5
-#: Factor on the uncertainty where a tendon becomes taut or slack within a substep, which bends the slips' rates [1].
-KINK = 4.0
 #: Slips are monotone where their rates are this many times larger than the rates of the error [1].
 SAFETY = 2.0
 #: Nearest to its ends, as a fraction of it, where a substep is divided without and with a reversal located [1].
@@ -106,8 +105,8 @@ class Equilibrium(NamedTuple):
         return float(np.linalg.norm(nodes[:, :3], axis=1).max())
 
 
-def slips_by_load(system: SceneSystem, at: Equilibrium, other: Target) -> Array:
-    """Change of the slips when inputs and loads change to another target, at fixed mobilisations.
+def response_to_load(system: SceneSystem, at: Equilibrium, own: Target, other: Target) -> LoadResponse:
+    """Response when inputs and loads change to another target, at fixed mobilisations and at first order.
 
     Parameters
     ----------
@@ -115,13 +114,10 @@ def slips_by_load(system: SceneSystem, at: Equilibrium, other: Target) -> Array:
         The scene; the loads of the other target are in it.
     at
         Where equilibrium is linearised.
+    own
+        Its target.
     other
         The other target.
-
-    Returns
-    -------
-    ndarray, shape (k,)
-        At first order [m].
     """
     numbering = at.numbering
     tension = tuple(
@@ -130,8 +126,9 @@ def slips_by_load(system: SceneSystem, at: Equilibrium, other: Target) -> Array:
     )
     residual = system.residual(at.state._replace(base_tension=tension), other, numbering)
     fixed = at.linearization.step(residual.unbalanced, residual.forces, other.inputs)
-    slips = slips_after(numbering, residual.forces, fixed)
-    return numbering.at_frictional_holes(slips) - at.slips
+    slips = numbering.at_frictional_holes(slips_after(numbering, residual.forces, fixed)) - at.slips
+    change = driven_values(numbering, other.inputs) - driven_values(numbering, own.inputs)
+    return LoadResponse(slips, fixed, driven_values(numbering, own.inputs), change)
 
 
 class Reversals(NamedTuple):
@@ -158,7 +155,7 @@ class Reversals(NamedTuple):
 
 
 class _Substep(NamedTuple):
-    """Taut holes of a substep that was solved as a whole.
+    """Taut holes of a substep that was solved as a whole, and the tendons that become slack or taut in it.
 
     Attributes
     ----------
@@ -166,8 +163,11 @@ class _Substep(NamedTuple):
         Derivatives of the slips at its ends.
     before, after : ndarray, shape (k,)
         Mobilisations there [1].
-    slip : ndarray, shape (k,)
-        Change of the slips [m].
+    slip : ndarray, shape (k + c,)
+        Change of the slips, and minus that of the slack [m].
+    tendons : ChangingTendons
+    matrix : ndarray, shape (k, k)
+        As in `SlipRates` at the end, with the tendons slack and taut as they are there.
     presliding : float
         Presliding distance [m].
     """
@@ -177,6 +177,8 @@ class _Substep(NamedTuple):
     before: Array
     after: Array
     slip: Array
+    tendons: ChangingTendons
+    matrix: Array
     presliding: float
 
     @classmethod
@@ -184,25 +186,37 @@ class _Substep(NamedTuple):
         cls,
         start: Equilibrium,
         end: Equilibrium,
-        by_load: tuple[Array, Array],
+        by_load: tuple[LoadResponse, LoadResponse],
         holes: NDArray[np.int_],
         presliding: float,
     ) -> _Substep:
         """Pick these of the frictional holes."""
-        pairs = holes[:, None], holes
-        first, last = (
-            SlipRates(rate[holes], at.response.matrix[pairs])
-            for rate, at in zip(by_load, (start, end), strict=True)
-        )
+        numbering = end.numbering
+        which = np.zeros(0, dtype=int)
+        if numbering.any_driven:
+            loose = [np.concatenate(at.linearization.slack) for at in (start, end)]
+            which = np.flatnonzero(loose[0] != loose[1])
+        picked = np.append(holes, len(end.mobilisation) + np.arange(len(which)))
+
+        def rates(at: Equilibrium, load: LoadResponse) -> SlipRates:
+            found = rates_with_tensions(at.linearization, at.forces, at.response, load, which, presliding)
+            return SlipRates(found.by_load[picked], found.matrix[picked[:, None], picked])
+
+        before, after = start.mobilisation[holes], end.mobilisation[holes]
         slip = (end.slips - start.slips)[holes]
-        return cls(first, last, start.mobilisation[holes], end.mobilisation[holes], slip, presliding)
+        tendons = _changing_tendons(start, end, by_load[0], which, holes)
+        if which.size:
+            slip = np.append(slip, -_slack_change(start, end, by_load[0])[which])
+        matrix = end.response.matrix[holes[:, None], holes]
+        first, last = rates(start, by_load[0]), rates(end, by_load[1])
+        return cls(first, last, before, after, slip, tendons, matrix, presliding)
 
     def follow(self, bulge: Array | None = None) -> FollowedPath:
         """The friction states followed through it, see `tdcr_fe.solve.friction_path.follow`.
 
         Reversals that change a mobilisation by less than `SMALL` are left out.
         """
-        path = follow(self.start, self.end, self.before, self.presliding, bulge)
+        path = follow(self.start, self.end, self.before, self.presliding, bulge, self.tendons)
         lost = path.turning_mobilisation - self.before - path.turning_slip / self.presliding
         slight = path.reversed & (np.abs(lost) < SMALL)
         if not slight.any():
@@ -213,32 +227,77 @@ class _Substep(NamedTuple):
             turning_factor=np.where(slight, 0.0, path.turning_factor),
         )
 
+    @property
+    def hole_slip(self) -> Array:
+        """Change of the slips [m], shape (k,)."""
+        return self.slip[: len(self.before)]
+
     def corrected(self, trial: Array) -> Array:
         """Mobilisations at the end for other trial mobilisations there, at first order, shape (k,)."""
-        right = self.presliding * (trial - self.after) + self.end.matrix @ self.after
-        return solve_box(self.end.matrix, right, self.after)[0]
+        right = self.presliding * (trial - self.after) + self.matrix @ self.after
+        return solve_box(self.matrix, right, self.after)[0]
 
     def with_reversals(self, path: FollowedPath) -> Array:
         """Mobilisations at the end, counted from the last reversals, shape (k,)."""
-        return self.corrected(path.turning_mobilisation + (self.slip - path.turning_slip) / self.presliding)
+        since = (self.hole_slip - path.turning_slip) / self.presliding
+        return self.corrected(path.turning_mobilisation + since)
 
-    def error(self, path: FollowedPath, mobilisation: Array) -> Array:
-        """By how much the slips at the end exceed the interpolated ones at the same mobilisations [m], shape (k,)."""
-        stiffness = self.presliding * np.eye(len(self.slip)) - self.end.matrix
-        slip = self.slip + stiffness @ (mobilisation - self.after)
-        return np.asarray(slip - path.slip - stiffness @ (mobilisation - path.mobilisation))
+    def error(self, path: FollowedPath) -> Array:
+        """By how much slips, and minus the slack, exceed the interpolated ones at the end [m], shape (k + c,).
+
+        Both at the same mobilisations and tensions.
+        """
+        last = np.append(self.after, self.tendons.tension[1])
+        stiffness = -self.end.matrix
+        holes = np.arange(len(self.before))
+        stiffness[holes, holes] += self.presliding
+        return np.asarray(self.slip - path.slip + stiffness @ (path.mobilisation - last))
 
     def at_worst(self, path: FollowedPath, mobilisation: Array, error: Array) -> Array:
         """Mobilisations at the end if every hole that slips there has just reversed by an error, shape (k,)."""
-        lost = np.abs(error) if path.complete else np.abs(self.slip) + self.presliding
+        lost = np.abs(error) if path.complete else np.abs(self.hole_slip) + self.presliding
         side = np.trunc(mobilisation)
         return self.corrected(np.where(side != 0.0, side * (1.0 - lost / self.presliding), mobilisation))
+
+
+def _slack_change(start: Equilibrium, end: Equilibrium, load: LoadResponse) -> Array:
+    """Change of the slack of the tendons driven by displacement [m], shape (d,)."""
+    first, last = (
+        driven_values(at.numbering, [own.field.base_slip for own in at.forces]) for at in (start, end)
+    )
+    return last - first - load.displacement
+
+
+def _changing_tendons(
+    start: Equilibrium,
+    end: Equilibrium,
+    load: LoadResponse,
+    which: NDArray[np.int_],
+    holes: NDArray[np.int_],
+) -> ChangingTendons:
+    """Tendons that become slack or taut, by their numbers among those driven by displacement."""
+    if not which.size:
+        return ChangingTendons(
+            np.full(len(holes), -1), np.zeros((2, 0)), np.zeros((2, len(holes))), np.zeros(0)
+        )
+    numbering = end.numbering
+    owner = driven_owners(numbering)[holes]
+    among = np.full(owner.shape, -1)
+    for number, tendon in enumerate(which):
+        among[owner == tendon] = number
+    tension = np.array([driven_values(numbering, at.state.base_tension)[which] for at in (start, end)])
+    at_start = driven_values(numbering, [own.field.base_slip for own in start.forces])
+    slack = np.maximum((at_start - load.start)[which], 0.0)
+    slack[tension[0] > 0.0] = 0.0
+    return ChangingTendons(
+        among, tension, np.array((start.mobilisation[holes], end.mobilisation[holes])), slack
+    )
 
 
 def find_reversals(
     start: Equilibrium,
     end: Equilibrium,
-    by_load: tuple[Array, Array],
+    by_load: tuple[LoadResponse, LoadResponse],
     presliding: float,
     length: float,
     allowed: float,
@@ -250,7 +309,7 @@ def find_reversals(
     start, end
         The states; `end` is solved from `start` as a whole.
     by_load
-        Derivatives of the slips in both, by the load factor from one to the other, each of shape (k,) [m].
+        Responses of both to the change of the load from the first to the second.
     presliding
         Presliding distance [m].
     length
@@ -272,16 +331,14 @@ def find_reversals(
     substep = _Substep.of(start, end, by_load, holes, presliding)
     path = substep.follow()
     plain = substep.with_reversals(path)
-    bulge = substep.error(path, plain)
-    worst = float(np.abs(bulge).max())
-    sure = worst <= SMALL * presliding or np.all(path.margin >= SAFETY * np.abs(bulge))
+    bulge = substep.error(path)
+    at_holes = np.abs(bulge[: holes.size])
+    worst = float(at_holes.max())
+    sure = worst <= SMALL * presliding or np.all(path.margin >= SAFETY * at_holes)
     if path.complete and sure and not path.reversed.any():
         return None
     if not (start.exact and end.exact):
         return Reversals(np.inf, np.inf, 0.5)
-
-    slack = zip(start.linearization.slack, end.linearization.slack, strict=True)
-    kink = 1.0 if all(np.array_equal(*both) for both in slack) else KINK
 
     def displacement(mobilisation: Array, other: Array) -> float:
         change = np.zeros(len(taut))
@@ -289,10 +346,10 @@ def find_reversals(
         return end.displacement(change) / length
 
     def found(mobilisation: Array, others: Sequence[Array], division: float) -> Reversals:
-        error = kink * max(displacement(mobilisation, other) for other in others)
+        error = max(displacement(mobilisation, other) for other in others)
         return Reversals(displacement(mobilisation, substep.after), error, division)
 
-    scale = max(float(np.abs(substep.slip).max()), presliding)
+    scale = max(float(np.abs(substep.hole_slip).max()), presliding)
     if path.complete and worst <= ROUGH * scale:
         better = substep.follow(bulge)
         if better.complete:
@@ -307,7 +364,7 @@ def find_reversals(
                 return found(corrected, (plain, substep.with_reversals(beyond)), located.division)
     # Reversals are not located well enough; the error falls about with the square of the substep.
     division = min(0.5, max(NEAR, float(np.sqrt(ROUGH * scale / max(worst, ROUGH * scale)))))
-    return found(plain, (substep.at_worst(path, plain, bulge),), division)
+    return found(plain, (substep.at_worst(path, plain, at_holes),), division)
 
 
 def _division(path: FollowedPath, change: Array) -> float:

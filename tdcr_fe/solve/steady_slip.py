@@ -104,7 +104,10 @@ def _rates_agree(
 
 
 def _all_slip(before: SolverState, after: SolverState, line: Linearization) -> bool:
-    """Whether every hole of tendons under tension slips at the end, and no tendon goes slack."""
+    """Whether every hole of tendons under tension slips at the end, and no tendon becomes slack or taut on the way.
+
+    A tendon driven by tension may be pulled from zero: it is under tension all through the substep.
+    """
     for part in line.numbering.robots:
         i = part.robot
         if not part.has_friction:
@@ -112,6 +115,7 @@ def _all_slip(before: SolverState, after: SolverState, line: Linearization) -> b
         taut = after.base_tension[i] > 0.0
         if (np.abs(after.mobilisation[i]) < (part.frictional & taut[:, None])).any():
             return False
-        if (before.base_tension[i] > 0.0)[~taut].any():
+        was_taut = before.base_tension[i] > 0.0
+        if was_taut[~taut].any() or not was_taut[part.driven][taut[part.driven]].all():
             return False
     return True

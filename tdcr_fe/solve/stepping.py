@@ -21,7 +21,7 @@ from tdcr_fe.solve.convergence import NewtonStatus
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.newton import NewtonResult, newton
 from tdcr_fe.solve.ramp import Ramp
-from tdcr_fe.solve.reversals import Equilibrium, Reversals, find_reversals, slips_by_load
+from tdcr_fe.solve.reversals import Equilibrium, Reversals, find_reversals, response_to_load
 from tdcr_fe.solve.state import SolverState, StoredState
 from tdcr_fe.solve.steady_slip import slips_steadily
 from tdcr_fe.solve.system import SceneSystem
@@ -467,8 +467,11 @@ class LoadStepper:
         self, start: Equilibrium, end: Equilibrium, at: float, goal: float, allowed: float
     ) -> Reversals | None:
         """Slip reversals between two solved states at load factors `at` and `goal`, see `find_reversals`."""
-        first = slips_by_load(self.system, start, self.ramp.apply(self.system, goal))
-        last = -slips_by_load(self.system, end, self.ramp.apply(self.system, at))
+        opening = self.ramp.apply(self.system, at)
+        closing = self.ramp.apply(self.system, goal)
+        first = response_to_load(self.system, start, opening, closing)
+        self.ramp.apply(self.system, at)
+        last = response_to_load(self.system, end, closing, opening).reversed()
         presliding, length = self.settings.presliding, self.system.length
         return find_reversals(start, end, (first, last), presliding, length, allowed)
 

@@ -1,0 +1,185 @@
+"""Rates of mobilisations, slips and tensions at one load factor, and the distance to the next event.
+
+The unknowns ``z`` are the mobilisations of holes, in [-1, 1], and the tensions of tendons driven by displacement, from
+0 on. To each belongs an excess that is constant while the unknown is inside its bounds: of the slip over that of the
+mobilisation, and minus the slack of the tendon. Its rate is ``load - matrix z'``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dgesv, dgetrs
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+_BOTH = np.array([[1.0], [-1.0]])
+
+
+class Bounds(NamedTuple):
+    """Bounds of the unknowns.
+
+    Attributes
+    ----------
+    lower, upper : ndarray, shape (n,)
+        Bounds.
+    near : ndarray, shape (n,)
+        Distance from a bound that counts as none.
+    """
+
+    lower: Array
+    upper: Array
+    near: Array
+
+    def side(self, z: Array) -> Array:
+        """1 at the upper bounds, -1 at the lower ones, 0 inside, shape (n,)."""
+        at_upper: Array = (z >= self.upper - self.near).astype(float)
+        at_upper -= z <= self.lower + self.near
+        return at_upper
+
+
+class Motion(NamedTuple):
+    """Rates from a load factor on, linear in it.
+
+    Attributes
+    ----------
+    side : ndarray, shape (n,)
+        1 or -1 where an unknown stays at its bound, 0 where it is free.
+    rate, rate_change : ndarray, shape (n,)
+        Rates of the unknowns and their derivatives; zero at bounds.
+    excess, excess_change : ndarray, shape (n,)
+        Rates of the excess, and their derivatives; zero up to round-off where unknowns are free.
+    """
+
+    side: Array
+    rate: Array
+    rate_change: Array
+    excess: Array
+    excess_change: Array
+
+
+class Rates(NamedTuple):
+    """Rates that satisfy the conditions of complementarity.
+
+    Attributes
+    ----------
+    side, rate, excess
+        As in `Motion`.
+    free : ndarray of int
+        Unknowns inside their bounds.
+    columns : ndarray, shape (n, free)
+        Of the matrix.
+    factors : tuple, or None
+        LU factors of its free part, and pivots; None where no unknown is free.
+    """
+
+    side: Array
+    rate: Array
+    excess: Array
+    free: NDArray[np.int_]
+    columns: Array
+    factors: tuple[Array, NDArray[np.int_]] | None
+
+    def motion(self, slope: Array) -> Motion:
+        """With their derivatives, from the derivative of ``load - matrix z'`` at constant rates, shape (n,)."""
+        if self.factors is None:
+            return Motion(self.side, self.rate, self.rate, self.excess, slope)
+        more = dgetrs(*self.factors, slope[self.free])[0]
+        change = np.zeros(len(slope))
+        change[self.free] = more
+        return Motion(self.side, self.rate, change, self.excess, slope - self.columns @ more)
+
+
+def solve_rates(
+    matrix: Array, load: Array, side: Array, open_: Flags | None, tolerance: float
+) -> Rates | None:
+    """Rates at a load factor; None where no consistent ones were found.
+
+    A complementarity problem: an unknown at its bound stays there, its excess growing in the direction of the bound, or
+    leaves it. Block principal pivoting as in `tdcr_fe.elements.complementarity.solve_box`.
+
+    Parameters
+    ----------
+    matrix, load
+        Shapes (n, n) and (n,).
+    side
+        At which bounds the unknowns are, see `Bounds.side`.
+    open_
+        Which unknowns cannot leave their bounds now, because the tendon has slack; None where there are none.
+    tolerance
+        Rates of the excess below it are zero.
+    """
+    count = len(side)
+    active, scale = side, side * matrix.diagonal()
+    best, patience = count + 1, 3
+    for _ in range(30 + 10 * count):
+        free = (active == 0.0).nonzero()[0]
+        rate, columns = np.zeros(count), matrix[:, free]
+        factors: tuple[Array, NDArray[np.int_]] | None = None
+        excess = load
+        if free.size:
+            lu, pivots, found, singular = dgesv(columns[free], load[free], overwrite_a=True)
+            if singular:
+                return None
+            rate[free], factors = found, (lu, pivots)
+            excess = load - columns @ found
+        outward = scale * rate > tolerance
+        inward = active * excess < -tolerance
+        if open_ is not None:
+            inward &= ~open_
+        broken = outward | inward
+        number = int(broken.sum())
+        if number == 0:
+            return Rates(active, rate, excess, free, columns, factors)
+        if number < best:
+            best, patience = number, 3
+        elif patience > 0:
+            patience -= 1
+        else:
+            first = broken.argmax()
+            broken = np.zeros(count, dtype=bool)
+            broken[first] = True
+        active = np.where(broken, np.where(outward, side, 0.0), active)
+    return None
+
+
+def distance_to_bound(motion: Motion, z: Array, bounds: Bounds) -> float:
+    """Distance to where a free unknown reaches a bound; infinite where none does."""
+    # z + a h + b h^2 / 4 meets a bound: the root at which it is crossed outward.
+    gap = np.array((bounds.upper - z, z - bounds.lower))
+    pace = motion.rate * _BOTH
+    inner = pace * pace + (2.0 * gap) * (motion.rate_change * _BOTH)
+    speed = pace + np.sqrt(np.maximum(inner, 0.0))
+    ahead = (inner >= 0.0) & (speed > 0.0) & (motion.side == 0.0)
+    return 2.0 * float(np.divide(gap, speed, out=np.full(gap.shape, np.inf), where=ahead).min())
+
+
+def distance_to_reversal(motion: Motion, tolerance: float, holes: int) -> float:
+    """Distance to where the slip at a hole at its bound reverses; infinite where none does."""
+    side = motion.side[:holes]
+    fall = -side * motion.excess_change[:holes]
+    rate = np.maximum(side * motion.excess[:holes] + tolerance, 0.0)
+    return float(np.divide(rate, fall, out=np.full(holes, np.inf), where=fall > 0.0).min(initial=np.inf))
+
+
+def distance_to_closing(motion: Motion, slack: Array, holes: int) -> float:
+    """Distance to where the slack of a tendon vanishes; infinite where none does.
+
+    Parameters
+    ----------
+    motion
+        The rates.
+    slack
+        Of the tendons [m], shape (n - holes,).
+    holes
+        Number of holes among the unknowns.
+    """
+    pace, bend = motion.excess[holes:], 2.0 * motion.excess_change[holes:]
+    inner = pace * pace + bend * slack
+    speed = pace + np.sqrt(np.maximum(inner, 0.0))
+    ahead = (inner >= 0.0) & (speed > 0.0) & (slack > 0.0)
+    return 2.0 * float(
+        np.divide(slack, speed, out=np.full(slack.shape, np.inf), where=ahead).min(initial=np.inf)
+    )
