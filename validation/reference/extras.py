@@ -1,8 +1,14 @@
-"""Properties beyond the robot description (springs to ground, holes with their own friction), for blind data."""
+"""Properties beyond the robot description (springs to ground, single holes, laws of bending), for blind data."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -44,6 +50,47 @@ class HoleFriction:
 
 
 @dataclass(frozen=True)
+class BackboneState:
+    """What a law of bending may depend on, in a solved configuration.
+
+    Attributes
+    ----------
+    s : ndarray, shape (n,)
+        Middles of the intervals [m].
+    strain : ndarray, shape (n, 3)
+        Curvatures and twist of the intervals, section frame [1/m].
+    tension : ndarray, shape (n, n_tendons)
+        Of the segment that passes each interval, zero beyond a tendon's end [N].
+    direction : ndarray, shape (n_tendons,)
+        Sign of the last change of each tendon's input [1].
+    time : float
+        [s].
+    """
+
+    s: Array
+    strain: Array
+    tension: Array
+    direction: Array
+    time: float
+
+
+@dataclass(frozen=True)
+class PointForce:
+    """A force on a point of the backbone that depends on its displacement.
+
+    Attributes
+    ----------
+    at : float
+        Arc length [m].
+    force : callable
+        From the displacement since the unloaded state, world frame [m], shape (3,), to the force [N], shape (3,).
+    """
+
+    at: float
+    force: Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
 class Extras:
     """All properties beyond the description.
 
@@ -52,7 +99,18 @@ class Extras:
     springs : tuple of Spring
     holes : tuple of HoleFriction
         Straight tendon segments and friction per hole only.
+    bending : callable or None
+        Bending moment that the backbone carries besides its elasticity: from a `BackboneState` to moments about the
+        sections' x and y axes [N m], shape (n, 2). Straight tendon segments only.
+    forces : tuple of PointForce
     """
 
     springs: tuple[Spring, ...] = ()
     holes: tuple[HoleFriction, ...] = ()
+    bending: Callable[[BackboneState], Array] | None = None
+    forces: tuple[PointForce, ...] = ()
+
+    @property
+    def has_laws(self) -> bool:
+        """Whether anything depends on the state by a law of its own."""
+        return self.bending is not None or bool(self.forces)

@@ -45,6 +45,9 @@ _AGREEMENTS = 2
 #: Friction coefficients that depend on the normal force: repetitions at most, and the change that ends them [1].
 _REPETITIONS, _COEFFICIENT_TOLERANCE = 40, 1e-10
 
+#: Laws of the extras: repetitions at most, and the change (moments over EI/L, forces over EI/L^2) that ends them [1].
+_LAW_REPETITIONS, _LAW_TOLERANCE = 60, 1e-7
+
 
 class NotConverged(Exception):
     """A substep has no solution that Newton's method finds, however small; carries the scaled residual."""
@@ -67,6 +70,8 @@ class Ramp:
         Concentrated loads before and after the step.
     times : (float, float)
         [s].
+    direction : ndarray, shape (n_tendons,)
+        Sign of the last change of each tendon's input, in this step or before [1].
     """
 
     by_displacement: NDArray[np.bool_]
@@ -75,9 +80,17 @@ class Ramp:
     old: Mapping[str, Load]
     new: Mapping[str, Load]
     times: tuple[float, float]
+    direction: Array
 
     @classmethod
-    def between(cls, statics: Statics, before: Actuation | None, target: Actuation, state: State) -> Ramp:
+    def between(
+        cls,
+        statics: Statics,
+        before: Actuation | None,
+        target: Actuation,
+        state: State,
+        direction: Array,
+    ) -> Ramp:
         """Ramp from a state to the targets of a step; a tendon that changes its mode starts from its present value."""
         tendons = statics.tendons
         tension = state.tensions[tendons.first] if tendons.count else np.zeros(0)
@@ -86,6 +99,7 @@ class Ramp:
         old_values = np.zeros(tendons.count) if before is None else before.values
         begin = np.where(target.by_displacement, pulled, tension)
         begin = np.where(old_modes == target.by_displacement, old_values, begin)
+        turn = np.sign(target.values - begin)
         return cls(
             target.by_displacement,
             begin,
@@ -93,6 +107,7 @@ class Ramp:
             {} if before is None else before.loads,
             target.loads,
             (0.0 if before is None else before.time, target.time),
+            np.where(turn != 0.0, turn, direction),
         )
 
     def time(self, factor: float) -> float:
@@ -336,16 +351,15 @@ class LoadStepPath:
     def _substep(self, start: Point, factor: float) -> Path:
         """Newton from the last point; if it fails with friction, continuation in the presliding distance."""
         statics, ramp = self.statics, self.ramp
-        forces, driver = statics.forces(ramp.loads(factor)), ramp.driver(factor)
         backbone = statics.robot.backbone
         if backbone.creep_rate != 0.0:
             statics.set_compliance_factor(backbone.compliance_factor(ramp.time(factor)))
         delta, unknowns = statics.settings.presliding, start.state.unknowns
-        attempt = self._consistent(unknowns, forces, driver, start, delta)
+        attempt = self._with_laws(unknowns, factor, start, delta)
         iterations = attempt.iterations
         if not attempt.converged and statics.tendons.n_friction:
             for softer in _CONTINUATION:
-                attempt = self._consistent(unknowns, forces, driver, start, softer * delta)
+                attempt = self._with_laws(unknowns, factor, start, softer * delta)
                 iterations += attempt.iterations
                 if not attempt.converged:
                     break
@@ -353,6 +367,26 @@ class LoadStepPath:
         if not attempt.converged:
             raise NotConverged(attempt.state.residual)
         return Path(commit(statics, start, attempt.state), iterations)
+
+    def _with_laws(self, unknowns: Array, factor: float, start: Point, presliding: float) -> Attempt:
+        """Solve with moments and forces that follow laws of the state, by fixed-point iteration."""
+        statics, ramp = self.statics, self.ramp
+        driver, loads = ramp.driver(factor), ramp.loads(factor)
+        attempt = self._consistent(unknowns, statics.forces(loads), driver, start, presliding)
+        if not statics.extras.has_laws:
+            return attempt
+        iterations = attempt.iterations
+        for _ in range(_LAW_REPETITIONS):
+            if not attempt.converged:
+                break
+            change = statics.follow_laws(attempt.state, ramp.direction, ramp.time(factor))
+            if change <= _LAW_TOLERANCE:
+                return replace(attempt, iterations=iterations)
+            attempt = self._consistent(
+                attempt.state.unknowns, statics.forces(loads), driver, start, presliding
+            )
+            iterations += attempt.iterations
+        return replace(attempt, converged=False, iterations=iterations)
 
     def _consistent(
         self, unknowns: Array, forces: Forces, driver: Driver, start: Point, presliding: float

@@ -90,6 +90,8 @@ class Section:
     superelastic : Superelastic or None
     radius : float
         Of the backbone [m].
+    carried : ndarray, shape (n, 6)
+        Wrench carried besides the elastic one [N m, N].
     """
 
     stiffness: Array
@@ -97,6 +99,7 @@ class Section:
     rigid: Mask
     superelastic: Superelastic | None
     radius: float
+    carried: Array
 
     @classmethod
     def of(cls, backbone: Backbone, middles: Array, rigid: Mask) -> Section:
@@ -115,11 +118,14 @@ class Section:
             axis=1,
         )
         rest = np.array([*backbone.precurvature, 0.0, 0.0, 0.0, 1.0])
-        return cls(stiffness, rest, rigid, backbone.superelastic, backbone.radius)
+        carried = np.zeros_like(stiffness)
+        return cls(stiffness, rest, rigid, backbone.superelastic, backbone.radius, carried)
 
     def take(self, index: NDArray[np.intp]) -> Section:
         """The law of some of the intervals."""
-        return Section(self.stiffness[index], self.rest, self.rigid[index], self.superelastic, self.radius)
+        return replace(
+            self, stiffness=self.stiffness[index], rigid=self.rigid[index], carried=self.carried[index]
+        )
 
     def softened(self, factor: float) -> Section:
         """The law with the compliance in bending and torsion grown by a factor [1]."""
@@ -127,6 +133,7 @@ class Section:
 
     def strain(self, wrench: Array) -> tuple[Array, Array]:
         """Strain, shape (n, 6), and its derivative with respect to the wrench, shape (n, 6, 6)."""
+        wrench = wrench - self.carried
         compliance = np.where(self.rigid[:, None], 0.0, 1.0 / self.stiffness)
         strain = self.rest + compliance * wrench
         derivative = compliance[:, :, None] * np.eye(6)
@@ -148,7 +155,7 @@ class Section:
     def wrench(self, strain: Array) -> tuple[Array, Array]:
         """Wrench, (n, 6), and its derivative by the strain, (n, 6, 6); rigidity is ignored."""
         change = strain - self.rest
-        wrench = self.stiffness * change
+        wrench = self.stiffness * change + self.carried
         derivative = self.stiffness[:, :, None] * np.eye(6)
         if self.superelastic is not None:
             size = np.hypot(change[:, 0], change[:, 1])
@@ -157,7 +164,7 @@ class Section:
             safe = np.where(zero, 1.0, size)
             direction = change[:, :2] / safe[:, None]
             secant = np.where(zero, self.stiffness[:, 0], moment / safe)
-            wrench[:, :2] = secant[:, None] * change[:, :2]
+            wrench[:, :2] = secant[:, None] * change[:, :2] + self.carried[:, :2]
             derivative[:, :2, :2] = secant[:, None, None] * np.eye(2) + (
                 (slope - secant)[:, None, None] * direction[:, :, None] * direction[:, None, :]
             )

@@ -78,11 +78,13 @@ def solve_reference(
     sampler = Sampler(statics)
     point = Point(statics.rest, statics.tendons.start(), np.zeros(len(statics.tendons.holes)))
     before: Actuation | None = None
+    direction = np.zeros(statics.tendons.count)
     results: list[StepResult] = []
     warnings: list[str] = []
     failed, message = None, f"all {len(actuations)} steps converged"
     for number, (step, actuation) in enumerate(zip(steps, actuations, strict=True), start=1):
-        ramp = Ramp.between(statics, before, actuation, point.state)
+        ramp = Ramp.between(statics, before, actuation, point.state, direction)
+        direction = ramp.direction
         one, count = LoadStepPath(statics, ramp, settings), step.substeps or settings.substeps
         name = f"step {number} ({step.label or 'no label'})"
         try:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.loading import Load, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.reference.balance import Balance, Forces, GroundedSpring, Poses
-from tdcr_fe.validation.reference.extras import Extras
+from tdcr_fe.validation.reference.extras import BackboneState, Extras
 from tdcr_fe.validation.reference.layout import Layout, lay_out
 from tdcr_fe.validation.reference.lie import adjoint
 from tdcr_fe.validation.reference.rod import Flow, Rod
@@ -61,6 +63,8 @@ def _check(robot: Robot, model: Model, extras: Extras) -> None:
         )
     if model.tendon_path == "continuous" and any(t.clearance > 0.0 for t in robot.tendons):
         raise ValueError("clearance of holes with tendon_path 'continuous'; only 'straight' goes with it")
+    if extras.bending is not None and model.tendon_path == "continuous":
+        raise ValueError("a law of bending with tendon_path 'continuous'; only 'straight' goes with it")
     if extras.holes and (model.tendon_path == "continuous" or model.friction != "per-hole"):
         raise ValueError("holes that differ need tendon_path 'straight' and friction 'per-hole'")
 
@@ -97,8 +101,11 @@ class Statics:
         _check(robot, model, extras)
         self.robot, self.model, self.settings = robot, model, settings
         self.layout: Layout = lay_out(
-            robot, [*load_points, *(s.at for s in extras.springs)], settings.max_interval
+            robot, [*load_points, *(s.at for s in (*extras.springs, *extras.forces))], settings.max_interval
         )
+        self.extras = extras
+        #: Forces at the stations that depend on displacements [N].
+        self.by_displacement = np.zeros((len(self.layout.s), 3))
         backbone = robot.backbone
         self.gravity = np.asarray(model.gravity, dtype=float)
         self.weight = self.layout.mass_per_length * self.gravity
@@ -147,8 +154,50 @@ class Statics:
 
     def set_compliance_factor(self, factor: float) -> None:
         """Make the backbone softer in bending and torsion by a factor on its compliance [1]."""
-        self.section = self.layout.section.softened(factor)
+        self.section = replace(self.layout.section.softened(factor), carried=self.section.carried)
         self.rod.section = self.section
+
+    def follow_laws(self, state: State, direction: Array, time: float) -> float:
+        """Set the moments and forces that laws of the extras give in a state; the largest scaled change [1]."""
+        change = 0.0
+        if self.extras.bending is not None:
+            carried = np.zeros((self.n, 6))
+            here = self._backbone_state(state, direction, time)
+            carried[:, :2] = self._next_bending(self.extras.bending, here)
+            change = float(np.max(np.abs(carried - self.section.carried))) / self.moment_scale
+            self.section = replace(self.section, carried=carried)
+            self.rod.section = self.section
+        forces = np.zeros((self.n + 1, 3))
+        for each in self.extras.forces:
+            at = self.layout.station(each.at)
+            forces[at] += each.force(state.positions[at] - self.rest.positions[at])
+        change = max(change, float(np.max(np.abs(forces - self.by_displacement))) / self.force_scale)
+        self.by_displacement = forces
+        return change
+
+    def _next_bending(self, law: Callable[[BackboneState], Array], here: BackboneState) -> Array:
+        """Moments of the next iteration: Newton's method, with the curvature that a change leaves at equal wrench."""
+        value, h = law(here), 1e-6 / self.robot.backbone.length
+        slope = np.zeros((self.n, 2, 2))
+        for k in range(2):
+            moved = here.strain.copy()
+            moved[:, k] += h
+            slope[:, :, k] = (law(replace(here, strain=moved)) - value) / h
+        matrix = np.eye(2) + slope / self.section.stiffness[:, :1, None]
+        gap = value - self.section.carried[:, :2]
+        return self.section.carried[:, :2] + np.linalg.solve(matrix, gap[..., None])[..., 0]
+
+    def _backbone_state(self, state: State, direction: Array, time: float) -> BackboneState:
+        """What a law of bending may depend on."""
+        lengths, tendons = self.layout.lengths, self.tendons
+        relative = np.swapaxes(state.rotations[:-1], 1, 2) @ state.rotations[1:]
+        strain = Rotation.from_matrix(relative).as_rotvec() / lengths[:, None]
+        tension = np.zeros((self.n, tendons.count))
+        for i in range(tendons.count):
+            for j in range(tendons.first[i], tendons.last[i]):
+                tension[tendons.tail[j] : tendons.head[j], i] = state.tensions[j]
+        middles = self.layout.s[:-1] + 0.5 * lengths
+        return BackboneState(middles, strain, tension, direction, time)
 
     def no_forces(self) -> Forces:
         """No concentrated loads, and no weight of the disks."""
@@ -157,7 +206,7 @@ class Statics:
     def forces(self, loads: list[tuple[float, Load]]) -> Forces:
         """Factors and loads, with the weight of disks and tip mass."""
         result = self.no_forces()
-        result.world[:, 3:] = self.layout.point_mass[:, None] * self.gravity
+        result.world[:, 3:] = self.layout.point_mass[:, None] * self.gravity + self.by_displacement
         for factor, load in loads:
             target = result.world if load.frame == "world" else result.section
             target[self.layout.station(load.at)] += factor * np.array([*load.moment, *load.force])
