@@ -3,6 +3,7 @@
 Those of "A first robot" and of the README are the pictures of ``tdcr-fe demo``.
 """
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -31,6 +32,27 @@ def draw_demo(folder: Path) -> None:
             page.quantize(128).save(folder / f"{name}.png")
 
 
+def draw_viewer(folder: Path) -> None:
+    """Photograph the 3D page of the demo in a headless Chromium, where there is one."""
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        print("viewer.png stays as it is: no Chromium found")
+        return
+    with TemporaryDirectory() as out:
+        if cli.main(["demo", "-o", out, "--quiet"]) != 0:
+            raise SystemExit("the demo did not converge")
+        photo = Path(out) / "photo.png"
+        flags = ["--headless=new", "--no-sandbox", "--hide-scrollbars", "--use-angle=swiftshader"]
+        flags += ["--enable-unsafe-swiftshader", "--window-size=1360,850", "--virtual-time-budget=4000"]
+        page = (Path(out) / "view.html").as_uri()
+        subprocess.run(
+            [chromium, *flags, f"--user-data-dir={out}/profile", f"--screenshot={photo}", page], check=True
+        )
+        with Image.open(photo) as picture:
+            part = picture.convert("RGB").crop((0, 0, 1360, 752))
+            part.resize((1020, 564), Image.Resampling.LANCZOS).save(folder / "viewer.png", optimize=True)
+
+
 def draw_examples(folder: Path) -> None:
     """Run the examples that draw a picture."""
     for name in OF_EXAMPLES:
@@ -40,4 +62,5 @@ def draw_examples(folder: Path) -> None:
 
 if __name__ == "__main__":
     draw_demo(DOCS / "pictures")
+    draw_viewer(DOCS / "pictures")
     draw_examples(DOCS / "pictures")

@@ -57,7 +57,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="compliance and tendon Jacobians of the tip, and the stiffness seen by the motors, into summary.json",
     )
-    parser.add_argument("--no-pictures", action="store_true", help="write tables and summary only")
+    parser.add_argument(
+        "--no-pictures", action="store_true", help="write tables and summary only, no pictures and no 3D page"
+    )
     parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
 
 

@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from tdcr_fe import __version__
-from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.sensitivities import LocalResponse
+from tdcr_fe.report.motion import geometry
 
 
 def versions() -> dict[str, str]:
@@ -33,6 +34,21 @@ def _response(found: LocalResponse) -> dict[str, Any]:
         "by_displacement": found.by_displacement.tolist(),
         "motor_stiffness": found.motor_stiffness.tolist(),
     }
+
+
+def _inputs(result: SequenceResult, step: StepResult) -> dict[str, Any]:
+    """Loads that act at the end of a step, and tendons driven by displacement; without what there is not."""
+    state = step.actuation
+    if state is None:
+        return {}
+    loads = {
+        name: {"at": x.at, "force": list(x.force), "moment": list(x.moment), "frame": x.frame}
+        for name, x in state.loads.items()
+        if any(x.force) or any(x.moment)
+    }
+    names = result.robot.tendon_names
+    driven = [n for n, driven in zip(names, state.by_displacement, strict=True) if driven]
+    return {**({"loads": loads} if loads else {}), **({"displacement_controlled": driven} if driven else {})}
 
 
 def summary(
@@ -60,6 +76,7 @@ def summary(
             "elements_per_bay": model.elements_per_bay,
             "gravity": list(model.gravity),
         },
+        "geometry": geometry(result),
         "mesh": {"elements_per_bay": list(result.elements_per_bay)},
         "settings": dict(result.settings),
         "wall_time": result.wall_time,
@@ -79,6 +96,7 @@ def summary(
                 "residual": s.residual,
                 "discretisation_error": s.discretisation_error,
                 "buckling_load_fraction": s.buckling_load_fraction,
+                **_inputs(result, s),
                 **({"tip_response": [_response(r) for r in s.responses]} if s.responses else {}),
             }
             for s in result.steps

@@ -1,4 +1,4 @@
-"""Result files of a simulation: `steps.csv`, `shape.csv`, `tensions.csv`, `summary.json`, pictures; sensitivities.
+"""Result files of a simulation: `steps.csv`, `shape.csv`, `tensions.csv`, `summary.json`, sensitivities, pictures.
 
 Their columns are in `tdcr_fe.model.frames`.
 """
@@ -9,7 +9,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from tdcr_fe.io.atomic import write_folder, write_json
+from tdcr_fe.io.atomic import write_folder, write_json, write_text
 from tdcr_fe.io.summary import summary
 from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.results import SequenceResult
@@ -20,6 +20,8 @@ RESULT_FILES = ("steps.csv", "shape.csv", "tensions.csv", "summary.json")
 SENSITIVITIES = "sensitivities.csv"
 #: Every picture that it may write.
 PICTURE_FILES = ("shapes.png", "tensions.png", "hysteresis.png")
+#: Page with the robot in 3D, written with the pictures.
+VIEW_PAGE = "view.html"
 
 
 def write_results(
@@ -29,7 +31,7 @@ def write_results(
     steps_asked: int | None = None,
     pictures: bool = True,
 ) -> list[Path]:
-    """Write tables, summary and pictures of a simulation.
+    """Write tables, summary, pictures and the 3D page of a simulation.
 
     Parameters
     ----------
@@ -42,7 +44,7 @@ def write_results(
     steps_asked
         Length of the loading sequence.
     pictures
-        Whether to draw.
+        Whether to draw pictures and the 3D page.
 
     Returns
     -------
@@ -68,11 +70,15 @@ def write_results(
         write_json(summary(result, digests, steps_asked), folder / "summary.json")
 
     def draw(folder: Path) -> None:
+        from tdcr_fe.report.motion import motion_of
         from tdcr_fe.report.plots import save_pictures
+        from tdcr_fe.report.viewer import view_page
 
         save_pictures(result, folder)
+        if result.steps:
+            write_text(view_page(motion_of(result)), folder / VIEW_PAGE)
 
-    written = write_folder(out, write_tables, ours=(*RESULT_FILES, SENSITIVITIES, *PICTURE_FILES))
+    written = write_folder(out, write_tables, ours=(*RESULT_FILES, SENSITIVITIES, *PICTURE_FILES, VIEW_PAGE))
     return (
         written + write_folder(out, draw) if pictures else written
     )  # an interruption while drawing leaves the tables

@@ -1,0 +1,198 @@
+"""Read a folder of results, as ``tdcr-fe run``, ``follow`` or ``identify`` writes it, for drawing."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.model.loading import Load
+from tdcr_fe.model.results import HOLE_STATES
+from tdcr_fe.report.motion import Markers, Motion, Nodes, assemble
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+#: Files that are read.
+STEPS, SHAPE, TENSIONS, SUMMARY = "steps.csv", "shape.csv", "tensions.csv", "summary.json"
+#: Folder of `identify` with the results of the corrected robot, and its tables of measured markers and of the
+#: backbone of the declared model.
+CORRECTED, MARKERS, DECLARED = "corrected", "markers.csv", "declared.csv"
+
+
+def _refuse(path: Path, allowed: str, key: str = "", value: str = "") -> InputError:
+    return InputError([Problem(str(path), key, value, allowed)])
+
+
+def _table(path: Path, columns: Iterable[str]) -> pd.DataFrame:
+    """A table with at least these columns; texts stay as they are."""
+    import pandas as pd
+
+    texts = {"label", "tendon", "hole_state", "converged"}
+    try:
+        head = list(pd.read_csv(path, nrows=0).columns)
+        missing = [c for c in columns if c not in head]
+        if missing:
+            raise _refuse(path, f"missing column; needed are {', '.join(columns)}", missing[0])
+        kinds = {c: str if c in texts else float for c in columns}
+        return pd.read_csv(path, usecols=list(columns), dtype=kinds, keep_default_na=False, na_values={
+            c: ["", "nan"] for c in columns if c not in texts})  # fmt: skip
+    except (ValueError, UnicodeDecodeError, pd.errors.ParserError) as error:
+        raise _refuse(path, f"not a table of results: {str(error).splitlines()[0]}") from error
+
+
+def _summary(path: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise _refuse(path, f"not JSON: {error}") from error
+    if not isinstance(found, dict) or not isinstance(found.get("geometry"), dict):
+        raise _refuse(path, "missing; written since version 0.2: run the scenario anew", "geometry")
+    return found
+
+
+def _folder(folder: str | os.PathLike[str]) -> Path:
+    """The folder that holds the tables."""
+    path = Path(folder)
+    if not path.is_dir():
+        above = path.parent if path.parent.is_dir() else Path(".")
+        there = sorted(p.name for p in above.iterdir() if p.is_dir())
+        near = difflib.get_close_matches(path.name, there, n=1)
+        hint = f"; did you mean {above / near[0]}?" if near else ""
+        what = "is a file; must be the folder of results" if path.exists() else f"no such folder{hint}"
+        raise _refuse(path, what)
+    if (path / CORRECTED / SUMMARY).is_file() and not (path / SUMMARY).is_file():
+        path = path / CORRECTED
+    missing = [n for n in (SUMMARY, STEPS, SHAPE, TENSIONS) if not (path / n).is_file()]
+    if missing:
+        what = "no results of tdcr-fe run, follow or identify in this folder"
+        raise _refuse(path, f"{what}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing")
+    return path
+
+
+def _nodes(path: Path, steps: list[int]) -> Nodes:
+    """Poses of the nodes from ``shape.csv``, which has the same nodes in every step."""
+    table = _table(path, ["step", "s", "x", "y", "z", "qw", "qx", "qy", "qz"])
+    values: Array = table.to_numpy(dtype=float)
+    count, rest = divmod(len(values), len(steps))
+    if rest or count < 2 or not np.array_equal(values[:, 0], np.repeat(steps, count)):
+        raise _refuse(path, "must have the same backbone nodes in every step of steps.csv", "step")
+    values = values.reshape(len(steps), count, 9)
+    s = values[0, :, 1]
+    if not np.all(np.diff(s) > 0.0) or not np.all(values[:, :, 1] == s):
+        raise _refuse(path, "must be ascending, and the same in every step", "s")
+    if not np.all(np.isfinite(values)):
+        raise _refuse(path, "has empty or infinite values")
+    norm = np.linalg.norm(values[:, :, 5:], axis=-1, keepdims=True)
+    if np.any(np.abs(norm - 1.0) > 1e-3):
+        raise _refuse(path, "must be unit quaternions", "qw, qx, qy, qz")
+    return Nodes(s, values[:, :, 2:5], values[:, :, 5:] / norm)
+
+
+def _tensions(
+    path: Path, names: list[str], steps: list[int]
+) -> tuple[tuple[Array, ...], tuple[tuple[tuple[str, ...], ...], ...]]:
+    """By tendon: tensions of shape (n_steps, n_segments), and the states of holes by step."""
+    table = _table(path, ["step", "tendon", "segment", "tension", "hole_state"])
+    wrong = sorted(set(table.hole_state) - set(HOLE_STATES))
+    if wrong:
+        raise _refuse(path, f"must be one of {', '.join(HOLE_STATES)}", "hole_state", wrong[0])
+    tensions, states = [], []
+    for name in names:
+        rows = table[table.tendon == name]
+        count, rest = divmod(len(rows), len(steps))
+        if rest or not count or not np.array_equal(rows.step, np.repeat(steps, count)):
+            raise _refuse(path, "must have the same segments in every step of steps.csv", "tendon", name)
+        tensions.append(rows.tension.to_numpy(dtype=float).reshape(len(steps), count))
+        texts = list(rows.hole_state)
+        states.append(tuple(tuple(texts[count * k : count * (k + 1)]) for k in range(len(steps))))
+    return tuple(tensions), tuple(states)
+
+
+def _markers(folder: Path, steps: list[int]) -> Markers | None:
+    """Measured markers and the declared model's backbone, where `identify` has written them."""
+    if not (folder / MARKERS).is_file():
+        return None
+    found = []
+    for name in (MARKERS, DECLARED):
+        table = _table(folder / name, ["step", "s", "x", "y", "z"])
+        values = table.to_numpy(dtype=float)
+        count, rest = divmod(len(values), len(steps))
+        if rest or not np.array_equal(values[:, 0], np.repeat(steps, count)):
+            raise _refuse(folder / name, "must have the same rows in every step of steps.csv", "step")
+        found.append(values.reshape(len(steps), count, 5))
+    return Markers(found[0][0, :, 1], found[0][:, :, 2:], found[1][:, :, 2:])
+
+
+def read_motion(folder: str | os.PathLike[str]) -> Motion:
+    """Read what a drawing needs from the results of a run, a followed path or an identification.
+
+    Parameters
+    ----------
+    folder
+        With ``steps.csv``, ``shape.csv``, ``tensions.csv`` and ``summary.json``; that of `identify` has them in
+        ``corrected``.
+
+    Raises
+    ------
+    InputError
+        The folder has no such results, or a file is not as it was written.
+    """
+    path = _folder(folder)
+    summary = _summary(path / SUMMARY)
+    shape = summary["geometry"]
+    try:
+        names = [str(t["name"]) for t in shape["tendons"]]
+        columns = [f"{kind}_{n}" for kind in ("tension", "displacement") for n in names]
+        table = _table(path / STEPS, ["step", "label", *columns])
+        steps = [int(x) for x in table.step]
+        if not steps:
+            raise _refuse(path / STEPS, "no step was solved, so there is nothing to draw")
+        tensions, states = _tensions(path / TENSIONS, names, steps)
+        nodes = _nodes(path / SHAPE, steps)
+        m, by_step = len(names), {int(s["step"]): s for s in summary["steps"]}
+        inputs = [by_step[k] for k in steps]
+        return assemble(
+            shape,
+            nodes,
+            name=str(summary["robot"]["name"]),
+            steps=tuple(steps),
+            labels=tuple(table.label),
+            tensions=tensions,
+            hole_states=states,
+            base_tensions=table[columns[:m]].to_numpy(dtype=float),
+            displacements=table[columns[m:]].to_numpy(dtype=float),
+            driven_by_displacement=np.array(
+                [[n in s.get("displacement_controlled", ()) for n in names] for s in inputs], dtype=bool
+            ).reshape(len(steps), m),
+            loads=tuple({n: Load(**load) for n, load in s.get("loads", {}).items()} for s in inputs),
+            gravity=np.array(summary["model"]["gravity"], dtype=float),
+            friction=summary["model"]["friction"] != "none",
+            markers=_markers(path, steps),
+        )
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        reason = f"missing: {error.args[0]}" if isinstance(error, KeyError) else str(error)
+        raise _refuse(path / SUMMARY, f"not as tdcr-fe has written it: {reason}") from error
+
+
+def write_markers(markers: Markers, steps: Iterable[int], folder: Path) -> None:
+    """Write ``markers.csv`` and ``declared.csv`` into a folder: ``step,s,x,y,z``, in the robot's frame."""
+    import pandas as pd
+
+    numbers = list(steps)
+    count = markers.declared.shape[1]
+    share = np.linspace(0.0, 1.0, count) if count else np.zeros(0)
+    for name, s, points in ((MARKERS, markers.s, markers.measured), (DECLARED, share, markers.declared)):
+        table = pd.DataFrame(points.reshape(-1, 3), columns=["x", "y", "z"])
+        table.insert(0, "s", np.tile(s, len(numbers)))
+        table.insert(0, "step", np.repeat(numbers, len(s)))
+        table.to_csv(folder / name, index=False)

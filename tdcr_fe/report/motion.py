@@ -1,0 +1,337 @@
+"""A robot over its load steps as plain arrays: all that the 3D panel, videos and exported geometry draw.
+
+`geometry` gives what a drawing needs of the robot; ``summary.json`` contains it, so that a folder of results can be
+drawn without the input files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from tdcr_fe.model.frames import quaternions
+from tdcr_fe.model.interpolation import interpolate_positions
+from tdcr_fe.model.loading import Load
+from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.model.robot import Backbone, Robot
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+#: Points per bay of a tendon that follows the backbone.
+POINTS_PER_BAY = 6
+#: An arc length is that of a node where they differ by less than this part of the backbone [1].
+SAME_NODE = 1e-7
+
+
+@dataclass(frozen=True)
+class TendonPath:
+    """Polygon that a tendon is drawn as.
+
+    Attributes
+    ----------
+    name : str
+    frames : ndarray of int, shape (k,)
+        Indices into `Motion.s`: the sections that the corners belong to, base plate first, anchor last.
+    points : ndarray, shape (k, 3)
+        Corners in their section frames [m].
+    segments : ndarray of int, shape (k - 1,)
+        From 0: the tendon segment that each side belongs to.
+    """
+
+    name: str
+    frames: Indices
+    points: Array
+    segments: Indices
+
+
+@dataclass(frozen=True)
+class Markers:
+    """Measured positions, in the robot's frame.
+
+    Attributes
+    ----------
+    s : ndarray, shape (m,)
+        Arc lengths [m].
+    measured : ndarray, shape (n_steps, m, 3)
+        [m]; NaN where nothing was measured.
+    declared : ndarray, shape (n_steps, k, 3)
+        Backbone that the declared model predicts [m]; empty where there is none.
+    """
+
+    s: Array
+    measured: Array
+    declared: Array
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A robot over its load steps.
+
+    Attributes
+    ----------
+    name : str
+    length, disk_radius, disk_thickness : float
+        [m].
+    steps : tuple of int
+        Numbers of the load steps.
+    labels : tuple of str
+    s : ndarray, shape (n,)
+        Arc lengths of the sections: all nodes, and disks and holes that lie between nodes [m].
+    is_node : ndarray of bool, shape (n,)
+    radius : ndarray, shape (n,)
+        Of the backbone [m].
+    positions : ndarray, shape (n_steps, n, 3)
+        [m].
+    rotations : ndarray, shape (n_steps, n, 4)
+        Unit quaternions qw, qx, qy, qz of the sections.
+    disks : ndarray of int
+        Sections of the disks.
+    tendons : tuple of TendonPath
+    tensions : tuple of ndarray, each of shape (n_steps, n_segments)
+        [N].
+    hole_states : tuple of tuple of tuple of str
+        By tendon and step, of the hole at the far end of every segment.
+    base_tensions, displacements : ndarray, shape (n_steps, n_tendons)
+        [N, m].
+    driven_by_displacement : ndarray of bool, shape (n_steps, n_tendons)
+    loads : tuple of mapping of str to Load
+        By step.
+    gravity : ndarray, shape (3,)
+        [m/s^2].
+    friction : bool
+        Whether the states of holes mean anything.
+    markers : Markers or None
+    """
+
+    name: str
+    length: float
+    disk_radius: float
+    disk_thickness: float
+    steps: tuple[int, ...]
+    labels: tuple[str, ...]
+    s: Array
+    is_node: NDArray[np.bool_]
+    radius: Array
+    positions: Array
+    rotations: Array
+    disks: Indices
+    tendons: tuple[TendonPath, ...]
+    tensions: tuple[Array, ...]
+    hole_states: tuple[tuple[tuple[str, ...], ...], ...]
+    base_tensions: Array
+    displacements: Array
+    driven_by_displacement: NDArray[np.bool_]
+    loads: tuple[Mapping[str, Load], ...]
+    gravity: Array
+    friction: bool
+    markers: Markers | None = None
+
+    @property
+    def tips(self) -> Array:
+        """Tip positions [m], shape (n_steps, 3)."""
+        return np.asarray(self.positions[:, -1])
+
+    @property
+    def bending_angles(self) -> Array:
+        """Angle between tip tangent and +z, by step [rad], shape (n_steps,)."""
+        w, x, y, z = self.rotations[:, -1].T
+        across = np.hypot(2.0 * (x * z + w * y), 2.0 * (y * z - w * x))
+        return np.asarray(np.arctan2(across, 1.0 - 2.0 * (x * x + y * y)))
+
+    def matrices(self, step: int) -> Array:
+        """World rotations of all sections in a step (from 0), shape (n, 3, 3)."""
+        return Rotation.from_quat(np.roll(self.rotations[step], -1, axis=1)).as_matrix()
+
+    def tendon_points(self, step: int, tendon: TendonPath) -> Array:
+        """Corners of a tendon in a step (from 0) [m], shape (k, 3)."""
+        turned = np.einsum("nij,nj->ni", self.matrices(step)[tendon.frames], tendon.points)
+        return np.asarray(self.positions[step, tendon.frames] + turned)
+
+    def load_arrows(self, step: int) -> list[tuple[str, Array, Array, bool]]:
+        """Loads of a step (from 0): name, where [m], vector [N or N m], and whether it is a moment."""
+        found = []
+        for name, load in self.loads[step].items():
+            k = int(nearest(self.s, [load.at])[0])
+            for value, moment in ((np.array(load.force), False), (np.array(load.moment), True)):
+                if np.any(value):
+                    vector = self.matrices(step)[k] @ value if load.frame == "section" else value
+                    found.append((name, self.positions[step, k], vector, moment))
+        return found
+
+
+# ------------------------------------------------------------------------------------- what a drawing needs
+
+
+def _radii(backbone: Backbone) -> list[list[float]]:
+    """Pairs of arc length and radius, linear in between [m]."""
+    return [[0.0, float(backbone.radius)], [backbone.length, float(backbone.radius)]]
+
+
+def _tendon_geometry(robot: Robot, number: int, continuous: bool) -> dict[str, Any]:
+    """Corners of a tendon as rows of arc length and section coordinates, and the segment of every side."""
+    tendon = robot.tendons[number]
+    end, holes = robot.end(tendon), robot.hole_arc_lengths(tendon)
+    if not continuous:
+        path = np.column_stack((holes, robot.hole_points(tendon)))
+        return {"name": tendon.name, "path": path.tolist(), "segments": list(range(1, len(holes)))}
+    share = np.arange(POINTS_PER_BAY) / POINTS_PER_BAY
+    s = np.append((holes[:-1, None] + share * np.diff(holes)[:, None]).ravel(), holes[-1])
+    path = np.column_stack((s, tendon.routing.position(s, end), np.zeros_like(s)))
+    segments = np.repeat(np.arange(1, len(holes)), POINTS_PER_BAY)
+    return {"name": tendon.name, "path": path.tolist(), "segments": segments.tolist()}
+
+
+def geometry(result: SequenceResult) -> dict[str, Any]:
+    """Geometry of the robot for drawings, as ``summary.json`` has it.
+
+    Returns
+    -------
+    dict
+        ``length`` [m]; ``backbone_radius``: pairs of arc length and radius [m]; ``disks``: arc lengths ``s``,
+        ``radius`` and ``thickness`` [m]; ``tendons``: ``name``, corners ``path`` as rows of arc length and section
+        coordinates x, y, z [m], and ``segments``, the number of the tendon segment of every side.
+    """
+    robot = result.robot
+    continuous = result.model.tendon_path == "continuous"
+    return {
+        "length": robot.backbone.length,
+        "backbone_radius": _radii(robot.backbone),
+        "disks": {
+            "s": list(robot.disks.positions),
+            "radius": robot.disks.radius,
+            "thickness": robot.disks.thickness,
+        },
+        "tendons": [_tendon_geometry(robot, j, continuous) for j in range(len(robot.tendons))],
+    }
+
+
+# ------------------------------------------------------------------------------------------------ assembling
+
+
+def nearest(s: Array, wanted: Sequence[float] | Array) -> Indices:
+    """Indices of the nearest of the ascending numbers ``s`` to each wanted one."""
+    x = np.asarray(wanted, dtype=float)
+    right = np.clip(np.searchsorted(s, x), 1, max(len(s) - 1, 1))
+    right = np.minimum(right, len(s) - 1)
+    left = np.maximum(right - 1, 0)
+    return np.where(np.abs(x - s[left]) <= np.abs(s[right] - x), left, right).astype(np.intp)
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Poses of the backbone nodes.
+
+    Attributes
+    ----------
+    s : ndarray, shape (n,)
+        [m].
+    positions : ndarray, shape (n_steps, n, 3)
+        [m].
+    rotations : ndarray, shape (n_steps, n, 4)
+        Unit quaternions qw, qx, qy, qz.
+    """
+
+    s: Array
+    positions: Array
+    rotations: Array
+
+    def with_sections(self, further: Array) -> tuple[Nodes, NDArray[np.bool_]]:
+        """The same with sections at further arc lengths, and which of all are nodes.
+
+        Between nodes, poses are those of constant strain, as in the beam element.
+        """
+        near = SAME_NODE * (self.s[-1] - self.s[0])
+        new = np.unique(np.clip(further, self.s[0], self.s[-1]))
+        new = new[np.abs(new - self.s[nearest(self.s, new)]) > near]
+        if len(new):
+            new = new[np.append(True, np.diff(new) > near)]
+        if not len(new):
+            return self, np.ones(len(self.s), dtype=bool)
+        s = np.concatenate((self.s, new))
+        order = np.argsort(s, kind="stable")
+        positions, rotations = [], []
+        for p, q in zip(self.positions, self.rotations, strict=True):
+            turn = Rotation.from_quat(np.roll(q, -1, axis=1))
+            between = interpolate_positions(self.s, p, turn.as_matrix(), new)
+            turned = quaternions(Slerp(self.s, turn)(new).as_matrix())
+            positions.append(np.concatenate((p, between))[order])
+            rotations.append(np.concatenate((q, turned))[order])
+        return Nodes(s[order], np.array(positions), np.array(rotations)), order < len(self.s)
+
+
+def assemble(shape: Mapping[str, Any], nodes: Nodes, **rest: Any) -> Motion:
+    """A motion from the geometry of `geometry`, the poses of the nodes, and the other fields of `Motion`."""
+    disks = [float(x) for x in shape["disks"]["s"]]
+    paths = [np.array(t["path"], dtype=float).reshape(-1, 4) for t in shape["tendons"]]
+    loaded = [load.at for loads in rest["loads"] for load in loads.values()]
+    further = np.concatenate([np.array([*disks, *loaded]), *(p[:, 0] for p in paths)])
+    sections, is_node = nodes.with_sections(further)
+    radii = np.array(shape["backbone_radius"], dtype=float)
+    return Motion(
+        length=float(shape["length"]),
+        disk_radius=float(shape["disks"]["radius"]),
+        disk_thickness=float(shape["disks"]["thickness"]),
+        s=sections.s,
+        is_node=is_node,
+        radius=np.interp(sections.s, radii[:, 0], radii[:, 1]),
+        positions=sections.positions,
+        rotations=sections.rotations,
+        disks=nearest(sections.s, disks),
+        tendons=tuple(
+            TendonPath(
+                t["name"], nearest(sections.s, p[:, 0]), p[:, 1:], np.array(t["segments"], dtype=np.intp) - 1
+            )
+            for t, p in zip(shape["tendons"], paths, strict=True)
+        ),
+        **rest,
+    )
+
+
+def motion_of(result: SequenceResult, markers: Markers | None = None) -> Motion:
+    """The motion of a simulated robot.
+
+    Parameters
+    ----------
+    result
+        With at least one step.
+    markers
+        Measured positions of the same steps.
+
+    Raises
+    ------
+    ValueError
+        No step was solved.
+    """
+    steps = result.steps
+    if not steps:
+        raise ValueError("no step was solved, so there is nothing to draw")
+    nodes = Nodes(
+        steps[0].s,
+        np.array([s.positions for s in steps]),
+        np.array([quaternions(s.rotations) for s in steps]),
+    )
+    m = len(result.robot.tendons)
+    inputs = [s.actuation for s in steps]
+    driven = [np.zeros(m, dtype=bool) if a is None else a.by_displacement for a in inputs]
+    return assemble(
+        geometry(result),
+        nodes,
+        name=result.robot.name,
+        steps=tuple(s.step for s in steps),
+        labels=tuple(s.label for s in steps),
+        tensions=tuple(np.array([s.tensions[j] for s in steps]) for j in range(m)),
+        hole_states=tuple(tuple(tuple(s.hole_states[j]) for s in steps) for j in range(m)),
+        base_tensions=np.array([s.base_tensions for s in steps]).reshape(len(steps), m),
+        displacements=np.array([s.displacements for s in steps]).reshape(len(steps), m),
+        driven_by_displacement=np.array(driven, dtype=bool).reshape(len(steps), m),
+        loads=tuple({} if a is None else a.loads for a in inputs),
+        gravity=np.array(result.model.gravity, dtype=float),
+        friction=result.model.friction != "none",
+        markers=markers,
+    )

@@ -1,0 +1,204 @@
+"""The data of the 3D panel: a motion as JSON with quantised arrays, small enough for one HTML file."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.report.geometry import SLACK, spread
+from tdcr_fe.report.motion import Motion, nearest
+
+Array = NDArray[np.float64]
+
+#: Number of poses (sections times load steps) in one page; more are thinned out.
+POSES = 80_000
+#: Number of sections that are always kept where there are as many.
+SECTIONS = 400
+#: Stored numbers run from 0 to this; the number above it stands for a missing value.
+LEVELS = 65534
+#: Codes of the hole states.
+STATES = ("stick", "pull", "release", "anchor", "slack")
+
+
+def quantised(values: Array) -> dict[str, Any]:
+    """An array as whole numbers of 16 bits between the smallest and the largest value of each column.
+
+    The error is at most half of the range over `LEVELS`.
+
+    Parameters
+    ----------
+    values
+        Any shape; the last axis are the columns. NaN is a missing value.
+
+    Returns
+    -------
+    dict
+        ``shape``, ``low`` and ``step`` by column, and ``data``: little-endian, base64.
+    """
+    values = np.asarray(values, dtype=float)
+    columns = values.reshape(-1, values.shape[-1]) if values.size else np.zeros((0, values.shape[-1]))
+    known = np.isfinite(columns)
+    low = np.min(columns, axis=0, initial=np.inf, where=known)
+    high = np.max(columns, axis=0, initial=-np.inf, where=known)
+    low = np.where(np.isfinite(low), low, 0.0)
+    step = np.where(np.isfinite(high), high - low, 0.0) / LEVELS
+    levels = np.rint((np.where(known, columns, low) - low) / np.where(step > 0.0, step, 1.0))
+    stored = np.where(known, levels, LEVELS + 1).astype("<u2")
+    return {
+        "shape": list(values.shape),
+        "low": low.tolist(),
+        "step": step.tolist(),
+        "data": base64.b64encode(stored.tobytes()).decode(),
+    }
+
+
+def restored(stored: Mapping[str, Any]) -> Array:
+    """The array that `quantised` has stored."""
+    levels = np.frombuffer(base64.b64decode(stored["data"]), dtype="<u2").reshape(stored["shape"])
+    values = np.array(stored["low"]) + levels * np.array(stored["step"])
+    return np.where(levels > LEVELS, np.nan, values)
+
+
+def thinned(motion: Motion, poses: int = POSES) -> Motion:
+    """The motion with so few sections and load steps that a page can hold it; the same where it is small.
+
+    Nodes within bays are left out first, then load steps; the first and the last step stay.
+    """
+    if len(motion.s) * len(motion.steps) <= poses:
+        return motion
+    loaded = nearest(motion.s, [load.at for loads in motion.loads for load in loads.values()])
+    required = np.unique(
+        np.concatenate([[0, len(motion.s) - 1], loaded, motion.disks, *(t.frames for t in motion.tendons)])
+    ).astype(np.intp)
+    others = np.setdiff1d(np.arange(len(motion.s)), required)
+    room = max(0, max(SECTIONS, poses // len(motion.steps)) - len(required))
+    kept = np.union1d(required, others[spread(len(others), room)] if room and len(others) else [])
+    motion = _sections(motion, kept.astype(np.intp))
+    return _steps(motion, spread(len(motion.steps), max(2, poses // len(motion.s))))
+
+
+def _sections(motion: Motion, kept: NDArray[np.intp]) -> Motion:
+    place = np.zeros(len(motion.s), dtype=np.intp)
+    place[kept] = np.arange(len(kept))
+    return replace(
+        motion,
+        s=motion.s[kept],
+        is_node=motion.is_node[kept],
+        radius=motion.radius[kept],
+        positions=motion.positions[:, kept],
+        rotations=motion.rotations[:, kept],
+        disks=place[motion.disks],
+        tendons=tuple(replace(t, frames=place[t.frames]) for t in motion.tendons),
+    )
+
+
+def _steps(motion: Motion, kept: list[int]) -> Motion:
+    markers = motion.markers
+    return replace(
+        motion,
+        steps=tuple(motion.steps[k] for k in kept),
+        labels=tuple(motion.labels[k] for k in kept),
+        positions=motion.positions[kept],
+        rotations=motion.rotations[kept],
+        tensions=tuple(t[kept] for t in motion.tensions),
+        hole_states=tuple(tuple(states[k] for k in kept) for states in motion.hole_states),
+        base_tensions=motion.base_tensions[kept],
+        displacements=motion.displacements[kept],
+        driven_by_displacement=motion.driven_by_displacement[kept],
+        loads=tuple(motion.loads[k] for k in kept),
+        markers=None
+        if markers is None
+        else replace(markers, measured=markers.measured[kept], declared=markers.declared[kept]),
+    )
+
+
+def hole_codes(motion: Motion) -> list[NDArray[np.uint8]]:
+    """By tendon, the code of the state of the hole at the far end of every segment, shape (n_steps, n_segments).
+
+    A hole is slack where neither of the segments that meet there carries tension.
+    """
+    largest = max((float(np.max(t, initial=0.0)) for t in motion.tensions), default=0.0)
+    codes = []
+    for tensions, states in zip(motion.tensions, motion.hole_states, strict=True):
+        code = np.array([[STATES.index(x) for x in row] for row in states], dtype=np.uint8).reshape(
+            tensions.shape
+        )
+        loose = tensions <= SLACK * largest
+        code[:, :-1][loose[:, :-1] & loose[:, 1:]] = STATES.index("slack")
+        codes.append(code)
+    return codes
+
+
+def _short(vector: Array) -> list[float]:
+    """Numbers to seven digits of the largest."""
+    size = float(np.max(np.abs(vector), initial=0.0)) or 1.0
+    return [float(f"{size * round(float(x) / size, 7):.7g}") for x in vector]
+
+
+def panel_data(motion: Motion) -> dict[str, Any]:
+    """All that the script of the panel draws, as JSON.
+
+    Returns
+    -------
+    dict
+        Lengths in m, forces in N; arrays as `quantised` gives them, hole states one byte each.
+    """
+    total = len(motion.steps)
+    motion = thinned(motion)
+    codes = hole_codes(motion)
+    count = len(motion.steps)
+    flat = np.concatenate([np.zeros((count, 0)), *motion.tensions], axis=1)
+    states = np.concatenate([np.zeros((count, 0), dtype=np.uint8), *codes], axis=1)
+    data: dict[str, Any] = {
+        "name": motion.name,
+        "length": motion.length,
+        "steps": list(motion.steps),
+        "labels": list(motion.labels),
+        "stepsInAll": total,
+        "s": np.round(motion.s, 9).tolist(),
+        "radius": motion.radius.tolist(),
+        "position": quantised(motion.positions),
+        "rotation": quantised(motion.rotations),
+        "disks": {
+            "at": motion.disks.tolist(),
+            "radius": motion.disk_radius,
+            "thickness": motion.disk_thickness,
+        },
+        "tendons": [
+            {
+                "name": t.name,
+                "at": t.frames.tolist(),
+                "points": t.points.round(9).tolist(),
+                "segments": t.segments.tolist(),
+                "count": int(tension.shape[1]),
+            }
+            for t, tension in zip(motion.tendons, motion.tensions, strict=True)
+        ],
+        "tension": quantised(flat[..., None]),
+        "state": base64.b64encode(states.tobytes()).decode() if motion.friction else "",
+        "baseTension": quantised(motion.base_tensions),
+        "displacement": quantised(motion.displacements),
+        "byDisplacement": motion.driven_by_displacement.any(axis=0).tolist(),
+        "bending": np.degrees(motion.bending_angles).round(4).tolist(),
+        "loads": [
+            [
+                {"name": name, "at": _short(at), "vector": _short(vector), "moment": moment}
+                for name, at, vector, moment in motion.load_arrows(k)
+            ]
+            for k in range(count)
+        ],
+        "gravity": motion.gravity.tolist(),
+        "markers": None,
+    }
+    if motion.markers is not None:
+        data["markers"] = {
+            "s": motion.markers.s.tolist(),
+            "measured": quantised(motion.markers.measured),
+            "declared": quantised(motion.markers.declared),
+        }
+    return data

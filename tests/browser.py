@@ -1,0 +1,175 @@
+"""A headless Chromium driven through its DevTools pipe, with the standard library alone; for tests of pages."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+import os
+import select
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+CHROMIUM = next((path for path in map(shutil.which, NAMES) if path), None)
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+
+#: Drawing in software, so that WebGL works without a graphics card.
+SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+NO_GL = ("--disable-gpu", "--disable-3d-apis")
+
+
+class Browser:
+    """One page of a running browser.
+
+    Parameters
+    ----------
+    to_browser, from_browser
+        File descriptors of the pipe.
+    """
+
+    def __init__(self, to_browser: int, from_browser: int) -> None:
+        self._out, self._in = to_browser, from_browser
+        self._rest, self._number, self._session = b"", 0, None
+        self.events: list[dict[str, Any]] = []
+
+    def call(self, method: str, timeout: float = 60.0, **params: Any) -> dict[str, Any]:
+        """Call a method of the DevTools protocol and wait for its result."""
+        self._number += 1
+        message: dict[str, Any] = {"id": self._number, "method": method, "params": params}
+        if self._session:
+            message["sessionId"] = self._session
+        os.write(self._out, json.dumps(message).encode() + b"\0")
+        end = time.monotonic() + timeout
+        while time.monotonic() < end:
+            found = self._message(end)
+            if found.get("id") == self._number:
+                assert "error" not in found, found["error"]
+                return found["result"]
+            self.events.append(found)
+        raise TimeoutError(method)
+
+    def _message(self, end: float) -> dict[str, Any]:
+        while b"\0" not in self._rest:
+            ready, _, _ = select.select([self._in], [], [], max(0.0, end - time.monotonic()))
+            if not ready:
+                raise TimeoutError("the browser does not answer")
+            self._rest += os.read(self._in, 1 << 20)
+        text, _, self._rest = self._rest.partition(b"\0")
+        return json.loads(text)
+
+    def open(self, page: Path, width: int = 1400, height: int = 900, dark: bool = False) -> None:
+        """Open a file and wait until it is loaded."""
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self.call("Page.enable")
+        self.call("Runtime.enable")
+        self.call("Network.enable")
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1,
+                  mobile=False)  # fmt: skip
+        theme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.call("Emulation.setEmulatedMedia", features=[theme])
+        self.call("Page.navigate", url=page.as_uri())
+        self.until("document.readyState === 'complete'")
+
+    def ask(self, expression: str) -> Any:
+        """Value of an expression in the page; a promise is waited for."""
+        found = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in found, found["exceptionDetails"]
+        return found["result"].get("value")
+
+    def until(self, expression: str, seconds: float = 30.0) -> None:
+        """Wait until an expression is true."""
+        end = time.monotonic() + seconds
+        while not self.ask(expression):
+            assert time.monotonic() < end, f"{expression} is still not true after {seconds:g} s"
+            time.sleep(0.05)
+
+    def mouse(self, kind: str, x: float, y: float, **rest: Any) -> None:
+        """A mouse event: "mousePressed", "mouseMoved", "mouseReleased" or "mouseWheel"."""
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **rest)
+
+    def drag(
+        self, start: tuple[float, float], end: tuple[float, float], button: str = "left", **rest: Any
+    ) -> None:
+        """Drag with a button held."""
+        bit = {"left": 1, "right": 2, "middle": 4}[button]
+        self.mouse("mousePressed", *start, button=button, buttons=bit, clickCount=1, **rest)
+        for i in range(1, 6):
+            x, y = (a + (b - a) * i / 5 for a, b in zip(start, end, strict=True))
+            self.mouse("mouseMoved", x, y, button=button, buttons=bit, **rest)
+        self.mouse("mouseReleased", *end, button=button, buttons=0, clickCount=1, **rest)
+
+    def key(self, key: str, modifiers: int = 0) -> None:
+        """Press and release a key."""
+        text = {"text": key} if len(key) == 1 else {}
+        codes = {
+            "ArrowLeft": 37,
+            "ArrowUp": 38,
+            "ArrowRight": 39,
+            "ArrowDown": 40,
+            "Home": 36,
+            "End": 35,
+            " ": 32,
+        }
+        rest = {"key": key, "windowsVirtualKeyCode": codes.get(key, ord(key[0])), "modifiers": modifiers}
+        self.call("Input.dispatchKeyEvent", type="keyDown", **rest, **text)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **rest)
+
+    def picture(self) -> bytes:
+        """The visible part of the page as PNG."""
+        return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+
+    def errors(self) -> list[str]:
+        """Errors of scripts, and requests for anything but the page itself."""
+        found = []
+        for event in self.events:
+            params = event.get("params", {})
+            if event.get("method") == "Runtime.exceptionThrown":
+                found.append(str(params["exceptionDetails"]))
+            if event.get("method") == "Runtime.consoleAPICalled" and params["type"] == "error":
+                found.append(str(params["args"]))
+            if event.get("method") == "Network.requestWillBeSent":
+                url = params["request"]["url"]
+                if not url.startswith(("file:", "data:", "about:")):
+                    found.append(url)
+        return found
+
+
+@contextlib.contextmanager
+def browser(*flags: str) -> Iterator[Browser]:
+    """A headless Chromium without network."""
+    assert CHROMIUM is not None
+    (read_there, to_browser), (from_browser, write_there) = os.pipe(), os.pipe()
+
+    def wire() -> None:  # Chromium reads from descriptor 3 and writes to 4
+        a, b = os.dup(read_there), os.dup(write_there)
+        os.dup2(a, 3)
+        os.dup2(b, 4)
+
+    with TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        command = [CHROMIUM, "--headless=new", "--no-sandbox", "--remote-debugging-pipe", "--hide-scrollbars",
+                   "--disable-background-networking", "--no-first-run", "--mute-audio", "--disable-dev-shm-usage",
+                   f"--user-data-dir={profile}", *(flags or SOFTWARE_GL)]  # fmt: skip
+        process = subprocess.Popen(
+            command, preexec_fn=wire, close_fds=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        os.close(read_there)
+        os.close(write_there)
+        try:
+            yield Browser(to_browser, from_browser)
+        finally:
+            os.close(to_browser)
+            os.close(from_browser)
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()

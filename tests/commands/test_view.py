@@ -1,0 +1,85 @@
+"""``tdcr-fe view`` as users call it: where the page goes, and what is wrong with a folder."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+from arcs import arc_result
+
+from tdcr_fe import cli
+from tdcr_fe.io.tables import write_results
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_results(arc_result(), tmp_path / "out", pictures=False)
+    return tmp_path / "out"
+
+
+def test_the_page_goes_beside_the_results_or_where_it_is_asked_for(folder, tmp_path, capsys):
+    assert cli.main(["view", str(folder)]) == 0
+    assert "single-segment: 10 load steps, 13 disks, 1 tendon. Written: " in capsys.readouterr().out
+    assert cli.main(["view", str(folder), "-o", str(tmp_path / "new" / "robot.html"), "-q"]) == 0
+    assert (folder / "view.html").read_bytes() == (tmp_path / "new" / "robot.html").read_bytes()
+    assert capsys.readouterr().out == ""
+
+
+def refused(args, capsys):
+    assert cli.main(["view", *map(str, args)]) == 2
+    return capsys.readouterr().err
+
+
+def test_a_folder_that_is_not_there_is_refused_with_a_near_name(folder, capsys):
+    text = refused([folder.parent / "outt"], capsys)
+    assert f"{folder.parent / 'outt'}: no such folder; did you mean {folder}?" in text
+
+
+def test_a_folder_without_results_is_refused(tmp_path, capsys):
+    text = refused([tmp_path], capsys)
+    assert "no results of tdcr-fe run, follow or identify in this folder: summary.json, steps.csv" in text
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("file", ["summary.json", "steps.csv", "shape.csv", "tensions.csv"])
+def test_a_missing_or_broken_file_is_named(folder, file, capsys):
+    path = folder / file
+    text = path.read_text()
+    for broken in ("", "step\n1\n", text[: len(text) // 2], "\0\1"):
+        path.write_text(broken)
+        said = refused([folder], capsys)
+        assert file in said and "Traceback" not in said
+        assert not (folder / "view.html").exists()
+    path.unlink()
+    assert f"{file} is missing" in refused([folder], capsys)
+
+
+def test_results_of_the_version_before_are_refused_with_what_to_do(folder, capsys):
+    path = folder / "summary.json"
+    found = json.loads(path.read_text())
+    del found["geometry"]
+    path.write_text(json.dumps(found))
+    assert "geometry: missing; written since version 0.2: run the scenario anew" in refused([folder], capsys)
+
+
+def test_a_page_of_another_kind_is_refused(folder, capsys):
+    assert "must be a file that ends in .html" in refused([folder, "-o", folder / "x.pdf"], capsys)
+    assert "must be a file that ends in .html" in refused([folder, "-o", folder], capsys)
+
+
+def test_a_run_without_a_solved_step_cannot_be_drawn(tmp_path, capsys):
+    from dataclasses import replace
+
+    write_results(replace(arc_result(), steps=(), converged=False, failed_step=1), tmp_path)
+    assert "no step was solved, so there is nothing to draw" in refused([tmp_path], capsys)
+
+
+def test_importing_the_package_or_the_command_does_not_import_the_viewer():
+    code = (
+        "import sys, tdcr_fe, tdcr_fe.cli, tdcr_fe.commands.view; "
+        "print([m for m in sys.modules if m in ('jinja2', 'matplotlib', 'pandas') or 'viewer' in m])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"

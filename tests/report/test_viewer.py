@@ -1,0 +1,360 @@
+"""The 3D panel: its data are those of the results, its page needs nothing else, and it answers mouse and keys."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from arcs import arc_result, arc_step, paper_robot
+from browser import NO_GL, browser, needs_chromium
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from run_files import write_robot
+from scipy.spatial.transform import Rotation
+
+from tdcr_fe import cli
+from tdcr_fe.io.result_folder import read_motion
+from tdcr_fe.io.tables import write_results
+from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.report.motion import Markers, motion_of
+from tdcr_fe.report.viewer import view_page
+from tdcr_fe.report.viewer_data import LEVELS, STATES, panel_data, quantised, restored, thinned
+
+
+def page_data(html: str) -> dict:
+    (text,) = re.findall(r'<script type="application/json">(.*?)</script>', html, flags=re.S)
+    return json.loads(text)
+
+
+def loaded_result() -> SequenceResult:
+    """Ten steps of a robot with two tendons, a force and a moment at the tip, and gravity."""
+    robot = paper_robot(2)
+    loads = {
+        "tip": Load(0.25, (0.0, 0.05, 0.0)),
+        "twist": Load(0.1, moment=(0.0, 0.0, 1e-3), frame="section"),
+    }
+    steps = [LoadStep(f"pull {k}", {"t1": 0.25 * k}, loads=loads if k == 5 else {}) for k in range(1, 11)]
+    result = arc_result(robot, steps)
+    solved = tuple(replace(s, actuation=a) for s, a in zip(result.steps, resolve(robot, steps), strict=True))
+    return replace(result, steps=solved, model=Model(gravity=(0.0, 0.0, -9.81)))
+
+
+@given(
+    arrays(float, st.tuples(st.integers(0, 5), st.integers(1, 4), st.integers(1, 3)),
+           elements=st.floats(-1e6, 1e6) | st.just(np.nan))
+)  # fmt: skip
+def test_quantised_numbers_are_within_half_a_level(values):
+    stored = json.loads(json.dumps(quantised(values)))
+    found = restored(stored)
+    assert found.shape == values.shape
+    assert np.array_equal(np.isnan(found), np.isnan(values))
+    if values.size:
+        known = np.where(np.isfinite(values), values, 0.0)
+        bound = 0.5 * np.array(stored["step"]) + 1e-9 * np.max(np.abs(known), axis=(0, 1))
+        assert np.all(np.abs(np.where(np.isnan(values), 0.0, found - values)) <= bound)
+
+
+@pytest.mark.parametrize(("path", "friction"), [("straight", "per-hole"), ("continuous", "none")])
+def test_the_page_holds_shape_csv_and_tensions_csv(tmp_path, path, friction):
+    """Every node, rotation, tension and hole state of a simulated run, through files, page and back."""
+    scenario = write_robot(tmp_path, path, friction)
+    assert cli.main(["run", str(scenario), "-o", str(tmp_path / "out"), "-q", "--no-pictures"]) == 0
+    assert cli.main(["view", str(tmp_path / "out"), "-o", str(tmp_path / "page.html"), "-q"]) == 0
+    data = page_data((tmp_path / "page.html").read_text(encoding="utf-8"))
+    shape = pd.read_csv(tmp_path / "out" / "shape.csv")
+    position, rotation = restored(data["position"]), restored(data["rotation"])
+    s = np.array(data["s"])
+    for k, step in enumerate(data["steps"]):
+        rows = shape[shape.step == step]
+        at = [int(np.argmin(np.abs(s - x))) for x in rows.s]
+        assert np.max(np.abs(s[at] - rows.s)) < 1e-8
+        assert np.max(np.abs(position[k, at] - rows[["x", "y", "z"]])) < 0.51 * max(data["position"]["step"])
+        assert np.max(np.abs(rotation[k, at] - rows[["qw", "qx", "qy", "qz"]])) < 0.51 / LEVELS * 2.0
+    tensions = pd.read_csv(tmp_path / "out" / "tensions.csv")
+    found = restored(data["tension"])[..., 0]
+    wide = np.array([tensions[tensions.step == n].tension for n in data["steps"]])
+    assert found == pytest.approx(wide, abs=0.51 * data["tension"]["step"][0])
+    if friction == "none":
+        assert data["state"] == ""
+        return
+    codes = np.frombuffer(base64.b64decode(data["state"]), dtype=np.uint8).reshape(found.shape)
+    states = np.array([tensions[tensions.step == n].hole_state for n in data["steps"]])
+    known = codes != STATES.index("slack")
+    assert np.array_equal(np.array(STATES)[codes][known], states[known]) and known.any()
+
+
+def test_a_folder_gives_the_same_motion_as_the_result(tmp_path):
+    result = loaded_result()
+    write_results(result, tmp_path, pictures=False)
+    read, made = read_motion(tmp_path), motion_of(result)
+    assert view_page(read) == view_page(made)
+    assert read.loads[4]["twist"] == Load(0.1, moment=(0.0, 0.0, 1e-3), frame="section")
+    assert [len(x) for x in read.loads] == [0, 0, 0, 0, 2, 2, 2, 2, 2, 2]
+
+
+def test_bending_angle_and_tendon_corners_are_those_of_the_result():
+    result = loaded_result()
+    motion = motion_of(result)
+    assert motion.bending_angles == pytest.approx(result.bending_angles, abs=1e-12)
+    step = result.steps[6]
+    turned = Rotation.from_matrix(step.rotations[2::2])
+    corners = motion.tendon_points(6, motion.tendons[0])
+    assert corners[1:] == pytest.approx(step.positions[2::2] + turned.apply([4.5e-3, 0.0, 0.0]), abs=1e-12)
+    assert corners[0] == pytest.approx([4.5e-3, 0.0, 0.0])
+
+
+def test_disks_between_nodes_lie_on_the_curve_of_constant_strain():
+    robot = paper_robot()
+    off = replace(robot, disks=replace(robot.disks, positions=(0.03, 0.11, 0.25)))
+    step = arc_step(off, 1, 1.2, 0.7, np.array([1.0]))
+    motion = motion_of(SequenceResult(off, Model(), (step,)))
+    assert motion.s[motion.disks] == pytest.approx([0.03, 0.11, 0.25])
+    assert list(motion.is_node[motion.disks]) == [False, False, True]
+    angle = 1.2 * motion.s / 0.25
+    radius = 0.25 / 1.2
+    assert np.hypot(*motion.positions[0, :, :2].T) == pytest.approx(radius * (1.0 - np.cos(angle)), abs=1e-12)
+    assert motion.positions[0, :, 2] == pytest.approx(radius * np.sin(angle), abs=1e-12)
+
+
+def many_steps(count: int, disks: int) -> SequenceResult:
+    robot = Robot(
+        Backbone(0.25, 0.4e-3, 85e9, 0.3, 5600.0),
+        Disks.equally_spaced(disks, 0.25, radius=5e-3),
+        tuple(Tendon(f"t{i}", ParallelRouting(4.5e-3, 90.0 * i), friction_coefficient=0.3) for i in range(4)),
+    )
+    rng = np.random.default_rng(0)
+    steps = []
+    for k in range(count):
+        step = arc_step(
+            robot, k + 1, 0.02 * k % 2.0 + 0.1, 0.1 * k, rng.uniform(0.0, 2.0, 4), label=f"step {k}"
+        )
+        s = np.linspace(0.0, 0.25, 2 * disks + 1)
+        turns = Rotation.from_rotvec(np.outer(s, rng.normal(size=3))).as_matrix()
+        steps.append(replace(step, s=s, positions=rng.uniform(-0.1, 0.1, (len(s), 3)), rotations=turns))
+    return SequenceResult(robot, Model(), tuple(steps))
+
+
+def test_two_hundred_steps_of_forty_disks_take_less_than_three_megabytes():
+    html = view_page(motion_of(many_steps(200, 40)))
+    assert len(html.encode()) < 1e6
+    data = page_data(html)
+    assert len(data["steps"]) == data["stepsInAll"] == 200 and len(data["s"]) == 81
+
+
+def test_long_results_are_thinned_first_and_last_step_and_every_disk_kept():
+    full = motion_of(many_steps(300, 200))
+    motion = thinned(full, poses=20_000)
+    assert len(motion.s) * len(motion.steps) <= 20_000
+    assert (motion.steps[0], motion.steps[-1]) == (1, 300)
+    assert motion.s[motion.disks] == pytest.approx(full.s[full.disks])
+    at = [int(np.flatnonzero(full.s == s)[0]) for s in motion.s]
+    kept = [k - 1 for k in motion.steps]
+    assert np.array_equal(motion.positions, full.positions[np.ix_(kept, at)])
+    assert len(view_page(full).encode()) < 3e6
+    assert page_data(view_page(full))["stepsInAll"] == 300
+
+
+def test_the_page_needs_no_other_file():
+    html = view_page(motion_of(loaded_result()))
+    assert not re.search(r"https?:|//[a-z]+\.[a-z]|<link|@import|import\(|fetch\(|XMLHttp|src=|url\(", html)
+    assert html.count("<script>") == 1
+
+
+def test_names_from_files_cannot_break_the_page():
+    result = loaded_result()
+    odd = "</script><b>&\"'"
+    steps = tuple(replace(s, label=odd) for s in result.steps)
+    html = view_page(motion_of(replace(result, steps=steps, robot=replace(result.robot, name=odd))))
+    assert html.count("</script>") == 2 and "<b>&" not in html
+    assert page_data(html)["labels"][0] == odd
+
+
+def test_missing_markers_stay_missing():
+    result = loaded_result()
+    measured = np.stack([s.positions[[9, 26]] for s in result.steps])
+    measured[3, 1] = np.nan
+    markers = Markers(np.array([0.09, 0.25]), measured, np.stack([s.positions for s in result.steps]))
+    data = panel_data(motion_of(result, markers))
+    found = restored(data["markers"]["measured"])
+    assert np.array_equal(np.isnan(found), np.isnan(measured))
+    assert np.nanmax(np.abs(found - measured)) < 1e-5
+
+
+# ------------------------------------------------------------------------------------------------- in Chromium
+
+PANEL = "document.querySelector('.robot-view').panel"
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "view.html"
+    result = loaded_result()
+    measured = np.stack([s.positions[[9, 26]] for s in result.steps])
+    markers = Markers(np.array([0.09, 0.25]), measured, 1.1 * np.stack([s.positions for s in result.steps]))
+    path.write_text(view_page(motion_of(result, markers)), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def chromium(page):
+    with browser() as b:
+        b.open(page)
+        b.until(f"!!{PANEL}")
+        yield b
+
+
+@needs_chromium
+def test_the_robot_is_drawn_with_webgl_and_without_errors(chromium):
+    assert chromium.ask(f"{PANEL}.surface !== null")
+    count = chromium.ask(
+        f"(() => {{ const p = {PANEL}; p.draw(); const gl = p.surface.gl, w = gl.drawingBufferWidth, "
+        "h = gl.drawingBufferHeight, all = new Uint8Array(4 * w * h); "
+        "gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, all); "
+        "return all.filter((x, i) => i % 4 === 3 && x > 0).length; })()"
+    )
+    assert count > 3000  # pixels of grid, robot and arrows
+    assert chromium.errors() == []
+
+
+@needs_chromium
+def test_positions_in_the_browser_are_those_of_the_result(chromium):
+    result = loaded_result()
+    nodes = motion_of(result).is_node
+    for k in (0, 4, 9):
+        chromium.ask(f"{PANEL}.go({k})")
+        found = np.array(chromium.ask(f"Array.from({PANEL}.motion.p)")).reshape(-1, 3)[nodes]
+        assert found == pytest.approx(result.steps[k].positions, abs=5e-6)
+        corner = chromium.ask(f"{PANEL}.motion.point({PANEL}.motion.tendons[0].at[13], [0.0045, 0, 0])")
+        expected = result.steps[k].positions[-1] + result.steps[k].rotations[-1] @ [4.5e-3, 0.0, 0.0]
+        assert corner == pytest.approx(expected, abs=5e-6)
+    chromium.ask(f"{PANEL}.go(3.5)")
+    found = np.array(chromium.ask(f"Array.from({PANEL}.motion.p)")).reshape(-1, 3)[nodes]
+    middle = (result.steps[3].positions + result.steps[4].positions) / 2.0
+    assert found == pytest.approx(middle, abs=5e-6)
+
+
+@needs_chromium
+def test_keys_change_the_step_and_play(chromium):
+    step = f"{PANEL}.motion.step"
+    for key, expected in [("Home", 0), ("ArrowRight", 1), ("ArrowRight", 2), ("ArrowLeft", 1), ("End", 9),
+                          ("ArrowRight", 9)]:  # fmt: skip
+        chromium.key(key)
+        assert chromium.ask(step) == expected, key
+    assert chromium.ask("document.querySelector('output').textContent") == "step 10 of 10: pull 10"
+    assert chromium.ask(
+        "document.querySelector('input[type=range]').getAttribute('aria-valuetext')"
+    ).startswith("step 10")
+    chromium.key("Home")
+    chromium.key(" ")
+    assert chromium.ask(f"{PANEL}.playing")
+    chromium.until(f"{PANEL}.motion.time > 1.0")
+    chromium.key(" ")
+    assert not chromium.ask(f"{PANEL}.playing")
+    assert chromium.ask(f"{PANEL}.motion.time === {step}")  # stopped on a load step
+
+
+@needs_chromium
+def test_the_mouse_turns_moves_zooms_and_resets(chromium):
+    box = chromium.ask("(() => { const b = document.querySelector('.stage').getBoundingClientRect();"
+                       " return [b.left + b.width / 2, b.top + b.height / 2]; })()")  # fmt: skip
+    x, y = box
+    camera = f"(c => [c.turn, c.lift, c.distance, ...c.target])({PANEL}.camera)"
+    chromium.ask(f"{PANEL}.reset()")
+    start = np.array(chromium.ask(camera))
+    chromium.drag((x, y), (x + 50, y + 20))
+    turned = np.array(chromium.ask(camera))
+    assert turned[:2] - start[:2] == pytest.approx([-0.4, 0.16]) and np.array_equal(turned[2:], start[2:])
+    point = chromium.ask(f"{PANEL}.project({PANEL}.camera.target)")
+    target = chromium.ask(f"{PANEL}.camera.target")
+    chromium.drag((x, y), (x + 40, y - 30), button="right")
+    moved = chromium.ask(f"{PANEL}.project({json.dumps(target)})")
+    assert np.array(moved[:2]) - point[:2] == pytest.approx(
+        [40.0, -30.0], abs=0.5
+    )  # it stays under the mouse
+    before = chromium.ask(f"{PANEL}.camera.distance")
+    chromium.mouse("mouseWheel", x, y, deltaX=0, deltaY=-200)
+    chromium.until(f"{PANEL}.camera.distance < {0.9 * before}")
+    for count in (1, 2):
+        for kind in ("mousePressed", "mouseReleased"):
+            chromium.mouse(kind, x, y, button="left", clickCount=count)
+    chromium.until(f"{PANEL}.camera.distance > {0.99 * start[2]}")
+    assert chromium.ask(camera) == pytest.approx(start)
+
+
+@needs_chromium
+def test_pointing_at_a_hole_tells_its_tension_and_a_plot_leads_to_the_step(chromium):
+    chromium.ask(f"{PANEL}.reset(), {PANEL}.go(5)")
+    place = chromium.ask(
+        f"(() => {{ const p = {PANEL}, b = p.stage.getBoundingClientRect(), m = p.motion, t = m.tendons[0];"
+        "const [x, y] = p.project(m.point(t.at[5], t.points[5])); return [b.left + x, b.top + y]; })()"
+    )
+    chromium.mouse("mouseMoved", *place)
+    chromium.until("!document.querySelector('.tip').hidden")
+    text = chromium.ask("document.querySelector('.tip').textContent")
+    said = re.fullmatch(r"t1, hole 5: sticks, s = 96.15 mm\n([\d.]+) N below, ([\d.]+) N above", text)
+    assert said and [float(x) for x in said.groups()] == pytest.approx([1.5 * 0.9**4, 1.5 * 0.9**5], abs=2e-4)
+    point = chromium.ask(
+        f"(() => {{ const s = {PANEL}.plots, q = s.response, b = q.svg.getBoundingClientRect(), "
+        "p = s.responsePoints[2];"
+        "return [b.left + q.x(p[0]), b.top + q.y(p[1])]; })()"
+    )
+    for kind in ("mousePressed", "mouseReleased"):
+        chromium.mouse(kind, *point, button="left", clickCount=1)
+    assert chromium.ask(f"{PANEL}.motion.step") == 2
+
+
+@needs_chromium
+def test_a_picture_of_forty_disks_takes_little_script(tmp_path):
+    """Time of the script for one picture; drawing itself is the graphics card's. 60 pictures a second are 17 ms."""
+    path = tmp_path / "view.html"
+    path.write_text(view_page(motion_of(many_steps(200, 40))), encoding="utf-8")
+    with browser() as b:
+        b.open(path)
+        b.until(f"!!{PANEL}")
+        times = b.ask(
+            f"(() => {{ const p = {PANEL}, found = []; p.draw(); p.surface.draw = () => {{}}; "
+            f"for (let i = 0; i < 40; i++) {{ const t = performance.now();"
+            "p.go(4.3 * i); p.draw(); found.push(performance.now() - t); } return found; })()"
+        )
+        triangles = b.ask(
+            f"Object.values({PANEL}.surface.batches).reduce((sum, x) => sum + x.count * x.corners / 3, 0)"
+        )
+    assert np.percentile(times, 25) < 17.0 and triangles < 100_000
+
+
+@needs_chromium
+def test_without_webgl_a_sentence_and_a_still_picture(page):
+    with browser(*NO_GL) as b:
+        b.open(page)
+        b.until(f"!!{PANEL}")
+        assert b.ask(f"{PANEL}.surface === null")
+        assert "This browser has no WebGL" in b.ask("document.querySelector('.still').innerText")
+        assert b.ask("document.querySelector('.still svg').getBoundingClientRect().height") > 200
+        b.key("Home")
+        assert b.ask(f"{PANEL}.motion.step") == 0
+        assert b.errors() == []
+
+
+@needs_chromium
+@pytest.mark.parametrize("width", [360, 1400])
+@pytest.mark.parametrize("dark", [False, True])
+def test_nothing_is_wider_than_the_window_and_controls_have_names(page, width, dark):
+    with browser() as b:
+        b.open(page, width, 900, dark)
+        b.until(f"!!{PANEL}")
+        assert b.ask("document.documentElement.scrollWidth") <= width
+        assert b.ask(f"{PANEL}.look.theme") == ("dark" if dark else "light")
+        nameless = b.ask(
+            "[...document.querySelectorAll('button, select, input, svg, [tabindex]')].filter(e => !(e.ariaLabel || "
+            "e.getAttribute('aria-label') || e.closest('label'))).map(e => e.outerHTML.slice(0, 80))"
+        )
+        assert nameless == []
