@@ -304,7 +304,6 @@ class TendonForces(NamedTuple):
         """Add the change of the tensions with the configuration, and the tangent of the section forces.
 
         With `geometric_stiffness` it is the derivative of `nodal_wrenches` by the nodes, written in frames that stay.
-        In Exudyn's own solvers the connectors give the geometric stiffness, and this is all that is missing.
 
         Parameters
         ----------

@@ -1,12 +1,12 @@
-"""Share Exudyn's solver hooks among several robots and the user's own functions.
+"""What all robots of a system share: their registry, the commit after every step, and the user's own functions.
 
-A system has one hook of each kind. `SceneHooks` occupies them and calls any function that was set before. A function
-that the user sets later is added to the chain, so that it does not disable the tendons.
+The forces act through items of their own (`tdcr_fe.elements.actuation`), so only one of Exudyn's system-wide functions
+is occupied, ``PostStep``. A function of the user that is set there, before or after the robots, is called from it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol
 
@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
+from tdcr_fe.elements.system import SystemReference
 
 #: Key of the hooks in ``mbs.variables``.
 KEY = "tdcr_fe.hooks"
-
-_KINDS = ("PreNewtonResidual", "SystemJacobian", "PostStep")
 
 
 class PointLoadItem(Protocol):
@@ -39,10 +38,17 @@ class PointLoadItem(Protocol):
 
 
 class SceneHooks:
-    """The hooks of one system.
+    """Robots of one system, and the functions that Exudyn calls for them.
+
+    Parameters
+    ----------
+    mbs
+        The system.
 
     Attributes
     ----------
+    system : SystemReference
+        Shared by all items of the robots.
     actuations : list of TendonActuation
         The robots in the system.
     point_loads : list of PointLoadItem
@@ -50,16 +56,12 @@ class SceneHooks:
     """
 
     def __init__(self, mbs: exu.MainSystem) -> None:
-        self.mbs = mbs
+        self.system = SystemReference(mbs)
         self.actuations: list[TendonActuation] = []
         self.point_loads: list[PointLoadItem] = []
-        self._own: dict[str, Callable[..., Any]] = {
-            "PreNewtonResidual": self._before_residual,
-            "SystemJacobian": self._jacobian,
-            "PostStep": self._after_step,
-        }
-        self._users: dict[str, Callable[..., Any] | None] = dict.fromkeys(_KINDS)
-        self.adopt()
+        self._users_post_step: Callable[..., Any] | None = None
+        # One bound method: each access to the attribute makes another.
+        self._own_post_step = self._after_step
 
     @classmethod
     def of(cls, mbs: exu.MainSystem) -> SceneHooks:
@@ -68,78 +70,76 @@ class SceneHooks:
             mbs.variables[KEY] = cls(mbs)
         hooks = mbs.variables[KEY]
         assert isinstance(hooks, cls)
+        hooks.system.bind(mbs)
         if hooks.actuations and mbs.systemData.NumberOfNodes() == 0:
             # The system was reset, which leaves mbs.variables as they are.
             hooks.actuations.clear()
             hooks.point_loads.clear()
-            hooks._users = dict.fromkeys(_KINDS)
-            hooks.adopt()
+        hooks.adopt(mbs)
         return hooks
 
-    def adopt(self) -> None:
-        """Reinstall every hook, keeping the user's functions as part of the chain."""
-        for kind in _KINDS:
-            present = _function(getattr(self.mbs, f"Get{kind}UserFunction")())
-            if present == self._own[kind]:
-                continue
-            if present is not None:
-                self._users[kind] = present
-            getattr(self.mbs, f"Set{kind}UserFunction")(self._own[kind])
+    def add(self, actuation: TendonActuation) -> None:
+        """Add a robot, and give its force item the functions that Exudyn calls."""
+
+        def forces(mbs: exu.MainSystem, t: float, item: int, q: Sequence[float], q_t: Sequence[float]) -> Any:
+            self.adopt(mbs)
+            return actuation.forces_on_coordinates(q, t)
+
+        def jacobian(
+            mbs: exu.MainSystem,
+            t: float,
+            item: int,
+            q: Sequence[float],
+            q_t: Sequence[float],
+            by_position: float,
+            by_velocity: float,
+        ) -> Any:
+            return actuation.jacobian_on_coordinates(q, t, by_position, by_velocity)
+
+        actuation.attach(forces, jacobian)
+        self.actuations.append(actuation)
+
+    def adopt(self, mbs: exu.MainSystem) -> None:
+        """Install the function after every step; one that the user has set since is called from it."""
+        present = _function(mbs.GetPostStepUserFunction())
+        if present is self._own_post_step:
+            return
+        # None is there before the first call, and where the user has taken all functions away.
+        self._users_post_step = present
+        mbs.SetPostStepUserFunction(self._own_post_step)
 
     def user_function(self, kind: str) -> Callable[..., Any] | None:
-        """The user's own function of a kind ("PreNewtonResidual", "SystemJacobian", "PostStep"), or None."""
-        return self._users[kind]
+        """The user's own function of a kind ("PreStep", "PreNewtonResidual", "SystemJacobian", "PostStep"), or None."""
+        mbs = self.system.mbs
+        if kind == "PostStep":
+            self.adopt(mbs)
+            return self._users_post_step
+        return _function(getattr(mbs, f"Get{kind}UserFunction")())
 
     @contextmanager
     def without_post_step(self) -> Iterator[None]:
-        """Disable the post-step hook: Exudyn's solvers call it when they are initialised."""
-        present = _function(self.mbs.GetPostStepUserFunction())
-        self.mbs.SetPostStepUserFunction(0)
+        """Disable the function after every step: Exudyn's solvers call it when they are initialised."""
+        mbs = self.system.mbs
+        self.adopt(mbs)
+        mbs.SetPostStepUserFunction(0)
         try:
             yield
         finally:
-            self.mbs.SetPostStepUserFunction(present or 0)
-            self.adopt()
+            mbs.SetPostStepUserFunction(self._own_post_step)
 
     def user_jacobian(self, t: float) -> np.ndarray | None:
         """The user's own part of the system Jacobian, dense, or None."""
-        user = self._users["SystemJacobian"]
-        return None if user is None else _dense(user(self.mbs, t, 1.0, 0.0, 1.0))
-
-    def _before_residual(self, mbs: exu.MainSystem, t: float, newton: int, discontinuous: int) -> None:
-        if newton == 0:
-            self.adopt()
-        user = self._users["PreNewtonResidual"]
-        if user is not None:
-            user(mbs, t, newton, discontinuous)
-        for actuation in self.actuations:
-            actuation.forces = actuation.scene_forces(t)
-            actuation.apply(actuation.forces)
-
-    def _jacobian(
-        self, mbs: exu.MainSystem, t: float, by_ode2: float, by_ode2_t: float, by_ode1: float
-    ) -> Any:
-        data = mbs.systemData
-        size = data.ODE2Size() + data.ODE1Size() + data.AEsize()
-        total = np.zeros((size, size))
-        for actuation in self.actuations:
-            numbers, matrix = actuation.scene_tangent()
-            total[np.ix_(numbers, numbers)] += by_ode2 * matrix
-        user = self._users["SystemJacobian"]
-        if user is not None:
-            part = _dense(user(mbs, t, by_ode2, by_ode2_t, by_ode1))
-            total[: part.shape[0], : part.shape[1]] += part
-        container = exu.MatrixContainer()
-        container.SetWithDenseMatrix(total, useDenseMatrix=False)
-        return container
+        user = self.user_function("SystemJacobian")
+        if user is None:
+            return None
+        return np.asarray(user(self.system.mbs, t, 1.0, 0.0, 1.0).Convert2DenseMatrix(), dtype=float)
 
     def _after_step(self, mbs: exu.MainSystem, t: float) -> bool:
         for actuation in self.actuations:
             actuation.commit_scene(t)
         for load in self.point_loads:
             load.applied = load.value
-        user = self._users["PostStep"]
-        return True if user is None else bool(user(mbs, t))
+        return True if self._users_post_step is None else bool(self._users_post_step(mbs, t))
 
 
 def _function(present: Any) -> Callable[..., Any] | None:
@@ -147,8 +147,3 @@ def _function(present: Any) -> Callable[..., Any] | None:
     if isinstance(present, dict):
         present = present.get("function")
     return present if callable(present) else None
-
-
-def _dense(container: Any) -> np.ndarray:
-    """A MatrixContainer as a dense matrix."""
-    return np.asarray(container.Convert2DenseMatrix(), dtype=float)

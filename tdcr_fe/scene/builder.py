@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import exudyn as exu
+import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import Clamp, Connectors, TendonActuation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneItems, BackboneMesh, add_backbone
+from tdcr_fe.elements.history import HistoryNodes
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model import arguments
 from tdcr_fe.model.checks import size_contradictions
@@ -28,13 +30,10 @@ from tdcr_fe.scene.parts import (
     base_pose,
     section_marker,
 )
-from tdcr_fe.scene.section import add_node_loads
 from tdcr_fe.scene.tendons import TendonItems, add_tendons
 
 #: Colour of the backbone (RGBA).
 BACKBONE_COLOR = (0.20, 0.25, 0.35, 1.0)
-#: Key of the robots of a system in ``mbs.variables``.
-ROBOTS = "tdcr_fe.robots"
 
 
 def CreateTDCR(
@@ -100,7 +99,7 @@ def CreateTDCR(
     check_arc_lengths(loadPositions, robot.backbone.length)
     pose = base_pose(mbs, basePosition, baseRotationMatrix, baseMarker)
     name = name or robot.name
-    if name in robots_of(mbs):
+    if name in robot_names(mbs):
         raise ValueError(f"the system has a robot {name!r} already; give another name")
 
     mesh, rigid = build_mesh(robot, model, loadPositions)
@@ -123,7 +122,6 @@ def CreateTDCR(
         mbs, name, robot, model, mesh, backbone.nodes, backbone.beams, disks, tendons.holes, tendons.segments,
         joint, base, gravity, actuation, rigid=rigid,
     )  # fmt: skip
-    robots_of(mbs)[name] = handle
     return handle
 
 
@@ -166,12 +164,9 @@ def check_arc_lengths(arc_lengths: Sequence[float], length: float) -> None:
         raise ValueError(f"loadPositions: {outside[0]:g} m; the backbone spans 0 to {length:g} m")
 
 
-def robots_of(mbs: exu.MainSystem) -> dict[str, TDCR]:
-    """Robots of a system by name; empty again after ``mbs.Reset()``."""
-    if not SceneHooks.of(mbs).actuations:
-        mbs.variables[ROBOTS] = {}
-    robots: dict[str, TDCR] = mbs.variables[ROBOTS]
-    return robots
+def robot_names(mbs: exu.MainSystem) -> list[str]:
+    """Names of the robots of a system; none again after ``mbs.Reset()``."""
+    return [actuation.name for actuation in SceneHooks.of(mbs).actuations]
 
 
 def add_actuation(
@@ -187,14 +182,38 @@ def add_actuation(
     name: str,
     presliding: float,
 ) -> TendonActuation:
-    """Create the forces of tendons and section, and connect them to Exudyn's solvers."""
-    forces_on_robot = force_model(robot, model, mesh, rigid, presliding)
-    section, continuous = forces_on_robot.section, forces_on_robot.geometry is None
-    forces, torques = add_node_loads(mbs, backbone.nodes, name) if section is not None else ([], [])
-    springs = [] if continuous else tendons.segments
-    # Where tendons follow the backbone, the springs between the holes are only drawn.
-    idle = [spring for each in tendons.segments for spring in each] if continuous else []
-    connectors = Connectors(springs, forces, torques, tendons.holes, backbone.beams, [*others, *idle])
-    actuation = TendonActuation(mbs, backbone.nodes, forces_on_robot, connectors, clamp=clamp)
-    SceneHooks.of(mbs).actuations.append(actuation)
+    """Create the forces of tendons and section, the item that applies them, and the nodes of their history."""
+    hooks = SceneHooks.of(mbs)
+    model_of_forces = force_model(robot, model, mesh, rigid, presliding)
+    item = mbs.AddObject(
+        eii.ObjectGenericODE2(
+            name=f"{name}.forces",
+            nodeNumbers=list(backbone.nodes),
+            visualization=eii.VObjectGenericODE2(show=False),
+        )
+    )
+    history = HistoryNodes(
+        hooks.system, model_of_forces.law, [f"{name}.{tendon.name}.history" for tendon in robot.tendons]
+    )
+    actuation = TendonActuation(
+        name,
+        hooks.system,
+        backbone.nodes,
+        model_of_forces,
+        Connectors(item, tendons.segments, tendons.holes, backbone.beams, others),
+        history,
+        has_mass(robot),
+        clamp=clamp,
+    )
+    hooks.add(actuation)
     return actuation
+
+
+def has_mass(robot: Robot) -> bool:
+    """Whether anything of a robot has a mass."""
+    disks = robot.disks
+    return (
+        robot.backbone.density > 0.0
+        or robot.tip_mass > 0.0
+        or (disks.mass > 0.0 and len(disks.positions) > 0)
+    )

@@ -21,7 +21,7 @@ from tdcr_fe.scene.inputs import InputsOverTime, named_inputs
 from tdcr_fe.scene.loads import Frame, PointLoad, add_point_load
 from tdcr_fe.scene.mesh import softened_stiffness
 from tdcr_fe.scene.parts import section_marker
-from tdcr_fe.scene.sensors import add_tension_sensors, add_tip_sensors
+from tdcr_fe.scene.sensors import add_tendon_sensors, add_tip_sensors
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class TDCR:
     mHoles : list of list
         By tendon, markers of its holes, base plate first.
     oTendons : list of list
-        By tendon, the connector of every segment. Those of continuous tendons are only drawn and carry no force.
+        By tendon, the connector of every segment, which is drawn and carries no force: `oForces` does.
     oBaseJoint
         The joint of the base plate to its support.
     mBase
@@ -86,6 +86,16 @@ class TDCR:
     rigid: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     _compliance: float = 1.0
 
+    @property
+    def oForces(self) -> Any:
+        """The object that applies the forces of tendons and inside the sections."""
+        return self.actuation.connectors.forces
+
+    @property
+    def nHistory(self) -> list[Any]:
+        """By tendon, the data node of its history."""
+        return self.actuation.history_nodes.nodes
+
     # ------------------------------------------------------------------ before Assemble
 
     def marker_at(self, s: float) -> Any:
@@ -121,7 +131,7 @@ class TDCR:
         if name in self.loads:
             raise ValueError(f"robot {self.name!r} has a load {name!r} already")
         node = self.nNodes[self.mesh.node_at(at, 1e-6)]
-        self.loads[name] = add_point_load(self.mbs, node, self.name, name, frame)
+        self.loads[name] = add_point_load(self.actuation.system, node, self.name, name, frame)
         SceneHooks.of(self.mbs).point_loads.append(self.loads[name])
         return self.loads[name]
 
@@ -138,12 +148,19 @@ class TDCR:
         Returns
         -------
         dict
-            ``tip_position``, ``tip_rotation`` (rotation matrix of the node, beam axes), and for every tendon
-            ``tension_NAME`` (first segment) and ``anchor_tension_NAME`` (last segment).
+            ``tip_position``, ``tip_rotation`` (rotation matrix of the node, beam axes), and of every tendon in the last
+            solved step ``tension_NAME`` (first segment) and ``anchor_tension_NAME`` (last segment) [N],
+            ``tensions_NAME`` (all segments) [N], ``displacement_NAME`` (length pulled in at the base) [m], and with
+            friction ``mobilisation_NAME`` (part of the friction that acts at every hole but the anchor, in [-1, 1]).
         """
         made = add_tip_sensors(self.mbs, self.nNodes[-1], self.name, fileName, storeInternal)
-        for tendon, connectors in zip(self.robot.tendons, self.oTendons, strict=True):
-            made |= add_tension_sensors(self.mbs, connectors, self.name, tendon.name, fileName, storeInternal)
+        history = self.actuation.history_nodes
+        for i, (tendon, node) in enumerate(zip(self.robot.tendons, history.nodes, strict=True)):
+            segments = 1 if self.actuation.geometry is None else self._count(i)
+            quantities = history.sensed(segments)
+            made |= add_tendon_sensors(
+                self.mbs, node, quantities, self.name, tendon.name, fileName, storeInternal
+            )
         self.sensors.update(made)
         return made
 
@@ -270,9 +287,8 @@ class TDCR:
             raise ValueError(f"robot {self.name!r} cannot be read yet; call mbs.Assemble() first")
 
     def _field(self) -> TensionField:
-        """Tensions solved last; before any solver has run, those of an unloaded robot."""
-        if self.actuation.forces is None:
-            self._need_assembly()
+        """Tensions in the present state of the scene."""
+        self._need_assembly()
         return self.actuation.current_forces().field
 
     def _count(self, i: int) -> int:

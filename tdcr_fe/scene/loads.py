@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
+from tdcr_fe.elements.system import SystemReference
 
 Array = NDArray[np.float64]
 Frame = Literal["world", "section"]
@@ -25,7 +25,8 @@ class PointLoad:
 
     Attributes
     ----------
-    mbs : exudyn.MainSystem
+    system : SystemReference
+        The system of the load.
     lForce, lTorque
         Load numbers.
     frame : "world" or "section"
@@ -33,7 +34,7 @@ class PointLoad:
         Force [N] and moment [N m] in the last solved state, in the load's frame.
     """
 
-    mbs: exu.MainSystem
+    system: SystemReference
     lForce: Any
     lTorque: Any
     frame: Frame
@@ -41,13 +42,19 @@ class PointLoad:
 
     def set(self, force: Sequence[float] | Array, moment: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> None:
         """Set force [N] and moment [N m], each of shape (3,), in the load's frame."""
-        self.mbs.SetLoadParameter(self.lForce, "loadVector", self._turn @ np.asarray(force, dtype=float))
-        self.mbs.SetLoadParameter(self.lTorque, "loadVector", self._turn @ np.asarray(moment, dtype=float))
+        self.system.mbs.SetLoadParameter(
+            self.lForce, "loadVector", self._turn @ np.asarray(force, dtype=float)
+        )
+        self.system.mbs.SetLoadParameter(
+            self.lTorque, "loadVector", self._turn @ np.asarray(moment, dtype=float)
+        )
 
     @property
     def value(self) -> Array:
         """Force [N] and moment [N m] that were set, in the load's frame, shape (6,)."""
-        vectors = [self.mbs.GetLoadParameter(load, "loadVector") for load in (self.lForce, self.lTorque)]
+        vectors = [
+            self.system.mbs.GetLoadParameter(load, "loadVector") for load in (self.lForce, self.lTorque)
+        ]
         return (np.array(vectors, dtype=float) @ self._turn).ravel()
 
     @property
@@ -56,12 +63,12 @@ class PointLoad:
         return BEAM_TO_SECTION.T if self.frame == "section" else np.eye(3)
 
 
-def add_point_load(mbs: exu.MainSystem, node: Any, robot: str, name: str, frame: Frame) -> PointLoad:
+def add_point_load(system: SystemReference, node: Any, robot: str, name: str, frame: Frame) -> PointLoad:
     """Add a force and a torque to a backbone node, zero at first.
 
     Parameters
     ----------
-    mbs
+    system
         The system.
     node
         Number of the backbone node.
@@ -77,10 +84,11 @@ def add_point_load(mbs: exu.MainSystem, node: Any, robot: str, name: str, frame:
     """
     if frame not in ("world", "section"):
         raise ValueError(f"load {name!r}: frame {frame!r}; must be 'world' or 'section'")
+    mbs = system.mbs
     marker = mbs.AddMarker(eii.MarkerNodeRigid(name=f"{robot}.mLoad.{name}", nodeNumber=node))
     zero, follows = [0.0, 0.0, 0.0], frame == "section"
     force = eii.Force(name=f"{robot}.force.{name}", markerNumber=marker, loadVector=zero, bodyFixed=follows)
     torque = eii.Torque(
         name=f"{robot}.torque.{name}", markerNumber=marker, loadVector=zero, bodyFixed=follows
     )
-    return PointLoad(mbs, mbs.AddLoad(force), mbs.AddLoad(torque), frame)
+    return PointLoad(system, mbs.AddLoad(force), mbs.AddLoad(torque), frame)

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import exudyn as exu
-import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,17 +21,6 @@ def section_forces(
     if tendons is None and superelastic is None:
         return None
     return SectionForces(mesh.lengths, tendons, superelastic)
-
-
-def add_node_loads(mbs: exu.MainSystem, nodes: list[Any], name: str) -> tuple[list[Any], list[Any]]:
-    """Add a body-fixed force and torque to every backbone node, zero at first; return the load numbers."""
-    forces, torques = [], []
-    for k, node in enumerate(nodes):
-        marker = mbs.AddMarker(eii.MarkerNodeRigid(name=f"{name}.mWrench{k}", nodeNumber=node))
-        zero = [0.0, 0.0, 0.0]
-        forces.append(mbs.AddLoad(eii.Force(markerNumber=marker, loadVector=zero, bodyFixed=True)))
-        torques.append(mbs.AddLoad(eii.Torque(markerNumber=marker, loadVector=zero, bodyFixed=True)))
-    return forces, torques
 
 
 def continuous_tendons(robot: Robot, mesh: BackboneMesh) -> ContinuousTendons:

@@ -1,11 +1,13 @@
-"""Exudyn sensors on a robot in a scene: tip pose and tendon tensions."""
+"""Exudyn sensors on a robot in a scene: tip pose; tensions, displacement and friction of tendons."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import exudyn as exu
 import exudyn.itemInterface as eii
+import numpy as np
 
 
 def _output(fileName: str, key: str, storeInternal: bool) -> dict[str, Any]:
@@ -33,19 +35,56 @@ def add_tip_sensors(
     }
 
 
-def add_tension_sensors(
-    mbs: exu.MainSystem, segments: list[Any], robot: str, tendon: str, fileName: str, storeInternal: bool
+def add_tendon_sensors(
+    mbs: exu.MainSystem,
+    history: Any,
+    quantities: Mapping[str, slice],
+    robot: str,
+    tendon: str,
+    fileName: str,
+    storeInternal: bool,
 ) -> dict[str, Any]:
-    """Add sensors of a tendon's tension in its first and its last segment [N]; return them by name."""
-    wanted = {f"tension_{tendon}": segments[0], f"anchor_tension_{tendon}": segments[-1]}
+    """Add sensors of a tendon after every solved step; return them by name.
+
+    Parameters
+    ----------
+    mbs
+        The system.
+    history
+        Data node of the tendon's history.
+    quantities
+        Which coordinates of the node, by quantity.
+    robot, tendon
+        Names.
+    fileName, storeInternal
+        As in `TDCR.add_sensors`.
+    """
+    node = mbs.AddSensor(
+        eii.SensorNode(
+            name=f"{robot}.{tendon}.history",
+            nodeNumber=history,
+            outputVariableType=exu.OutputVariableType.Coordinates,
+            writeToFile=False,
+        )
+    )
     return {
-        key: mbs.AddSensor(
-            eii.SensorObject(
-                name=f"{robot}.{key}",
-                objectNumber=segment,
-                outputVariableType=exu.OutputVariableType.ForceLocal,
-                **_output(fileName, key, storeInternal),
+        f"{quantity}_{tendon}": mbs.AddSensor(
+            eii.SensorUserFunction(
+                name=f"{robot}.{quantity}_{tendon}",
+                sensorNumbers=[node],
+                factors=[float(which.start), float(which.stop)],
+                sensorUserFunction=_part,
+                **_output(fileName, f"{quantity}_{tendon}", storeInternal),
             )
         )
-        for key, segment in wanted.items()
+        for quantity, which in quantities.items()
+        if which.stop > which.start
     }
+
+
+def _part(
+    mbs: exu.MainSystem, t: float, sensors: Sequence[int], factors: Sequence[float], configuration: Any
+) -> list[float]:
+    """Values of a sensor from one number to another; arguments as Exudyn passes them."""
+    values = np.atleast_1d(mbs.GetSensorValues(sensors[0], configuration))
+    return [float(x) for x in values[round(factors[0]) : round(factors[1])]]

@@ -53,7 +53,7 @@ def add_tendons(
     name: str,
     show: bool,
 ) -> TendonItems:
-    """Add markers at all holes and a connector for every tendon segment; they carry no force yet."""
+    """Add markers at all holes and a connector for every tendon segment, which is drawn and carries no force."""
     items = TendonItems([], [])
     for i, tendon in enumerate(robot.tendons):
         prefix = f"{name}.{tendon.name}"
@@ -94,6 +94,7 @@ def _segments(
                 referenceLength=1.0,
                 stiffness=0.0,
                 force=0.0,
+                activeConnector=False,
                 visualization=eii.VObjectConnectorSpringDamper(show=show, drawSize=0.0, color=list(color)),
             )
         )

@@ -45,7 +45,7 @@ class StaticKernel:
                 "the scene has first-order (ODE1) states, which the quasi-static solver does not solve; "
                 "use mbs.SolveDynamic, or leave these items out"
             )
-        if mbs.systemData.DataSize():
+        if mbs.systemData.DataSize() > sum(robot.history_nodes.size for robot in hooks.actuations):
             raise ValueError(
                 "the scene has data coordinates, as of contact items, which the quasi-static solver does not update; "
                 "use mbs.SolveStatic or mbs.SolveDynamic, or describe the contact by a connector whose force is a "
@@ -80,6 +80,7 @@ def _initialised(mbs: exu.MainSystem, hooks: SceneHooks, settings: exu.Simulatio
     kernel, data = exu.MainSolverStatic(), mbs.systemData
     start = np.array(data.GetODE2Coordinates())
     multipliers = np.array(data.GetAECoordinates())
+    states = np.array(data.GetDataCoordinates())
     # Exudyn's advice on large systems is about its own solvers.
     warned = exu.config.suppressWarnings
     exu.config.suppressWarnings = True
@@ -93,4 +94,6 @@ def _initialised(mbs: exu.MainSystem, hooks: SceneHooks, settings: exu.Simulatio
     data.SetODE2Coordinates(start)
     if multipliers.size:
         data.SetAECoordinates(multipliers)
+    if states.size:
+        data.SetDataCoordinates(states)
     return kernel

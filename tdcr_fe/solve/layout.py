@@ -61,11 +61,11 @@ class SceneLayout:
         clamps = _clamps(mbs, robots) if with_clamps else {}
         dropped = [*norms, *(i for joint in clamps.values() for i in joint)]
         coordinates = np.concatenate([r.coordinates for r in robots])
-        reduction = BodyFrameReduction(mbs, coordinates, dropped, _rows_of_nodes(robots))
+        items = [int(r.connectors.forces) for r in robots]
+        reduction = BodyFrameReduction(mbs, coordinates, dropped, _rows_of_nodes(robots), items)
         space = ConfigurationSpace(mbs, robots, reduction, clamps)
         starts = [6 * space.slices[i].start for i in clamps]
-        own = {i for r in robots for i in r.connectors.load_numbers}
-        loads = [mbs.GetLoad(i) for i in range(data.NumberOfLoads()) if i not in own]
+        loads = [mbs.GetLoad(i) for i in range(data.NumberOfLoads())]
         # Forces fixed in the world have no derivative at a node; all other loads may have one.
         turning = any(_turns(load) for load in loads)
         return cls(

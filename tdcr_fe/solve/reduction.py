@@ -6,7 +6,7 @@ six components ``[v, w]`` of a twist in its own frame. Everything else in the sc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -177,10 +177,17 @@ class BodyFrameReduction:
         of clamped bases.
     robots
         Nodes of every robot. Neighbours among all of them, and among those with holes, are coupled.
+    idle
+        Numbers of objects that couple no nodes while this solver works.
     """
 
     def __init__(
-        self, mbs: exu.MainSystem, beam: Index, dropped: Sequence[int], robots: Sequence[RobotNodes]
+        self,
+        mbs: exu.MainSystem,
+        beam: Index,
+        dropped: Sequence[int],
+        robots: Sequence[RobotNodes],
+        idle: Collection[int] = (),
     ) -> None:
         data = mbs.systemData
         self.n2, self.na = data.ODE2Size(), data.AEsize()
@@ -199,19 +206,19 @@ class BodyFrameReduction:
         self._robots = tuple(robots)
         self._beams = np.zeros(self.size, dtype=bool)
         self._beams[beam.ravel()] = True
-        self._pattern = self._block_pattern(self._connected(mbs))
+        self._pattern = self._block_pattern(self._connected(mbs, idle))
         flat = beam.ravel()
         self._right = flat[:, None] * self.size + self.other[None, :]
         self._below = self.other[:, None] * self.size + flat[None, :]
         self._corner = self.other[:, None] * self.size + self.other[None, :]
 
-    def _connected(self, mbs: exu.MainSystem) -> NDArray[np.bool_]:
+    def _connected(self, mbs: exu.MainSystem, idle: Collection[int]) -> NDArray[np.bool_]:
         """Which pairs of beam nodes any object of the scene couples, shape (N, N)."""
         data = mbs.systemData
         node_of = np.full(self.n2, -1)
         node_of[self.beam] = np.arange(self.nodes)[:, None]
         pairs = np.eye(self.nodes, dtype=bool)
-        for k in range(data.NumberOfObjects()):
+        for k in set(range(data.NumberOfObjects())).difference(idle):
             touched = np.asarray(data.GetObjectLTGODE2(k), dtype=int)
             nodes = np.unique(node_of[touched]) if touched.size else touched
             nodes = nodes[nodes >= 0]

@@ -91,7 +91,7 @@ def _solve(
 ) -> Path:
     """The load step from the scene's current state to the inputs and loads as set, with its derivatives."""
     mbs = system.mbs
-    user_step = _function(mbs.GetPreStepUserFunction())
+    user_step = system.hooks.user_function("PreStep")
     before = None if user_step is None else lambda t: user_step(mbs, t)
     user_loads = (
         system.layout.user_loads
@@ -131,9 +131,3 @@ def track_sensitivities(arm: TDCR, names: Sequence[str | Parameter]) -> Sensitiv
         There is no derivative by a parameter, or the backbone creeps.
     """
     return SensitivityHistory.of_scene(arm, names)
-
-
-def _function(present: Any) -> Any:
-    if isinstance(present, dict):
-        present = present.get("function")
-    return present if callable(present) else None

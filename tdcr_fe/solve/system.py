@@ -1,8 +1,8 @@
 """Equations of a whole scene: residual, tangent and base reactions from Exudyn's solver kernel.
 
 Residual and Jacobian come from Exudyn, except for tendons and section forces: these are a few matrix products, and
-their connectors are switched off while this solver works. Where nothing but robots is in the scene, the tangent follows
-from the stiffness of the elements. Every beam node is taken in body-frame increments; an increment of the nodes
+the item that applies them is switched off while this solver works. Where nothing but robots is in the scene, the
+tangent follows from the stiffness of the elements. Every beam node is taken in body-frame increments; an increment of the nodes
 becomes an increment of the elements' strains, and the poses are rebuilt from the base by exact exponentials.
 Everything else in the scene keeps its ordinary additive update. Derivation: documentation, page "Theory".
 """
@@ -65,7 +65,6 @@ class SceneSystem:
     def __init__(self, mbs: exu.MainSystem) -> None:
         self.mbs = mbs
         self.hooks = SceneHooks.of(mbs)
-        self.hooks.adopt()
         self.robots: list[TendonActuation] = self.hooks.actuations
         if not self.robots:
             raise ValueError("no robot in this system; add one with CreateTDCR before solving")
@@ -97,7 +96,7 @@ class SceneSystem:
             self.layout.space.from_scene(),
             tuple(r.base_tension for r in self.robots),
             tuple(r.state.mobilisation for r in self.robots),
-            tuple(replace(r.state, time=time) for r in self.robots),
+            tuple(replace(r.friction_without_stretch(), time=time) for r in self.robots),
             tuple(r.prescribed for r in self.robots),
             tuple(load.applied for load in self.hooks.point_loads),
             time,
@@ -128,8 +127,7 @@ class SceneSystem:
         for robot, own, history, prescribed in zip(
             self.robots, forces, state.friction, state.prescribed, strict=True
         ):
-            robot.forces, robot.state, robot.prescribed = own, history, prescribed
-            robot.base_tension = own.base_tension
+            robot.store(history, prescribed, own, state.configuration.unknowns.coordinates)
         for item, load in zip(self.hooks.point_loads, state.loads, strict=True):
             item.applied = load
         self.layout.space.write(state.configuration, initial=True)
@@ -137,7 +135,7 @@ class SceneSystem:
     def connect(self) -> None:
         """Let Exudyn's items apply the forces of the stored state again, for Exudyn's own solvers and for drawing."""
         for robot in self.robots:
-            robot.apply(robot.current_forces())
+            robot.connect()
 
     def bring_to_rest(self) -> None:
         """Set the velocities and accelerations of the scene to zero."""

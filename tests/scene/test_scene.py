@@ -262,18 +262,20 @@ def test_inputs_are_set_and_results_read_by_tendon():
     assert np.linalg.det(r) == pytest.approx(np.ones(14))
 
 
-def test_drawn_connectors_carry_the_tensions():
-    """Values of Exudyn's items: the force of every segment, and the sensors."""
+def test_sensors_give_tip_tensions_displacement_and_friction():
     _keep, mbs, handle = scene(paper(0.3), assemble=False)
     sensors = handle.add_sensors()
     mbs.Assemble()
-    solved(mbs, handle, 1.0)
-    out = [mbs.GetObjectOutput(o, exu.OutputVariableType.ForceLocal) for o in handle.oTendons[0]]
-    assert np.abs(np.ravel(out)) == pytest.approx(handle.tensions()["t1"], rel=1e-12)
-    assert mbs.GetSensorValues(sensors["tip_position"]) == pytest.approx(handle.tip_position, abs=1e-12)
-    assert abs(mbs.GetSensorValues(sensors["anchor_tension_t1"])) == pytest.approx(
-        handle.tensions()["t1"][-1]
-    )
+    solved(mbs, handle, 1.0, 0.9)
+    values = {name: mbs.GetSensorValues(sensor) for name, sensor in sensors.items()}
+    tensions = handle.tensions()["t1"]
+    assert values["tip_position"] == pytest.approx(handle.tip_position, abs=1e-12)
+    assert values["tensions_t1"] == pytest.approx(tensions, abs=1e-12)
+    assert values["tension_t1"] == tensions[0] == 0.9
+    assert values["anchor_tension_t1"] == pytest.approx(tensions[-1])
+    assert values["displacement_t1"] == pytest.approx(handle.displacements()["t1"], abs=1e-15)
+    states = [{1.0: "pull", -1.0: "release"}.get(x, "stick") for x in values["mobilisation_t1"]]
+    assert (*states, "anchor") == handle.hole_states()["t1"]
 
 
 @pytest.mark.parametrize(

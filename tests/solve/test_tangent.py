@@ -79,12 +79,16 @@ def test_tangent_is_the_derivative_of_the_forces_by_the_twists_away_from_equilib
 
 @pytest.mark.parametrize("per_bay", [1, 3])
 def test_forces_and_tangent_of_tendons_are_those_of_exudyns_connectors(per_bay):
-    """Residual and Jacobian of the scene with the connectors at work, against those without them and the products."""
+    """Residual and Jacobian of the scene with spring-dampers that carry the tensions, against the matrix products."""
     _keep, system, residual = perturbed(three(0.0), 3, elements_per_bay=per_bay)
     k = system.tangent(residual)
     frames = residual.state.configuration.frames
-    system.robots[0].apply(residual.forces[0])
-    assert system.robots[0].connected
+    robot = system.robots[0]
+    assert not robot.connected
+    for springs, tensions in zip(robot.connectors.springs, residual.forces[0].field.tension, strict=True):
+        for spring, tension in zip(springs, tensions, strict=False):
+            system.mbs.SetObjectParameter(spring, "force", float(tension))
+            system.mbs.SetObjectParameter(spring, "activeConnector", True)
     raw = StaticKernel(system.mbs, system.hooks).residual()
     wrenches = system.layout.reduction.residual(raw, frames)
     assert residual.unbalanced[6:] == pytest.approx(wrenches[6:], abs=1e-9 * np.abs(wrenches).max())
