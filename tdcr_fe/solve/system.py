@@ -2,8 +2,8 @@
 
 Residual and Jacobian come from Exudyn, except for tendons and section forces: these are a few matrix products, and
 the item that applies them is switched off while this solver works. Where nothing but robots is in the scene, the
-tangent follows from the stiffness of the elements. Every beam node is taken in body-frame increments; an increment of the nodes
-becomes an increment of the elements' strains, and the poses are rebuilt from the base by exact exponentials.
+tangent follows from the stiffness of the elements. Every beam node is taken in body-frame increments; an increment of
+the nodes becomes an increment of the elements' strains, and the poses are rebuilt from the base by exact exponentials.
 Everything else in the scene keeps its ordinary additive update. Derivation: documentation, page "Theory".
 """
 
