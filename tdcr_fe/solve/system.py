@@ -71,6 +71,7 @@ class SceneSystem:
         if not mbs.systemIsConsistent:
             raise ValueError("the system is not assembled; call mbs.Assemble() before solving")
         self._kernel = StaticKernel(mbs, self.hooks)
+        self._user_residual = self.hooks.user_function("PreNewtonResidual")
         self.layout = SceneLayout.of(mbs, self.robots, with_clamps=True)
         self._reactions = self._couplings_and_reactions()
 
@@ -174,9 +175,8 @@ class SceneSystem:
         """
         layout = self.layout
         layout.space.write(state.configuration)
-        user = self.hooks.user_function("PreNewtonResidual")
-        if user is not None:
-            user(self.mbs, target.time, iteration, 0)
+        if self._user_residual is not None:
+            self._user_residual(self.mbs, target.time, iteration, 0)
         forces = self.forces(state, target.time)
         for robot in self.robots:
             robot.disconnect()
