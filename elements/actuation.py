@@ -295,8 +295,7 @@ class TendonActuation:
 
     def reset(self) -> None:
         """Reset the history to that of a robot that was never loaded."""
-        unloaded = RobotHistory.unloaded(self.law)
-        self.history_nodes.write(unloaded, np.zeros(self.law.shape), np.zeros(self.count), initial=True)
+        self.history_nodes.reset()
 
     def friction_without_stretch(self) -> FrictionState:
         """Friction history for a solver in which inextensible tendons do not stretch.

@@ -64,7 +64,7 @@ def run(
         )
         made.append(increments)
         results.append(simulation.result(k + 1, "", report, action))
-        released = simulation.handle.actuation.forces.field.released_length
+        released = simulation.handle.actuation.current_forces().field.released_length
         slips.append(np.cumsum(released[:, ::-1], axis=1)[:, ::-1][:, 1:])
     values = Values(
         np.array([r.positions for r in results]),
