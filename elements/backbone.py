@@ -66,8 +66,8 @@ class BackboneMesh:
         [kg/m].
     rotary_inertia : ndarray, shape (3,)
         Per length, about the beam's axes [kg m].
-    precurvature : ndarray, shape (3,)
-        Curvature of the unloaded state in beam axes [1/m].
+    precurvature : ndarray, shape (N-1, 3)
+        Curvature of every element in the unloaded state, in beam axes [1/m].
     """
 
     arc_lengths: Array
@@ -89,8 +89,10 @@ class BackboneMesh:
     @cached_property
     def reference_twists(self) -> Array:
         """Unloaded relative twist of every element, length times strain, shape (N-1, 6)."""
-        strain = np.concatenate(([1.0, 0.0, 0.0], self.precurvature))
-        return self.lengths[:, None] * strain
+        twists = np.zeros((len(self.precurvature), 6))
+        twists[:, 0] = self.lengths
+        twists[:, 3:] = self.lengths[:, None] * self.precurvature
+        return twists
 
     def node_at(self, s: float, tolerance: float = 1e-9) -> int:
         """Number of the node at an arc length [m]; `KeyError` where there is none."""

@@ -16,6 +16,7 @@ from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness, relative_twis
 from tdcr_fe.elements.friction import FrictionState, TendonLaw, TensionField
 from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.section import SectionForces, nodal_sum
+from tdcr_fe.elements.springs import GroundSprings
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
 
 Array = NDArray[np.float64]
@@ -32,11 +33,14 @@ class Measurement(NamedTuple):
         Lengths and angles of the tendons.
     offsets : ndarray, shape (m, n+1, 3), or None
         Where the tendons lie in their holes, in the frames of the disks [m]; None where they cannot shift.
+    poses : tuple of ndarray, or None
+        Positions and rotations of all nodes; None where there are no springs to ground.
     """
 
     twists: Array
     shape: CableShape
     offsets: Array | None
+    poses: tuple[Array, Array] | None = None
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,8 @@ class ForceModel:
         How tension passes along them.
     section : SectionForces or None
         Forces inside the section; None where there are none.
+    springs : GroundSprings or None
+        From single nodes to ground.
     """
 
     mesh: BackboneMesh
@@ -62,6 +68,7 @@ class ForceModel:
     geometry: CableGeometry | None
     law: TendonLaw
     section: SectionForces | None
+    springs: GroundSprings | None = None
 
     @cached_property
     def columns(self) -> NDArray[np.int_] | None:
@@ -87,18 +94,20 @@ class ForceModel:
         twists
             Of the elements, shape (E, 6); None computes them from the poses where they are needed.
         """
+        poses = None if self.springs is None else (positions, rotations)
         needed = self.section is not None
         if needed and twists is None:
             twists = relative_twists(positions, rotations)
         strained = twists if needed and twists is not None else np.zeros((0, 6))
         if self.geometry is None:
-            return Measurement(strained, self._along_the_backbone(strained), None)
+            return Measurement(strained, self._along_the_backbone(strained), None, poses)
         if self.columns is not None:
             positions, rotations = positions[self.hole_nodes], rotations[self.hole_nodes]
         if self.geometry.clearance is None:
-            return Measurement(strained, self.geometry.evaluate(positions, rotations), None)
+            return Measurement(strained, self.geometry.evaluate(positions, rotations), None, poses)
         self.geometry.shift_in_holes(positions, rotations)
-        return Measurement(strained, self.geometry.evaluate(positions, rotations), self.geometry.offsets)
+        shape = self.geometry.evaluate(positions, rotations)
+        return Measurement(strained, shape, self.geometry.offsets, poses)
 
     def _along_the_backbone(self, twists: Array) -> CableShape:
         """Lengths of tendons that follow the backbone."""
@@ -274,13 +283,15 @@ class TendonForces(NamedTuple):
         return nodal_sum(self.model.section.wrenches(self.measured.twists, self.field.tension[:, 0]))
 
     def nodal_wrenches(self) -> Array:
-        """Wrench ``[f, m]`` of tendons and section forces on every node, in its own frame, shape (N, 6)."""
+        """Wrench ``[f, m]`` of tendons, section forces and springs on every node, in its own frame, shape (N, 6)."""
         total = np.zeros((self.model.mesh.arc_lengths.size, 6))
         if self.model.geometry is not None:
             pulled = self.measured.shape.lines.wrenches(self.field.tension)
             total[self.model.cable_nodes] = pulled
         if self.model.section is not None:
             total += self.section_wrenches()
+        if self.measured.poses is not None and self.model.springs is not None:
+            np.add.at(total[:, :3], self.model.springs.nodes, self.model.springs.forces(*self.measured.poses))
         return total
 
     def mobilisation_columns(self) -> Array:
@@ -301,7 +312,7 @@ class TendonForces(NamedTuple):
         return self.measured.shape.lines.stiffness(self.field.tension)
 
     def add_coupling(self, k: Array) -> None:
-        """Add the change of the tensions with the configuration, and the tangent of the section forces.
+        """Add the change of the tensions with the configuration, and the tangents of section forces and springs.
 
         With `geometric_stiffness` it is the derivative of `nodal_wrenches` by the nodes, written in frames that stay.
 
@@ -329,6 +340,16 @@ class TendonForces(NamedTuple):
                 k[np.ix_(columns[: len(pull)], columns)] += pull
         if self.model.section is not None:
             self._add_section_tangent(k)
+        self.add_springs(k)
+
+    def add_springs(self, k: Array) -> None:
+        """Add the tangent of the springs to ground, in Exudyn's sign; ``k`` as in `add_coupling`."""
+        if self.measured.poses is None or self.model.springs is None:
+            return
+        for node, block in zip(
+            self.model.springs.nodes, self.model.springs.blocks(self.measured.poses[1]), strict=True
+        ):
+            k[6 * node : 6 * node + 3, 6 * node : 6 * node + 3] -= block
 
     def _add_section_tangent(self, k: Array) -> None:
         """Section forces: derivatives by the twists and by the frames in which they are expressed."""

@@ -94,8 +94,8 @@ class SuperelasticSection:
         Curvature kc where the plateau begins [1/m].
     ratio : float
         Slope beyond it over the slope before it [1].
-    precurvature : ndarray, shape (3,)
-        Of the unloaded state, in beam axes [1/m].
+    precurvature : ndarray, shape (E, 3)
+        Of the elements in the unloaded state, in beam axes [1/m].
     """
 
     bending_stiffness: Array
@@ -105,7 +105,7 @@ class SuperelasticSection:
 
     def gradient(self, twists: Array, lengths: Array) -> Array:
         """Gradient of the energy beyond linear elasticity with respect to the twists, shape (..., E, 6)."""
-        bend = twists[..., 4:] / lengths[:, None] - self.precurvature[1:]
+        bend = twists[..., 4:] / lengths[:, None] - self.precurvature[:, 1:]
         k = np.sqrt(np.einsum("...i,...i->...", bend, bend))
         w = self.threshold / 40.0
         kc = self.threshold

@@ -15,6 +15,7 @@ from tdcr_fe.effects.material import (
     SuperelasticBackbone,
 )
 from tdcr_fe.effects.observation import FrameMisalignment, MarkerOffset
+from tdcr_fe.effects.places import EffectAtPlace, Kink, PlaceEffect, SoftBay, SpringToGround, StuckHole
 from tdcr_fe.effects.tendons import (
     FrictionCoefficient,
     HoleAdhesion,
@@ -43,6 +44,10 @@ EFFECTS: tuple[Effect, ...] = (
     HoleClearance(),
     TendonStretch(),
     Pretension(),
+    SoftBay(),
+    Kink(),
+    SpringToGround(),
+    StuckHole(),
     MarkerOffset(),
     FrameMisalignment(),
 )
@@ -98,10 +103,12 @@ def with_effect(experiment: Experiment, name: str, **values: float) -> Experimen
 __all__ = [
     "EFFECTS",
     "Effect",
+    "EffectAtPlace",
     "ExcitationRange",
     "Experiment",
     "Observation",
     "Parameter",
+    "PlaceEffect",
     "effect",
     "with_effect",
     "with_effects",

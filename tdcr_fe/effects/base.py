@@ -198,3 +198,10 @@ class Effect:
                 raise ValueError(
                     f"effect {self.name}: {name} = {value:g}; must be from {p.lower:g} to {p.upper:g} {p.unit}"
                 )
+
+
+def with_friction(experiment: Experiment) -> Experiment:
+    """Friction switched on, where the declared model has none and can have it."""
+    if experiment.model.friction == "none" and experiment.model.tendon_path == "straight":
+        return replace(experiment, model=replace(experiment.model, friction="per-hole"))
+    return experiment

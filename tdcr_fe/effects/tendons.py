@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Parameter, Values
+from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Parameter, Values, with_friction
 from tdcr_fe.model.robot import Robot, Tendon
 from tdcr_fe.model.routing import TwistedRouting
 
@@ -19,13 +19,6 @@ def _mean(declared: Sequence[float]) -> float:
 def _shifted(declared: float, null: float, value: float) -> float:
     """A tendon's value when the mean changes from ``null`` to ``value``: in proportion, or uniform from zero."""
     return declared * value / null if null > 0.0 and declared != null else value
-
-
-def _with_friction(experiment: Experiment) -> Experiment:
-    """Friction switched on, where the declared model has none and can have it."""
-    if experiment.model.friction == "none" and experiment.model.tendon_path == "straight":
-        return replace(experiment, model=replace(experiment.model, friction="per-hole"))
-    return experiment
 
 
 class FrictionCoefficient(Effect):
@@ -60,7 +53,7 @@ class FrictionCoefficient(Effect):
             )
             for t in experiment.robot.tendons
         )
-        return _with_friction(experiment.with_robot(tendons=tendons))
+        return with_friction(experiment.with_robot(tendons=tendons))
 
 
 class HoleAdhesion(Effect):
@@ -102,7 +95,7 @@ class HoleAdhesion(Effect):
         tendons = tuple(
             replace(t, adhesion=_shifted(t.adhesion, null, drop)) for t in experiment.robot.tendons
         )
-        return _with_friction(experiment.with_robot(tendons=tendons))
+        return with_friction(experiment.with_robot(tendons=tendons))
 
 
 class RoutingTwist(Effect):

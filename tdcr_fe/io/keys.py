@@ -114,6 +114,7 @@ ROBOT: dict[str, Field] = {
     ),
     "disks": _table("disks", _DISKS_SCHEMA, "the rigid disks on it", " with count or positions"),
     "tip_mass": all_fields_of(Robot)["tip_mass"],
+    "springs": all_fields_of(Robot)["springs"],
     "tendons": _tables("tendons", _tendon_schema(), "one table a tendon"),
 }
 

@@ -27,6 +27,7 @@ from tdcr_fe.model.checks import (
     model_contradictions,
     name_contradictions,
     size_contradictions,
+    spring_contradictions,
     step_contradictions,
     tendon_contradictions,
     time_contradictions,
@@ -109,10 +110,14 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
     tendons = tuple(tendon for tendon, _ in built if tendon is not None)
     names = tuple(name for _, name in built if name is not None)
     reporter.contradictions(name_contradictions(names))
+    if length is not None:
+        reporter.contradictions(spring_contradictions(top.get("springs", ()), length))
     known = "tendons" not in bad and len(set(names)) == len(tables)
     robot = None
     if len(reporter.problems) == before and backbone is not None and found.disks is not None:
-        robot = Robot(backbone, found.disks, tendons, name=top["name"], tip_mass=top["tip_mass"])
+        robot = Robot(
+            backbone, found.disks, tendons, top["name"], tip_mass=top["tip_mass"], springs=top["springs"]
+        )
     return RobotParts(robot, length, names if known else None)
 
 

@@ -77,6 +77,8 @@ def robot_to_toml(robot: Robot) -> str:
         disks = {"count": count, **{k: v for k, v in disks.items() if k != "positions"}}
     lines = _lines({"name": robot.name, "tip_mass": robot.tip_mass or None})
     lines += ["", "[backbone]", *_lines(_table(robot.backbone)), "", "[disks]", *_lines(disks)]
+    for spring in robot.springs:
+        lines += ["", "[[springs]]", *_lines(_table(spring))]
     for tendon in robot.tendons:
         own = _table(tendon)
         first = {"name": own.pop("name"), "routing": tendon.routing.kind}

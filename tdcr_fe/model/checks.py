@@ -17,7 +17,7 @@ from tdcr_fe.model.wording import join, meant, shown
 
 if TYPE_CHECKING:
     from tdcr_fe.model.loading import Model
-    from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+    from tdcr_fe.model.robot import Backbone, Disks, Robot, SideSpring, Tendon
 
 #: Arc lengths are the same within this distance [m].
 ARC_TOLERANCE = 1e-6
@@ -100,6 +100,15 @@ def disk_contradictions(disks: Disks, length: float) -> list[Contradiction]:
     return found
 
 
+def spring_contradictions(springs: Sequence[SideSpring], length: float) -> list[Contradiction]:
+    """Springs that are not on a backbone of that length [m]."""
+    return [
+        Contradiction(f"springs[{i}].at", f"{spring.at:.9g}", f"beyond the tip; at most {length:.9g} m")
+        for i, spring in enumerate(springs)
+        if spring.at > length + ARC_TOLERANCE
+    ]
+
+
 def name_contradictions(names: Sequence[str]) -> list[Contradiction]:
     """Names of tendons that are used more than once."""
     return [
@@ -145,6 +154,10 @@ def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: floa
         len(arcs) != len(holes_at) or np.max(np.abs(np.asarray(arcs) - holes_at)) > ARC_TOLERANCE
     ):
         return [*found, Contradiction(f"{key}.holes", *hole_count_text(len(arcs), len(holes_at)))]
+    for k, hole in enumerate(tendon.tight_holes):
+        if not np.min(np.abs(holes_at[1:-1] - hole.at), initial=math.inf) <= ARC_TOLERANCE:
+            inner = f"must be at a disk before the anchor: one of {_short(holes_at[1:-1].tolist())} m"
+            found.append(Contradiction(f"{key}.tight_holes[{k}].at", f"{hole.at:.9g}", inner))
     with np.errstate(all="ignore"):  # a hole at infinity is outside, too
         distance = np.linalg.norm(tendon.routing.position(holes_at, end), axis=1)
     outside = np.flatnonzero(~(distance <= disks.radius * (1.0 + 1e-9)))
@@ -169,6 +182,7 @@ def robot_contradictions(robot: Robot) -> list[Contradiction]:
     on_disks = disk_contradictions(robot.disks, robot.backbone.length)
     found += on_disks
     found += name_contradictions(robot.tendon_names)
+    found += spring_contradictions(robot.springs, robot.backbone.length)
     if not any(c.key.startswith("disks.positions") for c in on_disks):
         for i, tendon in enumerate(robot.tendons):
             found += tendon_contradictions(i, tendon, robot.disks, robot.backbone.length)

@@ -50,7 +50,7 @@ class Superelastic:
 
 @dataclass(frozen=True)
 class StiffnessPatch:
-    """A stretch of the backbone with other bending and torsional stiffness.
+    """A stretch of the backbone with other bending and torsional stiffness, or bent when unloaded.
 
     Attributes
     ----------
@@ -58,12 +58,18 @@ class StiffnessPatch:
         Arc lengths [m].
     bending, torsion : float
         Factors on the stiffness there [1].
+    precurvature : (float, float)
+        Turning rate of the section about its x and y axes there, in addition to the backbone's [1/m].
     """
 
     start: Annotated[float, Quantity("arc length where it begins", unit="m", ge=0.0)]
     end: Annotated[float, Quantity("arc length where it ends", unit="m", gt=0.0)]
     bending: Annotated[float, Quantity("factor on the bending stiffness", gt=0.0)] = 1.0
     torsion: Annotated[float, Quantity("factor on the torsional stiffness", gt=0.0)] = 1.0
+    precurvature: Annotated[
+        tuple[float, float],
+        Quantity("turning rate about x and y when unloaded, added to the backbone's", unit="1/m"),
+    ] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -90,7 +96,7 @@ class Backbone:
     superelastic : Superelastic or None
         Softening of the bending moment.
     patches : tuple of StiffnessPatch
-        Stretches of other stiffness.
+        Stretches of other stiffness or precurvature.
     creep_rate : float
         Growth of bending and torsional compliance per time under load, relative to the declared one [1/s].
     """
@@ -118,7 +124,7 @@ class Backbone:
     ] = (0.0, 0.0)
     superelastic: Annotated[Superelastic | None, Quantity("softening of the bending moment (NiTi)")] = None
     patches: Annotated[
-        tuple[StiffnessPatch, ...], Quantity("stretches of other bending and torsional stiffness")
+        tuple[StiffnessPatch, ...], Quantity("stretches of other stiffness, or bent when unloaded")
     ] = ()
     creep_rate: Annotated[
         float,
@@ -189,6 +195,13 @@ class Backbone:
             torsion = np.where(inside, torsion * patch.torsion, torsion)
         return bending, torsion
 
+    def unloaded_curvature(self, s: Array) -> Array:
+        """Turning rates about x and y in the unloaded state at arc lengths ``s`` [m], shape (n, 2) [1/m]."""
+        found = np.tile(np.array(self.precurvature, dtype=float), (len(s), 1))
+        for patch in self.patches:
+            found[(s >= patch.start) & (s < patch.end)] += patch.precurvature
+        return found
+
 
 #: Number of disks at equal distances; in files it may replace their positions.
 DiskCount = Annotated[int, Quantity("disks at equal distances, the last at the tip", ge=1, le=10_000)]
@@ -239,6 +252,25 @@ class Disks:
 
 
 @dataclass(frozen=True)
+class TightHole:
+    """A hole with an adhesion of its own, in place of its tendon's.
+
+    Attributes
+    ----------
+    at : float
+        Arc length [m].
+    drop : float
+        Tension that it takes at most [N]; a few times the largest tension holds the tendon fast.
+    """
+
+    at: Annotated[float, Quantity("arc length of a disk between base plate and anchor", unit="m", gt=0.0)]
+    drop: Annotated[float, Quantity("tension that it takes at most", unit="N", ge=0.0)]
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True)
 class Tendon:
     """A cable through one hole in the base plate and in every disk up to the one it is anchored to.
 
@@ -262,6 +294,8 @@ class Tendon:
     pretension : float
         Tension in the unloaded shape where all displacements are zero [N]; needs an elastic tendon. Before the first
         step that names it, a tendon with pretension is held at displacement zero.
+    tight_holes : tuple of TightHole
+        Holes that hold the tendon fast, or take more of its tension than the others.
     """
 
     name: Annotated[str, Quantity("by which steps and tables call it", name=True)]
@@ -287,6 +321,9 @@ class Tendon:
             note="needs axial_stiffness",
         ),
     ] = 0.0
+    tight_holes: Annotated[
+        tuple[TightHole, ...], Quantity("holes that hold the tendon fast, or take more of its tension")
+    ] = ()
     friction: Annotated[
         FrictionCoefficient | None,
         Quantity(
@@ -294,6 +331,27 @@ class Tendon:
             variants=FRICTION_COEFFICIENTS,
         ),
     ] = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True)
+class SideSpring:
+    """A spring from one place of the backbone to ground, at rest where the unloaded robot is.
+
+    It acts sideways: along the x and y axes of the base.
+
+    Attributes
+    ----------
+    at : float
+        Arc length [m].
+    stiffness : float
+        [N/m].
+    """
+
+    at: Annotated[float, Quantity("arc length", unit="m", gt=0.0)]
+    stiffness: Annotated[float, Quantity("sideways, in every direction", unit="N/m", ge=0.0)]
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -311,6 +369,8 @@ class Robot:
     name : str
     tip_mass : float
         Point mass at the tip besides the disk [kg].
+    springs : tuple of SideSpring
+        From the backbone to ground.
 
     Raises
     ------
@@ -323,6 +383,7 @@ class Robot:
     tendons: Annotated[tuple[Tendon, ...], Quantity("one table a tendon", in_file=False)] = ()
     name: Annotated[str, Quantity("of the robot", name=True)] = "robot"
     tip_mass: Annotated[float, Quantity("point mass at the tip besides the disk", unit="kg", ge=0.0)] = 0.0
+    springs: Annotated[tuple[SideSpring, ...], Quantity("springs from the backbone to ground")] = ()
 
     def __post_init__(self) -> None:
         check_fields(self)

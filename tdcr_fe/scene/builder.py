@@ -22,6 +22,7 @@ from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.mesh import build_mesh
 from tdcr_fe.scene.parts import (
+    BasePose,
     add_base_joint,
     add_disks,
     add_gravity,
@@ -116,7 +117,7 @@ def CreateTDCR(
     clamp = Clamp(joint, pose.position, pose.rotation @ BEAM_TO_SECTION) if baseMarker is None else None
     tendons = add_tendons(mbs, robot, mesh, backbone.beams[0], disks, name, show)
     actuation = add_actuation(
-        mbs, robot, model, mesh, rigid, backbone, tendons, [*bodies, joint], clamp, name, presliding
+        mbs, robot, model, mesh, rigid, backbone, tendons, [*bodies, joint], clamp, name, presliding, pose
     )
     handle = TDCR(
         mbs, name, robot, model, mesh, backbone.nodes, backbone.beams, disks, tendons.holes, tendons.segments,
@@ -181,10 +182,11 @@ def add_actuation(
     clamp: Clamp | None,
     name: str,
     presliding: float,
+    base: BasePose,
 ) -> TendonActuation:
     """Create the forces of tendons and section, the item that applies them, and the nodes of their history."""
     hooks = SceneHooks.of(mbs)
-    model_of_forces = force_model(robot, model, mesh, rigid, presliding)
+    model_of_forces = force_model(robot, model, mesh, rigid, presliding, base)
     item = mbs.AddObject(
         eii.ObjectGenericODE2(
             name=f"{name}.forces",

@@ -9,12 +9,18 @@ from tdcr_fe.elements.backbone import BackboneMesh
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.scene.parts import BasePose, ground_springs
 from tdcr_fe.scene.section import section_forces
 from tdcr_fe.scene.tendons import cable_geometry, cable_lengths, continuous_lengths, tendon_law
 
 
 def force_model(
-    robot: Robot, model: Model, mesh: BackboneMesh, rigid: NDArray[np.bool_], presliding: float
+    robot: Robot,
+    model: Model,
+    mesh: BackboneMesh,
+    rigid: NDArray[np.bool_],
+    presliding: float,
+    base: BasePose | None = None,
 ) -> ForceModel:
     """Tendons, friction and section forces of a robot.
 
@@ -26,6 +32,8 @@ def force_model(
         As `tdcr_fe.scene.mesh.build_mesh` returns them.
     presliding
         Slip within which the friction at a hole goes from zero to full [m].
+    base
+        Pose of the base plate in the world; None is that of the world.
     """
     hole_nodes = np.array([0, *(mesh.node_at(s) for s in robot.disks.positions)])
     section = section_forces(robot, model, mesh, rigid)
@@ -39,5 +47,12 @@ def force_model(
         mask = np.ones_like(lengths, dtype=bool)
     else:
         lengths, mask = np.zeros((0, 1)), np.zeros((0, 1), dtype=bool)
-    law = tendon_law(robot.tendons, lengths, mask, model.friction, presliding)
-    return ForceModel(mesh, hole_nodes, geometry, law, section)
+    law = tendon_law(
+        robot.tendons,
+        [robot.hole_arc_lengths(t) for t in robot.tendons],
+        lengths,
+        mask,
+        model.friction,
+        presliding,
+    )
+    return ForceModel(mesh, hole_nodes, geometry, law, section, ground_springs(robot, mesh, base))

@@ -67,6 +67,7 @@ def build_mesh(
     """
     b, d = robot.backbone, robot.disks
     edges = [x for p in b.patches for x in (p.start, p.end) if 0.0 < x < b.length]
+    edges += [spring.at for spring in robot.springs]
     counts = elements_of_bays(robot, model)
     arc, rigid = subdivide(b.length, d.positions, counts, d.thickness, [*extra, *edges])
     middle = 0.5 * (arc[1:] + arc[:-1])
@@ -78,7 +79,8 @@ def build_mesh(
     stiffness[rigid] *= INSERT_FACTORS
     add_residual_flexibility(stiffness, np.diff(arc))
     rotary = b.density * b.second_moment * np.array([2.0, 1.0, 1.0])
-    precurvature = BEAM_TO_SECTION.T @ np.array([*b.precurvature, 0.0])
+    unloaded = np.column_stack((b.unloaded_curvature(middle), np.zeros_like(middle)))
+    precurvature = unloaded @ BEAM_TO_SECTION
     return BackboneMesh(arc, stiffness, b.mass_per_length, rotary, precurvature), rigid
 
 

@@ -1,4 +1,4 @@
-"""The bodies of a robot in a scene: disks, tip mass, gravity on them, and the joint of the base."""
+"""The bodies of a robot in a scene: disks, tip mass, gravity on them, the joint of the base; and springs to ground."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, reference_poses
 from tdcr_fe.elements.disks import add_disk, base_plate
+from tdcr_fe.elements.springs import GroundSprings
+from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Robot
 
@@ -162,6 +164,26 @@ def add_ground(mbs: exu.MainSystem, pose: BasePose, disk_radius: float, name: st
     )
     frame = exu.HT(rotation=pose.rotation, translation=pose.position)
     return mbs.AddMarker(eii.MarkerBodyRigid(name=f"{name}.mGround", bodyNumber=ground, localHT=frame))
+
+
+def ground_springs(robot: Robot, mesh: BackboneMesh, base: BasePose | None = None) -> GroundSprings | None:
+    """Springs from the backbone to ground, at rest where the unloaded robot is; None where there are none.
+
+    Parameters
+    ----------
+    robot, mesh
+        Description and mesh, with a node at every spring.
+    base
+        Pose of the base plate in the world; None is that of the world.
+    """
+    if not robot.springs:
+        return None
+    base = BasePose.of((0.0, 0.0, 0.0), None) if base is None else base
+    positions, _ = reference_poses(mesh, base.position, base.rotation @ BEAM_TO_SECTION)
+    nodes = np.array([mesh.node_at(spring.at, ARC_TOLERANCE) for spring in robot.springs])
+    sideways = base.rotation @ np.diag([1.0, 1.0, 0.0]) @ base.rotation.T
+    stiffness = np.array([spring.stiffness for spring in robot.springs])[:, None, None] * sideways
+    return GroundSprings(nodes, stiffness, positions[nodes])
 
 
 def add_base_joint(mbs: exu.MainSystem, carrier: Any, base: Any, name: str) -> Any:

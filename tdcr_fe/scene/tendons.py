@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -134,7 +135,12 @@ def continuous_lengths(tendons: ContinuousTendons, mesh: BackboneMesh) -> Array:
 
 
 def tendon_law(
-    tendons: tuple[Tendon, ...], lengths: Array, mask: NDArray[np.bool_], friction: str, presliding: float
+    tendons: tuple[Tendon, ...],
+    holes: Sequence[Array],
+    lengths: Array,
+    mask: NDArray[np.bool_],
+    friction: str,
+    presliding: float,
 ) -> TendonLaw:
     """How tension passes along the tendons.
 
@@ -142,6 +148,8 @@ def tendon_law(
     ----------
     tendons
         Tendons of the robot.
+    holes
+        By tendon, arc lengths of its holes, base plate first [m].
     lengths, mask
         Unloaded length of every segment [m], and which segments exist; shapes (m, n).
     friction
@@ -151,11 +159,13 @@ def tendon_law(
     """
     m, inner = len(tendons), mask[:, 1:]
     coefficient = np.array([t.friction_coefficient for t in tendons]).reshape(m, 1)
-    adhesion = np.array([t.adhesion for t in tendons]).reshape(m, 1)
+    adhesion = np.array([t.adhesion for t in tendons]).reshape(m, 1) * inner
+    for i, tendon in enumerate(tendons):
+        for hole in tendon.tight_holes:
+            # Without the base plate's hole, in which there is no friction.
+            adhesion[i, int(np.argmin(np.abs(holes[i][1:-1] - hole.at)))] = hole.drop
     compliance = np.array([0.0 if t.axial_stiffness is None else 1.0 / t.axial_stiffness for t in tendons])
     pretension = np.array([t.pretension for t in tendons])
     laws = tuple(t.friction for t in tendons)
-    parameters = TendonParameters(
-        lengths, mask, coefficient * inner, adhesion * inner, compliance, pretension, laws
-    )
+    parameters = TendonParameters(lengths, mask, coefficient * inner, adhesion, compliance, pretension, laws)
     return TendonLaw(parameters, FRICTION_MODELS[friction], presliding)

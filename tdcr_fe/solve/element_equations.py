@@ -50,8 +50,8 @@ class ElementModel:
         Of the elements [m].
     element_stiffness : ndarray, shape (E, 6)
         Of the finite elements, in beam axes, as in `BackboneMesh.stiffness`.
-    reference_strain : ndarray, shape (6,)
-        Of the unloaded backbone, in beam axes [1, 1/m].
+    reference_strain : ndarray, shape (E, 6)
+        Of the unloaded elements, in beam axes [1, 1/m].
     flexible : ndarray of bool, shape (E,)
         False in rigid inserts, which have no error.
     section : SectionForces or None
@@ -88,7 +88,7 @@ class ElementModel:
         return cls(
             mesh.lengths,
             stiffness,
-            np.concatenate(([1.0, 0.0, 0.0], mesh.precurvature)),
+            mesh.reference_twists / mesh.lengths[:, None],
             ~handle.rigid,
             handle.actuation.section,
             robot.backbone.mass_per_length * np.asarray(handle.model.gravity, dtype=float),
@@ -155,7 +155,7 @@ def stiffness_times(model: ElementModel, twists: Array, strain: Array) -> Array:
     force = model.element_stiffness / h * strain
     law = None if model.section is None else model.section.superelastic
     if law is not None:
-        bend = twists[..., 4:] / h - law.precurvature[1:]
+        bend = twists[..., 4:] / h - law.precurvature[:, 1:]
         k = np.sqrt(np.einsum("...i,...i->...", bend, bend))
         x = (k - law.threshold) / (law.threshold / 40.0)
         lost = (1.0 - law.ratio) * law.bending_stiffness / model.lengths
@@ -196,6 +196,7 @@ def exact_elements(
     """
     section = model.section
     compliance = (1.0 / model.section_stiffness)[:, None, :]
+    unloaded = model.reference_strain[:, None, :]
     h = model.lengths[:, None]
     start = twists[..., None, :] * POINTS[:, None]
     poses = exp_matrix(start, coefficients(start[..., 3:]))[..., :3, :]
@@ -220,10 +221,10 @@ def exact_elements(
         wrench = (both @ poses[..., :3]).reshape(start.shape)
         if section is not None and section.tendons is not None:
             wrench = wrench - _tendon_gradient(section, strain, tensions)
-        new = model.reference_strain + wrench * compliance
+        new = unloaded + wrench * compliance
         if section is not None and section.superelastic is not None:
-            bend = strain[..., 4:] - model.reference_strain[4:]
-            new[..., 4:] = model.reference_strain[4:] + _softened_curvature(
+            bend = strain[..., 4:] - unloaded[..., 4:]
+            new[..., 4:] = unloaded[..., 4:] + _softened_curvature(
                 section, wrench[..., 4:], bend, compliance[..., 5]
             )
         strain = new

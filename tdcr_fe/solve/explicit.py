@@ -45,6 +45,7 @@ class ExplicitDerivatives:
         own = present.forces
         self._elastic = Stacked.where(present, found, _elasticity_differs)
         self._weight = Stacked.where(present, found, lambda a, b: not np.array_equal(a.weight, b.weight))
+        self._springs = Stacked.where(present, found, _springs_differ)
         self._section = Stacked.where(present, found, _section_differs)
         self._section_stack = SectionStack(self._section.models) if len(self._section.parameters) else None
         straight = own.geometry is not None and own.law.shape[0] > 0
@@ -96,6 +97,9 @@ class ExplicitDerivatives:
             ends = point.strain_matrices.swapaxes(1, 2) @ by_twist
             wrenches[:-1] -= ends[:, :6]
             wrenches[1:] -= ends[:, 6:]
+        if len(self._springs.parameters):
+            forces = np.stack([_spring_forces(m, point) for m in self._springs.models])
+            wrenches[:, :3, self._springs.parameters] += self._springs.derivative(forces)
         if len(self._weight.parameters):
             wrenches[:, :3, self._weight.parameters] += point.rotations.swapaxes(1, 2) @ self._by_weight
         flat = wrenches.reshape(6 * nodes, -1)
@@ -153,6 +157,26 @@ class ExplicitDerivatives:
 def _released_unloaded_differ(a: RobotModel, b: RobotModel) -> bool:
     first, second = a.forces.law, b.forces.law
     return first is not second and not np.array_equal(first.released_unloaded(), second.released_unloaded())
+
+
+def _spring_forces(model: RobotModel, point: RobotPoint) -> Array:
+    """Forces of the springs to ground on all nodes, in their own frames [N], shape (N, 3)."""
+    found = np.zeros((len(point.positions), 3))
+    springs = model.forces.springs
+    if springs is not None:
+        np.add.at(found, springs.nodes, springs.forces(point.positions, point.rotations))
+    return found
+
+
+def _springs_differ(a: RobotModel, b: RobotModel) -> bool:
+    first, second = a.forces.springs, b.forces.springs
+    if first is None or second is None:
+        return first is not second
+    return not (
+        np.array_equal(first.nodes, second.nodes)
+        and np.array_equal(first.stiffness, second.stiffness)
+        and np.array_equal(first.rest, second.rest)
+    )
 
 
 def _elasticity_differs(a: RobotModel, b: RobotModel) -> bool:

@@ -189,7 +189,7 @@ def _named(experiment: Experiment, name: str) -> Parameter:
             return _field(name, ("robot", "backbone", rest[0]), value, value)
         if root == "disks" and len(rest) == 2 and rest[0] == "positions":
             return _disk_position(robot, name, int(rest[1]))
-        if root in ("backbone", "disks", "tip_mass"):
+        if root in ("backbone", "disks", "tip_mass", "springs"):
             return _number(experiment, name, ("robot", *tokens))
         if root in ("model", "steps") and rest:
             return _number(experiment, name, tuple(tokens))
@@ -267,6 +267,8 @@ def _size(robot: Robot, path: Sequence[str], value: float) -> float:
         "time": 1.0,
         "adhesion": 0.1 * _SIZES["N"],
         "pretension": _SIZES["N"],
+        "drop": 0.1 * _SIZES["N"],
+        "stiffness": 1.0,
         "creep_rate": _SIZES["1/s"],
         "friction_coefficient": 0.1,
     }
@@ -340,7 +342,12 @@ def _moved(experiment: Experiment, new: Callable[[float], float]) -> Experiment:
         patches=tuple(replace(p, start=new(p.start), end=new(p.end)) for p in robot.backbone.patches),
     )
     tendons = tuple(
-        replace(t, routing=routing(t.routing), end=None if t.end is None else new(t.end))
+        replace(
+            t,
+            routing=routing(t.routing),
+            end=None if t.end is None else new(t.end),
+            tight_holes=tuple(replace(x, at=new(x.at)) for x in t.tight_holes),
+        )
         for t in robot.tendons
     )
     disks = replace(robot.disks, positions=tuple(new(s) for s in robot.disks.positions))
@@ -348,7 +355,8 @@ def _moved(experiment: Experiment, new: Callable[[float], float]) -> Experiment:
         replace(s, loads={name: replace(load, at=new(load.at)) for name, load in s.loads.items()})
         for s in experiment.steps
     )
-    moved = replace(robot, backbone=backbone, disks=disks, tendons=tendons)
+    springs = tuple(replace(x, at=new(x.at)) for x in robot.springs)
+    moved = replace(robot, backbone=backbone, disks=disks, tendons=tendons, springs=springs)
     return replace(experiment, robot=moved, steps=steps)
 
 

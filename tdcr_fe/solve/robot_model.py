@@ -22,6 +22,7 @@ from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.mesh import build_mesh, softened_stiffness
+from tdcr_fe.scene.parts import ground_springs
 from tdcr_fe.scene.tendons import tendon_law
 
 Array = NDArray[np.float64]
@@ -77,6 +78,7 @@ class RobotModel:
             similar is not None
             and similar.robot.backbone is robot.backbone
             and similar.robot.disks is robot.disks
+            and [x.at for x in similar.robot.springs] == [x.at for x in robot.springs]
             and similar.model.elements_per_bay == model.elements_per_bay
         )
         if similar is not None and same_backbone:
@@ -92,10 +94,13 @@ class RobotModel:
             forces = similar.forces
         elif similar is not None and same_backbone and _same_holes(similar, robot, model):
             before = similar.forces.law.parameters
-            law = tendon_law(robot.tendons, before.lengths, before.mask, model.friction, presliding)
+            holes = [robot.hole_arc_lengths(t) for t in robot.tendons]
+            law = tendon_law(robot.tendons, holes, before.lengths, before.mask, model.friction, presliding)
             forces = replace(similar.forces, law=law)
         else:
             forces = force_model(robot, model, mesh, rigid, presliding)
+        if similar is not None and similar.robot.springs != robot.springs:
+            forces = replace(forces, springs=ground_springs(robot, mesh))
         mass = np.zeros(len(mesh.arc_lengths))
         lumped = 0.5 * mesh.mass_per_length * mesh.lengths
         mass[:-1] += lumped

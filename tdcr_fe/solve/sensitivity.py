@@ -184,6 +184,8 @@ class SensitivityHistory:
         """Derivatives of a robot in a scene; see `tdcr_fe.solve.statics.track_sensitivities`."""
         if arm.compliance_factor != 1.0 or arm.robot.backbone.creep_rate != 0.0:
             raise ValueError(f"robot {arm.name!r}: no sensitivities of a backbone that creeps in a scene")
+        if arm.robot.springs and arm.actuation.clamp is None:
+            raise ValueError(f"robot {arm.name!r}: no sensitivities of springs to ground on a moving base")
         # A step that names all loads and all nodes stands for those to come.
         named = {name: Load(at=_arc_length(arm, load)) for name, load in arm.loads.items()}
         nodes = {f"node {k}": Load(at=float(s)) for k, s in enumerate(arm.mesh.arc_lengths)}

@@ -52,11 +52,13 @@ def add_geometric_stiffness(tangent: SceneTangent, residual: Residual) -> None:
 
 
 def add_couplings(k: Array, residual: Residual, nodes: Sequence[slice]) -> None:
-    """Add the change of the tensions with the nodes, and section forces, to a dense tangent."""
+    """Add the change of the tensions with the nodes, section forces, and springs to ground, to a dense tangent."""
     for own, at in zip(residual.forces, nodes, strict=True):
         if len(own.base_tension) or own.model.section is not None:
             inside = slice(6 * at.start, 6 * at.stop)
             own.add_coupling(k[inside, inside])
+        elif own.model.springs is not None:
+            own.add_springs(k[6 * at.start : 6 * at.stop, 6 * at.start : 6 * at.stop])
 
 
 def border(

@@ -64,6 +64,10 @@ def test_the_list_has_every_effect_of_the_formats_page():
         "marker_offset": {"offset_x", "offset_y"},
         "tendon_stretch": {"axial_stiffness"},
         "pretension": {"tension"},
+        "soft_bay": {"s", "factor"},
+        "kink": {"s", "kappa_x", "kappa_y"},
+        "side_spring": {"s", "stiffness"},
+        "stuck_hole": {"tendon", "s", "drop"},
         "actuator_backlash": {"backlash"},
         "actuator_gain": {"gain"},
         "creep": {"rate"},
@@ -82,7 +86,7 @@ DECLARED = replace(
     three(0.1)
     .with_backbone(precurvature=(0.3, -0.2), superelastic=Superelastic(2e-4, 0.6), creep_rate=1e-3)
     .with_disks(thickness=1e-3)
-    .with_tendons(adhesion=0.01, clearance=2e-4, axial_stiffness=500.0, pretension=0.3),
+    .with_tendons(adhesion=0.01, clearance=2e-4),
     tip_mass=1e-3,
 )
 TIMED = (LoadStep(tensions={"t1": 0.5}, time=10.0), LoadStep(tensions={"t1": 1.0}, time=60.0))

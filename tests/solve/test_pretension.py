@@ -122,3 +122,14 @@ def test_a_run_without_friction_does_not_depend_on_whether_the_tendons_were_tigh
     direct = simulate(tightened(), Model(friction="none"), [moved(1e-3, -4e-4, -3e-4)])
     first = simulate(tightened(), Model(friction="none"), [moved(0.0, 0.0, 0.0), moved(1e-3, -4e-4, -3e-4)])
     assert distance(direct.tips[-1], first.tips[-1]) < 1e-7
+
+
+def test_null_values_keep_pretensions_that_are_declared():
+    robot = tightened()
+    tendons = tuple(t.__class__(**{**vars(t), "pretension": 0.1 * k}) for k, t in enumerate(robot.tendons))
+    setup = Experiment(
+        robot.__class__(robot.backbone, robot.disks, tendons), Model(), (moved(0.0, 0.0, 0.0),)
+    )
+    e = next(e for e in EFFECTS if e.name == "pretension")
+    same = e.apply(setup, e.null_values(setup)).robot.tendons
+    np.testing.assert_allclose([t.pretension for t in same], [0.0, 0.1, 0.2], atol=1e-15)

@@ -12,7 +12,7 @@ from robots import BACKBONE, LENGTH, tendon
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot, StiffnessPatch, Superelastic
+from tdcr_fe.model.robot import Disks, Robot, SideSpring, StiffnessPatch, Superelastic, TightHole
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
 from tdcr_fe.solve.parameters import effect_parameter, parameters
 
@@ -81,6 +81,16 @@ EXPERIMENTS = {
         Model(friction="none", tendon_path="continuous", elements_per_bay=1),
         tightened(),
     ),
+    "places": Experiment(
+        replace(
+            robot(tight_holes=(TightHole(0.15, 0.1),)).with_backbone(
+                patches=(StiffnessPatch(0.1, 0.15, 0.5, 1.0, (1.0, -2.0)),)
+            ),
+            springs=(SideSpring(0.15, 1.5),),
+        ),
+        Model(elements_per_bay=1),
+        by_tension(),
+    ),
     "inextensible, displacements": Experiment(robot(), Model(elements_per_bay=1), by_displacement()),
     "clearance": Experiment(robot(clearance=2e-4), Model(elements_per_bay=1), by_tension()),
     "superelastic, creep": Experiment(
@@ -119,6 +129,9 @@ FAST = [
     ("displacements", "tendons.axial_stiffness"),
     ("pretension", "tendons.pretension"),
     ("pretension", "effects.pretension.tension_t2"),
+    ("places", "springs[0].stiffness"),
+    ("places", "backbone.patches[0].precurvature[1]"),
+    ("places", "tendons.t1.tight_holes[0].drop"),
     ("continuous, pretension", "tendons.t3.pretension"),
     ("inextensible, displacements", "tendons.t2.turns"),
     ("clearance", "tendons.clearance"),
@@ -155,6 +168,7 @@ SLOW = {
         "effects.pretension.tension", "effects.tendon_stretch.axial_stiffness", "steps[1].displacements.t2",
     ],
     "continuous, pretension": ["tendons.axial_stiffness", "effects.pretension.tension", "backbone.length"],
+    "places": ["backbone.length", "backbone.youngs_modulus", "backbone.patches[0].bending"],
     "clearance": ["backbone.youngs_modulus", "tendons.t1.offset", "tendons.friction_coefficient"],
     "superelastic, creep": [
         "backbone.superelastic.plateau_ratio", "backbone.creep_rate", "backbone.radius", "backbone.length",

@@ -1,12 +1,14 @@
-"""Properties beyond the robot description (springs to ground, single holes, laws of bending), for blind data."""
+"""Springs to ground, single holes, laws of bending: those of the description, and further ones for blind data."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tdcr_fe.model.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -92,7 +94,7 @@ class PointForce:
 
 @dataclass(frozen=True)
 class Extras:
-    """All properties beyond the description.
+    """All such properties.
 
     Attributes
     ----------
@@ -114,3 +116,18 @@ class Extras:
     def has_laws(self) -> bool:
         """Whether anything depends on the state by a law of its own."""
         return self.bending is not None or bool(self.forces)
+
+    def with_robot(self, robot: Robot) -> Extras:
+        """With the springs and the stuck holes of a robot's description."""
+        springs = tuple(Spring(x.at, (x.stiffness, x.stiffness, 0.0)) for x in robot.springs)
+        holes = tuple(
+            HoleFriction(
+                t.name,
+                int(np.argmin(np.abs(robot.hole_arc_lengths(t) - x.at))),
+                t.friction_coefficient,
+                x.drop,
+            )
+            for t in robot.tendons
+            for x in t.tight_holes
+        )
+        return replace(self, springs=(*self.springs, *springs), holes=(*self.holes, *holes))

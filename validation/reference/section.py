@@ -83,7 +83,7 @@ class Section:
     ----------
     stiffness : ndarray, shape (n, 6)
         ``EI, EI, GJ, GA, GA, EA`` [N m^2, N].
-    rest : ndarray, shape (6,)
+    rest : ndarray, shape (n, 6)
         Unloaded strain [1/m, 1].
     rigid : ndarray of bool, shape (n,)
         Intervals that keep their unloaded strain.
@@ -117,14 +117,20 @@ class Section:
             ),
             axis=1,
         )
-        rest = np.array([*backbone.precurvature, 0.0, 0.0, 0.0, 1.0])
+        rest = np.tile(np.array([*backbone.precurvature, 0.0, 0.0, 0.0, 1.0]), (len(middles), 1))
+        for patch in backbone.patches:
+            rest[(middles >= patch.start) & (middles < patch.end), :2] += patch.precurvature
         carried = np.zeros_like(stiffness)
         return cls(stiffness, rest, rigid, backbone.superelastic, backbone.radius, carried)
 
     def take(self, index: NDArray[np.intp]) -> Section:
         """The law of some of the intervals."""
         return replace(
-            self, stiffness=self.stiffness[index], rigid=self.rigid[index], carried=self.carried[index]
+            self,
+            stiffness=self.stiffness[index],
+            rest=self.rest[index],
+            rigid=self.rigid[index],
+            carried=self.carried[index],
         )
 
     def softened(self, factor: float) -> Section:
@@ -146,7 +152,7 @@ class Section:
             direction = wrench[:, :2] / safe[:, None]
             secant = np.where(zero, compliance[:, 0], curvature / safe) * free
             tangent = free / slope
-            strain[:, :2] = self.rest[:2] + secant[:, None] * wrench[:, :2]
+            strain[:, :2] = self.rest[:, :2] + secant[:, None] * wrench[:, :2]
             derivative[:, :2, :2] = secant[:, None, None] * np.eye(2) + (
                 (tangent - secant)[:, None, None] * direction[:, :, None] * direction[:, None, :]
             )

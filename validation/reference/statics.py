@@ -97,7 +97,7 @@ class Statics:
         settings: ReferenceSettings,
         extras: Extras | None = None,
     ) -> None:
-        extras = extras or Extras()
+        extras = (extras or Extras()).with_robot(robot)
         _check(robot, model, extras)
         self.robot, self.model, self.settings = robot, model, settings
         self.layout: Layout = lay_out(

@@ -1,0 +1,309 @@
+"""Effects at one place of the robot: a soft bay, a spring to ground, a stuck hole, a kink.
+
+Such an effect has a place and a size. `PlaceEffect.at` gives the effect at a fixed place, whose parameters are those of
+the size alone: a search tries all `PlaceEffect.places` of a robot.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from tdcr_fe.effects.base import (
+    Effect,
+    ExcitationRange,
+    Experiment,
+    Parameter,
+    Values,
+    with_friction,
+)
+from tdcr_fe.model.checks import ARC_TOLERANCE
+from tdcr_fe.model.robot import Robot, SideSpring, StiffnessPatch, TightHole
+
+#: Drop of tension at a hole that holds its tendon fast, over the largest commanded tension [1].
+HOLDS_FAST = 4.0
+
+#: Place of an effect: names of its parameters and their values.
+Place = Mapping[str, float]
+
+
+def bays(robot: Robot) -> list[tuple[float, float]]:
+    """Arc lengths where every bay begins and ends, the stretch beyond the last disk included [m]."""
+    edges = [0.0, *robot.disks.positions]
+    if robot.backbone.length - edges[-1] > ARC_TOLERANCE:
+        edges.append(robot.backbone.length)
+    return list(itertools.pairwise(edges))
+
+
+def bay_at(robot: Robot, s: float) -> tuple[float, float]:
+    """The bay that contains an arc length [m].
+
+    Raises
+    ------
+    ValueError
+        It is not on the backbone.
+    """
+    for start, end in bays(robot):
+        if start <= s <= end:
+            return start, end
+    raise ValueError(f"s = {s:g} m is not on the backbone, which spans 0 to {robot.backbone.length:g} m")
+
+
+class PlaceEffect(Effect):
+    """An effect at one place.
+
+    Attributes
+    ----------
+    place_names : tuple of str
+        Which of the parameters are the place.
+    """
+
+    place_names: tuple[str, ...] = ("s",)
+
+    def probe_points(
+        self, experiment: Experiment, excitation: ExcitationRange
+    ) -> list[list[dict[str, float]]]:
+        """None: the place has no derivative at the null value. `at` has them."""
+        return []
+
+    def places(self, robot: Robot) -> list[Place]:
+        """All places on a robot, from the base on."""
+        raise NotImplementedError
+
+    def spread(self, robot: Robot, place: Place) -> dict[str, float]:
+        """Standard uncertainty of a place that is known to be the right one among `places` [m, 1]."""
+        raise NotImplementedError
+
+    def at(self, place: Place) -> EffectAtPlace:
+        """The effect at a fixed place."""
+        return EffectAtPlace(self, place)
+
+    def size_probes(self, experiment: Experiment, place: Place) -> list[list[dict[str, float]]]:
+        """As `Effect.probe_points`, for the parameters of the size."""
+        raise NotImplementedError
+
+
+class EffectAtPlace(Effect):
+    """An effect at a fixed place: its parameters are those of the size.
+
+    Parameters
+    ----------
+    general
+        The effect whose place is fixed.
+    place
+        Its place.
+
+    Attributes
+    ----------
+    listed : str
+        Name of the effect in the list.
+    place : mapping of str to float
+    """
+
+    def __init__(self, general: PlaceEffect, place: Place) -> None:
+        self.general, self.place = general, dict(place)
+        self.listed = general.name
+        where = ", ".join(f"{name} = {value:.6g}" for name, value in place.items())
+        self.name = f"{general.name} ({where})"
+        self.description = general.description
+        self.separating_experiment = general.separating_experiment
+        self.parameters = tuple(p for p in general.parameters if p.name not in general.place_names)
+
+    @property
+    def where(self) -> str:
+        """The place, in words."""
+        tendon = f"tendon {self.place['tendon']:.0f}, " if "tendon" in self.place else ""
+        return f"{tendon}s = {self.place['s']:.4g} m"
+
+    def all_values(self, values: Values) -> dict[str, float]:
+        """Values of the listed effect: the place and the size."""
+        return {**self.place, **values}
+
+    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
+        """See `Effect.bounds`."""
+        every = self.general.bounds(experiment)
+        return {p.name: every[p.name] for p in self.parameters}
+
+    def probe_points(
+        self, experiment: Experiment, excitation: ExcitationRange
+    ) -> list[list[dict[str, float]]]:
+        """See `Effect.probe_points`."""
+        return self.general.size_probes(experiment, self.place)
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`."""
+        return self.general.apply(experiment, self.all_values(values))
+
+
+class SoftBay(PlaceEffect):
+    """One bay softer or stiffer in bending."""
+
+    name = "soft_bay"
+    description = "The backbone bends more or less easily in one bay: a crack, damage, glue that ran."
+    separating_experiment = "bend the bare backbone and look at the bay closely"
+    parameters = (
+        Parameter("s", "m", 0.0, 1e3, 0.0, 1e-3, "middle of the bay"),
+        Parameter("factor", "1", 0.02, 50.0, 1.0, 0.2, "factor on the bending stiffness", inverse=True),
+    )
+
+    def places(self, robot: Robot) -> list[Place]:
+        """The middles of all bays."""
+        return [{"s": 0.5 * (a + b)} for a, b in bays(robot)]
+
+    def spread(self, robot: Robot, place: Place) -> dict[str, float]:
+        """A bay's length over the square root of 12."""
+        a, b = bay_at(robot, place["s"])
+        return {"s": (b - a) / math.sqrt(12.0)}
+
+    def size_probes(self, experiment: Experiment, place: Place) -> list[list[dict[str, float]]]:
+        """A fifth softer."""
+        return [[{"factor": 0.8}]]
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`."""
+        return _with_patch(experiment, values["s"], bending=values["factor"])
+
+
+class Kink(PlaceEffect):
+    """One bay bent when unloaded."""
+
+    name = "kink"
+    description = "The unloaded backbone is bent in one bay: it was bent too far there once, or glued askew."
+    separating_experiment = "measure the unloaded shape closely, with the robot turned about its axis"
+    parameters = (
+        Parameter("s", "m", 0.0, 1e3, 0.0, 1e-3, "middle of the bay"),
+        Parameter("kappa_x", "1/m", -200.0, 200.0, 0.0, 0.5, "turning rate about the section's x axis"),
+        Parameter("kappa_y", "1/m", -200.0, 200.0, 0.0, 0.5, "turning rate about the section's y axis"),
+    )
+
+    def places(self, robot: Robot) -> list[Place]:
+        """The middles of all bays."""
+        return [{"s": 0.5 * (a + b)} for a, b in bays(robot)]
+
+    def spread(self, robot: Robot, place: Place) -> dict[str, float]:
+        """A bay's length over the square root of 12."""
+        a, b = bay_at(robot, place["s"])
+        return {"s": (b - a) / math.sqrt(12.0)}
+
+    def size_probes(self, experiment: Experiment, place: Place) -> list[list[dict[str, float]]]:
+        """A hundredth of a radian about both axes."""
+        a, b = bay_at(experiment.robot, place["s"])
+        rate = 0.01 / (b - a)
+        return [[{"kappa_x": rate, "kappa_y": 0.0}, {"kappa_x": 0.0, "kappa_y": rate}]]
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`."""
+        return _with_patch(experiment, values["s"], precurvature=(values["kappa_x"], values["kappa_y"]))
+
+
+def _with_patch(experiment: Experiment, s: float, **changes: object) -> Experiment:
+    """The experiment with a patch of the backbone over the bay at an arc length [m]."""
+    backbone = experiment.robot.backbone
+    patch = StiffnessPatch(*bay_at(experiment.robot, s), **changes)  # type: ignore[arg-type]
+    return experiment.with_robot(backbone=replace(backbone, patches=(*backbone.patches, patch)))
+
+
+class SpringToGround(PlaceEffect):
+    """A spring from one place of the backbone to ground."""
+
+    name = "side_spring"
+    description = "Something restrains the robot at one place: a cable, a hose, a compliant wall."
+    separating_experiment = "remove what touches the robot, or push it there by a known force"
+    parameters = (
+        Parameter("s", "m", 0.0, 1e3, 0.0, 1e-3, "arc length"),
+        Parameter("stiffness", "N/m", 0.0, 1e6, 0.0, 0.05, "sideways, at rest where the unloaded robot is"),
+    )
+
+    def places(self, robot: Robot) -> list[Place]:
+        """All disks, and the tip."""
+        return [{"s": b} for _, b in bays(robot)]
+
+    def spread(self, robot: Robot, place: Place) -> dict[str, float]:
+        """The distance of neighbouring disks over the square root of 12."""
+        a, b = bay_at(robot, place["s"])
+        return {"s": (b - a) / math.sqrt(12.0)}
+
+    def size_probes(self, experiment: Experiment, place: Place) -> list[list[dict[str, float]]]:
+        """A hundredth of the robot's own stiffness against a force there."""
+        return [[{"stiffness": 0.03 * experiment.robot.backbone.EI / place["s"] ** 3}]]
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`."""
+        length = experiment.robot.backbone.length
+        if not 0.0 < values["s"] <= length + ARC_TOLERANCE:
+            if values["stiffness"] == 0.0:
+                return experiment
+            raise ValueError(f"s = {values['s']:g} m; must be above 0 and at most {length:g} m")
+        spring = SideSpring(values["s"], values["stiffness"])
+        return experiment.with_robot(springs=(*experiment.robot.springs, spring))
+
+
+class StuckHole(PlaceEffect):
+    """A hole that holds its tendon fast, or takes much of its tension."""
+
+    name = "stuck_hole"
+    description = "One hole holds its tendon fast, or nearly so: glue, a knot, a burr, a strand that jams."
+    separating_experiment = "pull the tendon and watch it move on both sides of the hole"
+    place_names = ("tendon", "s")
+    parameters = (
+        Parameter("tendon", "1", 1.0, 1000.0, 1.0, 1.0, "number of the tendon, from 1"),
+        Parameter("s", "m", 0.0, 1e3, 0.0, 1e-3, "arc length of the hole"),
+        Parameter("drop", "N", 0.0, 1e4, 0.0, 0.01, "tension that it takes at most"),
+    )
+
+    def null_values(self, experiment: Experiment) -> dict[str, float]:
+        """No hole: that of the base plate. One that is named holds fast: its drop is above all tensions."""
+        return {"tendon": 1.0, "s": 0.0, "drop": HOLDS_FAST * _largest_tension(experiment)}
+
+    def places(self, robot: Robot) -> list[Place]:
+        """All holes between base plate and anchor."""
+        return [
+            {"tendon": float(i), "s": float(s)}
+            for i, tendon in enumerate(robot.tendons, start=1)
+            for s in robot.hole_arc_lengths(tendon)[1:-1]
+        ]
+
+    def spread(self, robot: Robot, place: Place) -> dict[str, float]:
+        """The distance of neighbouring holes over the square root of 12; the tendon is certain."""
+        a, b = bay_at(robot, place["s"])
+        return {"tendon": 0.0, "s": (b - a) / math.sqrt(12.0)}
+
+    def size_probes(self, experiment: Experiment, place: Place) -> list[list[dict[str, float]]]:
+        """A tenth and the whole of the largest tension that is commanded."""
+        return [[{"drop": share * _largest_tension(experiment)}] for share in (0.1, 1.0)]
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`."""
+        if values["s"] == 0.0:
+            return experiment
+        robot = experiment.robot
+        number = round(values["tendon"])
+        if number > len(robot.tendons):
+            raise ValueError(f"tendon = {number}; the robot has {len(robot.tendons)}")
+        tendon = robot.tendons[number - 1]
+        holes = robot.hole_arc_lengths(tendon)[1:-1]
+        if not np.min(np.abs(holes - values["s"]), initial=math.inf) <= 1e-4:
+            near = (
+                f"the nearest is at {holes[np.argmin(np.abs(holes - values['s']))]:.6g} m"
+                if len(holes)
+                else ""
+            )
+            raise ValueError(f"s = {values['s']:g} m: tendon {tendon.name} has no hole there; {near}")
+        at = float(holes[np.argmin(np.abs(holes - values["s"]))])
+        changed = replace(tendon, tight_holes=(*tendon.tight_holes, TightHole(at, values["drop"])))
+        tendons = (*robot.tendons[: number - 1], changed, *robot.tendons[number:])
+        return with_friction(experiment.with_robot(tendons=tendons))
+
+
+def _largest_tension(experiment: Experiment) -> float:
+    """Largest commanded tension; driven by displacement, that which bends the robot by two radians [N]."""
+    largest = max((t for s in experiment.steps for t in s.tensions.values()), default=0.0)
+    if largest > 0.0:
+        return largest
+    robot = experiment.robot
+    lever = min((float(np.hypot(*robot.holes(t).T).max()) for t in robot.tendons), default=1e-3)
+    return 2.0 * robot.backbone.EI / (max(lever, 1e-6) * robot.backbone.length)

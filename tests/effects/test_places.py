@@ -1,0 +1,190 @@
+"""Effects at one place: against the reference, closed forms, and loads of equal size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from native_solvers import static_settings
+from robots import BACKBONE, LENGTH, distance, solve, three
+
+from tdcr_fe.effects import EFFECTS, Experiment, PlaceEffect, effect, with_effect
+from tdcr_fe.io.toml import read_robot
+from tdcr_fe.io.write_toml import robot_to_toml
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Disks, Robot, SideSpring, StiffnessPatch, TightHole
+from tdcr_fe.validation.reference import Extras, HoleFriction, Spring, solve_reference
+
+S = three().disks.positions
+STEPS = (
+    LoadStep(tensions={"t1": 1.0, "t2": 0.2, "t3": 0.2}),
+    LoadStep(tensions={"t1": 1.6}, loads={"tip": Load(LENGTH, (0.02, 0.03, 0.0))}),
+    LoadStep(tensions={"t1": 0.8, "t2": 0.6}),
+)
+DECLARED = Experiment(three(0.2), Model(elements_per_bay=2), STEPS)
+PLACES = [e for e in EFFECTS if isinstance(e, PlaceEffect)]
+
+
+def tips(experiment: Experiment) -> np.ndarray:
+    """Positions of the tip at the ends of all steps."""
+    return solve(experiment.robot, list(experiment.steps), elements_per_bay=2).tips
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "extras"),
+    [
+        ("soft_bay", {"s": 0.1, "factor": 0.4}, Extras()),
+        ("kink", {"s": 0.1, "kappa_x": 3.0, "kappa_y": -2.0}, Extras()),
+        ("side_spring", {"s": S[6], "stiffness": 2.0}, Extras(springs=(Spring(S[6], (2.0, 2.0, 0.0)),))),
+        ("stuck_hole", {"tendon": 1, "s": S[5], "drop": 0.2}, Extras(holes=(HoleFriction("t1", 6, 0.2, 0.2),))),
+    ],
+)  # fmt: skip
+def test_effects_at_a_place_agree_with_the_reference(name, values, extras):
+    """Springs and holes also with those that the reference has had for blind data."""
+    changed = with_effect(DECLARED, name, **values)
+    ours = tips(changed)
+    theirs = solve_reference(changed.robot, changed.model, STEPS)
+    assert theirs.converged, theirs.message
+    assert distance(ours, theirs.tips) < 1e-4
+    assert distance(ours, tips(DECLARED)) > 0.01
+    if extras != Extras():
+        other = solve_reference(DECLARED.robot, DECLARED.model, STEPS, extras=extras)
+        assert distance(other.tips, theirs.tips) < 1e-6
+
+
+def test_a_spring_deflects_as_a_cantilever_with_a_spring_at_its_tip():
+    """Small force F at the tip: F / (3 EI / L^3 + k), and nothing along the backbone."""
+    bare, k, force = Robot(BACKBONE, Disks.equally_spaced(5, LENGTH)), 0.3, 1e-5
+    bare = replace(bare, springs=(SideSpring(LENGTH, k),))
+    steps = [LoadStep(loads={"tip": Load(LENGTH, (force, 0.0, 0.0))})]
+    found = solve(bare, steps, friction="none", elements_per_bay=4)
+    assert found.tips[0][0] == pytest.approx(force / (3.0 * BACKBONE.EI / LENGTH**3 + k), rel=1e-4)
+
+
+def test_a_spring_pulls_as_an_equal_load_would():
+    robot, k = three(0.0), 3.0
+    pull = LoadStep(tensions={"t1": 1.5})
+    sprung = solve(replace(robot, springs=(SideSpring(S[5], k),)), [pull], friction="none")
+    held = sprung.steps[0]
+    x, y, _ = held.positions[int(np.argmin(np.abs(held.s - S[5])))]
+    load = LoadStep(tensions={"t1": 1.5}, loads={"spring": Load(S[5], (-k * x, -k * y, 0.0))})
+    assert distance(solve(robot, [load], friction="none").tips, sprung.tips) < 1e-8
+    assert np.hypot(x, y) > 5e-3
+
+
+def test_a_kink_bends_the_unloaded_backbone_in_its_bay_only():
+    a, b = S[3], S[4]
+    bent = with_effect(Experiment(three(), Model(), ()), "kink", s=0.5 * (a + b), kappa_x=0.0, kappa_y=4.0)
+    found = solve(bent.robot, [LoadStep()], friction="none").steps[0]
+    assert found.bending_angle == pytest.approx(4.0 * (b - a), rel=1e-9)
+    before = found.positions[found.s <= a + 1e-9]
+    np.testing.assert_allclose(before[:, 0], 0.0, atol=1e-12)
+
+
+def test_a_soft_bay_turns_more_by_its_factor_under_a_tip_moment():
+    steps, moment = [LoadStep(loads={"tip": Load(LENGTH, moment=(0.0, 1e-3, 0.0))})], 1e-3
+    soft = with_effect(Experiment(three(0.0), Model(), ()), "soft_bay", s=0.5 * (S[3] + S[4]), factor=0.25)
+    turned = solve(soft.robot, steps, friction="none").steps[0].bending_angle
+    bay = S[4] - S[3]
+    assert turned == pytest.approx(moment / BACKBONE.EI * (LENGTH + 3.0 * bay), rel=1e-6)
+
+
+def test_a_stuck_hole_keeps_the_tension_of_the_base_from_the_tip():
+    """As the reference has it: nothing passes hole 4, so the outer part acts as a strut."""
+    pulled = Experiment(
+        three(0.0),
+        Model(elements_per_bay=1),
+        (LoadStep(tensions={"t1": 0.5}), LoadStep(tensions={"t1": 1.0})),
+    )
+    stuck = with_effect(pulled, "stuck_hole", tendon=1, s=S[3])
+    assert stuck.robot.tendons[0].tight_holes == (TightHole(S[3], 4.0),)
+    last = solve(stuck.robot, list(stuck.steps)).steps[-1]
+    assert last.hole_states[0][3] == "stick"
+    assert last.tensions[0][2] == pytest.approx(1.0)
+    assert last.tensions[0][4] < 0.05
+
+
+def test_springs_in_a_rotated_scene_act_sideways_to_the_base():
+    """A scene lies on its side: robot and spring are rotated. Exudyn has the same answer by its own solver."""
+    import exudyn as exu
+
+    from tdcr_fe.scene import CreateTDCR
+    from tdcr_fe.solve.statics import SolveTDCR
+
+    robot = replace(three(0.0), springs=(SideSpring(S[6], 2.0),))
+    turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    found = []
+    for pose in (np.eye(3), turn):
+        container = exu.SystemContainer()
+        mbs = container.AddSystem()
+        arm = CreateTDCR(mbs, robot, Model(friction="none", elements_per_bay=1), baseRotationMatrix=pose)
+        mbs.Assemble()
+        arm.set_tensions({"t1": 1.0, "t2": 0.2})
+        SolveTDCR(mbs)
+        found.append(arm.tip_position)
+        mbs.SolveStatic(static_settings(20), updateInitialValues=True)
+        np.testing.assert_allclose(arm.tip_position, found[-1], atol=1e-5)
+    np.testing.assert_allclose(turn @ found[0], found[1], atol=1e-9)
+    assert np.hypot(*found[0][:2]) > 0.01
+
+
+def test_places_cover_the_robot():
+    robot = three()
+    count = len(robot.disks.positions)
+    numbers = {e.name: len(e.places(robot)) for e in PLACES}
+    assert numbers == {"soft_bay": count, "kink": count, "side_spring": count, "stuck_hole": 3 * (count - 1)}
+
+
+@pytest.mark.parametrize("e", PLACES, ids=lambda e: e.name)
+def test_an_effect_at_a_fixed_place_is_the_listed_one_there(e):
+    place = e.places(DECLARED.robot)[4]
+    there = e.at(place)
+    assert there.listed == e.name and not set(place) & {p.name for p in there.parameters}
+    values = e.size_probes(DECLARED, place)[0][0]
+    same = with_effect(DECLARED, e.name, **there.all_values(values))
+    assert there.apply(DECLARED, values).robot == same.robot
+    null = there.null_values(DECLARED)
+    assert distance(tips(there.apply(DECLARED, null)), tips(DECLARED)) < 1e-9
+    assert set(e.spread(DECLARED.robot, place)) == set(e.place_names)
+
+
+def test_a_place_that_is_not_there_is_refused_by_name():
+    for name, values, text in (
+        ("soft_bay", {"s": 0.3, "factor": 0.5}, "s = 0.3 m is not on the backbone"),
+        ("side_spring", {"s": 0.3, "stiffness": 1.0}, "at most 0.25 m"),
+        ("stuck_hole", {"tendon": 1, "s": 0.1}, "no hole there; the nearest is at 0.0961538 m"),
+        ("stuck_hole", {"tendon": 7, "s": 0.1}, "the robot has 3"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            with_effect(DECLARED, name, **values)
+    with pytest.raises(ValueError, match=r"tendons\[0\].tight_holes\[0\].at: 0.1; must be at a disk"):
+        three().with_tendons(names=["t1"], tight_holes=(TightHole(0.1, 1.0),))
+    with pytest.raises(ValueError, match="beyond the tip"):
+        replace(three(), springs=(SideSpring(0.3, 1.0),))
+
+
+def test_places_go_through_the_file(tmp_path):
+    robot = replace(
+        three(0.1)
+        .with_backbone(patches=(StiffnessPatch(0.05, 0.1, 0.5, 1.0, (0.5, -1.0)),))
+        .with_tendons(["t2"], tight_holes=(TightHole(S[2], 3.0),)),
+        springs=(SideSpring(0.1, 2.0), SideSpring(0.25, 0.5)),
+    )
+    file = tmp_path / "robot.toml"
+    file.write_text(robot_to_toml(robot))
+    assert read_robot(file) == robot
+
+
+def test_a_scenario_names_effects_at_places(tmp_path):
+    from tdcr_fe.io.toml import read_scenario
+
+    (tmp_path / "robot.toml").write_text(robot_to_toml(three()))
+    file = tmp_path / "scenario.toml"
+    text = 'robot = "robot.toml"\n[effects]\n'
+    text += "kink = { s = 0.1, kappa_x = 1.0 }\nstuck_hole = { tendon = 2, s = 0.096154 }"
+    file.write_text(text + "\n[[steps]]\ntensions = { t1 = 1.0 }\n")
+    robot = read_scenario(file).robot
+    assert robot.backbone.patches[0].precurvature == (1.0, 0.0)
+    assert robot.tendons[1].tight_holes[0].at == pytest.approx(S[4])
+    assert effect("kink").places(robot)
