@@ -143,6 +143,17 @@ class Effect:
     description: str = ""
     separating_experiment: str = ""
     parameters: tuple[Parameter, ...] = ()
+    #: Effects that may have to be there before data can show this one.
+    after: tuple[str, ...] = ()
+
+    @property
+    def listed(self) -> str:
+        """Name in the list of effects; another than `name` where this is a form of a listed one."""
+        return self.name
+
+    def forms(self, robot: Robot) -> tuple[Effect, ...]:
+        """What a search tries along a whole robot: the effect itself, or with other numbers of parameters."""
+        return (self,)
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
         """Values at which it changes nothing in ``experiment``."""

@@ -64,6 +64,10 @@ class PlaceEffect(Effect):
 
     place_names: tuple[str, ...] = ("s",)
 
+    def forms(self, robot: Robot) -> tuple[Effect, ...]:
+        """None along the whole robot."""
+        return ()
+
     def probe_points(
         self, experiment: Experiment, excitation: ExcitationRange
     ) -> list[list[dict[str, float]]]:
@@ -99,14 +103,11 @@ class EffectAtPlace(Effect):
 
     Attributes
     ----------
-    listed : str
-        Name of the effect in the list.
     place : mapping of str to float
     """
 
     def __init__(self, general: PlaceEffect, place: Place) -> None:
         self.general, self.place = general, dict(place)
-        self.listed = general.name
         where = ", ".join(f"{name} = {value:.6g}" for name, value in place.items())
         self.name = f"{general.name} ({where})"
         self.description = general.description
@@ -114,10 +115,19 @@ class EffectAtPlace(Effect):
         self.parameters = tuple(p for p in general.parameters if p.name not in general.place_names)
 
     @property
+    def listed(self) -> str:
+        """See `Effect.listed`."""
+        return self.general.name
+
+    @property
     def where(self) -> str:
         """The place, in words."""
         tendon = f"tendon {self.place['tendon']:.0f}, " if "tendon" in self.place else ""
         return f"{tendon}s = {self.place['s']:.4g} m"
+
+    def spread(self, robot: Robot) -> dict[str, float]:
+        """See `PlaceEffect.spread`."""
+        return self.general.spread(robot, self.place)
 
     def all_values(self, values: Values) -> dict[str, float]:
         """Values of the listed effect: the place and the size."""

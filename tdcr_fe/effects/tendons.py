@@ -222,9 +222,14 @@ class Pretension(Effect):
         "backbone, and become slack only when let out by more than their stretch."
     )
     separating_experiment = "let one tendon out step by step until it is slack"
+    after = ("tendon_stretch",)
     parameters = (
         Parameter("tension", "N", 0.0, 1e3, 0.0, 0.05, "of the tendons in the straight, unloaded robot"),
     )
+
+    def forms(self, robot: Robot) -> tuple[Effect, ...]:
+        """The same for all tendons, and one for each."""
+        return (self, PretensionOfEach(robot)) if len(robot.tendons) > 1 else (self,)
 
     def parameters_of(self, robot: Robot) -> tuple[Parameter, ...]:
         """One for all tendons, and ``tension_NAME`` for each."""
@@ -271,6 +276,34 @@ class Pretension(Effect):
             for t in experiment.robot.tendons
         )
         return experiment.with_robot(tendons=tendons)
+
+
+class PretensionOfEach(Pretension):
+    """Pretension with a parameter for each tendon of a robot."""
+
+    name = "pretension (each)"
+
+    def __init__(self, robot: Robot) -> None:
+        self.parameters = Pretension().parameters_of(robot)[1:]
+
+    @property
+    def listed(self) -> str:
+        """See `Effect.listed`."""
+        return Pretension.name
+
+    def null_values(self, experiment: Experiment) -> dict[str, float]:
+        """The declared values."""
+        return {f"tension_{t.name}": t.pretension for t in experiment.robot.tendons}
+
+    def probe_points(
+        self, experiment: Experiment, excitation: ExcitationRange
+    ) -> list[list[dict[str, float]]]:
+        """Each by a twentieth of the largest tension, and each by a half."""
+        null = self.null_values(experiment)
+        return [
+            [{**null, name: null[name] + point["tension"]} for name in null]
+            for (point,) in Pretension().probe_points(experiment, excitation)
+        ]
 
 
 def _compliance(tendon: Tendon) -> float:

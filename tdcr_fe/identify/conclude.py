@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.effects import Effect
+from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.identify.criteria import chi_square_threshold, reduced_chi_square, residual_is_noise
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.information import insufficient_data
@@ -28,7 +28,7 @@ from tdcr_fe.identify.outcome import (
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.run import run_settings
 from tdcr_fe.identify.selection import Search, SearchState
-from tdcr_fe.identify.unlisted import SideSpring, SoftBay, describe_moment, missing_moment
+from tdcr_fe.identify.unlisted import describe_moment, missing_moment
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def conclude(
     """
     problem, best, declared = state.problem, state.best, state.declared
     data, held_out, fitted = problem.data, problem.held_out, problem.fitted
-    explained = state.local is None and residual_is_noise(problem, best, search.significance)
+    explained = residual_is_noise(problem, best, search.significance)
     insufficient = insufficient_data(problem, state.declared, best, explained)
     tests = structure(data, best.residual, len(best.free))
     spread = covariance(problem, best)
@@ -163,13 +163,13 @@ def _added(search: Search, state: SearchState, deviation: Array) -> tuple[AddedE
         }
         experiment = ""
         if rivals:
-            others = [x for x in problem.catalogue if x.name in rivals]
+            others = [x for x in problem.catalogue if any(n.split(" (")[0] == x.name for n in rivals)]
             experiment = f"for {e.name}: {e.separating_experiment}" + "".join(
                 f"; for {x.name}: {x.separating_experiment}" for x in others
             )
         added.append(
             AddedEffect(
-                e.name,
+                e.listed,
                 _estimates(problem, best, e, deviation),
                 problem.misfit(after.residual, problem.fitted, len(after.free)),
                 problem.misfit(after.residual, problem.held_out),
@@ -183,8 +183,14 @@ def _added(search: Search, state: SearchState, deviation: Array) -> tuple[AddedE
 
 
 def _estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> dict[str, Estimate]:
-    """Values of an effect's parameters with their standard errors."""
+    """Values of an effect's parameters with their standard errors; of a place, half the way to the next one."""
     numbers = {}
+    if isinstance(e, EffectAtPlace):
+        spread, units = e.spread(problem.data.robot), {p.name: p.unit for p in e.general.parameters}
+        numbers = {
+            name: Estimate(value, spread[name], units[name], "the best of all places")
+            for name, value in e.place.items()
+        }
     for p in e.parameters:
         value = best.values[e.name][p.name]
         error, note = None, "not determined by these data; left at its null value"
@@ -217,34 +223,7 @@ def _remaining(
         text = "what is left has the size and the structure of the noise"
         return Remainder("nowhere", text, moment, edges)
     where, text = describe_moment(problem, moment, edges)
-    if state.local is not None:
-        where, text = _local_text(search, state, state.local, text)
-        return Remainder(where, text, moment, edges)
     significant = [t for t in tests if t.p_value < 1e-4][:3]
     if significant:
         text += "; the residual is largest in: " + ", ".join(t.group for t in significant)
     return Remainder(where, text, moment, edges)
-
-
-def _local_text(search: Search, state: SearchState, local: Fit, moment_text: str) -> tuple[str, str]:
-    """Location and description of a local cause that is on no list."""
-    problem = state.problem
-    cause = local.effects[-1]
-    assert isinstance(cause, SoftBay | SideSpring)
-    (name, value), *_ = local.values[cause.name].items()
-    error = 0.0
-    if (cause.name, name) in local.free:
-        j = local.free.index((cause.name, name))
-        error = float(np.sqrt(covariance(problem, local)[j, j]))
-        error *= value**2 if cause.parameters[0].inverse else 1.0
-    what, unit = "a spring of", "N/m"
-    if isinstance(cause, SoftBay):
-        what, unit = "a bending stiffness of", "times the declared one"
-    ending = f"to {local.cost / max(1, int(np.count_nonzero(problem.fitted))):.3g} per reading"
-    if residual_is_noise(problem, local, search.significance):
-        ending = "to noise"
-    return (
-        cause.where,
-        f"not on the list: {what} {value:.3g} +- {1.96 * error:.2g} {unit}, {cause.where}, would bring the misfit "
-        f"{ending}; {moment_text}",
-    )

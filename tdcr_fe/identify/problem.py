@@ -156,7 +156,7 @@ class FitProblem:
         """The experiment with effects, applied in the order of the catalogue, unlisted ones last."""
         order = {e.name: i for i, e in enumerate(self.catalogue)}
         experiment = self.experiment
-        for e in sorted(effects, key=lambda e: order.get(e.name, len(order))):
+        for e in sorted(effects, key=lambda e: order.get(e.listed, len(order))):
             experiment = e.apply(experiment, values[e.name])
         return experiment
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.effects import Effect
+from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
@@ -29,7 +29,7 @@ from tdcr_fe.identify.information import lacks_test
 from tdcr_fe.identify.outcome import Candidate, IdentifySettings
 from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, refine
 from tdcr_fe.identify.screening import Score, screen
-from tdcr_fe.identify.unlisted import SideSpring, SoftBay, local_candidates
+from tdcr_fe.identify.unlisted import local_candidates
 
 Array = NDArray[np.float64]
 Names = frozenset[str]
@@ -82,8 +82,6 @@ class SearchState:
         Effects that are not tried, with the reason.
     rivals : mapping of str to tuple of str
         By effect of the best model, those that explain the data as well.
-    local : Fit or None
-        A model with a local cause that explains more than the list.
     history : tuple of str
     interrupted : bool
     """
@@ -97,7 +95,6 @@ class SearchState:
     candidates: tuple[Candidate, ...] = ()
     refused: Mapping[str, str] = field(default_factory=dict)
     rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    local: Fit | None = None
     history: tuple[str, ...] = ()
     interrupted: bool = False
 
@@ -126,8 +123,6 @@ def search_effects(search: Search, state: SearchState) -> Stage:
         single = replace(search, settings=replace(search.settings, max_effects=1))
         return (yield from forward_selection(single, state, locate=False))
     state = yield from forward_selection(search, state)
-    if state.local is not None:
-        return state
     if state.best.effects:
         search.report("backward selection and swaps", 0.75)
         state = yield from backward_selection(search, state)
@@ -173,14 +168,14 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
         if number == 1 and not explained and locate:
             # If one local cause explains everything, the search for several effects that mimic it is skipped.
             located = _local_search(search, state, [state.declared])
-            if located.local is not None and residual_is_noise(
-                located.problem, located.local, search.significance
+            if located.best is not state.best and residual_is_noise(
+                located.problem, located.best, search.significance
             ):
                 state = located
                 break
-            state = replace(
-                state, fits=located.fits, local_scores=located.local_scores, problem=located.problem
-            )
+            scales = located.problem.scales
+            problem = replace(state.problem, scales=scales)
+            state = replace(state, local_scores=located.local_scores, problem=problem)
     yield state
     return state
 
@@ -428,20 +423,21 @@ def _with_rival(state: SearchState, name: str, rival: str) -> SearchState:
 
 
 def _with_local(state: SearchState, fits: Sequence[Fit]) -> SearchState:
-    """Keep the best local cause where it explains more than the list; the effects beside it are the best model."""
+    """Take the best model with an effect at a place where it explains more than the present one.
+
+    The place itself counts as one or two fitted numbers more.
+    """
     problem = state.problem
     local = min(fits, key=lambda f: bic(problem, f))
-    gain = (bic(problem, state.best) - bic(problem, local)) / reduced_chi_square(problem, local)
+    effect = local.effects[-1]
+    assert isinstance(effect, EffectAtPlace)
+    chosen = len(effect.place) * math.log(problem.count)
+    gain = (bic(problem, state.best) - bic(problem, local) - chosen) / reduced_chi_square(problem, local)
     if gain <= BIC_DIFFERENCE:
         return state
-    name = local.effects[-1].name
-    state = replace(state, local=local).with_history(f"{name} explains more than the listed effects")
-    listed = frozenset(e.name for e in local.effects if not isinstance(e, SoftBay | SideSpring))
-    if listed == frozenset(state.best.names):
-        return state
-    best = state.fits[listed]
-    rivals = {k: v for k, v in state.rivals.items() if k in best.names}
-    return replace(state, best=best, rivals=rivals)
+    rivals = {k: v for k, v in state.rivals.items() if k in local.names}
+    state = replace(state.with_fit(local), best=local, rivals=rivals)
+    return _refined(state.with_history(f"{effect.name} explains more than effects along the whole robot"))
 
 
 def _refined(state: SearchState) -> SearchState:
@@ -505,12 +501,15 @@ def _scores(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]
     key = frozenset(fit.names)
     if key not in state.scores:
         others = [
-            e for e in state.problem.catalogue if e.name not in fit.names and e.name not in state.refused
+            form
+            for e in state.problem.catalogue
+            for form in e.forms(state.problem.data.robot)
+            if form.listed not in {x.listed for x in fit.effects} and form.name not in state.refused
         ]
         scores = screen(state.problem, fit, others)
         state = _with_scales(replace(state, scores={**state.scores, key: scores}), scores)
         if not fit.effects:
-            refused = {x.effect.name: x.note for x in scores if x.note}
+            refused = {x.effect.name: x.note for x in scores if x.note and not x.effect.after}
             state = replace(state, refused={**state.refused, **refused})
     return state, state.scores[key]
 

@@ -1,90 +1,17 @@
-"""Causes that are not effects: single soft bays, springs at one location, and the missing moment from the shape."""
+"""Effects at every place as candidates, and the missing moment from the shape."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.effects import Effect, ExcitationRange, Experiment, Parameter
+from tdcr_fe.effects import Effect, PlaceEffect
 from tdcr_fe.identify.problem import Fit, FitProblem
-from tdcr_fe.identify.run import Run
 from tdcr_fe.model.interpolation import interpolate_positions
-from tdcr_fe.model.loading import Load
-from tdcr_fe.model.robot import StiffnessPatch
 
 Array = NDArray[np.float64]
-
-
-class SoftBay(Effect):
-    """Other bending stiffness in one bay; used to locate, not in the list of effects."""
-
-    def __init__(self, number: int, start: float, end: float) -> None:
-        self.number, self.start, self.end = number, start, end
-        self.name = f"stiffness of bay {number}"
-        self.description = "The backbone is softer or stiffer in one bay: a crack, a kink, glue."
-        self.parameters = (
-            Parameter(
-                "bending", "1", 0.02, 50.0, 1.0, 0.2, "factor on the bending stiffness there", inverse=True
-            ),
-        )
-
-    @property
-    def where(self) -> str:
-        """Bay and arc lengths."""
-        return f"bay {self.number} (s = {self.start:.4g} to {self.end:.4g} m)"
-
-    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
-        """See `Effect.bounds`."""
-        return {"bending": (0.02, 50.0)}
-
-    def apply(self, experiment: Experiment, values: dict[str, float]) -> Experiment:  # type: ignore[override]
-        """See `Effect.apply`."""
-        b = experiment.robot.backbone
-        patch = StiffnessPatch(self.start, self.end, values["bending"], 1.0)
-        return experiment.with_robot(backbone=replace(b, patches=(*b.patches, patch)))
-
-
-class SideSpring(Effect):
-    """A spring from one location of the backbone to ground; used to locate, not in the list of effects.
-
-    Its force follows the displacement of a solved run, step by step.
-    """
-
-    def __init__(self, at: float, run: Run, rest: Array) -> None:
-        self.at = at
-        self.name = f"spring at s = {at:.4g} m"
-        self.description = "Something restrains the robot at one location: a cable, a hose, a compliant wall."
-        self.parameters = (Parameter("stiffness", "N/m", 0.0, 1e4, 0.0, 0.05, "of the spring"),)
-        node = int(np.argmin(np.abs(run.s - at)))
-        moved = run.positions[:, node] - rest
-        moved[:, 2] = 0.0
-        self._moved = np.where(np.isfinite(moved), moved, 0.0)
-
-    @property
-    def where(self) -> str:
-        """Arc length."""
-        return f"at s = {self.at:.4g} m"
-
-    def probe_points(
-        self, experiment: Experiment, excitation: ExcitationRange
-    ) -> list[list[dict[str, float]]]:
-        """A spring with a force of a few millinewtons."""
-        largest = float(np.max(np.linalg.norm(self._moved, axis=1), initial=1e-6))
-        return [[{"stiffness": 2e-3 / largest}]]
-
-    def apply(self, experiment: Experiment, values: dict[str, float]) -> Experiment:  # type: ignore[override]
-        """See `Effect.apply`."""
-        steps = []
-        for step, (k, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
-            before = self._moved[k - 1] if k else np.zeros(3)
-            f = -values["stiffness"] * (before + factor * (self._moved[k] - before))
-            load = Load(self.at, (float(f[0]), float(f[1]), float(f[2])))
-            steps.append(replace(step, loads={**step.loads, f"spring {self.at:g}": load}))
-        return replace(experiment, steps=tuple(steps))
 
 
 def bay_edges(problem: FitProblem) -> Array:
@@ -97,13 +24,13 @@ def bay_edges(problem: FitProblem) -> Array:
 
 
 def local_candidates(problem: FitProblem, fit: Fit) -> list[list[Effect]]:
-    """A soft bay for every bay, and a spring at every disk, each family from the base on."""
-    edges = bay_edges(problem)
-    bays: list[Effect] = [
-        SoftBay(i + 1, float(a), float(b)) for i, (a, b) in enumerate(itertools.pairwise(edges))
+    """Effects at every place of the robot, each kind from the base on, without the kinds that the model has."""
+    robot = problem.with_effects(fit.effects, fit.values).robot
+    return [
+        [e.at(place) for place in e.places(robot)]
+        for e in problem.catalogue
+        if isinstance(e, PlaceEffect) and e.name not in {x.listed for x in fit.effects}
     ]
-    springs: list[Effect] = [SideSpring(float(s), fit.run, np.array([0.0, 0.0, s])) for s in edges[1:]]
-    return [bays, springs]
 
 
 def missing_moment(problem: FitProblem, fit: Fit) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 def _effects_schema() -> dict[str, Any]:
     """Of the table ``[effects]``: by name of the effect, a table of its parameters."""
-    properties = {}
+    properties: dict[str, dict[str, Any]] = {}
     for effect in EFFECTS:
         numbers = {}
         for p in effect.parameters:

@@ -154,10 +154,10 @@ def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: floa
         len(arcs) != len(holes_at) or np.max(np.abs(np.asarray(arcs) - holes_at)) > ARC_TOLERANCE
     ):
         return [*found, Contradiction(f"{key}.holes", *hole_count_text(len(arcs), len(holes_at)))]
-    for k, hole in enumerate(tendon.tight_holes):
-        if not np.min(np.abs(holes_at[1:-1] - hole.at), initial=math.inf) <= ARC_TOLERANCE:
+    for i, tight in enumerate(tendon.tight_holes):
+        if not np.min(np.abs(holes_at[1:-1] - tight.at), initial=math.inf) <= ARC_TOLERANCE:
             inner = f"must be at a disk before the anchor: one of {_short(holes_at[1:-1].tolist())} m"
-            found.append(Contradiction(f"{key}.tight_holes[{k}].at", f"{hole.at:.9g}", inner))
+            found.append(Contradiction(f"{key}.tight_holes[{i}].at", f"{tight.at:.9g}", inner))
     with np.errstate(all="ignore"):  # a hole at infinity is outside, too
         distance = np.linalg.norm(tendon.routing.position(holes_at, end), axis=1)
     outside = np.flatnonzero(~(distance <= disks.radius * (1.0 + 1e-9)))

@@ -147,12 +147,33 @@ def test_a_missing_effect_is_named_with_its_numbers(name, truth):
     assert result.after_held_out.chi2_per_dof < 1.5 < result.before_held_out.chi2_per_dof
 
 
-@pytest.mark.slow
-def test_a_soft_bay_is_never_explained_and_is_located():
-    patched = ROBOT.with_backbone(patches=(StiffnessPatch(0.05, 0.1, 0.5, 0.5),))
+def test_a_soft_bay_is_found_with_place_and_size():
+    """e3bbe5d pointed at the bay and called the data unexplained."""
+    patched = ROBOT.with_backbone(patches=(StiffnessPatch(0.05, 0.1, 0.5, 1.0),))
     result = identify(measured(robot=patched))
-    assert result.verdict in ("unexplained", "partly explained")
-    assert "bay 2" in result.remaining.where
+    assert result.verdict == "explained"
+    (found,) = result.effects
+    assert found.name == "soft_bay" and found.parameters["s"].value == pytest.approx(0.075)
+    factor = found.parameters["factor"]
+    assert abs(factor.value - 0.5) < 4.0 * factor.std_error < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("kink", {"s": 0.125, "kappa_x": 0.6, "kappa_y": -0.8}),
+        ("side_spring", {"s": 0.1, "stiffness": 1.5}),
+    ],
+)
+def test_effects_at_a_place_are_found_with_place_and_size(name, values):
+    result = identify(measured({name: values}))
+    assert result.verdict == "explained"
+    (found,) = result.effects
+    assert found.name == name
+    for key, value in values.items():
+        p = found.parameters[key]
+        assert abs(p.value - value) <= 4.0 * p.std_error
 
 
 @pytest.mark.slow

@@ -15,11 +15,11 @@ import tdcr_fe.validation.blind as blind
 from tdcr_fe.effects import EFFECTS, Experiment, Observation
 from tdcr_fe.io.measured import read_measured
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.validation.blind import OFF_LIST, Answer, Recipe, make_blind, plan
+from tdcr_fe.validation.blind import OFF_LIST, Answer, Recipe, make_blind, plan, unlisted
 from tdcr_fe.validation.blind.benchmark import run_benchmark
 from tdcr_fe.validation.blind.loading import draw_loading
 from tdcr_fe.validation.blind.readings import read
-from tdcr_fe.validation.blind.recipes import BY_DISPLACEMENT, LATER, ROBOTS, plan_of
+from tdcr_fe.validation.blind.recipes import BY_DISPLACEMENT, LATER, LISTED_AS, PLACES, ROBOTS, plan_of
 from tdcr_fe.validation.blind.report import BEGIN, END, to_markdown, write_into_page, write_report
 from tdcr_fe.validation.blind.robots import draw_robot
 from tdcr_fe.validation.blind.scoring import score, summarise
@@ -64,9 +64,11 @@ def test_a_plan_covers_everything_early_and_does_not_depend_on_its_length():
 
 
 def test_later_effects_have_a_plan_of_their_own():
-    recipes = plan_of(LATER, 8)
-    assert recipes[:3] == plan_of(LATER, 3) and len({r.seed for r in recipes}) == 8
-    assert {r.effects[0] for r in recipes} == set(LATER)
+    later = ("pretension", *PLACES)
+    recipes = plan_of(later, 8)
+    assert recipes[:3] == plan_of(later, 3) and len({r.seed for r in recipes}) == 8
+    assert {r.effects[0] for r in recipes} == set(later)
+    assert {LISTED_AS.get(n, n) for n in later} == set(LATER)
 
 
 def test_recipes_that_cannot_be_are_refused():
@@ -196,6 +198,20 @@ def outcome(made, verdict="explained", named=(("precurvature", ()),), where="now
     return score(answer, result)
 
 
+def outcome_of(made, hidden, name, s):
+    """Score of a result that explains the data by one effect at an arc length."""
+    _, data, _ = made
+    noise = np.array([r.value - x for r, x in zip(data.readings, hidden.noise_free, strict=True)])
+    place = SimpleNamespace(value=s, std_error=1e-3)
+    effect = SimpleNamespace(name=name, indistinguishable_from=(), parameters={"s": place})
+    result = SimpleNamespace(
+        data=data, verdict="explained", effects=[effect], held_out_steps=(1, 2, 3), residual_before=3.0 * noise,
+        residual_after=noise, remaining=SimpleNamespace(where="nowhere", description=""), mesh_error=0.0, runs=1,
+        wall_time=1.0, history=(),
+    )  # fmt: skip
+    return score(hidden, result)
+
+
 def test_names_are_right_among_those_named_together_or_wrong(made):
     assert outcome(made)["outcome"] == "right"
     assert outcome(made, named=(("gravity", ("precurvature",)),))["outcome"] == "named together"
@@ -227,6 +243,26 @@ def test_a_soft_spot_is_located_by_its_bay_and_never_explained(made):
     assert not marked(5)["in_the_bay"] and marked(5)["located"]
     assert not marked(7)["located"]
     assert marked(4, "explained")["outcome"] == "overconfident"
+
+
+def test_an_effect_at_its_place_is_right_by_kind_bay_and_tendon(made):
+    _, data, answer = made
+    edges = (0.0, *data.robot.disks.positions)
+    recipe = replace(answer.recipe, effects=("kink",))
+    hidden = replace(
+        answer,
+        recipe=recipe,
+        effects={},
+        off_list={"kind": "kink", "bay": 4, "start": edges[3], "end": edges[4]},
+    )
+
+    def marked(name, s):
+        result = outcome_of(made, hidden, name, s)
+        return result["outcome"]
+
+    assert marked("kink", 0.5 * (edges[3] + edges[4])) == "right"
+    assert marked("kink", 0.5 * (edges[4] + edges[5])) == "overconfident"
+    assert marked("soft_bay", 0.5 * (edges[3] + edges[4])) == "overconfident"
 
 
 def test_summary_counts(made, tmp_path):
@@ -265,7 +301,8 @@ def test_an_incomplete_explanation_is_counted_by_its_names_and_verdict(made):
 
 def test_every_listed_effect_has_random_values(made):
     """By the maker's own table; an effect added to the list must get an entry there."""
-    assert set(DRAW) == {e.name for e in EFFECTS}
+    assert set(DRAW) | set(LISTED_AS.values()) == {e.name for e in EFFECTS}
+    assert set(LISTED_AS) == set(PLACES) == set(unlisted._DRAW)
 
 
 def test_a_benchmark_resumes_where_it_stopped(made, tmp_path):

@@ -16,15 +16,18 @@ DRIVES: tuple[Drive, ...] = ("tension", "displacement")
 #: Kinds of robots: one tendon of any routing, three of one routing, two segments of three tendons each.
 ROBOTS = ("single", "parallel", "helical", "converging", "points", "two-segment")
 
-#: Hidden effects that are not on the list of `identify`.
+#: Hidden effects at one place that `plan` has, and all of them. The reference has them as `Extras` or patches.
 OFF_LIST = ("soft_spot", "side_spring", "stuck_hole")
+PLACES = (*OFF_LIST, "kink")
+#: Name of the effect in the list of `identify` that each of them is.
+LISTED_AS = {"soft_spot": "soft_bay", **{name: name for name in PLACES[1:]}}
 
 #: Effects detectable only in data driven by tension, and only in data driven by displacement.
 BY_TENSION = ("actuator_loss", "friction_coefficient", "hole_adhesion", "stuck_hole")
 BY_DISPLACEMENT = ("actuator_backlash", "tendon_stretch", "pretension")
 
 #: Effects that `plan` leaves out, so that its sets stay those of version 0.1; `plan_of` has them.
-LATER = ("pretension",)
+LATER = ("pretension", "soft_bay", "kink", "side_spring", "stuck_hole")
 
 #: Pairs that occur together in real robots.
 PAIRS = (
@@ -52,7 +55,7 @@ class Recipe:
     robot : str
         A member of `ROBOTS`.
     effects : tuple of str
-        Hidden effects: names of the list, or one of `OFF_LIST`.
+        Hidden effects: names of the list, or one of `PLACES`.
     sigma : float
         Standard deviation of the noise on positions [m].
     drive : "tension" or "displacement"
@@ -68,7 +71,7 @@ class Recipe:
     weak: bool = False
 
     def __post_init__(self) -> None:
-        known = {e.name for e in EFFECTS} | set(OFF_LIST)
+        known = {e.name for e in EFFECTS if e.name != "soft_bay"} | set(PLACES)
         unknown = sorted(set(self.effects) - known)
         if unknown:
             raise ValueError(f"no effect {unknown[0]!r}; there are {', '.join(sorted(known))}")
@@ -85,7 +88,7 @@ class Recipe:
         """Category of the set: "clean", "single", "pair", "off-list" or "weak"."""
         if self.weak:
             return "weak"
-        if set(self.effects) & set(OFF_LIST):
+        if set(self.effects) & set(PLACES):
             return "off-list"
         return ("clean", "single", "pair")[min(len(self.effects), 2)]
 

@@ -115,7 +115,8 @@ def _summary_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
             _ratio(held["median"]) + ", " + _ratio(held["largest"]),
         ),
         ("true parameter inside the 95 % interval", _share(cover["inside"], cover["parameters"])),
-        ("effects on no list: not called explained", _share(unlisted["never_explained"], unlisted["sets"])),
+        ("effects at a place: kind and place right", _share(unlisted["right"], unlisted["sets"])),
+        ("... right, or not called explained", _share(unlisted["never_explained"], unlisted["sets"])),
         (
             "... remainder in the very bay or at the very disk",
             _share(unlisted["in_the_bay"], unlisted["sets"]),

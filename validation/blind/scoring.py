@@ -11,7 +11,7 @@ import numpy as np
 
 from tdcr_fe.identify import IdentificationResult
 from tdcr_fe.validation.blind.maker import Answer
-from tdcr_fe.validation.blind.recipes import OFF_LIST
+from tdcr_fe.validation.blind.recipes import LISTED_AS, PLACES
 
 Score = dict[str, Any]
 
@@ -36,17 +36,21 @@ def score(answer: Answer, result: IdentificationResult) -> Score:
     -------
     dict
         "outcome": "right" (the hidden names, no other), "named together" (a differing name is among those reported
-        as indistinguishable from one that was named), "wrong"; for sets with an unlisted effect "honest" (the
+        as indistinguishable from one that was named), "wrong"; for sets with
+        an effect at a place "right" (kind and place), "honest" (the
         verdict is not "explained") or "overconfident". Errors before and after, over the noise of the held-out
         positions; hits of the 95 % intervals; location of the remaining error.
     """
     recipe = answer.recipe
     named = [e.name for e in result.effects]
     rivals = {e.name: list(e.indistinguishable_from) for e in result.effects}
-    hidden = [n for n in recipe.effects if n not in OFF_LIST]
+    hidden = [n for n in recipe.effects if n not in PLACES]
     off_list = bool(answer.off_list)
     if off_list:
-        outcome = "overconfident" if result.verdict in ("explained", "nothing missing") else "honest"
+        if result.verdict == "explained" and _at_the_place(answer, result):
+            outcome = "right"
+        else:
+            outcome = "overconfident" if result.verdict in ("explained", "nothing missing") else "honest"
     elif not hidden:
         outcome = "right" if result.verdict == "nothing missing" else "wrong"
     elif sorted(named) == sorted(hidden):
@@ -126,6 +130,18 @@ def _intervals(answer: Answer, result: IdentificationResult) -> tuple[list[str],
     return inside, outside
 
 
+def _at_the_place(answer: Answer, result: IdentificationResult) -> bool:
+    """Whether the one effect that was added is that at the place: its kind, its bay or disk, and its tendon."""
+    truth = answer.off_list
+    if [e.name for e in result.effects] != [LISTED_AS[truth["kind"]]]:
+        return False
+    found = result.effects[0].parameters
+    names = result.data.robot.tendon_names
+    if "tendon" in truth and names[round(found["tendon"].value) - 1] != truth["tendon"]:
+        return False
+    return bool(truth["start"] - 1e-5 <= found["s"].value <= truth["end"] + 1e-5)
+
+
 def _located(answer: Answer, result: IdentificationResult) -> Score:
     """If the remainder is located where the effect is: its bay, arc length, or the loads that move a stuck hole."""
     truth, data = answer.off_list, result.data
@@ -133,6 +149,9 @@ def _located(answer: Answer, result: IdentificationResult) -> Score:
     edges = (0.0, *data.robot.disks.positions)
     bay = float(np.max(np.diff(edges)))
     place: tuple[float, float] | None = None
+    at = [e.parameters["s"].value for e in result.effects if "s" in e.parameters]
+    if at:
+        where = f"s = {at[0]:.9g} m"
     found = re.search(r"s = ([\d.e-]+)(?: to ([\d.e-]+))? m", where)
     if found:
         start = float(found[1])
@@ -180,10 +199,11 @@ def summarise(scores: Iterable[Score]) -> dict[str, Any]:
         k: [s for s in scores if s["kind"] == k] for k in ("clean", "single", "pair", "weak", "off-list")
     }
     listed = [*kinds["single"], *kinds["pair"]]
-    ratios = [s["after"] / s["noise_floor"] for s in listed if s["outcome"] in ("right", "named together")]
+    off = kinds["off-list"]
+    named = [s for s in [*listed, *off] if s["outcome"] in ("right", "named together")]
+    ratios = [s["after"] / s["noise_floor"] for s in named]
     inside = sum(len(s["intervals_hit"]) for s in listed)
     outside = sum(len(s["intervals_missed"]) for s in listed)
-    off = kinds["off-list"]
     return {
         "sets": len(scores),
         "single": _outcomes(kinds["single"]),
@@ -200,7 +220,8 @@ def summarise(scores: Iterable[Score]) -> dict[str, Any]:
         "coverage": {"parameters": inside + outside, "inside": inside},
         "off_list": {
             "sets": len(off),
-            "never_explained": sum(s["outcome"] == "honest" for s in off),
+            "right": sum(s["outcome"] == "right" for s in off),
+            "never_explained": sum(s["outcome"] != "overconfident" for s in off),
             "in_the_bay": sum(s["in_the_bay"] for s in off),
             "within_one_bay": sum(s["within_one_bay"] for s in off),
             "located": sum(s["located"] for s in off),

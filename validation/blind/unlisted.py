@@ -1,4 +1,4 @@
-"""Draw the unlisted effects: a soft stretch of the backbone, a spring from the side, a stuck hole."""
+"""Draw the effects at one place: a soft stretch of the backbone, a spring from the side, a stuck hole, a kink."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.model.robot import StiffnessPatch
-from tdcr_fe.validation.blind.recipes import OFF_LIST, Recipe
+from tdcr_fe.validation.blind.recipes import PLACES, Recipe
 from tdcr_fe.validation.reference import Extras, HoleFriction, Spring
 
 
@@ -62,10 +62,27 @@ def _stuck_hole(declared: Experiment, edges: tuple[float, ...], rng: np.random.G
     return Unlisted(answer, extras=Extras(holes=(HoleFriction(tendon.name, hole, 0.0, 4.0 * highest),)))
 
 
+def _kink(declared: Experiment, edges: tuple[float, ...], rng: np.random.Generator) -> Unlisted:
+    bay = int(rng.integers(1, max(2, round(0.8 * (len(edges) - 1))) + 1))
+    start, end = edges[bay - 1], edges[bay]
+    angle, direction = float(rng.uniform(0.05, 0.2)), float(rng.uniform(0.0, 2.0 * np.pi))
+    kappa = tuple(round(float(angle / (end - start) * f(direction)), 3) for f in (np.cos, np.sin))
+    answer = {
+        "kind": "kink",
+        "bay": bay,
+        "start": start,
+        "end": end,
+        "kappa_x": kappa[0],
+        "kappa_y": kappa[1],
+    }
+    return Unlisted(answer, patches=(StiffnessPatch(start, end, 1.0, 1.0, (kappa[0], kappa[1])),))
+
+
 _DRAW: dict[str, Callable[[Experiment, tuple[float, ...], np.random.Generator], Unlisted]] = {
     "soft_spot": _soft_spot,
     "side_spring": _side_spring,
     "stuck_hole": _stuck_hole,
+    "kink": _kink,
 }
 
 
@@ -75,13 +92,13 @@ def draw_unlisted(recipe: Recipe, declared: Experiment, rng: np.random.Generator
     Parameters
     ----------
     recipe
-        With at most one of `tdcr_fe.validation.blind.recipes.OFF_LIST`.
+        With at most one of `tdcr_fe.validation.blind.recipes.PLACES`.
     declared
         The declared robot and its loading.
     rng
         Draws location and size.
     """
-    wanted = [name for name in recipe.effects if name in OFF_LIST]
+    wanted = [name for name in recipe.effects if name in PLACES]
     if not wanted:
         return Unlisted({})
     return _DRAW[wanted[0]](declared, (0.0, *declared.robot.disks.positions), rng)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.validation.blind.loading import largest_commands
-from tdcr_fe.validation.blind.recipes import OFF_LIST, Recipe
+from tdcr_fe.validation.blind.recipes import PLACES, Recipe
 
 #: By effect, the value of every parameter.
 Values = dict[str, dict[str, float]]
@@ -167,7 +167,7 @@ def draw_values(
     rng
         Draws the values, in the order of the recipe's effects.
     """
-    listed = [name for name in recipe.effects if name not in OFF_LIST]
+    listed = [name for name in recipe.effects if name not in PLACES]
     sizes = _Sizes.of(declared, solution)
     return {name: _rounded(DRAW[name](sizes, rng)) for name in listed}
 
