@@ -146,11 +146,14 @@ class _Interpolant:
             matrix[:, self.coupled] = 0.0
             matrix[self.coupled, self.coupled] = presliding
             ends.append(matrix)
-        pulled = tendons.tension.max(axis=0)[self.own]
-        at_end = (tendons.tension[1] > tendons.tension[0])[self.own]
-        taut = np.where(at_end, end.matrix[:, self.coupled], start.matrix[:, self.coupled])
-        # Derivatives by the mobilisations of the holes of these tendons, per tension.
-        self.per_tension = (taut - ends[0][:, self.coupled]) / pulled
+        per_tension = []
+        for rates, fixed, tension in zip((start, end), ends, tendons.tension[:, self.own], strict=True):
+            by_mobilisation = rates.matrix[:, self.coupled] - fixed[:, self.coupled]
+            per_tension.append(by_mobilisation / np.where(tension > 0.0, tension, np.inf))
+        first, last = tendons.tension[:, self.own] > 0.0
+        # Derivatives by the mobilisations of the holes of these tendons, per tension; known at an end where it is taut.
+        self.per_tension = np.where(first, *per_tension)
+        self.per_tension_change = np.where(last, per_tension[1], per_tension[0]) - self.per_tension
         self.mobilisation = tendons.mobilisation[0, self.coupled]
         self.mobilisation_change = tendons.mobilisation[1, self.coupled] - self.mobilisation
         self.matrix, self.matrix_change = ends[0], ends[1] - ends[0]
@@ -162,20 +165,25 @@ class _Interpolant:
         if self.bulge is not None:
             load += (6.0 * factor * (1.0 - factor)) * self.bulge
         if self.per_tension is not None:
+            per_tension = self.per_tension + factor * self.per_tension_change
             beyond = z[self.coupled] - self.mobilisation - factor * self.mobilisation_change
-            matrix[:, self.coupled] += self.per_tension * z[self.holes + self.own]
-            matrix[:, self.holes :] += (self.per_tension * beyond) @ self.belongs
+            matrix[:, self.coupled] += per_tension * z[self.holes + self.own]
+            matrix[:, self.holes :] += (per_tension * beyond) @ self.belongs
         return load, matrix
 
-    def slope(self, factor: float, rate: Array) -> Array:
+    def slope(self, factor: float, z: Array, rate: Array) -> Array:
         """Derivative of the rates of slips and slack at constant rates of the unknowns."""
         slope = self.load_change - self.matrix_change @ rate
         if self.bulge is not None:
             middle = min(1.0, factor + 0.5 * LONGEST)
             slope += (6.0 - 12.0 * middle) * self.bulge
         if self.per_tension is not None:
-            pulled = rate[self.holes + self.own]
-            slope -= self.per_tension @ (pulled * (2.0 * rate[self.coupled] - self.mobilisation_change))
+            tension, pulled = z[self.holes + self.own], rate[self.holes + self.own]
+            slipped, change = rate[self.coupled], self.mobilisation_change
+            beyond = z[self.coupled] - self.mobilisation - factor * change
+            slope -= self.per_tension_change @ (tension * slipped + beyond * pulled)
+            per_tension = self.per_tension + factor * self.per_tension_change
+            slope -= per_tension @ (pulled * (2.0 * slipped - change))
         return slope
 
 
@@ -219,7 +227,7 @@ def follow(
         rates = solve_rates(matrix, load, side, open_, tolerance)
         if rates is None:
             break
-        motion = rates.motion(between.slope(now, rates.rate))
+        motion = rates.motion(between.slope(now, z, rates.rate))
         sticks = motion.side == 0.0
         turned = (sticks & (side != 0.0))[:k].nonzero()[0]
         if turned.size:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +28,12 @@ ROUGH = 0.1
 OVERSHOOT = 1.5
 #: Slips are monotone where their rates are this many times larger than the rates of the error [1].
 SAFETY = 2.0
+#: Uncertainty of what located reversals cause, as a fraction of it [1].
+CORRECTION_ERROR = 0.03
+#: Reversals within this fraction of a substep are at one place [1].
+TOGETHER = 0.1
+#: Largest turn of an element since the last linearisation with which that is as good as a new one [rad].
+EXACT_TURN = 1e-5
 #: Nearest to its ends, as a fraction of it, where a substep is divided without and with a reversal located [1].
 NEAR, CLOSE = 0.1, 1e-3
 
@@ -44,7 +50,7 @@ class Equilibrium(NamedTuple):
     response : FrictionResponse
         To the mobilisations.
     exact : bool
-        Whether it is linearised in this very state; else an iteration or two before.
+        Whether it is linearised in this very state, or so near that it makes no difference.
     """
 
     state: SolverState
@@ -64,10 +70,13 @@ class Equilibrium(NamedTuple):
     ) -> Equilibrium:
         """With the response to the mobilisations computed; presliding distance in m."""
         solve, slack = linearization.factorisation.solve, linearization.slack
-        response = friction_response(
-            linearization.numbering, forces, solve, system.layout.clamped, slack, presliding
+        numbering = linearization.numbering
+        response = friction_response(numbering, forces, solve, system.layout.clamped, slack, presliding)
+        slack_now = [state.base_tension[p.robot][p.driven] <= 0.0 for p in numbering.robots]
+        exact = linearization.turn_since(state.configuration.twists) <= EXACT_TURN and (
+            not numbering.any_driven or np.array_equal(np.concatenate(slack), np.concatenate(slack_now))
         )
-        return cls(state, forces, linearization, response)
+        return cls(state, forces, linearization, response, exact)
 
     @classmethod
     def at(cls, system: SceneSystem, state: SolverState, target: Target, presliding: float) -> Equilibrium:
@@ -131,6 +140,43 @@ def response_to_load(system: SceneSystem, at: Equilibrium, own: Target, other: T
     return LoadResponse(slips, fixed, driven_values(numbering, own.inputs), change)
 
 
+class History(NamedTuple):
+    """What the mobilisations at the end of a substep count from: its start, or the last reversal.
+
+    Attributes
+    ----------
+    slip : ndarray, shape (k,)
+        Of the frictional holes [m].
+    mobilisation : ndarray, shape (k,)
+        At that slip [1].
+    at_end : ndarray, shape (k,)
+        That follow at the end, at first order [1].
+    """
+
+    slip: Array
+    mobilisation: Array
+    at_end: Array
+
+    def of(self, state: SolverState, numbering: Numbering) -> SolverState:
+        """A state with this history, and with the mobilisations that follow from it."""
+        friction, mobilisation, first = list(state.friction), list(state.mobilisation), 0
+        for part in numbering.robots:
+            if not part.has_friction:
+                continue
+            i, last = part.robot, first + int(np.count_nonzero(part.frictional))
+            slip, turned, now = (
+                friction[i].slip.copy(),
+                friction[i].mobilisation.copy(),
+                mobilisation[i].copy(),
+            )
+            slip[part.frictional] = self.slip[first:last]
+            turned[part.frictional] = self.mobilisation[first:last]
+            now[part.frictional] = self.at_end[first:last]
+            friction[i], mobilisation[i] = replace(friction[i], slip=slip, mobilisation=turned), now
+            first = last
+        return state._replace(friction=tuple(friction), mobilisation=tuple(mobilisation))
+
+
 class Reversals(NamedTuple):
     """Slip reversals within a substep.
 
@@ -142,11 +188,17 @@ class Reversals(NamedTuple):
         Uncertainty of that effect [1].
     division : float
         Where to divide the substep, as a fraction of it [1].
+    uncertain : float
+        Error that is left where the substep is solved with the reversals located, over the length [1].
+    turning : History or None
+        What the mobilisations at the end count from, where that is known.
     """
 
     effect: float
     error: float
     division: float
+    uncertain: float = np.inf
+    turning: History | None = None
 
     @property
     def total(self) -> float:
@@ -195,7 +247,7 @@ class _Substep(NamedTuple):
         which = np.zeros(0, dtype=int)
         if numbering.any_driven:
             loose = [np.concatenate(at.linearization.slack) for at in (start, end)]
-            which = np.flatnonzero(loose[0] != loose[1])
+            which = np.flatnonzero(~(loose[0] & loose[1]))
         picked = np.append(holes, len(end.mobilisation) + np.arange(len(which)))
 
         def rates(at: Equilibrium, load: LoadResponse) -> SlipRates:
@@ -301,6 +353,8 @@ def find_reversals(
     presliding: float,
     length: float,
     allowed: float,
+    *,
+    locate: bool,
 ) -> Reversals | None:
     """Reversals of slips between two solved states.
 
@@ -315,8 +369,9 @@ def find_reversals(
     length
         Of the longest backbone [m].
     allowed
-        Largest displacement of a node that they may cause, over the length: beyond it their effect is not looked at
-        more closely [1].
+        Largest displacement of a node that they may cause, over the length [1].
+    locate
+        Whether they are located where they cause more than that; else only where to divide is found.
 
     Returns
     -------
@@ -345,30 +400,62 @@ def find_reversals(
         change[holes] = mobilisation - other
         return end.displacement(change) / length
 
-    def found(mobilisation: Array, others: Sequence[Array], division: float) -> Reversals:
-        error = max(displacement(mobilisation, other) for other in others)
-        return Reversals(displacement(mobilisation, substep.after), error, division)
-
     scale = max(float(np.abs(substep.hole_slip).max()), presliding)
     if path.complete and worst <= ROUGH * scale:
         better = substep.follow(bulge)
         if better.complete:
             corrected = substep.with_reversals(better)
-            located = found(corrected, (plain,), _division(better, corrected - substep.after))
-            if located.total > allowed:
+            effect, error = displacement(corrected, substep.after), displacement(corrected, plain)
+            located = Reversals(effect, error, _division(better, corrected - substep.after))
+            if located.total > allowed and not locate:
                 return located
             beyond = substep.follow(OVERSHOOT * bulge)
             if beyond.complete:
-                if not (path.reversed.any() or better.reversed.any() or beyond.reversed.any()):
+                none = not (path.reversed.any() or better.reversed.any() or beyond.reversed.any())
+                if none:
                     return None
-                return found(corrected, (plain, substep.with_reversals(beyond)), located.division)
+                spread = displacement(corrected, substep.with_reversals(beyond))
+                turning = _history(start, end, holes, better, corrected)
+                error = max(error, spread)
+                if locate:
+                    uncertain = spread + CORRECTION_ERROR * effect
+                    located = located._replace(uncertain=uncertain)
+                    if _spread_out(better, corrected - substep.after):
+                        located = located._replace(division=_part(allowed, uncertain))
+                return located._replace(error=error, turning=turning)
     # Reversals are not located well enough; the error falls about with the square of the substep.
     division = min(0.5, max(NEAR, float(np.sqrt(ROUGH * scale / max(worst, ROUGH * scale)))))
-    return found(plain, (substep.at_worst(path, plain, at_holes),), division)
+    error = displacement(plain, substep.at_worst(path, plain, at_holes))
+    return Reversals(displacement(plain, substep.after), error, division)
+
+
+def _history(
+    start: Equilibrium, end: Equilibrium, holes: NDArray[np.int_], path: FollowedPath, at_end: Array
+) -> History:
+    """What the mobilisations count from after a followed path, and those at the end of some of the holes."""
+    slip, turned, last = start.slips.copy(), start.mobilisation.copy(), end.mobilisation.copy()
+    slip[holes] += path.turning_slip
+    turned[holes], last[holes] = path.turning_mobilisation, at_end
+    return History(slip, turned, last)
+
+
+def _part(allowed: float, found: float) -> float:
+    """Where to divide a substep whose error, which falls about with its cube, is above the one allowed [1]."""
+    return min(0.5, max(NEAR, float(np.cbrt(allowed / max(found, allowed)))))
+
+
+def _turning_factors(path: FollowedPath, change: Array) -> Array:
+    """Where slips reverse, of reversals that change a mobilisation [1]."""
+    return path.turning_factor[path.reversed & (np.abs(change) > SMALL)]
+
+
+def _spread_out(path: FollowedPath, change: Array) -> bool:
+    """Whether reversals are at so different places that a division at one of them does not help much."""
+    factors = _turning_factors(path, change)
+    return bool(factors.max(initial=0.0) - factors.min(initial=1.0) > TOGETHER)
 
 
 def _division(path: FollowedPath, change: Array) -> float:
     """Where to divide the substep: at the first reversal that changes a mobilisation; else in the middle [1]."""
-    factors = path.turning_factor[path.reversed & (np.abs(change) > SMALL)]
-    first = float(factors.min(initial=1.0))
+    first = float(_turning_factors(path, change).min(initial=1.0))
     return first if CLOSE < first < 1.0 - CLOSE else 0.5

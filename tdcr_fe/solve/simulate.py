@@ -104,7 +104,14 @@ def simulate(
     chosen = parameters(Experiment(robot, model, tuple(steps)), sensitivities)
     with one_thread():
         kept, last = _refined_runs(
-            robot, model, steps, targets, settings, progress, reference_path, _Request(chosen, responses)
+            robot,
+            model,
+            steps,
+            targets,
+            settings,
+            progress,
+            reference_path,
+            _Request(chosen, responses, record_path is not None),
         )
     if record_path is not None:
         record_path[:] = kept.path
@@ -133,10 +140,11 @@ def simulate(
 
 
 class _Request(NamedTuple):
-    """What is computed beside the solution: derivatives by parameters, and responses of the tip."""
+    """What is computed beside the solution: derivatives by parameters, responses of the tip, and the path's record."""
 
     parameters: tuple[Parameter, ...]
     responses: bool
+    records: bool
 
 
 def _refined_runs(
@@ -220,7 +228,7 @@ class _Run:
         self.tolerance = settings.mesh_tolerance
         self.goal = self.tolerance * robot.backbone.length
         self.monitor = MeshMonitor(self.simulation, self.goal)
-        self.responses, self.history = request.responses, None
+        self.responses, self.records, self.history = request.responses, request.records, None
         if request.parameters:
             experiment = Experiment(robot, model, tuple(steps))
             self.history = SensitivityHistory.of(self.simulation, experiment, request.parameters)
@@ -235,7 +243,7 @@ class _Run:
         estimated = isfinite(self.tolerance)
         for number, (step, target) in enumerate(zip(self.steps, self.targets, strict=True), start=1):
             try:
-                increments: list[Increment] = []
+                increments: list[Increment] | None = [] if self.records else None
                 reference = None if reference_path is None else reference_path[number - 1]
                 follow = None if self.history is None else self.history.advance
                 report = self.simulation.advance(target, step.substeps, reference, increments, follow)
@@ -247,7 +255,8 @@ class _Run:
             except KeyboardInterrupt:
                 self.failed, self.message = number, INTERRUPTED
                 return None
-            self.path.append(increments)
+            if increments is not None:
+                self.path.append(increments)
             self.solved.append(result)
             self.warnings += step_warnings(number, report)
             if estimated and self.monitor.record() and refine and self._too_coarse():

@@ -93,6 +93,7 @@ class Simulation:
         reference_path: Sequence[Increment] | None = None,
         record_path: list[Increment] | None = None,
         follow: PathObserver | None = None,
+        divide: bool = False,
     ) -> LoadStepReport:
         """Solve one load step.
 
@@ -109,6 +110,8 @@ class Simulation:
         follow
             Called with the scene, the ramp, the state at its beginning, and load factors and states at the ends of all
             substeps.
+        divide
+            See `tdcr_fe.solve.stepping.LoadStepper`; always so where the path is recorded or followed.
 
         Raises
         ------
@@ -127,7 +130,15 @@ class Simulation:
         )
         try:
             path = solve_ramp(
-                self.system, self.state, ramp, self.settings, substeps, reference_path, self._end, self._last
+                self.system,
+                self.state,
+                ramp,
+                self.settings,
+                substeps,
+                reference_path,
+                self._end,
+                self._last,
+                divide=divide or follow is not None or record_path is not None,
             )
         except StepFailed as failure:
             self.state, self._last, self._end = failure.state, None, None

@@ -101,7 +101,7 @@ def _solve(
     state = system.current_state(start_time)
     ramp = Ramp.of(system, state, start_time, end_time, before, user_loads)
     with one_thread():
-        path = solve_ramp(system, state, ramp, settings, substeps)
+        path = solve_ramp(system, state, ramp, settings, substeps, divide=bool(sensitivities))
         for each in sensitivities:
             each.advance(system, ramp, state, path.increments, settings.presliding)
         if sensitivities:

@@ -27,10 +27,10 @@ def slips_steadily(
 ) -> bool:
     """Whether every hole of tendons under tension slips in one direction through a substep in which no load changes.
 
-    All of them slip at its end. Either the slips are about those that the first iteration predicted from the start.
-    Or the slip rates at the end, from the last linearisation, have the direction of the friction, and so have those at
-    the start, from these and the slips taken as parabolas of the load factor. A substep in which no slip reverses is
-    exact as a whole, see `tdcr_fe.solve.reversals`.
+    All of them slip at both ends, in the same direction, unless their tendon had no tension. Either the slips are about
+    those that the first iteration predicted from the start. Or the slip rates at the end, from the last linearisation,
+    have the direction of the friction, and so have those at the start, from these and the slips taken as parabolas of
+    the load factor. A substep in which no slip reverses is exact as a whole, see `tdcr_fe.solve.reversals`.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def slips_steadily(
     presliding
         Presliding distance [m].
     """
-    if not _all_slip(before, result.state, line):
+    if not _all_slip(before, result.state, line) or _any_changes(before, result.state, line):
         return False
     predicted = result.predicted_slips
     if predicted is not None and _as_predicted(predicted, before, result, line, presliding):
@@ -59,9 +59,8 @@ def _as_predicted(
     """Whether every slip of holes that keep their direction is about the one predicted from the start."""
     after, pick = result.state, line.numbering.at_frictional_holes
     slips = pick([new.slip - old.slip for new, old in zip(after.friction, before.friction, strict=True)])
-    sides = pick([new * old for new, old in zip(after.mobilisation, before.mobilisation, strict=True)])
     off = np.abs(predicted - slips) - PREDICTED * np.abs(slips)
-    return bool(off.max() <= SMALL * presliding and sides.min() > 0.0)
+    return bool(off.max() <= SMALL * presliding)
 
 
 def _rates_agree(
@@ -101,6 +100,21 @@ def _rates_agree(
         if min((side * rate).min(), (side * first).min()) < -SMALL * presliding:
             return False
     return True
+
+
+def _any_changes(before: SolverState, after: SolverState, line: Linearization) -> bool:
+    """Whether any hole changes between stick and slip or its direction, while its tendon is under tension.
+
+    That bends the slips of all others, so that they are no parabolas. Where a tendon is pulled from zero, its friction
+    grows with its tension, and holes that begin to slip have no effect yet.
+    """
+    for part in line.numbering.robots:
+        i = part.robot
+        if part.has_friction:
+            tense = part.frictional & (before.base_tension[i] > 0.0)[:, None]
+            if (before.mobilisation[i] * after.mobilisation[i])[tense].min(initial=1.0) < 1.0:
+                return True
+    return False
 
 
 def _all_slip(before: SolverState, after: SolverState, line: Linearization) -> bool:

@@ -20,8 +20,9 @@ from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.convergence import NewtonStatus
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.newton import NewtonResult, newton
+from tdcr_fe.solve.numbering import Numbering
 from tdcr_fe.solve.ramp import Ramp
-from tdcr_fe.solve.reversals import Equilibrium, Reversals, find_reversals, response_to_load
+from tdcr_fe.solve.reversals import Equilibrium, History, Reversals, find_reversals, response_to_load
 from tdcr_fe.solve.state import SolverState, StoredState
 from tdcr_fe.solve.steady_slip import slips_steadily
 from tdcr_fe.solve.system import SceneSystem
@@ -172,6 +173,8 @@ class _Attempt(NamedTuple):
         Where it is to be divided, as a fraction of it; 1 where it is good enough.
     start, end : Equilibrium or None
         At its ends, where they were needed.
+    spent : int
+        Further iterations on the substep.
     """
 
     result: NewtonResult
@@ -179,6 +182,7 @@ class _Attempt(NamedTuple):
     division: float = 1.0
     start: Equilibrium | None = None
     end: Equilibrium | None = None
+    spent: int = 0
 
 
 def _with_history_of(state: SolverState, start: SolverState) -> SolverState:
@@ -272,6 +276,9 @@ class LoadStepper:
         The state at the beginning of the load step with its linearisation, where known.
     linearization : Linearization or None
         The last one of the load step before, with which the first iteration begins.
+    divide : bool
+        Whether substeps always end where slips reverse, so that each has the history of the one before, as derivatives
+        along the path need it. Else a substep may be solved with the reversals located in it.
     """
 
     system: SceneSystem
@@ -279,6 +286,7 @@ class LoadStepper:
     settings: SolverSettings = field(default_factory=SolverSettings)
     start: Equilibrium | None = None
     linearization: Linearization | None = None
+    divide: bool = False
 
     def solve(
         self,
@@ -405,6 +413,7 @@ class LoadStepper:
                 now = now.with_rejected(result.iterations)
                 continue
             part = self._attempt(now, goal, result, near)
+            now = now.with_rejected(part.spent)
             length = goal - now.load_factor
             room = now.path.substeps + len(goals) < self.settings.max_substeps and length > SMALLEST_PART
             if part.division < 1.0 and room:
@@ -412,7 +421,7 @@ class LoadStepper:
                     goal, None if self._jump_suspected(now.path.state, part.result.state) else part.end
                 )
                 goals.append(_Goal(now.load_factor + part.division * length))
-                now = now.with_rejected(result.iterations)._replace(here=part.start)
+                now = now.with_rejected(part.result.iterations)._replace(here=part.start)
             else:
                 now = _Progress(
                     now.path.then(_accepted(part.result, goal)), goal, now.error + part.error, part.end
@@ -441,12 +450,8 @@ class LoadStepper:
         tolerance = settings.path_tolerance
         start = now.here
         if start is None or not start.numbering.same_unknowns(line.numbering):
-            start = self._linearised(now.path.state, now.load_factor)
-        if start.exact and (now.path.substeps or now.path.rejected):
-            # In a load step that has been divided, the last iteration's linearisation hardly ever suffices.
-            end = self._linearised(result.state, goal)
-        else:
-            end = Equilibrium.of(system, result.state, result.forces, line, settings.presliding)
+            start = self._at_start(now, line.numbering)
+        end = Equilibrium.of(system, result.state, result.forces, line, settings.presliding)
         allowed = max(SHARE * (tolerance - now.error), LEAST_SHARE * tolerance)
         found = self._reversals(start, end, now.load_factor, goal, allowed)
         if found is not None and not (start.exact and end.exact):
@@ -454,9 +459,31 @@ class LoadStepper:
             end = end if end.exact else self._linearised(end.state, goal)
             found = self._reversals(start, end, now.load_factor, goal, allowed)
         attempt = _Attempt(result, start=start, end=end)
+        if found is not None and found.turning is not None and found.uncertain <= allowed < found.total:
+            corrected = self._corrected(now.path.state, result, found.turning, goal, end)
+            if corrected.converged:
+                return _Attempt(corrected, found.uncertain, start=start, spent=result.iterations)
+            attempt = attempt._replace(spent=corrected.iterations)
         if found is None:
             return attempt
         return attempt._replace(error=found.total, division=found.division if found.total > allowed else 1.0)
+
+    def _corrected(
+        self, before: SolverState, result: NewtonResult, turning: History, goal: float, end: Equilibrium
+    ) -> NewtonResult:
+        """A substep solved again, with the mobilisations counted from where the slips reversed."""
+        guess = turning.of(_with_history_of(result.state, before), end.numbering)
+        return self._newton(guess, goal, end.linearization)
+
+    def _at_start(self, now: _Progress, numbering: Numbering) -> Equilibrium:
+        """The state at the beginning of a substep, with the last linearisation where that will do."""
+        state, line = now.path.state, now.path.linearization
+        if line is not None and numbering.same_unknowns(line.numbering):
+            forces = self.system.forces(state, state.time)
+            near = Equilibrium.of(self.system, state, forces, line, self.settings.presliding)
+            if near.exact:
+                return near
+        return self._linearised(state, now.load_factor)
 
     def _linearised(self, state: SolverState, load_factor: float) -> Equilibrium:
         """Linearise in a solved state at a load factor."""
@@ -464,7 +491,12 @@ class LoadStepper:
         return Equilibrium.at(self.system, state, target, self.settings.presliding)
 
     def _reversals(
-        self, start: Equilibrium, end: Equilibrium, at: float, goal: float, allowed: float
+        self,
+        start: Equilibrium,
+        end: Equilibrium,
+        at: float,
+        goal: float,
+        allowed: float,
     ) -> Reversals | None:
         """Slip reversals between two solved states at load factors `at` and `goal`, see `find_reversals`."""
         opening = self.ramp.apply(self.system, at)
@@ -473,7 +505,15 @@ class LoadStepper:
         self.ramp.apply(self.system, at)
         last = response_to_load(self.system, end, closing, opening).reversed()
         presliding, length = self.settings.presliding, self.system.length
-        return find_reversals(start, end, (first, last), presliding, length, allowed)
+        return find_reversals(
+            start,
+            end,
+            (first, last),
+            presliding,
+            length,
+            allowed,
+            locate=not self.divide,
+        )
 
     def _rescued(self, now: _Progress, goal: float, failed: NewtonResult) -> Path:
         """The path with a smallest substep that does not converge."""
@@ -589,6 +629,7 @@ def solve_ramp(
     reference_path: Sequence[Increment] | None = None,
     start: Equilibrium | None = None,
     linearization: Linearization | None = None,
+    divide: bool = False,
 ) -> Path:
     """Take a scene through a load step and leave it in the state reached; the one driver of all load steps.
 
@@ -608,6 +649,8 @@ def solve_ramp(
         The end of the path before, where nothing has changed since.
     linearization
         The last one of the path before, for the first iteration.
+    divide
+        See `LoadStepper`.
 
     Returns
     -------
@@ -621,7 +664,7 @@ def solve_ramp(
         of the step.
     """
     try:
-        path = LoadStepper(system, ramp, settings, start, linearization).solve(
+        path = LoadStepper(system, ramp, settings, start, linearization, divide).solve(
             state, substeps, reference_path
         )
     except BaseException as stop:
