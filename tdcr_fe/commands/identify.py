@@ -63,6 +63,7 @@ def run(args: argparse.Namespace) -> int:
     from tdcr_fe.identify.corrected import corrected_files
     from tdcr_fe.identify.identification import NotSolved, identify
     from tdcr_fe.identify.outcome import IdentifySettings
+    from tdcr_fe.identify.replay import corrected_motion
     from tdcr_fe.identify.report import summary, write_report
     from tdcr_fe.io.atomic import check_output_folder, write_json, write_text
     from tdcr_fe.io.measured import read_measured
@@ -94,11 +95,17 @@ def run(args: argparse.Namespace) -> int:
     write_json(result.to_json(), out / "result.json")
     for name, text in corrected_files(result).items():
         write_text(text, out / name)
-    write_report(result, out / "report.html")
+    motion, interrupted = None, result.interrupted
+    try:
+        motion = None if interrupted else corrected_motion(result, out)
+    except KeyboardInterrupt:  # the report is written without the 3D panel
+        interrupted = True
+    write_report(result, out / "report.html", motion)
     if not args.quiet:
         print(summary(result))
-        print(f"\nWritten to {out}: result.json, report.html, robot.toml, effects.toml")
-    if result.interrupted:
+        more = "" if motion is None else ", corrected/"
+        print(f"\nWritten to {out}: result.json, report.html, robot.toml, effects.toml{more}")
+    if interrupted:
         complain("interrupted; what was found until then is written")
         return INTERRUPTED
     return SUCCESS

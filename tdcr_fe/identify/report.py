@@ -15,7 +15,9 @@ from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.summary import versions
 from tdcr_fe.model.channels import channel
 from tdcr_fe.report import page as kit
+from tdcr_fe.report import viewer
 from tdcr_fe.report.environment import SPACE, estimate, fixed, quantity, shown_unit, significant, words
+from tdcr_fe.report.motion import Motion
 from tdcr_fe.report.page import Card, Level, Page, Picture, Section
 
 __all__ = ["half_width", "headline", "render", "sentences", "summary", "write_report"]
@@ -342,8 +344,18 @@ def _cards(result: IdentificationResult) -> tuple[Card, ...]:
     return tuple(cards)
 
 
-def page(result: IdentificationResult) -> Page:
-    """What the report shows."""
+def _motion_section(motion: Motion) -> Section:
+    context = {
+        "panel": viewer.panel(motion),
+        "declared": bool(motion.markers and motion.markers.declared.size),
+    }
+    return Section(
+        "robot", "The robot in 3D, measured and predicted", "motion.html.j2", context, folded=False
+    )
+
+
+def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
+    """What the report shows; with a motion of the corrected robot (see `replay`) it has the 3D panel."""
     sections = [
         _error_section(result),
         _rest_section(result),
@@ -352,6 +364,8 @@ def page(result: IdentificationResult) -> Page:
     ]
     if result.effects:
         sections = [_evidence_section(result), *sections, _scenario_section(result)]
+    if motion is not None:
+        sections = [_motion_section(motion), *sections]
     what = f"{measure(result)[0].upper()}{measure(result)[1:]}."
     made = ", ".join(f"{name} {number}" for name, number in versions().items())
     picture = Picture(
@@ -369,15 +383,19 @@ def page(result: IdentificationResult) -> Page:
         pictures=(picture,),
         summary=_first_screen(result),
         sections=tuple(sections),
+        styles=() if motion is None else (viewer.style(),),
+        scripts=() if motion is None else (viewer.script(),),
         notes=(f"Errors: {what} {result.runs} simulated sequences in {result.wall_time:.0f} s. {made}.",),
     )
 
 
-def render(result: IdentificationResult) -> str:
+def render(result: IdentificationResult, motion: Motion | None = None) -> str:
     """The whole report as HTML."""
-    return kit.render(page(result), "tdcr_fe.identify")
+    return kit.render(page(result, motion), "tdcr_fe.identify")
 
 
-def write_report(result: IdentificationResult, path: str | os.PathLike[str]) -> None:
+def write_report(
+    result: IdentificationResult, path: str | os.PathLike[str], motion: Motion | None = None
+) -> None:
     """Write the report into a file."""
-    write_text(render(result), path)
+    write_text(render(result, motion), path)

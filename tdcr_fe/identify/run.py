@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.model.results import StepResult
+from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.settings import SolverSettings
 
 if TYPE_CHECKING:
@@ -169,14 +169,12 @@ def simulate_experiment(task: Task) -> Run:
     from tdcr_fe.solve.simulate import simulate
 
     experiment, settings, reference, record = task
-    ends = experiment.step_ends
+    ends, last = experiment.step_ends, _last_parts(experiment)
     elements = experiment.model.starting_elements_per_bay
     if reference is not None and reference.elements != elements:
         reference = None
     if reference is not None:
         settings = replace(settings, min_substep=max(settings.min_substep, SMALLEST_ON_REFERENCE))
-    # Where effects divide a step, its parts are simulated and the end of the last one is kept.
-    last = [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
     path: PathRecord | None = [] if record else None
     try:
         result = simulate(
@@ -200,6 +198,29 @@ def simulate_experiment(task: Task) -> Run:
     solved = [result.steps[j] for j in last if j < len(result.steps)]
     run = Run.of(solved, len(last), experiment, result.message)
     return run if path is None else replace(run, trajectory=Trajectory(path, ends, elements))
+
+
+def _last_parts(experiment: Experiment) -> list[int]:
+    """Where effects divide a step, its parts are simulated and the end of the last one is kept: their indices."""
+    ends = experiment.step_ends
+    return [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
+
+
+def solve_commanded_steps(experiment: Experiment, settings: SolverSettings) -> SequenceResult:
+    """Simulate an experiment with all its results, those of a divided step at its end only.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        The simulation was interrupted.
+    """
+    from tdcr_fe.solve.simulate import simulate
+
+    result = simulate(experiment.robot, experiment.model, experiment.steps, settings)
+    if result.message == INTERRUPTED:
+        raise KeyboardInterrupt
+    solved = len(result.steps)
+    return replace(result, steps=tuple(result.steps[j] for j in _last_parts(experiment) if j < solved))
 
 
 def _join(waypoints: PathRecord, ends: Ends) -> dict[int, list[Increment]]:

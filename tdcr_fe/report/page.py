@@ -100,6 +100,8 @@ class Page:
     sections : tuple of Section
     notes : tuple of str
         At the end: versions, time, command.
+    styles, scripts : tuple of str
+        Further style sheets and scripts that sections need.
     """
 
     title: str
@@ -111,6 +113,8 @@ class Page:
     summary: Section | None = None
     sections: tuple[Section, ...] = ()
     notes: tuple[str, ...] = ()
+    styles: tuple[Markup, ...] = ()
+    scripts: tuple[Markup, ...] = ()
 
 
 def render(page: Page, package: str) -> str:
@@ -132,6 +136,6 @@ def render(page: Page, package: str) -> str:
         page=page,
         summary=text(page.summary) if page.summary else "",
         sections=[(s, text(s)) for s in page.sections],
-        css=Markup(made.get_template("page.css").render()),
-        script=Markup(made.get_template("page.js").render()),
+        styles=(Markup(made.get_template("page.css").render()), *page.styles),
+        scripts=(Markup(made.get_template("page.js").render()), *page.scripts),
     )

@@ -9,19 +9,21 @@ from tdcr_fe.report.motion import Motion
 
 Array = NDArray[np.float64]
 
-#: Direction of view: turned about z, and lifted [rad]; as the panel begins.
-TURN, LIFT = -0.96, 0.32
+#: Direction of view: lifted, turned off the normal of the bending plane, and turned where nothing bends [rad].
+LIFT, OFF_PLANE, UNBENT = 0.32, 0.3, -0.96
 #: Size of the picture [pixels] and margin [1].
 WIDTH, HEIGHT, MARGIN = 640, 560, 0.06
 #: Sections of the backbone's curve at most.
 POINTS = 240
 
 
-def _view() -> Array:
-    """Rows to the right and up in the picture, and towards the eye; shape (3, 3)."""
+def _view(tip: Array, length: float) -> Array:
+    """Rows to the right and up in the picture, and towards the eye, as the panel begins; shape (3, 3)."""
+    bent = np.hypot(tip[0], tip[1]) >= 0.02 * length
+    turn = np.arctan2(tip[1], tip[0]) - np.pi / 2.0 + OFF_PLANE if bent else UNBENT
     c, s = np.cos(LIFT), np.sin(LIFT)
-    towards = np.array([c * np.cos(TURN), c * np.sin(TURN), s])
-    right = np.array([-np.sin(TURN), np.cos(TURN), 0.0])
+    towards = np.array([c * np.cos(turn), c * np.sin(turn), s])
+    right = np.array([-np.sin(turn), np.cos(turn), 0.0])
     return np.stack((right, np.cross(towards, right), towards))
 
 
@@ -41,7 +43,7 @@ def still(motion: Motion, step: int | None = None) -> str:
         From 0; None is the one with the largest bending angle of the tip.
     """
     k = int(np.argmax(motion.bending_angles)) if step is None else step
-    view, turns = _view(), motion.matrices(k)
+    view, turns = _view(motion.tips[k], motion.length), motion.matrices(k)
     angle = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
     circle = motion.disk_radius * np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=-1)
     rims = motion.positions[k, motion.disks, None] + np.einsum("nij,pj->npi", turns[motion.disks], circle)
@@ -70,7 +72,7 @@ def still(motion: Motion, step: int | None = None) -> str:
         f'<path d="{_path(flat(t))}" fill="none" stroke="#c2334a" stroke-width="1.3"/>' for t in tendons
     ]
     parts += [
-        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="#1f2933"/>'
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="#009e6b"/>'
         for x, y in flat(markers[np.isfinite(markers).all(axis=1)])
     ]
     title = f"step {motion.steps[k]}" + (f": {motion.labels[k]}" if motion.labels[k] else "")

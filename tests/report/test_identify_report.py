@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.effects.base import Observation
 from tdcr_fe.identify import figures
 from tdcr_fe.identify.corrected import corrected_files, effects_block
 from tdcr_fe.identify.outcome import (
@@ -22,14 +24,18 @@ from tdcr_fe.identify.outcome import (
     Structure,
 )
 from tdcr_fe.identify.remarks import largest_strain, remarks
+from tdcr_fe.identify.replay import corrected_motion, markers, replay
 from tdcr_fe.identify.report import render, summary
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
+from tdcr_fe.io.result_folder import read_motion
 from tdcr_fe.io.toml import read_scenario
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.report.viewer import view_page
+from tdcr_fe.solve.simulate import simulate
 
 LENGTH = 0.2
 ROBOT = Robot(
@@ -217,3 +223,52 @@ def test_every_verdict_has_a_line_and_a_level(verdict, level):
     html = render(result(GRAVITY, verdict=verdict))
     assert f'<header class="{level}">' in html
     assert re.search(r"<h1>\w.+\.</h1>", html)
+
+
+# ------------------------------------------------------------------------------------------------ the 3D panel
+
+
+def test_the_report_with_a_motion_has_the_panel_and_needs_no_other_file(tmp_path):
+    found = result(GRAVITY)
+    motion = corrected_motion(found, tmp_path)
+    html = render(found, motion)
+    after = html[html.index("</nav>") :]
+    assert after.count('<section class="section" id="robot">') == 1 and html.count('class="robot-view"') == 1
+    assert "measured markers" in html and len(html) < 1e6
+    outside = re.sub(r"data:image/svg\+xml;base64,[\w+/=]+", "", html)
+    assert not re.search(r"https?:|<link|@import|fetch\(|src=\"[^\"]", outside)
+    assert 'class="robot-view"' not in render(found)
+
+
+def test_the_folder_of_identify_can_be_viewed(tmp_path):
+    """The tables of the corrected robot and of the markers give the same panel as the report has."""
+    motion = corrected_motion(result(GRAVITY), tmp_path)
+    read = read_motion(tmp_path)
+    assert view_page(read) == view_page(motion)
+    assert read.steps == (1, 2, 3, 4, 5, 6)
+    assert np.array_equal(read.markers.measured, result().shapes.measured)
+
+
+def test_the_replay_is_the_corrected_robot_step_by_step():
+    """A dead band divides steps; the replay has those of loading.csv, each at its end."""
+    experiment = with_effects(
+        Experiment(ROBOT, Model(friction="none", elements_per_bay=1), STEPS),
+        {"actuator_loss": {"dead_band": 0.1, "efficiency": 0.9}},
+    )
+    assert len(experiment.steps) > len(STEPS)
+    found = replay(result(corrected=experiment, commanded=replace(experiment, steps=STEPS, ends=None)))
+    assert [s.step for s in found.steps] == [1, 2, 3, 4, 5, 6]
+    whole = simulate(ROBOT, experiment.model, experiment.steps)
+    assert found.steps[-1].tip == pytest.approx(whole.steps[-1].tip, abs=1e-9)
+    assert found.steps[2].base_tensions[0] == pytest.approx((1.0 - 0.1) * 0.9, rel=1e-9)
+
+
+def test_a_turned_measuring_frame_turns_the_markers_back():
+    rotation = (0.1, -0.2, 0.3)
+    found = result(corrected=replace(Experiment(ROBOT, Model(), STEPS), observation=Observation(rotation)))
+    turn = Rotation.from_rotvec(rotation)
+    seen = markers(found, 6)
+    assert turn.apply(seen.measured.reshape(-1, 3)) == pytest.approx(found.shapes.measured.reshape(-1, 3))
+    assert turn.apply(seen.declared.reshape(-1, 3)) == pytest.approx(
+        found.shapes.backbone_before.reshape(-1, 3)
+    )

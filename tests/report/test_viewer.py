@@ -332,6 +332,17 @@ def test_a_picture_of_forty_disks_takes_little_script(tmp_path):
 
 
 @needs_chromium
+def test_the_page_is_whole_when_it_is_first_painted(page, tmp_path):
+    """Without waiting for anything: in the first draft a screenshot had the still picture and empty plots."""
+    path = tmp_path / "view.html"
+    script = "<script>window.atOnce = document.querySelectorAll('.robot-view.live [data-plot] path').length</script>"
+    path.write_text(page.read_text(encoding="utf-8").replace("</body>", script + "</body>"), encoding="utf-8")
+    with browser() as b:
+        b.open(path)
+        assert b.ask("window.atOnce") >= 6
+
+
+@needs_chromium
 def test_without_webgl_a_sentence_and_a_still_picture(page):
     with browser(*NO_GL) as b:
         b.open(page)

@@ -9,7 +9,7 @@ class Panel {
     this.stage = this.find(".stage");
     this.over = this.find("canvas.over");
     this.slider = this.find("input[type=range]");
-    this.camera = new Camera(this.scene.points());
+    this.camera = new Camera(this.scene.points(), this.scene.bestTurn(this.startStep()));
     this.look = { theme: "light", byTension: true, holes: true, loads: true, markers: true, glass: false, path: true };
     this.playing = false;
     try {
@@ -27,6 +27,7 @@ class Panel {
     this.theme();
     new ResizeObserver(() => this.resize()).observe(this.stage);
     this.go(this.startStep());
+    this.draw();
   }
 
   // The step with the largest bending: more telling than the first, in which little acts.
@@ -127,16 +128,45 @@ class Panel {
       pen.beginPath(); pen.moveTo(...corner); pen.lineTo(...end); pen.stroke();
       write(name, end[0] + (end[0] - corner[0]) * 0.3 - 3, end[1] + (end[1] - corner[1]) * 0.3 + 4, colour);
     }
+    if (this.look.markers && this.motion.measured) this.rings(pen);
     if (!this.look.loads) return;
     const css = colour => `rgb(${colour.map(x => Math.round(255 * x)).join(" ")})`, colours = THEMES[this.look.theme];
     for (const load of this.motion.loads[this.motion.step]) {
       const at = this.project(add(this.scene.moved(load), times(1.05, this.scene.arrow(load))));
       if (at) write(`${load.name} ${short(Math.hypot(...load.vector))} ${load.moment ? "N m" : "N"}`, at[0] + 6, at[1] - 4, css(load.moment ? colours.moment : colours.force));
     }
-    if (this.scene.largest.gravity) {
-      const at = this.project(this.scene.gravityAt());
-      if (at) write(`g ${short(this.scene.largest.gravity)} m/s\u00b2`, at[0] + 7, at[1] - 5, css(colours.gravity));
+    if (this.scene.largest.gravity) this.gravity(pen, write, css(colours.gravity));
+  }
+
+  // Measured markers again as rings, so that the robot does not hide them.
+  rings(pen) {
+    const { values, shape: [, count] } = this.motion.measured, colour = THEMES[this.look.theme].measured;
+    pen.strokeStyle = `rgb(${colour.map(x => Math.round(255 * x)).join(" ")})`;
+    pen.lineWidth = 1.8;
+    for (let i = 0; i < count; i++) {
+      const at = Array.from(values.subarray(3 * (count * this.motion.step + i), 3 * (count * this.motion.step + i) + 3));
+      const place = at.some(Number.isNaN) ? null : this.project(at);
+      if (place) { pen.beginPath(); pen.arc(place[0], place[1], 7, 0, 7); pen.stroke(); }
     }
+  }
+
+  // Direction of gravity in the corner, as a circle where it points at or away from the reader.
+  gravity(pen, write, colour) {
+    const g = unit(this.motion.gravity), x = this.size[0] - 48, y = this.size[1] - 52;
+    const dx = 26 * dot(g, this.camera.right), dy = -26 * dot(g, this.camera.up), size = Math.hypot(dx, dy);
+    pen.strokeStyle = pen.fillStyle = colour;
+    pen.lineWidth = 2;
+    pen.beginPath();
+    if (size < 6) {
+      pen.arc(x, y, 6, 0, 7);
+    } else {
+      const [ux, uy] = [dx / size, dy / size], ex = x + dx / 2, ey = y + dy / 2;
+      pen.moveTo(x - dx / 2, y - dy / 2); pen.lineTo(ex, ey);
+      pen.moveTo(ex - 7 * ux + 4 * uy, ey - 7 * uy - 4 * ux); pen.lineTo(ex, ey); pen.lineTo(ex - 7 * ux - 4 * uy, ey - 7 * uy + 4 * ux);
+    }
+    pen.stroke();
+    const text = `g ${short(this.scene.largest.gravity)} m/s\u00b2`;
+    write(text, Math.min(x - pen.measureText(text).width / 2, this.size[0] - pen.measureText(text).width - 8), y + 34, colour);
   }
 
   theme() {
@@ -152,7 +182,7 @@ class Panel {
   // Meaning of the colours in the picture and the plots.
   legend() {
     const m = this.motion, theme = THEMES[this.look.theme], css = c => `rgb(${c.map(x => Math.round(255 * x)).join(" ")})`;
-    const list = this.find(".key"), items = [];
+    const list = this.find(".marks"), items = [];
     const item = (shape, colour, text) => items.push([shape, css(colour), text]);
     this.find(".scale").hidden = !this.look.byTension || !m.tendons.length;
     this.find(".scale b").textContent = `${short(m.largestTension)} N`;
@@ -163,7 +193,7 @@ class Panel {
     if (this.look.loads && this.scene.largest.force) item("rod", theme.force, "force");
     if (this.look.loads && this.scene.largest.moment) item("rod", theme.moment, "moment (two heads)");
     if (this.look.loads && this.scene.largest.gravity) item("rod", theme.gravity, "gravity");
-    if (this.look.markers && m.measured) item("ball", theme.measured, "measured");
+    if (this.look.markers && m.measured?.shape[1]) item("ball", theme.measured, "measured");
     if (this.look.markers && m.declared?.shape[1]) item("rod", theme.declared, "declared model");
     items.push(["square", css(theme.grid), `grid ${short(this.plots.unit.factor * this.scene.cell)} ${this.plots.unit.name}`]);
     list.replaceChildren(...items.map(([shape, colour, text]) => {
@@ -302,11 +332,17 @@ class Panel {
   }
 }
 
-// Panels within folded parts of a report start when they are opened, and only once.
+// A panel in the first view starts at once, so that the page is whole when it is first painted (screenshots, print);
+// others start when they come near, those in folded parts when they are opened.
 for (const root of document.querySelectorAll(".robot-view")) {
+  const start = () => { root.panel = new Panel(root); }, box = root.getBoundingClientRect();
+  if (box.height && box.top < innerHeight && box.bottom > 0) {
+    start();
+    continue;
+  }
   new IntersectionObserver((entries, watcher) => {
     if (!entries.some(e => e.isIntersecting)) return;
     watcher.disconnect();
-    root.panel = new Panel(root);
+    start();
   }, { rootMargin: "200px" }).observe(root);
 }

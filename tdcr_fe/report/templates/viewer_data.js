@@ -81,18 +81,6 @@ class Motion {
     const i = 3 * (this.sections * step + this.sections - 1);
     return [this.position[i], this.position[i + 1], this.position[i + 2]];
   }
-
-  // Smallest box around the robot in all steps, markers and the declared model included.
-  box() {
-    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-    for (const values of [this.position, this.measured?.values ?? [], this.declared?.values ?? []]) {
-      for (let i = 0; i < values.length; i++) {
-        if (values[i] < low[i % 3]) low[i % 3] = values[i];
-        if (values[i] > high[i % 3]) high[i % 3] = values[i];
-      }
-    }
-    return { low, high };
-  }
 }
 
 const STATES = ["stick", "pull", "release", "anchor", "slack"];

@@ -189,8 +189,9 @@ class Surface {
 
 // A camera that turns about a target; z is up. Angles in radians.
 class Camera {
-  constructor(points) {
+  constructor(points, home) {
     this.points = points;
+    this.home = home;
     [this.low, this.high] = [Math.min, Math.max].map(pick => [0, 1, 2].map(i => points.reduce((a, p) => pick(a, p[i]), points[0][i])));
     this.field = 0.5;
     this.aspect = 1;
@@ -198,7 +199,7 @@ class Camera {
   }
 
   reset() {
-    this.turn = -0.96; this.lift = 0.32;
+    this.turn = this.home; this.lift = 0.32;
     this.fit();
   }
 

@@ -161,7 +161,7 @@ class Plots {
 
   // Measured and declared tips by step; empty without markers.
   measuredTips(found) {
-    if (!found) return [];
+    if (!found || !found.shape[1]) return [];
     const [steps, count] = found.shape, last = this.motion.markers.s.indexOf(Math.max(...this.motion.markers.s));
     return Array.from({ length: steps }, (_, k) => Array.from(found.values.subarray(3 * (count * k + last), 3 * (count * k + last) + 3)));
   }

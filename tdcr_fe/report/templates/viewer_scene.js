@@ -13,14 +13,14 @@ const THEMES = {
     backbone: [0.30, 0.36, 0.43], disk: [0.80, 0.83, 0.86], plate: [0.42, 0.47, 0.53], grid: [0.86, 0.88, 0.90], path: [0.66, 0.71, 0.76],
     stick: [1, 1, 1], pull: [0.84, 0.37, 0], release: [0, 0.45, 0.70], slack: [0.62, 0.65, 0.69], anchor: [0.12, 0.16, 0.2],
     force: [0.72, 0, 0.13], moment: [0.48, 0.12, 0.64], gravity: [0.36, 0.38, 0.42],
-    measured: [0.05, 0.09, 0.13], declared: [0.84, 0.37, 0],
+    measured: [0, 0.62, 0.42], declared: [0.84, 0.37, 0],
     tendons: ["#c2334a", "#007a88", "#c96f00", "#6a4c93", "#3f784c", "#8d6346"],
   },
   dark: {
     backbone: [0.72, 0.77, 0.83], disk: [0.36, 0.41, 0.47], plate: [0.50, 0.55, 0.61], grid: [0.20, 0.23, 0.27], path: [0.38, 0.44, 0.50],
     stick: [0.95, 0.96, 0.97], pull: [1, 0.56, 0.22], release: [0.36, 0.71, 0.95], slack: [0.50, 0.54, 0.58], anchor: [0.62, 0.67, 0.72],
     force: [1, 0.36, 0.42], moment: [0.78, 0.53, 0.95], gravity: [0.70, 0.73, 0.77],
-    measured: [0.97, 0.98, 0.99], declared: [1, 0.62, 0.28],
+    measured: [0.16, 0.80, 0.55], declared: [1, 0.62, 0.28],
     tendons: ["#f0798a", "#3fb8c9", "#f2b04a", "#b294dd", "#74b783", "#c89a78"],
   },
 };
@@ -41,8 +41,13 @@ class Scene {
     this.gap = Math.min(...gaps, this.size);
     const sizes = moment => Math.max(0, ...motion.loads.flat().filter(l => l.moment === moment).map(l => Math.hypot(...l.vector)));
     this.largest = { force: sizes(false), moment: sizes(true), gravity: Math.hypot(...motion.gravity) };
-    this.box = motion.box();
     this.cell = round125(this.size / 14);
+  }
+
+  // Direction from which the bending of a load step is seen best: a little off the normal of its plane.
+  bestTurn(step) {
+    const [x, y] = this.motion.tip(step);
+    return Math.hypot(x, y) < 0.02 * this.size ? -0.96 : Math.atan2(y, x) - Math.PI / 2 + 0.3;
   }
 
   // Points that a picture of all load steps has to contain: robot, plate, arrows, markers; some hundred of many.
@@ -54,7 +59,6 @@ class Scene {
     }
     m.labels.forEach((_, k) => found.push(m.tip(k)));
     for (const arrow of m.loads.flat()) found.push(add(arrow.at, this.arrow(arrow)));
-    if (this.largest.gravity) found.push(this.gravityAt(), add(this.gravityAt(), times(0.12 * this.size, unit(m.gravity))));
     return found.filter(p => p.every(Number.isFinite));
   }
 
@@ -177,14 +181,6 @@ class Scene {
     for (const load of m.loads[m.step]) {
       this.draw3dArrow(wire, cone, this.moved(load), this.arrow(load), load.moment ? theme.moment : theme.force, load.moment);
     }
-    if (this.largest.gravity) {
-      this.draw3dArrow(wire, cone, this.gravityAt(), times(0.12 * this.size, unit(m.gravity)), theme.gravity, false);
-    }
-  }
-
-  gravityAt() {
-    const { low, high } = this.box;
-    return [low[0] - 0.1 * this.size, high[1], low[2] + 0.85 * (high[2] - low[2])];
   }
 
   // Where a load acts now: between two steps its section is on the way.
@@ -203,7 +199,7 @@ class Scene {
 
   // Measured markers of the nearest load step, and the backbone of the declared model.
   markers(wire, ball, theme) {
-    const m = this.motion, [, count] = m.measured.shape, r = Math.max(0.006 * this.size, 4 * this.pixel);
+    const m = this.motion, [, count] = m.measured.shape, r = Math.max(0.006 * this.size, 5 * this.pixel);
     for (let i = 0; i < count; i++) {
       const at = m.measured.values.subarray(3 * (count * m.step + i), 3 * (count * m.step + i) + 3);
       if (!at.some(Number.isNaN)) this.ball(ball, Array.from(at), r, theme.measured);
