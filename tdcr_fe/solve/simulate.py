@@ -246,7 +246,9 @@ class _Run:
                 increments: list[Increment] | None = [] if self.records else None
                 reference = None if reference_path is None else reference_path[number - 1]
                 follow = None if self.history is None else self.history.advance
-                report = self.simulation.advance(target, step.substeps, reference, increments, follow)
+                report = self.simulation.advance(
+                    target, step.substeps, reference, increments, follow, divide=follow is not None
+                )
                 result = self._result(number, step, report, target)
             except StepFailed as failure:
                 label = f" ({step.label})" if step.label else ""

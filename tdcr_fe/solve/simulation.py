@@ -20,7 +20,7 @@ from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.ramp import Ramp
 from tdcr_fe.solve.reversals import Equilibrium
 from tdcr_fe.solve.state import SolverState, Target
-from tdcr_fe.solve.stepping import Increment, LoadStepReport, StepFailed, solve_ramp
+from tdcr_fe.solve.stepping import Increment, LoadStepReport, Path, StepFailed, solve_ramp
 from tdcr_fe.solve.system import SceneSystem
 
 Array = NDArray[np.float64]
@@ -111,7 +111,8 @@ class Simulation:
             Called with the scene, the ramp, the state at its beginning, and load factors and states at the ends of all
             substeps.
         divide
-            See `tdcr_fe.solve.stepping.LoadStepper`; always so where the path is recorded or followed.
+            See `tdcr_fe.solve.stepping.LoadStepper`; always so where the path is recorded. Where it is only followed,
+            it is solved once more in this way if need be.
 
         Raises
         ------
@@ -128,8 +129,10 @@ class Simulation:
         ramp = Ramp.of(
             self.system, self.state, self.state.time, target.time, self._set_creep if creeps else None
         )
-        try:
-            path = solve_ramp(
+        divide = divide or record_path is not None
+
+        def solved(divide: bool) -> Path:
+            return solve_ramp(
                 self.system,
                 self.state,
                 ramp,
@@ -138,15 +141,20 @@ class Simulation:
                 reference_path,
                 self._end,
                 self._last,
-                divide=divide or follow is not None or record_path is not None,
+                divide=divide,
             )
+
+        try:
+            # Derivatives need a path that is divided where slips reverse.
+            path = solved(divide)
+            followed = solved(True) if follow is not None and path.located else path
         except StepFailed as failure:
             self.state, self._last, self._end = failure.state, None, None
             raise
         if follow is not None:
-            follow(self.system, ramp, self.state, path.increments)
+            follow(self.system, ramp, self.state, followed.increments)
             ramp.apply(self.system, 1.0)
-            if not self.system.tangent_follows_from_elements():
+            if followed is not path or not self.system.tangent_follows_from_elements():
                 self.system.store(path.state)
         self.state, self._last, self._end = path.state, path.linearization, path.end
         if record_path is not None:

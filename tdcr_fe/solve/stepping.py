@@ -85,6 +85,9 @@ class Path:
         tolerance; else 0 [1].
     end : Equilibrium or None
         The state at its end with its linearisation, where friction needed it.
+    located : bool
+        Whether any substep was solved with the reversals located in it, so that its history is not that of the one
+        before.
     """
 
     state: SolverState
@@ -98,6 +101,7 @@ class Path:
     presliding_factor: float = 1.0
     refinement_error: float = 0.0
     end: Equilibrium | None = None
+    located: bool = False
 
     @property
     def substeps(self) -> int:
@@ -118,6 +122,7 @@ class Path:
             max(self.presliding_factor, other.presliding_factor),
             max(self.refinement_error, other.refinement_error),
             other.end,
+            self.located or other.located,
         )
 
 
@@ -175,6 +180,8 @@ class _Attempt(NamedTuple):
         At its ends, where they were needed.
     spent : int
         Further iterations on the substep.
+    located : bool
+        Whether the reversals within it are solved with.
     """
 
     result: NewtonResult
@@ -183,6 +190,7 @@ class _Attempt(NamedTuple):
     start: Equilibrium | None = None
     end: Equilibrium | None = None
     spent: int = 0
+    located: bool = False
 
 
 def _with_history_of(state: SolverState, start: SolverState) -> SolverState:
@@ -423,9 +431,8 @@ class LoadStepper:
                 goals.append(_Goal(now.load_factor + part.division * length))
                 now = now.with_rejected(part.result.iterations)._replace(here=part.start)
             else:
-                now = _Progress(
-                    now.path.then(_accepted(part.result, goal)), goal, now.error + part.error, part.end
-                )
+                accepted = replace(_accepted(part.result, goal), located=part.located)
+                now = _Progress(now.path.then(accepted), goal, now.error + part.error, part.end)
                 goals.pop()
         if now.here is not None:
             # The search for reversals looked at other loads.
@@ -462,7 +469,9 @@ class LoadStepper:
         if found is not None and found.turning is not None and found.uncertain <= allowed < found.total:
             corrected = self._corrected(now.path.state, result, found.turning, goal, end)
             if corrected.converged:
-                return _Attempt(corrected, found.uncertain, start=start, spent=result.iterations)
+                return _Attempt(
+                    corrected, found.uncertain, start=start, spent=result.iterations, located=True
+                )
             attempt = attempt._replace(spent=corrected.iterations)
         if found is None:
             return attempt

@@ -127,7 +127,7 @@ class TrialSteps:
         self._history.steps.clear()
         try:
             follow = self._differentiate if differentiate else None
-            report = simulation.advance(target, step.substeps, follow=follow, divide=True)
+            report = simulation.advance(target, step.substeps, follow=follow)
         except (
             StepFailed,
             np.linalg.LinAlgError,

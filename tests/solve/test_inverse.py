@@ -84,8 +84,12 @@ def test_the_loading_sequence_solved_again_ends_where_the_path_did(drive_by):
     found = follow_path(robot, model, path, LIMITS, drive_by=drive_by, before=before)
     assert found.simulation.converged and len(found.steps) == 4
     again = simulate(robot, found.simulation.model, found.steps)
-    assert np.array_equal(again.tips, found.simulation.tips)
-    assert np.array_equal(again.tips[1:], [x.result.tip for x in found.targets])
+    # Linearisations kept from the step before make a difference far below the tolerance.
+    assert np.abs(again.tips - found.simulation.tips).max() <= 0.1 * REACHED * LENGTH
+    assert (
+        np.abs(again.tips[1:] - np.array([x.result.tip for x in found.targets])).max()
+        <= 0.1 * REACHED * LENGTH
+    )
     assert [x.error for x in found.targets] == pytest.approx(
         np.linalg.norm(again.tips[1:] - path, axis=1).tolist(), abs=1e-15
     )
