@@ -18,6 +18,7 @@ from tdcr_fe.identify.noise import outliers, structure
 from tdcr_fe.identify.outcome import (
     AddedEffect,
     Estimate,
+    FoundLaw,
     IdentificationResult,
     Noise,
     Remainder,
@@ -34,7 +35,11 @@ Array = NDArray[np.float64]
 
 
 def conclude(
-    search: Search, state: SearchState, sigma_estimated: bool, wall_time: float
+    search: Search,
+    state: SearchState,
+    sigma_estimated: bool,
+    wall_time: float,
+    law: FoundLaw | None = None,
 ) -> IdentificationResult:
     """What a search has found.
 
@@ -46,6 +51,8 @@ def conclude(
         Whether any sigma was not given.
     wall_time
         [s].
+    law
+        On no list, and part of the state's best model.
     """
     problem, best, declared = state.problem, state.best, state.declared
     data, held_out, fitted = problem.data, problem.held_out, problem.fitted
@@ -60,7 +67,7 @@ def conclude(
     declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
     return IdentificationResult(
         data=data,
-        verdict=_verdict(state, explained, insufficient),
+        verdict=_verdict(state, explained, insufficient, law),
         effects=_added(search, state, deviation),
         before_fit=problem.misfit(declared.residual, fitted),
         before_held_out=problem.misfit(declared.residual, held_out),
@@ -89,17 +96,20 @@ def conclude(
         interrupted=state.interrupted,
         history=state.history,
         catalogue=problem.catalogue,
+        law=law,
     )
 
 
-def _verdict(state: SearchState, explained: bool, insufficient: str) -> Verdict:
+def _verdict(state: SearchState, explained: bool, insufficient: str, law: FoundLaw | None) -> Verdict:
     """The verdict; ``insufficient`` is the reason why the data do not suffice, empty where they do."""
     if state.interrupted:
         return "unfinished"
     if insufficient:
         return "cannot tell"
     if not explained:
-        return "partly explained" if state.best.effects else "unexplained"
+        return "partly explained" if state.best.effects or law is not None else "unexplained"
+    if law is not None:
+        return "explained by a law found"
     return "explained" if state.best.effects else "nothing missing"
 
 
@@ -152,7 +162,7 @@ def _added(search: Search, state: SearchState, deviation: Array) -> tuple[AddedE
     before = state.declared
     for i, e in enumerate(best.effects):
         after = best
-        if i < len(best.effects) - 1:
+        if i < len(best.effects) - 1 or ("law" in {k for k, _ in best.free}):
             after = state.fits.get(frozenset(x.name for x in best.effects[: i + 1]), best)
         rivals = tuple(state.rivals.get(e.name, ()))
         threshold = chi_square_threshold(len(e.parameters), search.significance)

@@ -45,6 +45,7 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
     in its ``[effects]`` table, and the measured loading sequence as it was simulated: ``tdcr-fe run effects.toml``
     repeats the fit. Steps that were divided to resolve their path stand there in parts.
 
+    A law that was found stands there as the concentrated loads that it gives on this loading, and as a comment.
     Effects that act on the measurement only are comments. Where a robot cannot be written (an effect of the
     user's own with a routing of its own), ``robot.toml`` is as declared, and all effects are in ``effects.toml``.
     """
@@ -53,6 +54,8 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
     table: Table = {name: values for name, values in result.effects_table.items() if name not in skipped}
     final = with_effects(commanded, table, result.catalogue)
     base, inside = _beside_robot(result, final, table)
+    if result.law is not None:
+        base, inside = replace(final, steps=result.law.steps), {}
     try:
         robot_text = robot_to_toml(base.robot)
     except ValueError:
@@ -62,6 +65,11 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
         f"# acts on the measurement only: {name} = {value_to_toml(result.effects_table[name])}"
         for name in skipped
     ]
+    if result.law is not None:
+        remarks += [
+            f"# law found: {result.law.formula}",
+            "# on the loading below it gives the loads named law 1, law 2, ...; on another loading it gives others",
+        ]
     scenario = scenario_to_toml(
         base.model, _labelled(result, base), settings=result.solver, effects=inside or None
     )

@@ -13,8 +13,9 @@ from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.holdout import choose_held_out, held_out_branches
 from tdcr_fe.identify.information import unusable_data
+from tdcr_fe.identify.law import find_law
 from tdcr_fe.identify.noise import estimate_sigma
-from tdcr_fe.identify.outcome import IdentificationResult, IdentifySettings
+from tdcr_fe.identify.outcome import FoundLaw, IdentificationResult, IdentifySettings
 from tdcr_fe.identify.problem import FitProblem, evaluate, refine
 from tdcr_fe.identify.selection import (
     Progress,
@@ -81,11 +82,11 @@ def identify(
     try:
         with ForwardModel(settings.processes, data.settings) as forward:
             problem, estimated = _build_problem(without_unread_steps(data), settings, forward)
-            state = _search(search, _declared(problem), estimated)
+            state, law = _search(search, _declared(problem), estimated)
             search.report("conclusions", 0.97)
     except _Interrupted as interruption:  # the workers have ended
-        state, estimated = interruption.state, interruption.sigma_estimated
-    return conclude(search, state, estimated, time.perf_counter() - begun)
+        state, estimated, law = interruption.state, interruption.sigma_estimated, None
+    return conclude(search, state, estimated, time.perf_counter() - begun, law)
 
 
 class _Interrupted(KeyboardInterrupt):
@@ -96,14 +97,16 @@ class _Interrupted(KeyboardInterrupt):
         self.state, self.sigma_estimated = state, sigma_estimated
 
 
-def _search(search: Search, state: SearchState, sigma_estimated: bool) -> SearchState:
-    """Run the search to its end; an interruption carries the last state."""
+def _search(search: Search, state: SearchState, sigma_estimated: bool) -> tuple[SearchState, FoundLaw | None]:
+    """Run the search to its end, with a law where effects do not suffice; an interruption carries the last state."""
     try:
         if unusable_data(state.problem, state.declared):
-            return state
+            return state, None
         for latest in search_effects(search, state):
             state = latest
-        return with_intermediate_models(state)
+        state = with_intermediate_models(state)
+        law, found = find_law(search, state)
+        return found, law
     except KeyboardInterrupt:
         last = replace(state, interrupted=True)
         last = last.with_history("interrupted; what was found until then is reported")

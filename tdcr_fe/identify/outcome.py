@@ -14,11 +14,18 @@ from tdcr_fe.effects import EFFECTS, Effect, Experiment
 from tdcr_fe.io.atomic import plain
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.summary import versions
+from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.settings import SolverSettings
 
 Array = NDArray[np.float64]
 Verdict = Literal[
-    "explained", "partly explained", "unexplained", "nothing missing", "cannot tell", "unfinished"
+    "explained",
+    "explained by a law found",
+    "partly explained",
+    "unexplained",
+    "nothing missing",
+    "cannot tell",
+    "unfinished",
 ]
 
 
@@ -270,6 +277,84 @@ class Remainder:
 
 
 @dataclass(frozen=True)
+class LawTerm:
+    """One term of a law.
+
+    Attributes
+    ----------
+    product : str
+        Factors and direction, such as "|kappa| kappa".
+    coefficient : Estimate
+    where : str
+        "all bays", or one bay or disk.
+    is_force : bool
+        A force on a disk; else a bending moment.
+    """
+
+    product: str
+    coefficient: Estimate
+    where: str
+    is_force: bool = False
+
+
+@dataclass(frozen=True)
+class FoundLaw:
+    """A law on no list: what acts besides the declared model, as a function of the state.
+
+    Attributes
+    ----------
+    terms : tuple of LawTerm
+        Their sum is the law.
+    sentence : str
+        The law in words.
+    after_fit, after_held_out : Misfit
+        With the law.
+    alternatives : tuple of str
+        Other single terms that explain these data as well.
+    steps : tuple of LoadStep
+        The simulated loading sequence, with the moments and forces of the law as concentrated loads.
+    """
+
+    terms: tuple[LawTerm, ...]
+    sentence: str
+    after_fit: Misfit
+    after_held_out: Misfit
+    alternatives: tuple[str, ...]
+    steps: tuple[LoadStep, ...]
+
+    @property
+    def formula(self) -> str:
+        """With numbers, 95 % half-widths and units."""
+        parts = []
+        for t in self.terms:
+            c = t.coefficient
+            width = "" if c.std_error is None else f" +- {1.96 * c.std_error:.2g}"
+            place = "" if t.where == "all bays" else f" [{t.where}]"
+            parts.append(f"({c.value:.4g}{width}) {c.unit} {t.product}{place}")
+        return ("F = " if all(t.is_force for t in self.terms) else "m = ") + " + ".join(parts)
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``result.json``."""
+        return {
+            "formula": self.formula,
+            "where": "; ".join(dict.fromkeys(t.where for t in self.terms)),
+            "after": {"fit": self.after_fit.to_json(), "held_out": self.after_held_out.to_json()},
+            "sentence": self.sentence,
+            "terms": [
+                {
+                    "product": t.product,
+                    "coefficient": t.coefficient.value,
+                    "std_error": t.coefficient.std_error,
+                    "unit": t.coefficient.unit,
+                    "where": t.where,
+                }
+                for t in self.terms
+            ],
+            "alternatives": list(self.alternatives),
+        }
+
+
+@dataclass(frozen=True)
 class IdentificationResult:
     """Everything that an identification found.
 
@@ -277,8 +362,8 @@ class IdentificationResult:
     ----------
     data : MeasuredData
     verdict : str
-        One of "explained", "partly explained", "unexplained", "nothing missing", "cannot tell" (too few or too noisy
-        data), "unfinished" (interrupted).
+        One of "explained", "explained by a law found", "partly explained", "unexplained", "nothing missing",
+        "cannot tell" (too few or too noisy data), "unfinished" (interrupted).
     effects : tuple of AddedEffect
         In the order of adding.
     before_fit, before_held_out, after_fit, after_held_out : Misfit
@@ -321,6 +406,8 @@ class IdentificationResult:
         Of the simulations.
     catalogue : tuple of Effect
         The candidates.
+    law : FoundLaw or None
+        A law on no list that is part of the final model.
     """
 
     data: MeasuredData
@@ -353,6 +440,7 @@ class IdentificationResult:
     interrupted: bool = False
     history: tuple[str, ...] = ()
     catalogue: tuple[Effect, ...] = EFFECTS
+    law: FoundLaw | None = None
 
     @property
     def effects_table(self) -> dict[str, dict[str, float]]:
@@ -387,6 +475,7 @@ class IdentificationResult:
             ],
             "after": {"fit": self.after_fit.to_json(), "held_out": self.after_held_out.to_json()},
             "verdict": self.verdict,
+            **({} if self.law is None else {"law": self.law.to_json()}),
             "remaining": {"where": self.remaining.where, "description": self.remaining.description},
             "left_out": [str(b) for b in self.data.left_out],
             "outliers": [

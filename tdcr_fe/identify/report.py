@@ -49,6 +49,10 @@ def headline(result: IdentificationResult) -> str:
         return "Nothing is missing: the declared model explains the measurement down to its noise."
     if verdict == "explained":
         return f"Explained: the declared model lacks {names}."
+    if result.law is not None:
+        beside = f" beside {names}" if names else ""
+        rest = "" if verdict == "explained by a law found" else "; part of the error remains"
+        return f"{verdict[0].upper()}{verdict[1:]}: a law on no list{beside}{rest}."
     if verdict == "partly explained" and result.remaining.where == "not known":
         return f"Partly explained: {names} may explain the measurement, but it has too few readings to test that."
     if verdict == "partly explained":
@@ -99,12 +103,17 @@ def noise_size(result: IdentificationResult) -> str:
 def sentences(result: IdentificationResult) -> list[str]:
     """Further sentences on the first screen."""
     what = measure(result)
-    if result.effects:
+    if result.effects or result.law:
         text = f"The {what} falls from {size(result.before_fit)} to {size(result.after_fit)}"
     else:
         text = f"The {what} is {size(result.before_fit)}"
     found = [f"{text}; the noise alone gives {noise_size(result)}."]
-    if result.held_out_steps and result.effects:
+    if result.law is not None:
+        found = [result.law.sentence, f"{result.law.formula}.", *found]
+        if result.law.alternatives:
+            others = " or ".join(result.law.alternatives)
+            found.append(f"Another form of the law explains these data as well: {others}.")
+    if result.held_out_steps and (result.effects or result.law):
         found.append(
             f"{len(result.held_out_steps)} of {len(result.data.steps)} steps were held out and not used for fitting. "
             f"On them it goes from {size(result.before_held_out)} to {size(result.after_held_out)}"
@@ -206,6 +215,7 @@ def _first_screen(result: IdentificationResult) -> Section:
             "measure": measure(result),
             "remarks": [t for texts in remarks(result).values() for t in texts],
             "block": effects_block(result),
+            "law": result.law,
             "observation": [words(n) for n in observation_effects(result)],
         },
     )
@@ -229,7 +239,15 @@ def _evidence_section(result: IdentificationResult) -> Section:
         (n, [fixed(float(x), 2) for x in row])
         for n, row in zip(result.parameter_names, result.correlation, strict=True)
     ]
-    context = {"effects": steps, "correlation": correlation, "held_out": bool(result.held_out_steps)}
+    context = {
+        "effects": steps,
+        "correlation": correlation,
+        "held_out": bool(result.held_out_steps),
+        "law": result.law,
+        "law_errors": None
+        if result.law is None
+        else (size(result.law.after_fit), size(result.law.after_held_out)),
+    }
     return Section("effects", "Effects added, and the evidence", "effects.html.j2", context)
 
 
@@ -323,7 +341,7 @@ def _scenario_section(result: IdentificationResult) -> Section:
 
 def _cards(result: IdentificationResult) -> tuple[Card, ...]:
     arrow = "→"
-    changed = bool(result.effects)
+    changed = bool(result.effects or result.law)
 
     def both(before: Misfit, after: Misfit) -> str:
         return f"{size(before)} {arrow} {size(after)}" if changed else size(before)
@@ -362,7 +380,7 @@ def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
         _candidate_section(result),
         _data_section(result),
     ]
-    if result.effects:
+    if result.effects or result.law:
         sections = [_evidence_section(result), *sections, _scenario_section(result)]
     if motion is not None:
         sections = [_motion_section(motion), *sections]

@@ -160,4 +160,4 @@ class Stacked(NamedTuple):
     def derivative(self, values: Array) -> Array:
         """Derivatives from values of all models, (S, ...) to (..., P')."""
         found = self.weights @ values.reshape(len(values), -1)
-        return np.moveaxis(found.reshape(-1, *values.shape[1:]), 0, -1)
+        return np.moveaxis(found.reshape(len(found), *values.shape[1:]), 0, -1)

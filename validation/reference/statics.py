@@ -100,9 +100,8 @@ class Statics:
         extras = (extras or Extras()).with_robot(robot)
         _check(robot, model, extras)
         self.robot, self.model, self.settings = robot, model, settings
-        self.layout: Layout = lay_out(
-            robot, [*load_points, *(s.at for s in (*extras.springs, *extras.forces))], settings.max_interval
-        )
+        points = [*load_points, *(s.at for s in extras.springs), *(f.at for f in extras.forces)]
+        self.layout: Layout = lay_out(robot, points, settings.max_interval)
         self.extras = extras
         #: Forces at the stations that depend on displacements [N].
         self.by_displacement = np.zeros((len(self.layout.s), 3))

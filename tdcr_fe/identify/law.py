@@ -1,0 +1,178 @@
+"""A law that nobody listed, as a result: searched where the listed effects do not suffice, written as a formula."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.identify.criteria import BIC_DIFFERENCE, bic, effective_noise, residual_is_noise
+from tdcr_fe.identify.fitting import covariance
+from tdcr_fe.identify.information import lacks_test
+from tdcr_fe.identify.law_fit import LawFit
+from tdcr_fe.identify.law_search import LOWER, LawSearch, law_bic, search_law
+from tdcr_fe.identify.law_state import bay_edges, run_with_action
+from tdcr_fe.identify.law_terms import CURVATURE, Term
+from tdcr_fe.identify.outcome import Estimate, FoundLaw, LawTerm
+from tdcr_fe.identify.problem import Fit
+from tdcr_fe.identify.selection import Search, SearchState
+
+Array = NDArray[np.float64]
+
+#: Longest search for a law, and how many times its first run must fit into it [s, 1].
+SECONDS, RUNS = 600.0, 40
+
+
+def find_law(search: Search, state: SearchState) -> tuple[FoundLaw | None, SearchState]:
+    """Search for a law where the listed effects leave more than noise.
+
+    The law is sought beside the declared model, the best model, and the best model without each of its effects. It
+    counts only if it explains more than all listed effects together, by the criterion of all models and on the
+    held-out steps.
+
+    Returns
+    -------
+    law : FoundLaw or None
+    state : SearchState
+        Where a law was found, its best model has the law, and the listed effects that remain beside it.
+    """
+    problem, best = state.problem, state.best
+    if not np.any(problem.held_out) or lacks_test(problem, best) or not best.solved:
+        return None, state
+    if residual_is_noise(problem, best, search.significance):
+        return None, state
+    deadline = time.perf_counter() + SECONDS
+    found: LawFit | None = None
+    alternatives: tuple[Term, ...] = ()
+    for base in _bases(state):
+        search.report("reading the missing moment from the shapes", 0.9)
+        ready = LawSearch.of(problem, base, SECONDS / RUNS)
+        if ready is None:
+            state = state.with_history(f"no search for a law {_beside(base)}: too slow, or not solved")
+            continue
+        law, others = search_law(ready, search.significance, lambda text: search.report(text, 0.92), deadline)
+        if law is not None and (found is None or law_bic(problem, law) < law_bic(problem, found)):
+            found, alternatives = law, others
+        if found is not None and residual_is_noise(problem, found.as_fit(), search.significance):
+            break
+    if found is None or not _explains_more(search, state, found, best):
+        return None, state.with_history("no law explains more than the listed effects")
+    found = _on_its_own_path(state, found)
+    fit = found.as_fit()
+    formula = " + ".join(f"{t.key}" for t in found.terms)
+    kept = {k: v for k, v in state.rivals.items() if k in fit.names}
+    state = replace(state, best=fit, rivals=kept).with_history(f"law found: {formula}")
+    return _described(state, found, alternatives), state
+
+
+def _bases(state: SearchState) -> list[Fit]:
+    """Models beside which a law is sought: the declared one, and the best one whole and without each effect."""
+    best = state.best
+    smaller = [
+        state.fits.get(frozenset(e.name for e in best.effects if e is not gone)) for gone in best.effects
+    ]
+    models = [state.declared, *(f for f in smaller if f is not None and f.effects), best]
+    usable = [f for f in models if f.solved and f.jacobian.shape[1] == len(f.free)]
+    return list({f.names: f for f in usable}.values())
+
+
+def _beside(base: Fit) -> str:
+    return f"beside {' + '.join(base.names)}" if base.effects else "beside the declared model"
+
+
+def _explains_more(search: Search, state: SearchState, law: LawFit, rival: Fit) -> bool:
+    """Whether a law beats the listed effects, overall and on the held-out steps."""
+    problem = state.problem
+    noise = effective_noise(problem, law.as_fit(), search.significance)
+    gain = bic(problem, rival) - law_bic(problem, law)
+    return gain > BIC_DIFFERENCE * noise and law.held_cost < LOWER * rival.held_cost
+
+
+def _on_its_own_path(state: SearchState, law: LawFit) -> LawFit:
+    """The same law, simulated without the path of a neighbouring run."""
+    problem = state.problem
+    experiment = problem.with_effects(law.base.effects, law.values)
+    run = run_with_action(problem, experiment, law.acted.action, law.acted.state.rotation)
+    if not run.solved:
+        return law
+    cost, held_cost = problem.cost(run.residual)
+    return replace(law, acted=run, cost=cost, held_cost=held_cost)
+
+
+# ---------------------------------------------------------------------------------------------------- texts
+
+
+def _described(state: SearchState, law: LawFit, alternatives: Sequence[Term]) -> FoundLaw:
+    """The law with its numbers, formula and sentence."""
+    problem, fit = state.problem, law.as_fit()
+    deviation = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))[len(law.base.free) :]
+    experiment = problem.with_effects(law.base.effects, law.values)
+    edges = bay_edges(experiment)
+    terms = tuple(
+        LawTerm(
+            product=t.product,
+            coefficient=Estimate(float(c), float(d), t.unit),
+            where=where(t, edges),
+            is_force=t.direction.is_force,
+        )
+        for t, c, d in zip(law.terms, law.coefficients, deviation, strict=True)
+    )
+    return FoundLaw(
+        terms=terms,
+        sentence=" ".join(sentence(t, float(c), edges) for t, c in zip(law.terms, law.coefficients, strict=True)),
+        after_fit=problem.misfit(fit.residual, problem.fitted, len(fit.free)),
+        after_held_out=problem.misfit(fit.residual, problem.held_out),
+        alternatives=tuple(dict.fromkeys(t.key for t in alternatives)),
+        steps=law.acted.steps,
+    )  # fmt: skip
+
+
+def where(term: Term, edges: Array) -> str:
+    """Where a term acts."""
+    if term.bay is None:
+        return "all bays"
+    if term.direction.is_force:
+        return f"disk at s = {edges[term.bay + 1]:.4g} m"
+    return f"bay {term.bay + 1} (s = {edges[term.bay]:.4g} to {edges[term.bay + 1]:.4g} m)"
+
+
+_POWERS = {1: "", 2: "the square of ", 3: "the third power of "}
+
+#: What the size of a direction is, in words.
+_SIZES = {
+    "kappa": CURVATURE.name,
+    "kappa_x e_x": "the curvature about x",
+    "kappa_y e_y": "the curvature about y",
+    "e_z x kappa": CURVATURE.name,
+    "m_T": "the moment of the tendons",
+    "sum(sign_i m_Ti)": "the moment of each tendon",
+    "sum(sign_i r_i)": "the lever of each tendon",
+    "m_F": "the bending moment of the loads",
+    "u": "the displacement",
+}
+
+
+def sentence(term: Term, coefficient: float, edges: Array) -> str:
+    """What a term says, in words."""
+    names = [f.name for f in term.factors]
+    own = _SIZES.get(term.direction.symbol)
+    names += [own] if own else []
+    parts = []
+    for name in dict.fromkeys(names):
+        power = names.count(name)
+        parts.append(f"{_POWERS.get(power, f'power {power} of ')}{name}")
+    size = " times ".join(parts) or "a constant"
+    place = where(term, edges)
+    place = {"all bays": "In all bays"}.get(place, ("At the " if term.direction.is_force else "In ") + place)
+    what = "a force" if term.direction.is_force else "a bending moment"
+    pointing = term.direction.name
+    if coefficient < 0.0:
+        pointing = (
+            pointing.replace("along ", "against ", 1)
+            if pointing.startswith("along ")
+            else f"negative {pointing}"
+        )
+    return f"{place}, {what} acts {pointing}, proportional to {size}; the declared model lacks it."

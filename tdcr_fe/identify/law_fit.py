@@ -1,0 +1,267 @@
+"""Models with a law: runs in which the law holds in the solved state, and fits of its coefficients.
+
+A law gives the action (`tdcr_fe.identify.law_state`) from the state of the bays, and the action changes the state. Both
+agree where ``a = c F(x(a))``. That is solved by Newton's method with the exact response ``H`` of the bays to an
+action, evaluated once: ``(I - c F' H) da = c F(x) - a``. Convergence is linear with the error of ``H``: in practice
+three to five runs. A model whose iteration does not converge counts as not solved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import Experiment
+from tdcr_fe.identify.law_state import ActedRun, ActionResponse, run_with_action
+from tdcr_fe.identify.law_terms import Term
+from tdcr_fe.identify.problem import Fit, FitProblem, Point
+
+Array = NDArray[np.float64]
+
+#: Iterations of the state at most, and the change that ends them: moments over EI/L, forces over EI/L^2 [1].
+ITERATIONS, TOLERANCE = 15, 2e-6
+
+#: Gauss-Newton iterations of a fit at most.
+FIT_ITERATIONS = 8
+
+
+@dataclass(frozen=True)
+class LawFit:
+    """A model of listed effects and a law, fitted together.
+
+    Attributes
+    ----------
+    base : Fit
+        The effects, whose sensitivities are used.
+    values : dict
+        Of their parameters, fitted beside the law.
+    terms : tuple of Term
+    coefficients : ndarray, shape (q,)
+        In the terms' units.
+    acted : ActedRun
+    cost, held_cost : float
+        Robust sums of squares over fitted and held-out readings.
+    jacobian : ndarray, shape (n, p + q)
+        Of the predictions over sigma, by the base's free parameters and the coefficients.
+    """
+
+    base: Fit
+    values: Point
+    terms: tuple[Term, ...]
+    coefficients: Array
+    acted: ActedRun
+    cost: float
+    held_cost: float
+    jacobian: Array
+
+    @property
+    def count(self) -> int:
+        """Fitted numbers."""
+        return len(self.base.free) + len(self.terms)
+
+    def as_fit(self) -> Fit:
+        """The whole model as a fit: its effects are the listed ones, its residual and free numbers include the law."""
+        return replace(
+            self.base,
+            values=self.values,
+            residual=self.acted.residual,
+            cost=self.cost,
+            held_cost=self.held_cost,
+            jacobian=self.jacobian,
+            free=(*self.base.free, *(("law", t.key) for t in self.terms)),
+            run=self.acted.run,
+        )
+
+
+def law_action(terms: Sequence[Term], coefficients: Array, run: ActedRun) -> Array:
+    """Action that a law gives in the state of a run, shape (K, n_bays, 5)."""
+    total = np.zeros(run.action.shape)
+    for term, c in zip(terms, coefficients, strict=True):
+        total += c * term.action(run.state)
+    return total
+
+
+def _coupling(terms: Sequence[Term], coefficients: Array, run: ActedRun, response: ActionResponse) -> Array:
+    """The matrix ``I - c F' H`` of every step, shape (K, 5 n_bays, 5 n_bays)."""
+    steps, bays, components = run.action.shape
+    slope = np.zeros((steps, bays, components, components))
+    for term, c in zip(terms, coefficients, strict=True):
+        slope += c * term.slope(run.state)
+    response_rows = response.state.reshape(steps, bays, components, -1)
+    through = np.einsum("kbij,kbjp->kbip", slope, response_rows).reshape(steps, bays * components, -1)
+    return np.asarray(np.eye(bays * components) - through)
+
+
+def balance(
+    problem: FitProblem,
+    experiment: Experiment,
+    terms: Sequence[Term],
+    coefficients: Array,
+    start: ActedRun,
+    response: ActionResponse,
+) -> ActedRun | None:
+    """The run in which a law holds in the solved state; None where the iteration does not converge.
+
+    Parameters
+    ----------
+    problem
+        Readings and settings of the solver.
+    experiment
+        With its listed effects.
+    terms, coefficients
+        The law.
+    start
+        A solved run to begin from.
+    response
+        Of the bays to actions.
+    """
+    backbone = experiment.robot.backbone
+    scale = np.array([backbone.EI / backbone.length] * 2 + [backbone.EI / backbone.length**2] * 3)
+    here, before = start, np.inf
+    for _ in range(ITERATIONS):
+        gap = law_action(terms, coefficients, here) - here.action
+        shape = gap.shape
+        size = float(np.max(np.abs(gap) / scale))
+        if here is not start and size <= TOLERANCE:
+            return here
+        if not np.isfinite(size) or size > 10.0 * before:
+            return None
+        before = min(before, size)
+        matrix = _coupling(terms, coefficients, here, response)
+        change = np.linalg.solve(matrix, gap.reshape(len(gap), -1, 1)).reshape(shape)
+        following = run_with_action(problem, experiment, here.action + change, here.state.rotation, here)
+        if not following.solved:
+            half = here.action + 0.5 * change
+            following = run_with_action(problem, experiment, half, here.state.rotation, here)
+            if not following.solved:
+                return None
+        here = following
+    return None
+
+
+def law_columns(
+    problem: FitProblem, terms: Sequence[Term], coefficients: Array, run: ActedRun, response: ActionResponse
+) -> Array:
+    """Derivatives of the predictions over sigma by the coefficients of a law that holds, shape (n, q)."""
+    matrix = _coupling(terms, coefficients, run, response)
+    actions = np.stack([t.action(run.state).reshape(len(matrix), -1) for t in terms], axis=-1)
+    return readings_of(problem, np.asarray(np.linalg.solve(matrix, actions), dtype=float), response)
+
+
+def readings_of(problem: FitProblem, actions: Array, response: ActionResponse) -> Array:
+    """Change of the predictions over sigma by actions to first order.
+
+    Parameters
+    ----------
+    actions
+        Shape (K, 5 n_bays, q).
+
+    Returns
+    -------
+    ndarray, shape (n, q)
+    """
+    out = np.zeros((problem.count, actions.shape[-1]))
+    for k, (mine, rows) in enumerate(response.readings):
+        out[mine] = rows @ actions[k]
+    return out
+
+
+def weights(problem: FitProblem, residual: Array) -> Array:
+    """Square roots of the robust weights."""
+    size = np.maximum(np.abs(residual), 1e-300)
+    return np.asarray(np.sqrt(np.minimum(1.0, problem.robust_threshold / size)))
+
+
+def fit_law(
+    problem: FitProblem,
+    base: Fit,
+    start: ActedRun,
+    response: ActionResponse,
+    terms: Sequence[Term],
+    coefficients: Array,
+) -> LawFit | None:
+    """Fit the coefficients of a law, and the parameters of the base's effects beside it.
+
+    Gauss and Newton with bounds on the effects' parameters; every trial is a run in which the law holds.
+
+    Parameters
+    ----------
+    problem
+        Readings.
+    base
+        Listed effects and their sensitivities.
+    start
+        Its run without action, or one with a smaller law.
+    response
+        At the base.
+    terms, coefficients
+        The law, and where the fit begins.
+
+    Returns
+    -------
+    LawFit or None
+        None where no run converges.
+    """
+    values = base.values
+    found = _trial(problem, base, values, terms, coefficients, start, response)
+    share = 1.0
+    while found is None and share > 0.2:
+        share *= 0.5
+        found = _trial(problem, base, values, terms, share * coefficients, start, response)
+    if found is None:
+        return None
+    fitted, p = problem.fitted, len(base.free)
+    by_name = {e.name: e for e in base.effects}
+    limits = np.array([problem.bounds(by_name[k[0]], k[1]) for k in base.free]).reshape(p, 2)
+    for _ in range(FIT_ITERATIONS):
+        w = weights(problem, found.acted.residual)[fitted]
+        a, b = found.jacobian[fitted] * w[:, None], found.acted.residual[fitted] * w
+        norm = np.maximum(np.linalg.norm(a, axis=0), 1e-300)
+        move = np.linalg.lstsq(a / norm, b, rcond=1e-8)[0] / norm
+        z = problem.coordinates(base.effects, found.values, base.free)
+        promised = float(b @ b - np.sum((b - a @ move) ** 2))
+        if promised < 0.05 + 1e-3 * found.cost:
+            break
+        better = None
+        for step in (1.0, 0.4, 0.15):
+            goal = np.clip(z + step * move[:p], limits[:, 0], limits[:, 1])
+            point = problem.point(base.effects, found.values, base.free, goal) if p else found.values
+            trial = _trial(
+                problem, base, point, terms, found.coefficients + step * move[p:], found.acted, response
+            )
+            if trial is not None and trial.cost < found.cost:
+                better = trial
+                break
+        if better is None:
+            break
+        gain, found = found.cost - better.cost, better
+        if gain < 0.05 + 1e-3 * found.cost:
+            break
+    return found
+
+
+def _trial(
+    problem: FitProblem,
+    base: Fit,
+    values: Point,
+    terms: Sequence[Term],
+    coefficients: Array,
+    start: ActedRun,
+    response: ActionResponse,
+) -> LawFit | None:
+    """The model at given numbers."""
+    experiment = problem.with_effects(base.effects, values)
+    run = balance(problem, experiment, terms, coefficients, start, response)
+    if run is None:
+        return None
+    cost, held_cost = problem.cost(run.residual)
+    if not np.isfinite(cost + held_cost):
+        return None
+    columns = law_columns(problem, terms, coefficients, run, response)
+    jacobian = np.concatenate((base.jacobian, columns), axis=1)
+    return LawFit(
+        base, values, tuple(terms), np.asarray(coefficients, dtype=float), run, cost, held_cost, jacobian
+    )

@@ -1,0 +1,377 @@
+"""What the robot knows at every bay and load step, its response to moments and forces there, and runs that carry them.
+
+An action is a bending moment in every bay, about the x and y axes of its middle section [N m], and a force on every
+disk in the world frame [N]: shape (K, n_bays, 5) over K commanded load steps. A moment acts as a couple at both ends of
+its bay, so that it is internal to the backbone; actions grow linearly over a load step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tdcr_fe.effects import Experiment
+from tdcr_fe.identify.problem import FitProblem
+from tdcr_fe.identify.run import SMALLEST_ON_REFERENCE, Ends, Run, run_settings
+from tdcr_fe.model.channels import ObservedChange, ObservedStep, channel
+from tdcr_fe.model.interpolation import interpolate_positions
+from tdcr_fe.model.loading import Load, LoadStep, resolve
+from tdcr_fe.model.results import SequenceResult
+
+if TYPE_CHECKING:
+    from tdcr_fe.solve.parameters import StepInput
+    from tdcr_fe.solve.simulate import PathRecord
+
+Array = NDArray[np.float64]
+
+#: Components of an action in a bay: moments about x and y, forces along x, y and z.
+COMPONENTS = 5
+
+#: Names of the loads that carry an action begin with this.
+LOAD = "law"
+
+
+@dataclass(frozen=True)
+class BayState:
+    """State of all bays at the end of every commanded load step.
+
+    Attributes
+    ----------
+    edges : ndarray, shape (n_bays + 1,)
+        Arc lengths of base plate, disks and tip [m].
+    curvature : ndarray, shape (K, n_bays, 3)
+        Mean curvatures about x and y and twist, section frame [1/m].
+    rotation : ndarray, shape (K, n_bays, 3, 3)
+        Of the middle section of every bay.
+    moved : ndarray, shape (K, n_bays, 3)
+        Displacement of the distal end of every bay since the unloaded state [m].
+    tension : ndarray, shape (K, n_bays, n_tendons)
+        Of the tendon segment that passes a bay, zero beyond a tendon's end [N].
+    lever : ndarray, shape (n_bays, n_tendons, 2)
+        Bending moment of a unit tension about x and y [m].
+    direction : ndarray, shape (K, n_tendons)
+        Sign of the last change of every tendon's command [1].
+    time : ndarray, shape (K,)
+        [s].
+    load_moment : ndarray, shape (K, n_bays, 2)
+        Bending moment of the concentrated loads in the middle section [N m].
+    """
+
+    edges: Array
+    curvature: Array
+    rotation: Array
+    moved: Array
+    tension: Array
+    lever: Array
+    direction: Array
+    time: Array
+    load_moment: Array
+
+    @property
+    def middles(self) -> Array:
+        """Of the bays [m]."""
+        return 0.5 * (self.edges[1:] + self.edges[:-1])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Steps, bays."""
+        return self.curvature.shape[0], self.curvature.shape[1]
+
+    def corrected(self, change: Array) -> BayState:
+        """With curvatures and displacements changed, shape (K, n_bays, 5): about x and y, along x, y and z."""
+        curvature = self.curvature.copy()
+        curvature[..., :2] += change[..., :2]
+        return replace(self, curvature=curvature, moved=self.moved + change[..., 2:])
+
+
+@dataclass(frozen=True)
+class ActedRun:
+    """A solved loading sequence with actions.
+
+    Attributes
+    ----------
+    run : Run
+        At the ends of the commanded steps.
+    state : BayState
+    residual : ndarray, shape (n,)
+        Reading less prediction over sigma; NaN where a step was not solved.
+    action : ndarray, shape (K, n_bays, 5)
+        That acted.
+    path : list
+        Reference path for runs with other actions.
+    ends : tuple
+        Division of the steps to which the path belongs.
+    result : SequenceResult
+    steps : tuple of LoadStep
+        That were simulated, with the action as loads.
+    """
+
+    run: Run
+    state: BayState
+    residual: Array
+    action: Array
+    path: PathRecord
+    ends: Ends
+    result: SequenceResult
+    steps: tuple[LoadStep, ...]
+
+    @property
+    def solved(self) -> bool:
+        """Whether every step was."""
+        return bool(np.all(np.isfinite(self.residual)))
+
+
+def bay_edges(experiment: Experiment) -> Array:
+    """Arc lengths of base plate, disks and tip [m]."""
+    robot = experiment.robot
+    edges = [0.0, *robot.disks.positions]
+    if robot.backbone.length - edges[-1] > 1e-6:
+        edges.append(robot.backbone.length)
+    return np.array(edges)
+
+
+def with_action(experiment: Experiment, action: Array, rotation: Array) -> Experiment:
+    """The experiment with an action as concentrated loads.
+
+    Parameters
+    ----------
+    experiment
+        Possibly with divided steps.
+    action
+        Shape (K, n_bays, 5).
+    rotation
+        Of the middle sections, to which the moments belong, shape (K, n_bays, 3, 3).
+    """
+    edges = bay_edges(experiment)
+    couple = np.einsum("kbij,kbj->kbi", rotation[..., :2], action[..., :2])
+    couple[:, :-1] -= couple[:, 1:]
+    wrench = np.concatenate((action[..., 2:], couple), axis=-1)
+    steps = []
+    for step, (k, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
+        before = wrench[k - 1] if k else np.zeros_like(wrench[0])
+        here = before + factor * (wrench[k] - before)
+        loads = {
+            f"{LOAD} {j + 1}": Load(float(edges[j + 1]), _triple(w[:3]), _triple(w[3:]))
+            for j, w in enumerate(here)
+        }
+        steps.append(replace(step, loads={**step.loads, **loads}))
+    return replace(experiment, steps=tuple(steps))
+
+
+def _triple(x: Array) -> tuple[float, float, float]:
+    return float(x[0]), float(x[1]), float(x[2])
+
+
+def run_with_action(
+    problem: FitProblem,
+    experiment: Experiment,
+    action: Array,
+    rotation: Array,
+    reference: ActedRun | None = None,
+    inputs: Sequence[StepInput] = (),
+) -> ActedRun:
+    """Simulate an experiment with an action.
+
+    Parameters
+    ----------
+    problem
+        Readings, and settings of the solver.
+    experiment
+        With its effects.
+    action, rotation
+        See `with_action`.
+    reference
+        A similar run, whose path is followed.
+    inputs
+        Loads by which the result is differentiated.
+    """
+    from tdcr_fe.solve.simulate import simulate
+
+    acted = with_action(experiment, action, rotation)
+    settings = run_settings(problem.forward.settings, problem.path_tolerance)
+    path: PathRecord = []
+    result = None
+    if reference is not None and reference.ends == acted.step_ends and reference.solved:
+        quick = replace(settings, min_substep=max(settings.min_substep, SMALLEST_ON_REFERENCE))
+        result = simulate(acted.robot, acted.model, acted.steps, quick, reference_path=reference.path,
+                          record_path=path, sensitivities=inputs)  # fmt: skip
+    if result is None or not result.converged:
+        path = []
+        result = simulate(
+            acted.robot, acted.model, acted.steps, settings, record_path=path, sensitivities=inputs
+        )
+    if result.message == "interrupted":
+        raise KeyboardInterrupt
+    problem.forward.runs += 1
+    last = _commanded_ends(acted)
+    steps = [result.steps[j] for j in last if j < len(result.steps)]
+    run = Run.of(steps, len(last), acted, result.message)
+    residual = problem.residual(acted, run)
+    return ActedRun(
+        run,
+        _bay_state(acted, result, last),
+        residual,
+        action,
+        path,
+        tuple(acted.step_ends),
+        result,
+        acted.steps,
+    )
+
+
+def _commanded_ends(experiment: Experiment) -> list[int]:
+    """Steps at which commanded steps end."""
+    ends = experiment.step_ends
+    return [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
+
+
+def _bay_state(experiment: Experiment, result: SequenceResult, last: Sequence[int]) -> BayState:
+    """State of the bays at the ends of commanded steps; NaN where a step was not solved."""
+    robot, edges = experiment.robot, bay_edges(experiment)
+    count, bays, m = len(last), len(edges) - 1, len(robot.tendons)
+    middles, widths = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+    curvature = np.full((count, bays, 3), np.nan)
+    rotation = np.full((count, bays, 3, 3), np.nan)
+    moved = np.full((count, bays, 3), np.nan)
+    tension = np.zeros((count, bays, m))
+    load_moment = np.zeros((count, bays, 2))
+    actions = resolve(robot, experiment.steps)
+    holes = [robot.hole_arc_lengths(t) for t in robot.tendons]
+    for k, j in enumerate(last):
+        if j >= len(result.steps):
+            continue
+        step = result.steps[j]
+        nodes = [int(np.argmin(np.abs(step.s - e))) for e in edges]
+        frames = step.rotations[nodes]
+        turn = Rotation.from_matrix(np.swapaxes(frames[:-1], 1, 2) @ frames[1:])
+        curvature[k] = turn.as_rotvec() / widths[:, None]
+        half = Rotation.from_rotvec(0.5 * turn.as_rotvec()).as_matrix()
+        rotation[k] = frames[:-1] @ half
+        moved[k] = step.positions[nodes[1:]] - np.array([0.0, 0.0, 1.0]) * edges[1:, None]
+        for i in range(m):
+            at = np.searchsorted(holes[i], middles) - 1
+            inside = middles < robot.end(robot.tendons[i])
+            tension[k, inside, i] = step.tensions[i][np.minimum(at[inside], len(step.tensions[i]) - 1)]
+        x = interpolate_positions(step.s, step.positions, step.rotations, middles)
+        for name, load in actions[j].loads.items():
+            if name.startswith(f"{LOAD} ") or not any((*load.force, *load.moment)) or load.frame != "world":
+                continue
+            node = step.positions[int(np.argmin(np.abs(step.s - load.at)))]
+            about = np.cross(node - x, np.array(load.force)) + np.array(load.moment)
+            about[middles > load.at] = 0.0
+            load_moment[k] += np.einsum("bij,bi->bj", rotation[k], about)[:, :2]
+    lever = np.zeros((bays, m, 2))
+    for i, tendon in enumerate(robot.tendons):
+        end = robot.end(tendon)
+        hole = tendon.routing.position(np.minimum(middles, end), end)
+        lever[:, i] = np.stack((-hole[:, 1], hole[:, 0]), axis=1)
+    whole = [actions[j] for j in last]
+    time = np.array([a.time for a in whole])
+    direction = last_direction(np.array([a.values for a in whole]).reshape(count, m))
+    return BayState(edges, curvature, rotation, moved, tension, lever, direction, time, load_moment)
+
+
+def last_direction(commands: Array) -> Array:
+    """Sign of the last change of every command, from zero on, shape (K, n_tendons)."""
+    change = np.sign(np.diff(commands, axis=0, prepend=np.zeros((1, commands.shape[1]))))
+    found = np.zeros_like(commands)
+    for k in range(len(commands)):
+        found[k] = np.where(change[k] != 0.0, change[k], found[k - 1] if k else 0.0)
+    return found
+
+
+# ------------------------------------------------------------------------------------------------- response
+
+
+@dataclass(frozen=True)
+class ActionResponse:
+    """Derivatives by the action of the same load step, everything before the step unchanged.
+
+    Attributes
+    ----------
+    readings : list of (ndarray of int, ndarray)
+        By step, the readings of the step and their derivatives over sigma, shape (r, 5 n_bays).
+    state : ndarray, shape (K, 5 n_bays, 5 n_bays)
+        Of curvatures about x and y and displacements of the bays, in the order of an action.
+    """
+
+    readings: list[tuple[NDArray[np.int_], Array]]
+    state: Array
+
+
+def action_response(
+    problem: FitProblem, experiment: Experiment, reference: ActedRun
+) -> tuple[ActionResponse, ActedRun]:
+    """Exact response of readings and bays to actions, in one run.
+
+    Parameters
+    ----------
+    problem
+        Readings.
+    experiment
+        With its effects.
+    reference
+        The run at which the response is taken.
+    """
+    from tdcr_fe.solve.parameters import LOAD_COMPONENTS, StepInput
+
+    bays = reference.state.shape[1]
+    inputs = [
+        StepInput(f"{LOAD} {j + 1} {LOAD_COMPONENTS[c]}", load=f"{LOAD} {j + 1}", component=c)
+        for j in range(bays)
+        for c in range(6)
+    ]
+    run = run_with_action(problem, experiment, reference.action, reference.state.rotation, reference, inputs)
+    found = list(run.result.sensitivities.values())
+    last = _commanded_ends(experiment)
+    widths = np.diff(run.state.edges)
+    nodes = [int(np.argmin(np.abs(run.run.s - e))) for e in run.state.edges]
+    positions = np.stack([x.positions for x in found], axis=-1)
+    rotations = np.stack([x.rotations for x in found], axis=-1)
+    displacements = np.stack([x.displacements for x in found], axis=-1)
+    tendons, counts = len(experiment.robot.tendons), len(positions)
+    distal = np.zeros((counts, tendons, len(found)))
+    for p, x in enumerate(found):
+        for i, along in enumerate(x.tensions):
+            distal[:, i, p] = along[:, -1]
+    frame = Rotation.from_rotvec(np.array(experiment.observation.rotation)).as_matrix()
+    offset = np.array([*experiment.observation.offset, 0.0])
+    reader, data = problem.readings.reader, problem.data
+    by_step: list[tuple[NDArray[np.int_], Array]] = []
+    state = np.zeros((run.run.solved, COMPONENTS * bays, COMPONENTS * bays))
+    for k, j in enumerate(last[: run.run.solved]):
+        turn = _loads_of_action(run.state.rotation[k])
+        change = ObservedChange(
+            positions[j] @ turn, rotations[j] @ turn, displacements[j] @ turn, distal[j] @ turn
+        )
+        seen = ObservedStep(run.run.s, run.run.positions[k], run.run.rotations[k], run.run.displacements[k],
+                            run.run.distal_tensions[k], tuple(data.robot.tendon_names), frame, offset)  # fmt: skip
+        mine = np.flatnonzero(reader.step == k)
+        rows = np.zeros((mine.size, COMPONENTS * bays))
+        for quantity in dict.fromkeys(data.readings[i].quantity for i in mine):
+            which = [n for n, i in enumerate(mine) if data.readings[i].quantity == quantity]
+            locations = [data.readings[mine[n]].location for n in which]
+            rows[which] = channel(quantity).derivatives(seen, change, locations)
+        by_step.append((mine, rows / problem.sigma[mine][:, None]))
+        turned = change.rotations[nodes]
+        local = np.einsum("bij,bip->bjp", run.state.rotation[k], turned[1:] - turned[:-1])
+        part = np.concatenate((local[:, :2] / widths[:, None, None], change.positions[nodes[1:]]), axis=1)
+        state[k] = part.reshape(COMPONENTS * bays, -1)
+    return ActionResponse(by_step, state), run
+
+
+def _loads_of_action(rotation: Array) -> Array:
+    """From an action to the loads at the ends of the bays (force, moment), shape (6 n_bays, 5 n_bays)."""
+    bays = len(rotation)
+    matrix = np.zeros((bays, 6, bays, COMPONENTS))
+    for b in range(bays):
+        matrix[b, 3:, b, :2] = rotation[b][:, :2]
+        if b:
+            matrix[b - 1, 3:, b, :2] = -rotation[b][:, :2]
+        matrix[b, :3, b, 2:] = np.eye(3)
+    return matrix.reshape(6 * bays, COMPONENTS * bays)

@@ -1,0 +1,197 @@
+"""Laws that nobody listed: exact response, laws that hold in the solved state, and the search on blind data."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from identify_data import LENGTH, MODEL, ROBOT, measured
+
+from tdcr_fe.cli import main
+from tdcr_fe.effects import EFFECTS
+from tdcr_fe.identify import identification, identify
+from tdcr_fe.identify.corrected import corrected_files
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.law import _explains_more, find_law, sentence
+from tdcr_fe.identify.law_fit import TOLERANCE, balance, law_action
+from tdcr_fe.identify.law_search import LawSearch, search_law
+from tdcr_fe.identify.law_state import COMPONENTS, action_response, last_direction, run_with_action
+from tdcr_fe.identify.law_terms import (
+    BENDING,
+    CURVATURE,
+    DEFLECTION,
+    DISPLACED,
+    POSITION,
+    TENDONS,
+    TIME,
+    Term,
+    library,
+)
+from tdcr_fe.identify.outcome import IdentifySettings
+from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify.report import headline, render, summary
+from tdcr_fe.identify.selection import Search, SearchState
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.loading import Load, LoadStep
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.validation.blind.laws import LAWS, make_law_set
+
+HARDENING = Term((CURVATURE,), BENDING)
+
+
+def problem_of(data, held=()):
+    held_out = np.array([r.step in held for r in data.readings])
+    return FitProblem.of(data, np.array([r.sigma for r in data.readings]), held_out, ForwardModel())
+
+
+def started(problem):
+    """The declared model with loads at every disk, and its response."""
+    experiment = problem.experiment
+    steps, bays = len(experiment.steps), len(ROBOT.disks.positions)
+    upright = np.broadcast_to(np.eye(3), (steps, bays, 3, 3))
+    run = run_with_action(problem, experiment, np.zeros((steps, bays, COMPONENTS)), upright)
+    return experiment, *action_response(problem, experiment, run)
+
+
+def test_the_response_to_an_action_is_exact():
+    """Against central differences of whole runs: readings, curvatures and displacements."""
+    problem = problem_of(measured())
+    experiment, response, run = started(problem)
+    rng = np.random.default_rng(0)
+    size = np.array([1e-5, 1e-5, 1e-4, 1e-4, 1e-4])
+    step = rng.normal(size=run.action.shape) * size
+    # The response is that of one step: only step 4 gets the action.
+    step[np.arange(len(step)) != 3] = 0.0
+    ends = [run_with_action(problem, experiment, x * step, run.state.rotation) for x in (1.0, -1.0)]
+    mine, rows = response.readings[3]
+    change = -(ends[0].residual[mine] - ends[1].residual[mine]) / 2.0
+    predicted = rows @ step[3].ravel()
+    np.testing.assert_allclose(change, predicted, atol=2e-4 * np.abs(predicted).max())
+    bays = response.state[3] @ step[3].ravel()
+    moved = np.concatenate((ends[0].state.curvature[3, :, :2] - ends[1].state.curvature[3, :, :2],
+                            ends[0].state.moved[3] - ends[1].state.moved[3]), axis=1) / 2.0  # fmt: skip
+    np.testing.assert_allclose(moved.ravel(), bays, atol=2e-3 * np.abs(bays).max())
+
+
+def test_a_hardening_law_holds_in_the_arc_that_a_moment_gives():
+    """EI kappa + c kappa^2 = M in every bay: the closed form of the quadratic equation."""
+    rod = Robot(ROBOT.backbone, ROBOT.disks, ())
+    moment = 4.0 * rod.backbone.EI
+    steps = tuple(LoadStep(loads={"tip": Load(LENGTH, moment=(0.0, x * moment, 0.0))}) for x in (0.5, 1.0))
+    readings = (Reading(1, "position_x", LENGTH, 0.0, 1e-4), Reading(2, "position_x", LENGTH, 0.0, 1e-4))
+    problem = problem_of(MeasuredData("rod", rod, MODEL, (1, 2), steps, ("", ""), readings))
+    experiment, response, run = started(problem)
+    c = 0.25 * rod.backbone.EI / 4.0
+    held = balance(problem, experiment, [HARDENING], np.array([-c]), run, response)
+    gap = law_action([HARDENING], [-c], held) - held.action
+    assert np.abs(gap).max() <= TOLERANCE * rod.backbone.EI / LENGTH
+    for k, share in enumerate((0.5, 1.0)):
+        kappa = (-rod.backbone.EI + np.sqrt(rod.backbone.EI**2 + 4.0 * c * share * moment)) / (2.0 * c)
+        np.testing.assert_allclose(held.state.curvature[k, :, 1], kappa, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("term", "unit", "product"),
+    [
+        (HARDENING, "N m^3", "|kappa| kappa"),
+        (Term((TIME,), BENDING), "N m^2 s^-1", "t kappa"),
+        (Term((POSITION,), TENDONS), "m^-1", "s m_T"),
+        (Term((DEFLECTION, DEFLECTION), DISPLACED, 2), "N m^-3", "|u|^2 u"),
+    ],
+)
+def test_coefficients_have_the_unit_that_makes_a_moment_or_a_force(term, unit, product):
+    assert (term.unit, term.product) == (unit, product)
+
+
+def test_products_that_a_listed_effect_has_are_no_terms():
+    problem = problem_of(measured())
+    _, _, run = started(problem)
+    keys = {t.key for t in library(run.state)}
+    assert not keys & {"kappa", "e_x", "e_y", "m_T"} and "|kappa| kappa" in keys
+    assert not any(k.startswith("t ") for k in keys)  # these data have no times
+
+
+def test_the_sign_of_the_last_command_stays_while_a_tendon_rests():
+    commands = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.5], [0.2, 0.5]])
+    assert last_direction(commands).tolist() == [[0, 1], [1, 1], [1, -1], [-1, -1]]
+
+
+def test_a_law_in_words():
+    edges = np.array([0.0, 0.1, 0.2])
+    text = sentence(HARDENING, -1.0, edges)
+    assert text == (
+        "In all bays, a bending moment acts against the curvature, proportional to the square of the curvature; the "
+        "declared model lacks it."
+    )
+    spring = sentence(Term((DEFLECTION, DEFLECTION), DISPLACED, 1), -1.0, edges)
+    assert "At the disk at s = 0.2 m, a force acts against the displacement" in spring
+    assert "the square of the displacement" not in spring and "the third power of the displacement" in spring
+
+
+def test_noise_gives_no_law():
+    problem = problem_of(measured(), held=(4, 5, 9))
+    search = LawSearch.of(problem, evaluate(problem, (), {}))
+    assert search_law(search, 1e-3, lambda text: None)[0] is None
+
+
+@pytest.fixture(scope="module")
+def drift():
+    """A blind set whose true robot drifts: a moment about x that grows with time."""
+    return make_law_set(next(r for r in LAWS if r.name == "drift")).data
+
+
+@pytest.fixture(scope="module")
+def found(drift):
+    """Identified without the search among the listed effects, which takes minutes."""
+
+    def nothing(search, state):
+        yield state
+        return state
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(identification, "search_effects", nothing)
+        return identify(drift)
+
+
+def test_the_law_of_a_blind_set_is_found_by_its_formula(found):
+    assert found.verdict == "explained by a law found" and found.effects == ()
+    (term,) = found.law.terms
+    assert (term.product, term.where, term.coefficient.unit) == ("t e_x", "all bays", "N m s^-1")
+    assert found.after_held_out.rms_position < 0.1 * found.before_held_out.rms_position
+    assert found.after_held_out.chi2_per_dof < 1.3
+    assert not {e.name for e in EFFECTS} & set(found.law.formula.split())
+
+
+def test_result_and_report_have_the_law(found):
+    law = json.loads(json.dumps(found.to_json()))["law"]
+    assert law["formula"].startswith("m = (") and law["formula"].endswith("N m s^-1 t e_x")
+    assert law["where"] == "all bays" and law["after"]["held_out"]["chi2_per_dof"] < 1.3
+    assert headline(found) == "Explained by a law found: a law on no list."
+    assert found.law.sentence in summary(found) and found.law.formula in render(found)
+
+
+def test_a_run_of_the_corrected_robot_has_the_law_as_loads(found, tmp_path):
+    for name, text in corrected_files(found).items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    command = ["run", str(tmp_path / "effects.toml"), "-o", str(tmp_path / "out"), "--no-pictures", "-q"]
+    assert main(command) == 0
+    table = pd.read_csv(tmp_path / "out" / "steps.csv", dtype={"label": str}).set_index("label")
+    tips = table.loc[[str(n) for n in found.data.step_ids], ["tip_x", "tip_y", "tip_z"]].to_numpy()
+    np.testing.assert_allclose(tips, found.shapes.backbone_after[:, -1], rtol=0.0, atol=1e-9)
+
+
+def test_listed_effects_that_explain_as_much_win():
+    """No search beside a model that leaves noise; and a law is refused that explains only as much."""
+    data = measured({"gravity": {"g_x": 3.0}})
+    problem = problem_of(data, held=(4, 5, 9))
+    search = Search(IdentifySettings(), lambda text, share: None)
+    clean = problem_of(measured(), held=(4, 5, 9))
+    state = SearchState.start(clean, evaluate(clean, (), {}))
+    assert find_law(search, state) == (None, state)
+    declared = evaluate(problem, (), {})
+    law, _ = search_law(LawSearch.of(problem, declared), 1e-3, lambda text: None)
+    if law is not None:
+        state = SearchState.start(problem, declared)
+        assert not _explains_more(search, state, law, replace(law.as_fit(), free=law.base.free))
