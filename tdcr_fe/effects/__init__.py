@@ -8,6 +8,7 @@ from tdcr_fe.effects.actuation import ActuatorBacklash, ActuatorGain, ActuatorLo
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Observation, Parameter
 from tdcr_fe.effects.loads import Gravity, TipPayload
 from tdcr_fe.effects.material import (
+    BaseCompliance,
     Creep,
     Precurvature,
     RigidDisks,
@@ -24,10 +25,12 @@ from tdcr_fe.effects.tendons import (
     RoutingTwist,
     TendonStretch,
 )
+from tdcr_fe.effects.timing import TimeLag
 from tdcr_fe.model.arguments import check_instance
 
 #: Every effect, in the order in which several are applied: the command first, the measurement last.
 EFFECTS: tuple[Effect, ...] = (
+    TimeLag(),
     ActuatorGain(),
     ActuatorBacklash(),
     ActuatorLoss(),
@@ -36,6 +39,7 @@ EFFECTS: tuple[Effect, ...] = (
     StiffnessScale(),
     SuperelasticBackbone(),
     Precurvature(),
+    BaseCompliance(),
     RigidDisks(),
     Creep(),
     FrictionCoefficient(),

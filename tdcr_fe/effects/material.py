@@ -1,8 +1,9 @@
-"""Effects of the backbone and its disks: stiffness, superelasticity, precurvature, thick disks, creep."""
+"""Effects of the backbone, its base and its disks: stiffness, superelasticity, precurvature, thick disks, creep."""
 
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import replace
 
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Parameter, Values
@@ -110,6 +111,48 @@ class Precurvature(Effect):
         """See `Effect.apply`."""
         bent = (values["kappa_x"], values["kappa_y"])
         return experiment.with_robot(backbone=replace(experiment.robot.backbone, precurvature=bent))
+
+
+class BaseCompliance(Effect):
+    """The base gives way."""
+
+    name = "base_compliance"
+    description = (
+        "The backbone turns in its clamp, or the clamp on its support: a set screw, a print, a stand."
+    )
+    separating_experiment = (
+        "push the backbone just above the base plate by a known force, and measure its tilt"
+    )
+    parameters = (
+        Parameter(
+            "stiffness",
+            "N m/rad",
+            1e-6,
+            math.inf,
+            math.inf,
+            0.02,
+            "rotational stiffness about the x and y axes",
+            inverse=True,
+        ),
+    )
+
+    def null_values(self, experiment: Experiment) -> dict[str, float]:
+        """The declared value, infinite where none is declared."""
+        declared = experiment.robot.base_stiffness
+        return {"stiffness": math.inf if declared is None else declared}
+
+    def probe_points(
+        self, experiment: Experiment, excitation: ExcitationRange
+    ) -> list[list[dict[str, float]]]:
+        """As compliant as a fiftieth of the backbone."""
+        parameter, backbone = self.parameters[0], experiment.robot.backbone
+        compliance = parameter.coordinate(self.null_values(experiment)["stiffness"])
+        return [[{"stiffness": parameter.value(compliance + 0.02 * backbone.length / backbone.EI)}]]
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`."""
+        stiffness = values["stiffness"]
+        return experiment.with_robot(base_stiffness=None if math.isinf(stiffness) else stiffness)
 
 
 class RigidDisks(Effect):

@@ -265,7 +265,7 @@ class Pretension(Effect):
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`; pretensions that differ between tendons keep their proportions."""
-        null = self.null_values(experiment)["tension"]
+        null = Pretension.null_values(self, experiment)["tension"]
         tendons = tuple(
             replace(
                 t,

@@ -114,8 +114,9 @@ ROBOT: dict[str, Field] = {
     ),
     "disks": _table("disks", _DISKS_SCHEMA, "the rigid disks on it", " with count or positions"),
     "tip_mass": all_fields_of(Robot)["tip_mass"],
-    "springs": all_fields_of(Robot)["springs"],
     "tendons": _tables("tendons", _tendon_schema(), "one table a tendon"),
+    "springs": all_fields_of(Robot)["springs"],
+    "base_stiffness": all_fields_of(Robot)["base_stiffness"],
 }
 
 _MODEL = _table("model", table_schema(fields_of(Model)), "how the robot is modelled")

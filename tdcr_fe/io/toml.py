@@ -115,9 +115,8 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
     known = "tendons" not in bad and len(set(names)) == len(tables)
     robot = None
     if len(reporter.problems) == before and backbone is not None and found.disks is not None:
-        robot = Robot(
-            backbone, found.disks, tendons, top["name"], tip_mass=top["tip_mass"], springs=top["springs"]
-        )
+        rest = {k: top[k] for k in ("name", "tip_mass", "springs", "base_stiffness")}
+        robot = Robot(backbone, found.disks, tendons, **rest)
     return RobotParts(robot, length, names if known else None)
 
 

@@ -75,7 +75,9 @@ def robot_to_toml(robot: Robot) -> str:
     count = len(robot.disks.positions)
     if Disks.equally_spaced(count, robot.backbone.length).positions == robot.disks.positions:
         disks = {"count": count, **{k: v for k, v in disks.items() if k != "positions"}}
-    lines = _lines({"name": robot.name, "tip_mass": robot.tip_mass or None})
+    lines = _lines(
+        {"name": robot.name, "tip_mass": robot.tip_mass or None, "base_stiffness": robot.base_stiffness}
+    )
     lines += ["", "[backbone]", *_lines(_table(robot.backbone)), "", "[disks]", *_lines(disks)]
     for spring in robot.springs:
         lines += ["", "[[springs]]", *_lines(_table(spring))]

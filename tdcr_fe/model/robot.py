@@ -371,6 +371,8 @@ class Robot:
         Point mass at the tip besides the disk [kg].
     springs : tuple of SideSpring
         From the backbone to ground.
+    base_stiffness : float or None
+        Rotational stiffness with which the base plate holds the backbone, about x and y [N m/rad]; None is rigid.
 
     Raises
     ------
@@ -384,6 +386,10 @@ class Robot:
     name: Annotated[str, Quantity("of the robot", name=True)] = "robot"
     tip_mass: Annotated[float, Quantity("point mass at the tip besides the disk", unit="kg", ge=0.0)] = 0.0
     springs: Annotated[tuple[SideSpring, ...], Quantity("springs from the backbone to ground")] = ()
+    base_stiffness: Annotated[
+        float | None,
+        Quantity("with which the base plate holds the backbone, about x and y", unit="N m/rad", gt=0.0),
+    ] = None
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -47,6 +47,11 @@ def elements_of_bays(robot: Robot, model: Model) -> tuple[int, ...]:
     return counts
 
 
+def hinge_length(length: float) -> float:
+    """Length of the element that stands for a base that gives way, on a backbone of a length [m]."""
+    return max(1e-5 * length, 5e-6)
+
+
 def build_mesh(
     robot: Robot, model: Model, extra: Iterable[float] = ()
 ) -> tuple[BackboneMesh, NDArray[np.bool_]]:
@@ -70,6 +75,8 @@ def build_mesh(
     edges += [spring.at for spring in robot.springs]
     counts = elements_of_bays(robot, model)
     arc, rigid = subdivide(b.length, d.positions, counts, d.thickness, [*extra, *edges])
+    if robot.base_stiffness is not None:
+        arc, rigid = np.insert(arc, 1, hinge_length(b.length)), np.insert(rigid, 0, False)
     middle = 0.5 * (arc[1:] + arc[:-1])
     bending, torsion = b.stiffness_factors(middle)
     one = np.ones_like(middle)
@@ -77,6 +84,9 @@ def build_mesh(
         (b.EA * one, b.GA * one, b.GA * one, b.GJ * torsion, b.EI * bending, b.EI * bending), axis=1
     )
     stiffness[rigid] *= INSERT_FACTORS
+    if robot.base_stiffness is not None:
+        # A very short element of this rotational stiffness; as a rigid insert, it does not creep and has no error.
+        stiffness[0, 4:], rigid[0] = robot.base_stiffness * arc[1], True
     add_residual_flexibility(stiffness, np.diff(arc))
     rotary = b.density * b.second_moment * np.array([2.0, 1.0, 1.0])
     unloaded = np.column_stack((b.unloaded_curvature(middle), np.zeros_like(middle)))

@@ -189,7 +189,7 @@ def _named(experiment: Experiment, name: str) -> Parameter:
             return _field(name, ("robot", "backbone", rest[0]), value, value)
         if root == "disks" and len(rest) == 2 and rest[0] == "positions":
             return _disk_position(robot, name, int(rest[1]))
-        if root in ("backbone", "disks", "tip_mass", "springs"):
+        if root in ("backbone", "disks", "tip_mass", "springs", "base_stiffness"):
             return _number(experiment, name, ("robot", *tokens))
         if root in ("model", "steps") and rest:
             return _number(experiment, name, tuple(tokens))

@@ -79,6 +79,7 @@ class RobotModel:
             and similar.robot.backbone is robot.backbone
             and similar.robot.disks is robot.disks
             and [x.at for x in similar.robot.springs] == [x.at for x in robot.springs]
+            and similar.robot.base_stiffness == robot.base_stiffness
             and similar.model.elements_per_bay == model.elements_per_bay
         )
         if similar is not None and same_backbone:

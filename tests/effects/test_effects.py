@@ -64,6 +64,8 @@ def test_the_list_has_every_effect_of_the_formats_page():
         "marker_offset": {"offset_x", "offset_y"},
         "tendon_stretch": {"axial_stiffness"},
         "pretension": {"tension"},
+        "base_compliance": {"stiffness"},
+        "time_lag": {"lag"},
         "soft_bay": {"s", "factor"},
         "kink": {"s", "kappa_x", "kappa_y"},
         "side_spring": {"s", "stiffness"},

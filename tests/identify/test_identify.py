@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import identify_data
 import numpy as np
 import pytest
 from identify_data import LENGTH, MODEL, ROBOT, measured
@@ -156,6 +157,37 @@ def test_a_soft_bay_is_found_with_place_and_size():
     assert found.name == "soft_bay" and found.parameters["s"].value == pytest.approx(0.075)
     factor = found.parameters["factor"]
     assert abs(factor.value - 0.5) < 4.0 * factor.std_error < 0.1
+
+
+@pytest.mark.slow
+def test_a_base_that_gives_way_and_a_time_lag_are_found(monkeypatch):
+    (base,) = identify(measured({"base_compliance": {"stiffness": 0.08}})).effects
+    assert base.name == "base_compliance"
+    stiffness = base.parameters["stiffness"]
+    assert abs(stiffness.value - 0.08) < 4.0 * stiffness.std_error < 0.01
+    timed = tuple(replace(s, time=float(k)) for k, s in enumerate(identify_data.sequence(), 1))
+    monkeypatch.setattr(identify_data, "sequence", lambda: timed)
+    (lag,) = identify(measured({"time_lag": {"lag": 0.2}})).effects
+    assert lag.name == "time_lag"
+    assert abs(lag.parameters["lag"].value - 0.2) < 4.0 * lag.parameters["lag"].std_error < 0.02
+
+
+@pytest.mark.slow
+def test_pretension_of_each_tendon_is_found(monkeypatch):
+    """Elastic tendons driven by displacement, let out as well as pulled in."""
+    values = [(0, 0), (1, -1), (2, -2), (3, -3), (2, -2), (1, -1), (0, 0), (-1, 1), (-2, 2), (-1, 3)]
+    values += [(-0.5, 2), (0, 1), (1, 1), (1, 0), (2, 0), (2, -1)]
+    steps = tuple(LoadStep(displacements={"t1": 1e-3 * a, "t2": 1e-3 * b}) for a, b in values)
+    monkeypatch.setattr(identify_data, "sequence", lambda: steps)
+    truth = {"tension_t1": 0.9, "tension_t2": 0.4}
+    elastic, model = ROBOT.with_tendons(axial_stiffness=500.0), Model(friction="none", elements_per_bay=2)
+    result = identify(measured({"pretension": truth}, robot=elastic, model=model))
+    assert result.verdict == "explained"
+    (found,) = result.effects
+    assert found.name == "pretension" and set(found.parameters) == set(truth)
+    for name, value in truth.items():
+        p = found.parameters[name]
+        assert abs(p.value - value) < 4.0 * p.std_error < 0.05
 
 
 @pytest.mark.slow

@@ -87,6 +87,7 @@ EXPERIMENTS = {
                 patches=(StiffnessPatch(0.1, 0.15, 0.5, 1.0, (1.0, -2.0)),)
             ),
             springs=(SideSpring(0.15, 1.5),),
+            base_stiffness=0.3,
         ),
         Model(elements_per_bay=1),
         by_tension(),
@@ -130,6 +131,7 @@ FAST = [
     ("pretension", "tendons.pretension"),
     ("pretension", "effects.pretension.tension_t2"),
     ("places", "springs[0].stiffness"),
+    ("places", "base_stiffness"),
     ("places", "backbone.patches[0].precurvature[1]"),
     ("places", "tendons.t1.tight_holes[0].drop"),
     ("continuous, pretension", "tendons.t3.pretension"),

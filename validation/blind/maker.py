@@ -162,7 +162,7 @@ def _draw_declared(recipe: Recipe, rng: np.random.Generator) -> tuple[Experiment
         largest = {d: min(largest_commands(robot, d, 1.0).values()) for d in DRIVES}
         stiffness = 5.0 * robot.backbone.length * largest["tension"] / largest["displacement"]
         robot = robot.with_tendons(axial_stiffness=float(f"{stiffness:.3g}"))
-    timed = "creep" in recipe.effects or rng.random() < 0.2
+    timed = bool({"creep", "time_lag"} & set(recipe.effects)) or rng.random() < 0.2
     steps, branches = draw_loading(robot, recipe.drive, timed, rng)
     model = Model(gravity=_draw_gravity(recipe, rng), elements_per_bay=2)
     return Experiment(robot, model, steps), branches

@@ -27,7 +27,7 @@ BY_TENSION = ("actuator_loss", "friction_coefficient", "hole_adhesion", "stuck_h
 BY_DISPLACEMENT = ("actuator_backlash", "tendon_stretch", "pretension")
 
 #: Effects that `plan` leaves out, so that its sets stay those of version 0.1; `plan_of` has them.
-LATER = ("pretension", "soft_bay", "kink", "side_spring", "stuck_hole")
+LATER = ("time_lag", "base_compliance", "pretension", "soft_bay", "kink", "side_spring", "stuck_hole")
 
 #: Pairs that occur together in real robots.
 PAIRS = (

@@ -138,6 +138,12 @@ DRAW: dict[str, Callable[[_Sizes, np.random.Generator], dict[str, float]]] = {
         * sizes.length
         / (float(rng.uniform(0.05, 0.25)) * sizes.displacement),
     },
+    "base_compliance": lambda sizes, rng: {
+        "stiffness": sizes.bending_stiffness / (float(rng.uniform(0.05, 0.2)) * sizes.length),
+    },
+    "time_lag": lambda sizes, rng: {
+        "lag": float(rng.uniform(2.0, 8.0)),
+    },
     "pretension": lambda sizes, rng: {
         "tension": float(rng.uniform(0.1, 0.6)) * sizes.tension,
     },

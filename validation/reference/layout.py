@@ -83,6 +83,8 @@ def lay_out(robot: Robot, load_points: Iterable[float], max_interval: float) -> 
     half = disks.thickness / 2.0
     inserts = [(max(0.0, d - half), min(length, d + half)) for d in disks.positions] if half > 0.0 else []
     edges = [e for insert in inserts for e in insert]
+    hinge = max(1e-5 * length, 5e-6)
+    edges += [hinge] if robot.base_stiffness is not None else []
     edges += [min(max(e, 0.0), length) for p in backbone.patches for e in (p.start, p.end)]
     cuts = np.array(sorted(_merge([*reported, *edges])))
     pieces = np.maximum(1, np.ceil(np.diff(cuts) / (max_interval * length) - 1e-9).astype(int))
@@ -97,4 +99,8 @@ def lay_out(robot: Robot, load_points: Iterable[float], max_interval: float) -> 
     for d in disks.positions:
         mass[int(np.argmin(np.abs(s - d)))] += disks.mass
     mass[-1] += robot.tip_mass
-    return Layout(s, nodes, Section.of(backbone, middles, rigid), mass, backbone.mass_per_length)
+    section = Section.of(backbone, middles, rigid)
+    if robot.base_stiffness is not None:
+        # A very short interval of this rotational stiffness.
+        section.stiffness[0, :2] = robot.base_stiffness * hinge
+    return Layout(s, nodes, section, mass, backbone.mass_per_length)

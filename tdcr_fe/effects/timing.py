@@ -1,0 +1,102 @@
+"""Effects of time between command and reading."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tdcr_fe.effects.actuation import loads_between
+from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Parameter, Values
+from tdcr_fe.model.loading import Actuation, LoadStep, resolve
+
+
+class TimeLag(Effect):
+    """Readings belong to a time earlier than that of the commands they stand beside."""
+
+    name = "time_lag"
+    description = (
+        "Commands and readings are not taken at the same instant: a camera that delivers late, a filter, a bus. "
+        "What is read while the robot moves belongs to an earlier command."
+    )
+    separating_experiment = "repeat a movement at half the speed, or let the robot rest before each reading"
+    parameters = (
+        Parameter("lag", "s", 0.0, 3600.0, 0.0, 0.02, "time by which a reading is older than its command"),
+    )
+
+    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
+        """Up to four times the median time between steps."""
+        pauses = np.diff([s.time for s in experiment.steps if s.time is not None])
+        return {
+            "lag": (0.0, 4.0 * float(np.median(pauses)) if pauses.size and np.any(pauses > 0.0) else 1e-3)
+        }
+
+    def probe_points(
+        self, experiment: Experiment, excitation: ExcitationRange
+    ) -> list[list[dict[str, float]]]:
+        """A tenth and a half of the median time between steps; nothing on data without times."""
+        if not experiment.steps or any(s.time is None for s in experiment.steps):
+            return []
+        longest = self.bounds(experiment)["lag"][1]
+        return [[{"lag": share * longest}] for share in (0.025, 0.125)] if excitation.duration > 0.0 else []
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`. Between two steps, inputs and loads change linearly with time.
+
+        Every step ends where its reading belongs to, and is divided where the commands have a kink before that.
+        Before the time of the first step, the robot is as at its end.
+        """
+        lag = values["lag"]
+        if lag == 0.0 or not experiment.steps:
+            return experiment
+        times = [s.time for s in experiment.steps]
+        if any(t is None for t in times):
+            raise ValueError("time_lag needs a time in every step")
+        at = np.array(times, dtype=float)
+        actions = resolve(experiment.robot, experiment.steps)
+        steps: list[LoadStep] = [experiment.steps[0]]
+        ends: list[tuple[int, float]] = []
+        begin, j = at[0], 0
+        whole = [k for k, (_, factor) in enumerate(experiment.step_ends) if factor == 1.0]
+        for k in whole:
+            commanded = experiment.step_ends[k][0]
+            end = max(at[k] - lag, at[0])
+            if not ends:
+                ends.append((commanded, 1.0))
+                continue
+            while j + 1 < len(at) and at[j + 1] < end:
+                j += 1
+                if at[j] > begin:
+                    steps.append(experiment.steps[j])
+                    ends.append((commanded, float((at[j] - begin) / (end - begin))))
+            steps.append(
+                _between(experiment.robot.tendon_names, experiment.steps, actions, at, j, float(end))
+            )
+            ends.append((commanded, 1.0))
+            begin = end
+        return replace(experiment, steps=tuple(steps), ends=tuple(ends))
+
+
+def _between(
+    names: tuple[str, ...],
+    steps: tuple[LoadStep, ...],
+    actions: list[Actuation],
+    at: np.ndarray,
+    j: int,
+    time: float,
+) -> LoadStep:
+    """The step that ends at a time [s] on the way from the end of step ``j`` to that of the next."""
+    if time <= at[j] or j + 1 == len(at):
+        return replace(steps[j], time=time)
+    before, after, step = actions[j], actions[j + 1], steps[j + 1]
+    if np.any(before.by_displacement != after.by_displacement):
+        raise ValueError("time_lag: a tendon changes between tension and displacement")
+    factor = float((time - at[j]) / (at[j + 1] - at[j]))
+    values = dict(zip(names, ((1.0 - factor) * before.values + factor * after.values).tolist(), strict=True))
+    return replace(
+        step,
+        time=time,
+        tensions={n: values[n] for n in step.tensions},
+        displacements={n: values[n] for n in step.displacements},
+        loads=loads_between(before.loads, step.loads, factor),
+    )
