@@ -116,6 +116,11 @@ class HistoryNodes:
             "mobilisation": slice(holes.start, holes.start + min(count, max(segments - 1, 1))),
         }
 
+    def coordinate_numbers(self) -> list[int]:
+        """Numbers of all its data coordinates; needs an assembled system."""
+        data = self._system.mbs.systemData
+        return [int(i) for node in self.nodes for i in data.GetNodeLTGData(node)]
+
     def forget_coordinates(self) -> None:
         """Read the numbers of the data coordinates from Exudyn again, after another `Assemble`."""
         self._first = None

@@ -115,6 +115,8 @@ class NewtonStatus(Enum):
     STALLED = "converged: the steps have become so small that the rest of the residual is round-off"
     NO_BALANCE = "the forces do not balance"
     NO_FRICTION_STATE = "the stick-slip iteration did not converge"
+    NO_CONTACT_STATE = "contact goes on opening and closing"
+    CONTACT_PASSED = "nodes move by more than half the size of a contact, which they might jump over"
     SINGULAR = "the tangent is singular: something in the scene moves freely"
     NOT_FINITE = "the residual is not a number"
 

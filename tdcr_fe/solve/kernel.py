@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.solve.contact import ContactStates
 
 Array = NDArray[np.float64]
 
@@ -23,13 +24,17 @@ class StaticKernel:
     hooks
         Of the system.
 
+    Attributes
+    ----------
+    contact : ContactStates
+
     Raises
     ------
     RuntimeError
         Exudyn cannot initialise its solver.
     ValueError
-        The scene has states that quasi-static steps do not solve: first-order states, or the data coordinates of
-        contact items.
+        The scene has states that quasi-static steps do not solve: first-order states, or states with a history other
+        than those of the robots.
     """
 
     def __init__(self, mbs: exu.MainSystem, hooks: SceneHooks) -> None:
@@ -39,17 +44,13 @@ class StaticKernel:
         settings.staticSolver.verboseMode = 0
         self._mbs = mbs
         self._settings = settings
-        self._kernel = _initialised(mbs, hooks, settings)
+        own = [i for robot in hooks.actuations for i in robot.history_nodes.coordinate_numbers()]
+        self.contact = ContactStates(mbs, own)
+        self._kernel = _initialised(mbs, hooks, settings, self.contact)
         if self._kernel.GetODE1size():
             raise ValueError(
                 "the scene has first-order (ODE1) states, which the quasi-static solver does not solve; "
                 "use mbs.SolveDynamic, or leave these items out"
-            )
-        if mbs.systemData.DataSize() > sum(robot.history_nodes.size for robot in hooks.actuations):
-            raise ValueError(
-                "the scene has data coordinates, as of contact items, which the quasi-static solver does not update; "
-                "use mbs.SolveStatic or mbs.SolveDynamic, or describe the contact by a connector whose force is a "
-                "function of the user"
             )
 
     def residual(self) -> Array:
@@ -75,7 +76,9 @@ class StaticKernel:
         return found
 
 
-def _initialised(mbs: exu.MainSystem, hooks: SceneHooks, settings: exu.SimulationSettings) -> Any:
+def _initialised(
+    mbs: exu.MainSystem, hooks: SceneHooks, settings: exu.SimulationSettings, contact: ContactStates
+) -> Any:
     """Exudyn's static solver, ready to evaluate residual and Jacobian; the scene stays as it is."""
     kernel, data = exu.MainSolverStatic(), mbs.systemData
     start = np.array(data.GetODE2Coordinates())
@@ -86,6 +89,7 @@ def _initialised(mbs: exu.MainSystem, hooks: SceneHooks, settings: exu.Simulatio
     exu.config.suppressWarnings = True
     try:
         with hooks.without_post_step():
+            contact.initialise()
             ready = kernel.InitializeSolver(mbs, settings)
     finally:
         exu.config.suppressWarnings = warned

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import NamedTuple
 
@@ -39,6 +39,8 @@ NEAR_TURN = 0.01
 NEAR_RESIDUAL = 0.01
 #: A damped step turns no section by more than this; below a fifth of it the damping is reduced [rad].
 DAMPED_TURN = 0.5
+#: How often contact that opens or closes is updated in one solve.
+MOST_CONTACT_UPDATES = 20
 #: Largest damping, over the elastic force times the length: nothing moves any more [1].
 MOST_DAMPING = 1e9
 
@@ -174,7 +176,42 @@ def newton(
     # Iterates far off may overflow; the residual is then not a number, which ends the solve by name.
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         near = None if damped else _usable(linearization, system, residual, numbering)
-        return _iterate(system, numbering, residual, settings, presliding, damped, near)
+        result = _iterate(system, numbering, residual, settings, presliding, damped, near)
+        if system.has_contact:
+            return _with_contact(system, trial, result, numbering, settings, presliding, damped)
+        return result
+
+
+def _with_contact(
+    system: SceneSystem,
+    start: SolverState,
+    result: NewtonResult,
+    numbering: Numbering,
+    settings: SolverSettings,
+    presliding: float,
+    damped: bool,
+) -> NewtonResult:
+    """Solve again where contact opens or closes in a solution, until it has the contact with which it was found."""
+    for _ in range(MOST_CONTACT_UPDATES):
+        if not result.converged:
+            return result
+        found = result.state
+        again = start._replace(
+            configuration=found.configuration,
+            base_tension=found.base_tension,
+            mobilisation=found.mobilisation,
+        )
+        residual = system.residual(again, result.target, numbering)
+        if residual.size <= max(settings.tolerance, 2.0 * result.residual):
+            return result
+        later = _iterate(system, numbering, residual, settings, presliding, damped, None)
+        result = replace(
+            later,
+            residuals=result.residuals + later.residuals,
+            iterations=result.iterations + later.iterations,
+            predicted_slips=None,
+        )
+    return replace(result, status=NewtonStatus.NO_CONTACT_STATE) if result.converged else result
 
 
 def _usable(
@@ -256,7 +293,7 @@ def _iterate(
             predicted = step.slips
         last = stalled(residual.size, step.change, system.layout.scales, settings)
         trial, turn = _advance(system, residual.state, step, numbering, settings.max_turn)
-        residual = system.residual(trial, residual.target, numbering, len(residuals))
+        residual = system.residual(trial, residual.target, numbering, len(residuals), hold_contact=True)
         iterate = _iterate_of(system, residual, step, presliding)
         if last and first_unmet(iterate, settings, balance=False) is None:
             residuals.append(residual.size)

@@ -327,10 +327,32 @@ class LoadStepper:
         return self._equal_substeps(state, substeps)
 
     def _newton(
-        self, state: SolverState, load_factor: float, linearization: Linearization | None
+        self,
+        state: SolverState,
+        load_factor: float,
+        linearization: Linearization | None,
+        start: SolverState,
     ) -> NewtonResult:
+        """Solve at a load factor, from a guess, a substep that begins in the state `start`."""
         target = self.ramp.apply(self.system, load_factor)
-        return newton(self.system, state, target, self.settings, linearization=linearization)
+        result = newton(self.system, state, target, self.settings, linearization=linearization)
+        return self._unless_contact_passed(result, start)
+
+    def _unless_contact_passed(self, result: NewtonResult, start: SolverState) -> NewtonResult:
+        """A solve, not converged where a node may have jumped over a contact since the beginning of its substep."""
+        if not (self.system.has_contact and result.converged):
+            return result
+        moved = result.state.configuration.positions - start.configuration.positions
+        if float(np.linalg.norm(moved, axis=1).max()) <= self.system.contact_room(start):
+            return result
+        return replace(result, status=NewtonStatus.CONTACT_PASSED, unmet=None)
+
+    def _may_be_halved(self, length: float, status: NewtonStatus) -> bool:
+        """Whether a substep of this length that did not converge is divided."""
+        passed = status is NewtonStatus.CONTACT_PASSED
+        return length > (
+            min(SMALLEST_PART, self.settings.min_substep) if passed else self.settings.min_substep
+        )
 
     def _equal_substeps(self, state: SolverState, count: int) -> Path:
         path = Path(state, linearization=self.linearization)
@@ -349,10 +371,10 @@ class LoadStepper:
     def _substep(self, before: Path, start: float, end: float) -> Path:
         """One substep after a path, halved only where it does not converge."""
         state = before.state
-        result = self._newton(state, end, before.linearization)
+        result = self._newton(state, end, before.linearization, state)
         if result.converged:
             return _accepted(result, end)
-        if end - start <= self.settings.min_substep:
+        if not self._may_be_halved(end - start, result.status):
             solved = self._rescue(state, start, end, result)
         else:
             middle = 0.5 * (start + end)
@@ -365,7 +387,7 @@ class LoadStepper:
         for point in reference:
             end = point.load_factor
             guess = self.system.warm_start(path.state, point.state)
-            result = self._newton(guess, end, path.linearization)
+            result = self._newton(guess, end, path.linearization, path.state)
             if result.converged:
                 path = path.then(_accepted(result, end))
             else:
@@ -408,11 +430,11 @@ class LoadStepper:
             guess, line = now.path.state, now.path.linearization
             if near is not None:
                 guess, line = _with_history_of(near.state, guess), near.linearization
-            result = self._newton(guess, goal, line)
+            result = self._newton(guess, goal, line, now.path.state)
             if not result.converged:
                 if near is not None:
                     goals[-1] = _Goal(goal)
-                elif goal - now.load_factor > self.settings.min_substep:
+                elif self._may_be_halved(goal - now.load_factor, result.status):
                     goals.append(_Goal(0.5 * (now.load_factor + goal)))
                 else:
                     now = _Progress(self._rescued(now, goal, result), goal, now.error)
@@ -581,6 +603,7 @@ class LoadStepper:
                 damped=True,
                 presliding=factor * self.settings.presliding,
             )
+            result = self._unless_contact_passed(result, state)
             if result.converged:
                 return replace(
                     _accepted(result, end),
@@ -617,6 +640,10 @@ def _advice(status: NewtonStatus) -> str:
     """What to try where a step fails."""
     if status is NewtonStatus.SINGULAR:
         return "Fix or support what moves freely."
+    if status is NewtonStatus.CONTACT_PASSED:
+        return "No equilibrium in contact was found near the last one; try smaller load steps."
+    if status is NewtonStatus.NO_CONTACT_STATE:
+        return "Try smaller load steps, or a smaller contact stiffness."
     if status is NewtonStatus.NO_FRICTION_STATE:
         return (
             "Try smaller load steps, or a larger presliding distance: presliding = 1e-5 in the [solver] table "

@@ -59,7 +59,7 @@ class SceneSystem:
     ------
     ValueError
         The system is not assembled, has no robot, or has states that this solver does not solve: first-order
-        states, or the data coordinates of contact items.
+        states, or states with a history other than those of the robots.
     """
 
     def __init__(self, mbs: exu.MainSystem) -> None:
@@ -132,6 +132,7 @@ class SceneSystem:
         for item, load in zip(self.hooks.point_loads, state.loads, strict=True):
             item.applied = load
         self.layout.space.write(state.configuration, initial=True)
+        self._kernel.contact.keep()
 
     def connect(self) -> None:
         """Let Exudyn's items apply the forces of the stored state again, for Exudyn's own solvers and for drawing."""
@@ -158,7 +159,12 @@ class SceneSystem:
         return tuple(found)
 
     def residual(
-        self, state: SolverState, target: Target, numbering: Numbering, iteration: int = 0
+        self,
+        state: SolverState,
+        target: Target,
+        numbering: Numbering,
+        iteration: int = 0,
+        hold_contact: bool = False,
     ) -> Residual:
         """Residual of a state under a target.
 
@@ -172,9 +178,13 @@ class SceneSystem:
             Of the unknowns.
         iteration
             Number of the iteration, passed to the user's ``PreNewtonResidual`` function.
+        hold_contact
+            Whether contact goes on acting where it did in the residual before, in place of where the state has it.
         """
         layout = self.layout
         layout.space.write(state.configuration)
+        if not hold_contact:
+            self._kernel.contact.follow()
         if self._user_residual is not None:
             self._user_residual(self.mbs, target.time, iteration, 0)
         forces = self.forces(state, target.time)
@@ -194,6 +204,19 @@ class SceneSystem:
                 own, displacement = forces[part.robot], target.inputs[part.robot]
                 size = max(size, layout.scales.displacement_error(own, displacement, part.driven))
         return Residual(state, target, forces, unbalanced, tuple(on_bases), raw, size)
+
+    @property
+    def has_contact(self) -> bool:
+        """Whether the scene has items of contact."""
+        return self._kernel.contact.present
+
+    def contact_room(self, state: SolverState) -> float:
+        """By how much a node may move from a state without jumping over a contact [m]."""
+        if not self.has_contact:
+            return float("inf")
+        self.layout.space.write(state.configuration)
+        self._kernel.contact.follow()
+        return self._kernel.contact.room()
 
     def scene_tangent(self, residual: Residual) -> SceneTangent:
         """Exudyn's Jacobian: everything but the forces of the tendons and inside the sections.

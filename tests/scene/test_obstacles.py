@@ -91,9 +91,13 @@ def test_connectors_with_a_force_function_agree_with_contact_items_in_the_static
     assert TOUCH - 1e-3 < closest(handle) < TOUCH
 
 
-def test_contact_items_are_refused_by_the_quasi_static_solver():
-    """It does not update their state, so that they never act: e3bbe5d solves this scene without an error."""
-    _keep, mbs, handle = with_obstacle(with_contact_items)
-    handle.set_tensions({"t1": 0.1})
-    with pytest.raises(ValueError, match="data coordinates"):
-        mbs.SolveTDCR()
+def test_contact_items_act_in_the_quasi_static_solver_as_connectors_do():
+    """The same sphere; e3bbe5d solved the scene as if it were not there."""
+    shapes = []
+    for add in (with_connectors, with_contact_items):
+        _keep, mbs, handle = with_obstacle(add)
+        for t in np.linspace(0.1, 2.0, 20):
+            handle.set_tensions({"t1": float(t)})
+            mbs.SolveTDCR()
+        shapes.append(handle.shape()[0])
+    assert distance(*shapes) < 1e-6

@@ -1,0 +1,164 @@
+"""Contact items of Exudyn on robots of the tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import exudyn as exu
+import exudyn.itemInterface as eii
+import numpy as np
+
+from tdcr_fe.scene import TDCR
+
+STIFFNESS, SPHERE, DISK = 2000.0, 0.03, 0.005
+CENTRE = (0.06, 0.0, 0.15)
+#: Position of the wall and of the stop along x [m].
+WALL, STOP = 0.06, 0.07
+
+
+def centre_marker(mbs: exu.MainSystem, at: Any = CENTRE) -> Any:
+    """A marker on ground."""
+    ground = mbs.AddObject(eii.ObjectGround())
+    return mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=ground, localPosition=list(at)))
+
+
+def node_markers(handle: TDCR) -> list[Any]:
+    """Markers on all nodes but the base."""
+    return [handle.marker_at(float(s)) for s in handle.arc_lengths[1:]]
+
+
+def spheres(mbs: exu.MainSystem, handle: TDCR) -> None:
+    """A fixed sphere against one on every node, as `CreateSphereSphereContact` makes them."""
+    centre = centre_marker(mbs)
+    for node in node_markers(handle):
+        data = mbs.AddNode(
+            eii.NodeGenericData(initialCoordinates=[0.1, 0.0, 0.0, 0.0], numberOfDataCoordinates=4)
+        )
+        mbs.AddObject(
+            eii.ObjectContactSphereSphere(
+                markerNumbers=[centre, node],
+                nodeNumber=data,
+                spheresRadii=[SPHERE, DISK],
+                contactStiffness=STIFFNESS,
+                contactStiffnessExponent=1.0,
+                contactDamping=0.0,
+                dynamicFriction=0.0,
+            )
+        )
+
+
+def disks_and_sphere(mbs: exu.MainSystem, handle: TDCR) -> None:
+    """The same by `mbs.CreateSphereSphereContact` on the bodies of the disks."""
+    ground = mbs.CreateGround(referencePosition=list(CENTRE))
+    for disk in handle.bDisks:
+        mbs.CreateSphereSphereContact(
+            itemNumbers=[ground, disk],
+            spheresRadii=[SPHERE, DISK],
+            contactStiffness=STIFFNESS,
+            dataInitialCoordinates=[0.1, 0.0, 0.0, 0.0],
+        )
+
+
+def wall(mbs: exu.MainSystem, handle: TDCR, stiffness: float = STIFFNESS) -> None:
+    """A thin wall across x, by `mbs.CreateSphereQuadContact`."""
+    ground = mbs.CreateGround()
+    corners = [[WALL, -0.2, 0.0], [WALL, -0.2, 0.4], [WALL, 0.2, 0.4], [WALL, 0.2, 0.0]]
+    for disk in handle.bDisks[-6:]:
+        mbs.CreateSphereQuadContact(
+            itemNumbers=[disk, ground],
+            sphereRadius=DISK,
+            quadPoints=corners,
+            contactStiffness=stiffness,
+            dataInitialCoordinates=[0.1, 0.0, 0.0, 0.0],
+        )
+
+
+def soft_wall(mbs: exu.MainSystem, handle: TDCR) -> None:
+    """The wall with half the stiffness: that of a sphere and a triangle in series."""
+    wall(mbs, handle, 0.5 * STIFFNESS)
+
+
+def _general(mbs: exu.MainSystem) -> Any:
+    contact = mbs.AddGeneralContact()
+    contact.SetFrictionPairings(np.zeros((1, 1)))
+    contact.SetSearchTreeCellSize([4, 4, 4])
+    contact.SetSearchTreeBox([-0.5, -0.5, -0.5], [0.5, 0.5, 0.5])
+    return contact
+
+
+def _add_sphere(contact: Any, marker: Any, radius: float) -> None:
+    contact.AddSphereWithMarker(
+        marker, radius=radius, contactStiffness=STIFFNESS, contactDamping=0.0, frictionMaterialIndex=0
+    )
+
+
+def general_spheres(mbs: exu.MainSystem, handle: TDCR) -> None:
+    """A fixed sphere and spheres on the nodes in a GeneralContact."""
+    contact = _general(mbs)
+    _add_sphere(contact, centre_marker(mbs), SPHERE)
+    for node in node_markers(handle):
+        _add_sphere(contact, node, DISK)
+
+
+def general_triangles(mbs: exu.MainSystem, handle: TDCR) -> None:
+    """A wall of two triangles and spheres on the nodes in a GeneralContact."""
+    contact = _general(mbs)
+    points = [[WALL, -0.2, 0.0], [WALL, -0.2, 0.4], [WALL, 0.2, 0.4], [WALL, 0.2, 0.0]]
+    contact.AddTrianglesRigidBodyBased(
+        rigidBodyMarkerIndex=centre_marker(mbs, (0.0, 0.0, 0.0)),
+        contactStiffness=STIFFNESS,
+        contactDamping=0.0,
+        frictionMaterialIndex=0,
+        pointList=points,
+        triangleList=[[0, 1, 2], [0, 2, 3]],
+    )
+    for node in node_markers(handle)[-6:]:
+        _add_sphere(contact, node, DISK)
+
+
+def _tip_and_ground(mbs: exu.MainSystem, handle: TDCR) -> list[Any]:
+    tip = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=handle.nNodes[-1], coordinate=0))
+    ground = mbs.AddNode(eii.NodePointGround())
+    return [tip, mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=ground, coordinate=0))]
+
+
+def coordinate_contact(mbs: exu.MainSystem, handle: TDCR) -> None:
+    """A stop for the x coordinate of the tip, by ObjectContactCoordinate."""
+    data = mbs.AddNode(eii.NodeGenericData(initialCoordinates=[STOP], numberOfDataCoordinates=1))
+    mbs.AddObject(
+        eii.ObjectContactCoordinate(
+            markerNumbers=_tip_and_ground(mbs, handle),
+            nodeNumber=data,
+            contactStiffness=STIFFNESS,
+            contactDamping=0.0,
+            offset=-STOP,
+        )
+    )
+
+
+def limit_stops(mbs: exu.MainSystem, handle: TDCR, **friction: float) -> None:
+    """The same by the limit stops of a CoordinateSpringDamperExt."""
+    data = mbs.AddNode(eii.NodeGenericData(initialCoordinates=[0.0] * 3, numberOfDataCoordinates=3))
+    mbs.AddObject(
+        eii.CoordinateSpringDamperExt(
+            markerNumbers=_tip_and_ground(mbs, handle)[::-1],
+            nodeNumber=data,
+            useLimitStops=True,
+            limitStopsUpper=STOP,
+            limitStopsLower=-STOP,
+            limitStopsStiffness=STIFFNESS,
+            **friction,
+        )
+    )
+
+
+#: All of them by name.
+CONTACTS = {
+    "spheres": spheres,
+    "CreateSphereSphereContact": disks_and_sphere,
+    "CreateSphereQuadContact": wall,
+    "GeneralContact, spheres": general_spheres,
+    "GeneralContact, triangles": general_triangles,
+    "ObjectContactCoordinate": coordinate_contact,
+    "limit stops": limit_stops,
+}

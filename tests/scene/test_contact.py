@@ -1,0 +1,180 @@
+"""Contact items of Exudyn in `SolveTDCR`, against Exudyn's own static solver; what is not solved is refused by name."""
+
+from __future__ import annotations
+
+import exudyn as exu
+import exudyn.itemInterface as eii
+import numpy as np
+import pytest
+from contacts import (
+    CONTACTS,
+    DISK,
+    SPHERE,
+    STIFFNESS,
+    WALL,
+    general_spheres,
+    limit_stops,
+    soft_wall,
+    spheres,
+    wall,
+)
+from native_solvers import dynamic_settings, static_settings
+from robots import LENGTH, distance, scene, three
+
+from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.model.loading import Model
+from tdcr_fe.native import register
+from tdcr_fe.scene.builder import CreateTDCR
+from tdcr_fe.solve.stepping import StepFailed
+
+register()
+
+
+def with_contact(add, mu=0.0, **rest):
+    keep, mbs, handle = scene(three(mu), assemble=False)
+    add(mbs, handle, **rest)
+    mbs.Assemble()
+    return keep, mbs, handle
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+@pytest.mark.parametrize("kind", CONTACTS)
+def test_every_contact_gives_the_shape_of_the_static_solver_of_exudyn(kind, mu):
+    """A pull to 2 N in ten steps, in contact from about the fourth on.
+
+    Version 0.1 ran no discontinuous iteration: the robot went through the obstacle, disks 10.7 mm inside a sphere, and
+    the step counted as solved with a residual of 1e-8. The static solver of Exudyn fails with triangles of a
+    GeneralContact; there the reference is the same wall as objects of their own.
+    """
+    _keep, mbs, handle = with_contact(CONTACTS[kind], mu)
+    for tension in np.linspace(0.2, 2.0, 10):
+        handle.set_tensions({"t1": float(tension)})
+        report = mbs.SolveTDCR()
+        assert report["iterations"] <= 30
+        assert report["residual"] < 1e-6
+    reference = soft_wall if kind == "GeneralContact, triangles" else CONTACTS[kind]
+    _keep_other, other, compared = with_contact(reference, mu)
+    compared.set_inputs_over_time(lambda t: [2.0 * t, 0.0, 0.0])
+    assert other.SolveStatic(static_settings(80))
+    assert distance(handle.shape()[0], compared.shape()[0]) < (1e-3 if mu else 1e-4)
+    _keep_free, free_mbs, free = scene(three(mu))
+    free.set_tensions({"t1": 2.0})
+    free_mbs.SolveTDCR()
+    assert distance(handle.shape()[0], free.shape()[0]) > 0.05
+
+
+@pytest.mark.parametrize("substeps", [None, 3])
+def test_a_thin_wall_is_not_jumped_over_in_one_large_step(substeps):
+    """In one step to 2 N, the tip moves by 100 mm without the wall; disks have a radius of 5 mm."""
+    _keep, mbs, handle = with_contact(wall)
+    handle.set_tensions({"t1": 2.0})
+    mbs.SolveTDCR(substeps=substeps)
+    assert handle.tip_position[0] < WALL
+    assert handle.tip_position[0] > WALL - DISK - 1e-3
+
+
+def test_contact_opens_again_and_leaves_nothing_behind():
+    _keep, mbs, handle = with_contact(spheres)
+    for tension in (0.4, 2.0, 0.4):
+        handle.set_tensions({"t1": tension})
+        mbs.SolveTDCR()
+    _keep_free, free_mbs, free = scene(three(0.0))
+    free.set_tensions({"t1": 0.4})
+    free_mbs.SolveTDCR()
+    assert distance(handle.shape()[0], free.shape()[0]) < 1e-9
+
+
+def test_dynamics_begin_at_rest_in_contact():
+    """The states of the contact are handed over with the configuration."""
+    _keep, mbs, handle = with_contact(spheres, 0.3)
+    handle.set_tensions({"t1": 1.5})
+    mbs.SolveTDCR()
+    start = handle.shape()[0]
+    assert mbs.SolveDynamic(dynamic_settings(0.02, 1e-3))
+    assert distance(handle.shape()[0], start) < 1e-6
+
+
+def test_two_robots_push_each_other():
+    """Mirror images that bend towards each other: equal and opposite, each disk outside the other's."""
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    model = Model(friction="per-hole", elements_per_bay=1)
+    a = CreateTDCR(mbs, three(0.0), model, name="a")
+    turned = np.diag([-1.0, -1.0, 1.0])
+    b = CreateTDCR(mbs, three(0.0), model, name="b", basePosition=[0.08, 0.0, 0.0], baseRotationMatrix=turned)
+    for disk, opposite in zip(a.bDisks, b.bDisks, strict=True):
+        mbs.CreateSphereSphereContact(
+            itemNumbers=[disk, opposite],
+            spheresRadii=[DISK, DISK],
+            contactStiffness=STIFFNESS,
+            dataInitialCoordinates=[0.1, 0.0, 0.0, 0.0],
+        )
+    mbs.Assemble()
+    for tension in np.linspace(0.25, 1.5, 6):
+        a.set_tensions({"t1": float(tension)})
+        b.set_tensions({"t1": float(tension)})
+        mbs.SolveTDCR()
+    pa, pb = a.shape()[0], b.shape()[0]
+    assert distance(pa * [-1.0, 1.0, 1.0] + [0.08, 0.0, 0.0], pb) < 1e-8
+    assert pb[-1, 0] - pa[-1, 0] == pytest.approx(2 * DISK, abs=2e-4)
+
+
+def test_a_robot_pushes_a_body_on_a_spring():
+    """A ball guided along x in front of the tip: the force of its spring is that of the contact."""
+    stiffness = 5.0
+    keep, mbs, handle = scene(three(0.0), assemble=False)
+    ball = mbs.CreateMassPoint(referencePosition=[0.05, 0.0, 0.235], mass=0.01)
+    ground = mbs.CreateGround()
+    mbs.CreateCartesianSpringDamper(
+        itemNumbers=[ground, ball], localPosition0=[0.05, 0.0, 0.235], stiffness=[stiffness, 1e4, 1e4]
+    )
+    marker = mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=ball))
+    contact = mbs.AddGeneralContact()
+    contact.SetFrictionPairings(np.zeros((1, 1)))
+    contact.SetSearchTreeCellSize([4, 4, 4])
+    contact.SetSearchTreeBox([-0.5] * 3, [0.5] * 3)
+    for m, radius in ((marker, 0.01), (handle.mTip, DISK)):
+        contact.AddSphereWithMarker(
+            m, radius=radius, contactStiffness=STIFFNESS, contactDamping=0.0, frictionMaterialIndex=0
+        )
+    mbs.Assemble()
+    for tension in np.linspace(0.1, 1.2, 12):
+        handle.set_tensions({"t1": float(tension)})
+        mbs.SolveTDCR()
+    at = mbs.GetObjectOutputBody(ball, exu.OutputVariableType.Position)
+    gap = np.linalg.norm(at - handle.tip_position) - 0.01 - DISK
+    push = stiffness * (at[0] - 0.05)
+    assert push > 0.01
+    direction = (at - handle.tip_position) / np.linalg.norm(at - handle.tip_position)
+    # Two springs of the same stiffness in series.
+    assert -0.5 * STIFFNESS * gap * direction[0] == pytest.approx(push, rel=1e-5)
+    assert keep
+
+
+def test_what_cannot_be_solved_is_refused_by_name():
+    """Friction and plasticity with a history of their own."""
+    _keep, mbs, handle = with_contact(limit_stops, dynamicFrictionForce=0.1, stickingStiffness=10.0)
+    handle.set_tensions({"t1": 0.1})
+    with pytest.raises(ValueError, match=r"ConnectorCoordinateSpringDamperExt.* has states with a history"):
+        mbs.SolveTDCR()
+    _keep, mbs, handle = with_contact(spheres)
+    for k in range(mbs.systemData.NumberOfObjects()):
+        if "spheresRadii" in mbs.GetObject(k):
+            mbs.SetObjectParameter(k, "contactPlasticityRatio", 0.5)
+    with pytest.raises(ValueError, match="has plastic contact"):
+        mbs.SolveTDCR()
+
+
+def test_a_load_that_drives_the_robot_through_an_obstacle_fails_by_name_or_stays_outside():
+    """A force of 50 N at the tip against a sphere of 2000 N/m."""
+    keep, mbs, handle = scene(three(0.0), assemble=False)
+    load = handle.add_load("push", LENGTH)
+    general_spheres(mbs, handle)
+    mbs.Assemble()
+    load.set([50.0, 0.0, 0.0])
+    try:
+        mbs.SolveTDCR()
+    except StepFailed as failure:
+        assert 0.0 <= failure.load_factor < 1.0
+    assert SceneHooks.of(mbs).actuations and keep
+    assert np.linalg.norm(handle.shape()[0] - [0.06, 0.0, 0.15], axis=1).min() > SPHERE
