@@ -504,7 +504,7 @@ class LoadStepper:
     ) -> NewtonResult:
         """A substep solved again, with the mobilisations counted from where the slips reversed."""
         guess = turning.of(_with_history_of(result.state, before), end.numbering)
-        return self._newton(guess, goal, end.linearization)
+        return self._newton(guess, goal, end.linearization, before)
 
     def _at_start(self, now: _Progress, numbering: Numbering) -> Equilibrium:
         """The state at the beginning of a substep, with the last linearisation where that will do."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-import pytest
 from robots import distance, scene, three
 
 from tdcr_fe.native import register
