@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Effect, EffectAtPlace
+from tdcr_fe.identify.ceiling import held_out_ceiling
 from tdcr_fe.identify.criteria import chi_square_threshold, reduced_chi_square, residual_is_noise
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.information import insufficient_data
@@ -97,6 +98,7 @@ def conclude(
         history=state.history,
         catalogue=problem.catalogue,
         law=law,
+        ceiling=None if insufficient or state.interrupted else held_out_ceiling(problem, declared, best),
     )
 
 

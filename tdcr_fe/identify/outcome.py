@@ -408,6 +408,8 @@ class IdentificationResult:
         The candidates.
     law : FoundLaw or None
         A law on no list that is part of the final model.
+    ceiling : Misfit or None
+        Held-out misfit that a flexible regression of the residual leaves at best; None where it was not tried.
     """
 
     data: MeasuredData
@@ -441,6 +443,7 @@ class IdentificationResult:
     history: tuple[str, ...] = ()
     catalogue: tuple[Effect, ...] = EFFECTS
     law: FoundLaw | None = None
+    ceiling: Misfit | None = None
 
     @property
     def effects_table(self) -> dict[str, dict[str, float]]:
@@ -476,6 +479,7 @@ class IdentificationResult:
             "after": {"fit": self.after_fit.to_json(), "held_out": self.after_held_out.to_json()},
             "verdict": self.verdict,
             **({} if self.law is None else {"law": self.law.to_json()}),
+            **({} if self.ceiling is None else {"ceiling": {"held_out": self.ceiling.to_json()}}),
             "remaining": {"where": self.remaining.where, "description": self.remaining.description},
             "left_out": [str(b) for b in self.data.left_out],
             "outliers": [

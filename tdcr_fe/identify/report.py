@@ -123,6 +123,7 @@ def sentences(result: IdentificationResult) -> list[str]:
                 else "."
             )
         )
+    found += _ceiling_sentence(result)
     alike = [
         f"{words(e.name)} from {' or '.join(words(n) for n in e.indistinguishable_from)}"
         for e in result.effects
@@ -148,6 +149,33 @@ def sentences(result: IdentificationResult) -> list[str]:
     if result.interrupted and result.verdict != "unfinished":
         found.append("Unfinished: the search was interrupted, and this is its state at that time.")
     return found
+
+
+def _ceiling_sentence(result: IdentificationResult) -> list[str]:
+    """How much of what can be removed on the held-out steps is removed; nothing where that is not known."""
+    if result.ceiling is None:
+        return []
+    before, after, least = result.before_held_out, result.after_held_out, result.ceiling
+    how = "a flexible regression of the residual (Gaussian process on inputs, their history and time)"
+    if before.rms_position is not None and least.rms_position is not None and after.rms_position is not None:
+        removable, removed = (
+            before.rms_position - least.rms_position,
+            before.rms_position - after.rms_position,
+        )
+        text = f"{_millimetres(removed)} of the {_millimetres(removable)}"
+    else:
+        start, end, low = (math.sqrt(m.chi2_per_dof) for m in (before, after, least))
+        removable, removed = start - low, start - end
+        text = f"{significant(removed)} of the {significant(removable)} sigma"
+    if removable <= 0.0:
+        return [f"On the held-out steps, {how} removes nothing from the error of the declared model."]
+    what = "law" if result.law is not None and not result.effects else "effects"
+    verb = "removes" if what == "law" else "remove"
+    if not result.effects and result.law is None:
+        return [
+            f"On the held-out steps, {how} leaves {size(least)} of {size(before)}: so much could be explained."
+        ]
+    return [f"On the held-out steps the {what} {verb} {text} that can be removed, as {how} shows."]
 
 
 def summary(result: IdentificationResult) -> str:

@@ -1,0 +1,108 @@
+"""The ceiling: a flexible regression finds what depends on inputs, history and time, and nothing in noise."""
+
+import json
+
+import numpy as np
+import pytest
+from identify_data import MODEL, ROBOT, measured
+
+from tdcr_fe.identify import identify
+from tdcr_fe.identify.ceiling import StepFeatures, held_out_ceiling, predicted_residual
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.outcome import IdentifySettings
+from tdcr_fe.identify.problem import Fit, FitProblem
+from tdcr_fe.identify.report import sentences
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.loading import LoadStep
+
+
+def cycles():
+    """Eight pulls and releases of two tendons to different tensions, as branches, with times."""
+    steps, branches = [], []
+    for n in range(8):
+        peak = 0.6 + 0.1 * n
+        levels = [*np.linspace(0.2, peak, 5), *np.linspace(peak, 0.1, 5)[1:]]
+        for j, t in enumerate(levels):
+            tensions = {"t1": float(t), "t2": 0.0} if n % 2 == 0 else {"t1": 0.0, "t2": float(t)}
+            steps.append(LoadStep(tensions=tensions, time=float(len(steps))))
+            branches.append(f"{'up' if j < 5 else 'down'} {n}")
+    readings = tuple(
+        Reading(k + 1, f"position_{a}", 0.2, 0.0, 1e-4) for k in range(len(steps)) for a in "xyz"
+    )
+    ids = tuple(range(1, len(steps) + 1))
+    return MeasuredData("cycles", ROBOT, MODEL, ids, tuple(steps), tuple(branches), readings)
+
+
+DATA = cycles()
+HELD = np.array([DATA.branches[r.step - 1].endswith(("2", "5")) for r in DATA.readings])
+PROBLEM = FitProblem.of(DATA, np.full(len(DATA.readings), 1e-4), HELD, ForwardModel())
+NOISE = np.random.default_rng(0).normal(size=HELD.size)
+
+
+def fit(residual):
+    """A model with such a residual over sigma."""
+    cost, held = float(np.sum(residual[~HELD] ** 2)), float(np.sum(residual[HELD] ** 2))
+    return Fit((), {}, residual, cost, held, np.zeros((HELD.size, 0)), (), None)
+
+
+def by_step(values):
+    """The same value for all three coordinates of a step, with signs."""
+    return np.repeat(values, 3) * np.tile([1.0, -0.5, 0.3], len(values))
+
+
+TENSION = np.array([s.tensions["t1"] + 0.7 * s.tensions["t2"] for s in DATA.steps])
+RISING = np.array([1.0 if b.startswith("up") else -1.0 for b in DATA.branches])
+TIME = np.array([s.time for s in DATA.steps])
+
+
+@pytest.mark.parametrize(
+    "cause",
+    [40.0 * TENSION**2, 15.0 * RISING * TENSION, 30.0 * np.sin(TIME / 20.0)],
+    ids=["inputs", "direction", "time"],
+)
+def test_what_depends_on_inputs_direction_or_time_is_removed(cause):
+    residual = by_step(cause) + NOISE
+    before = np.mean(residual[HELD] ** 2)
+    left = residual - predicted_residual(PROBLEM, StepFeatures.of(DATA), residual)
+    assert np.mean(left[HELD] ** 2) < 0.05 * before
+    least = held_out_ceiling(PROBLEM, fit(residual), fit(residual))
+    assert least.chi2_per_dof == pytest.approx(np.mean(left[HELD] ** 2))
+
+
+def test_the_held_out_readings_are_never_used():
+    residual = by_step(40.0 * TENSION**2) + NOISE
+    other = np.where(HELD, 1e3, residual)
+    features = StepFeatures.of(DATA)
+    np.testing.assert_allclose(
+        predicted_residual(PROBLEM, features, residual), predicted_residual(PROBLEM, features, other)
+    )
+
+
+def test_noise_has_no_ceiling_below_itself():
+    """The regression predicts next to nothing, and the ceiling is never above the final model's own error."""
+    predicted = predicted_residual(PROBLEM, StepFeatures.of(DATA), NOISE)
+    assert np.mean(predicted[HELD] ** 2) < 0.2
+    least = held_out_ceiling(PROBLEM, fit(NOISE), fit(NOISE))
+    assert 0.8 * np.mean(NOISE[HELD] ** 2) <= least.chi2_per_dof <= np.mean(NOISE[HELD] ** 2)
+
+
+def test_the_ceiling_of_a_good_model_is_its_own_error():
+    declared = by_step(40.0 * TENSION**2 * np.sign(np.sin(37.0 * TIME))) + NOISE
+    least = held_out_ceiling(PROBLEM, fit(declared), fit(0.5 * NOISE))
+    assert least.chi2_per_dof <= np.mean((0.5 * NOISE[HELD]) ** 2)
+
+
+def test_without_held_out_steps_there_is_none():
+    nothing = FitProblem.of(DATA, PROBLEM.sigma, np.zeros(HELD.size, dtype=bool), ForwardModel())
+    assert held_out_ceiling(nothing, fit(NOISE), fit(NOISE)) is None
+
+
+def test_result_and_report_say_how_much_can_be_removed():
+    data = measured({"gravity": {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}})
+    result = identify(data, IdentifySettings(max_effects=1, candidates=2))
+    document = json.loads(json.dumps(result.to_json()))
+    least = document["ceiling"]["held_out"]["rms_position"]
+    assert 0.0 < least <= document["after"]["held_out"]["rms_position"]
+    (text,) = [s for s in sentences(result) if "that can be removed" in s]
+    assert text.startswith("On the held-out steps the effects remove ") and "mm of the" in text
