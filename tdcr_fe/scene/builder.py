@@ -76,7 +76,7 @@ def CreateTDCR(
     presliding
         Slip within which the friction at a hole goes from zero to full [m].
     show
-        Whether tendons are drawn.
+        Whether the robot is drawn: backbone, disks, tendons, and the plate of a base on ground.
 
     Returns
     -------
@@ -123,7 +123,20 @@ def CreateTDCR(
         mbs, name, robot, model, mesh, backbone.nodes, backbone.beams, disks, tendons.holes, tendons.segments,
         joint, base, gravity, actuation, rigid=rigid,
     )  # fmt: skip
+    if not show:
+        hide(mbs, handle)
     return handle
+
+
+def hide(mbs: exu.MainSystem, handle: TDCR) -> None:
+    """Draw nothing of a robot."""
+    objects = list(handle.actuation.connectors.object_numbers)
+    if handle.actuation.clamp is not None:
+        objects.append(int(mbs.GetObjectNumber(f"{handle.name}.ground")))
+    for item in objects:
+        mbs.SetObjectParameter(item, "Vshow", False)
+    for node in handle.nNodes:
+        mbs.SetNodeParameter(node, "Vshow", False)
 
 
 def check_system(function: str, mbs: Any) -> None:

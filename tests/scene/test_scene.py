@@ -409,3 +409,12 @@ def test_the_base_joint_carries_the_load_and_the_robot_follows_its_support():
     mbs.SetObjectParameter(ground, "referencePosition", [0.01, 0.02, 0.0])
     mbs.SolveTDCR()
     assert handle.tip_position - before == pytest.approx([0.01, 0.02, 0.0], abs=1e-9)
+
+
+def test_nothing_is_drawn_of_a_robot_that_is_not_shown():
+    """In version 0.1 only the tendons were hidden."""
+    _keep, mbs, handle = scene(three(0.3), show=False)
+    assert not any(mbs.GetObject(k)["Vshow"] for k in range(mbs.systemData.NumberOfObjects()))
+    assert not any(mbs.GetNode(node)["Vshow"] for node in handle.nNodes)
+    shown = scene(three(0.3))[1]
+    assert sum(shown.GetObject(k)["Vshow"] for k in range(shown.systemData.NumberOfObjects())) > 50

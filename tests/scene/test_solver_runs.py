@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import os
+import weakref
 from dataclasses import replace
 
 import exudyn as exu
@@ -281,3 +284,36 @@ def test_a_robot_without_mass_is_refused_in_dynamics_and_solved_at_rest():
     assert handle.tip_position[0] > 0.01
     with pytest.raises((ValueError, RuntimeError), match="robot 'light' has no mass"):
         mbs.SolveDynamic(dynamic_settings(0.01, 1e-3))
+
+
+# ---------------------------------------------------------------- memory
+
+
+def resident() -> float:
+    """Memory of this process [MB]."""
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def made_and_dropped(solve: bool) -> weakref.ref:
+    _keep, mbs, handle = scene(three(0.3))
+    if solve:
+        handle.set_tensions([0.1, 0.0, 0.0])
+        SolveTDCR(mbs)
+    return weakref.ref(handle.actuation)
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="memory is read from /proc")
+def test_a_scene_that_is_dropped_is_freed():
+    """In version 0.1 every scene kept 0.35 MB: the system, its variables and the functions there kept each other."""
+    dropped = made_and_dropped(solve=True)
+    gc.collect()
+    assert dropped() is None
+    for _ in range(30):
+        made_and_dropped(solve=False)
+    gc.collect()
+    before = resident()
+    for _ in range(150):
+        made_and_dropped(solve=False)
+    gc.collect()
+    assert (resident() - before) / 150 < 0.01
