@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands.status import SUCCESS
+from tdcr_fe.commands.status import SUCCESS, count
+
+if TYPE_CHECKING:
+    from tdcr_fe.report.motion import Motion
 
 
 def add_view_parser(commands: Any) -> None:
@@ -19,22 +23,70 @@ def add_view_parser(commands: Any) -> None:
     )
     parser.add_argument("result", metavar="RESULT", help="folder that tdcr-fe run, follow or identify wrote")
     parser.add_argument("-o", "--out", metavar="FILE.html", help="the page [RESULT/view.html]")
+    parser.add_argument(
+        "--video",
+        metavar="FILE",
+        help="also a video, FILE.gif or FILE.mp4 (the latter needs the program ffmpeg)",
+    )
+    parser.add_argument(
+        "--vtk",
+        metavar="FOLDER",
+        help="also files for ParaView: FOLDER/robot.pvd and one .vtp for each load step",
+    )
     parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
     parser.set_defaults(handler=view)
 
 
 def view(args: argparse.Namespace) -> int:
-    """Read the results and write the page."""
-    from tdcr_fe.io.atomic import write_text
+    """Read the results and write the page, and what else was asked for."""
+    from tdcr_fe.io.atomic import check_output_folder, write_text
     from tdcr_fe.io.result_folder import read_motion
     from tdcr_fe.report.viewer import summary, view_page
 
     out = _page(args.result, args.out)
+    video = None if args.video is None else _video(args.video)
+    if args.vtk is not None:
+        check_output_folder(args.vtk)
     motion = read_motion(args.result)
     write_text(view_page(motion), out)
-    if not args.quiet:
-        print(f"{motion.name}: {summary(motion)}. Written: {out} ({out.stat().st_size / 1e6:.2f} MB)")
+    say = (lambda text: None) if args.quiet else print
+    say(f"{motion.name}: {summary(motion)}. Written: {out} ({out.stat().st_size / 1e6:.2f} MB)")
+    if args.vtk is not None:
+        from tdcr_fe.io.vtk_files import write_vtk
+
+        written = write_vtk(motion, args.vtk)
+        say(f"Written: {written[0].parent / 'robot.pvd'} and {count(len(written) - 1, 'file')} beside it")
+    if video is not None:
+        _write_video(motion, video, args.quiet)
+        say(f"Written: {video} ({video.stat().st_size / 1e6:.2f} MB)")
     return SUCCESS
+
+
+def _video(path: str) -> Path:
+    """Where the video goes; refused before anything is written."""
+    from tdcr_fe.io.atomic import check_output_folder
+    from tdcr_fe.io.problems import InputError, Problem
+    from tdcr_fe.report.video import problem
+
+    reason = "is a directory; must be a file" if Path(path).is_dir() else problem(Path(path))
+    if reason:
+        raise InputError([Problem("--video", "", path, reason)])
+    check_output_folder(Path(path).parent)
+    return Path(path)
+
+
+def _write_video(motion: Motion, path: Path, quiet: bool) -> None:
+    """Write the video with a bar on stderr, where that is a terminal."""
+    from tqdm import tqdm
+
+    from tdcr_fe.report.video import write_video
+
+    with tqdm(total=100, leave=False, file=sys.stderr, disable=True if quiet else None) as bar:
+
+        def progress(share: float) -> None:
+            bar.update(int(100 * share) - bar.n)
+
+        write_video(motion, path, progress)
 
 
 def _page(result: str, out: str | None) -> Path:

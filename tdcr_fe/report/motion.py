@@ -7,7 +7,7 @@ drawn without the input files.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -334,4 +334,43 @@ def motion_of(result: SequenceResult, markers: Markers | None = None) -> Motion:
         gravity=np.array(result.model.gravity, dtype=float),
         friction=result.model.friction != "none",
         markers=markers,
+    )
+
+
+def between(motion: Motion, time: float) -> Motion:
+    """The motion at one time as a motion of one step.
+
+    Positions and tensions are linear in time, rotations follow the shorter arc; loads, labels and states of holes
+    are those of the nearest step.
+
+    Parameters
+    ----------
+    motion
+        What is interpolated.
+    time
+        In load steps, from 0.
+    """
+    k = int(np.clip(np.floor(time), 0, len(motion.steps) - 1))
+    after, step = min(k + 1, len(motion.steps) - 1), round(time)
+    share = time - k
+
+    def mix(values: Array) -> Array:
+        return np.asarray((1.0 - share) * values[k : k + 1] + share * values[after : after + 1])
+
+    first, second = motion.rotations[k], motion.rotations[after]
+    sign = np.where(np.sum(first * second, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
+    turned = (1.0 - share) * first + share * sign * second
+    return replace(
+        motion,
+        steps=motion.steps[step : step + 1],
+        labels=motion.labels[step : step + 1],
+        positions=mix(motion.positions),
+        rotations=(turned / np.linalg.norm(turned, axis=1, keepdims=True))[None],
+        tensions=tuple(mix(t) for t in motion.tensions),
+        hole_states=tuple(states[step : step + 1] for states in motion.hole_states),
+        base_tensions=mix(motion.base_tensions),
+        displacements=mix(motion.displacements),
+        driven_by_displacement=motion.driven_by_displacement[step : step + 1],
+        loads=motion.loads[step : step + 1],
+        markers=None,
     )

@@ -76,6 +76,24 @@ def test_a_run_without_a_solved_step_cannot_be_drawn(tmp_path, capsys):
     assert "no step was solved, so there is nothing to draw" in refused([tmp_path], capsys)
 
 
+def test_video_and_vtk_are_written_beside_the_page(folder, tmp_path, capsys):
+    args = ["view", str(folder), "--vtk", str(tmp_path / "vtk"), "--video", str(tmp_path / "robot.gif")]
+    assert cli.main(args) == 0
+    said = capsys.readouterr().out
+    assert "robot.pvd and 10 files beside it" in said and "robot.gif (" in said
+    assert len(list((tmp_path / "vtk").iterdir())) == 11
+    assert (tmp_path / "robot.gif").read_bytes()[:4] == b"GIF8"
+
+
+def test_a_video_that_cannot_be_written_is_refused_before_anything_is(folder, tmp_path, capsys, monkeypatch):
+    from tdcr_fe.report import video
+
+    monkeypatch.setattr(video.shutil, "which", lambda name: None)
+    text = refused([folder, "--video", tmp_path / "robot.mp4", "--vtk", tmp_path / "vtk"], capsys)
+    assert "robot.mp4: needs the program ffmpeg, which is not installed; install it, or write a .gif" in text
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out"] and not (folder / "view.html").exists()
+
+
 def test_importing_the_package_or_the_command_does_not_import_the_viewer():
     code = (
         "import sys, tdcr_fe, tdcr_fe.cli, tdcr_fe.commands.view; "

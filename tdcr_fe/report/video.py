@@ -1,0 +1,195 @@
+"""A video of a motion: the robot in 3D beside its response, drawn by matplotlib, as GIF or MP4."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+
+from tdcr_fe.report.motion import Motion, between
+from tdcr_fe.report.style import COLOURS, INK, PALE, SOFT, styled
+
+Array = NDArray[np.float64]
+
+#: Kinds of files, by ending.
+KINDS = (".gif", ".mp4")
+#: Pictures a second, and the number of pictures that a short sequence is filled up to.
+RATE, AT_LEAST = 12, 60
+#: Pictures at most from one load step to the next.
+PER_STEP = 6
+#: Size [inch] and resolution [1/inch].
+SIZE, DPI = (9.6, 5.0), 100
+#: Lengths in mm below this [m].
+_LONG = 5.0
+
+
+def problem(path: Path) -> str:
+    """Why no video can be written to that path; empty where it can."""
+    if path.suffix.lower() not in KINDS:
+        return "must end in .gif or .mp4"
+    if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
+        return "needs the program ffmpeg, which is not installed; install it, or write a .gif"
+    return ""
+
+
+def times(count: int) -> Array:
+    """Times of the pictures, in load steps from 0: every step, and some between where there are few steps."""
+    if count < 2:
+        return np.zeros(1)
+    per_step = int(np.clip(-(-AT_LEAST // (count - 1)), 1, PER_STEP))
+    return np.linspace(0.0, count - 1.0, per_step * (count - 1) + 1)
+
+
+class _Drawing:
+    """The figure of a video, and what changes from picture to picture."""
+
+    def __init__(self, motion: Motion) -> None:
+        self.motion = motion
+        self.factor, self.unit = (1e3, "mm") if motion.length < _LONG else (1.0, "m")
+        self.heat = LinearSegmentedColormap.from_list(
+            "tension", colormaps["plasma"](np.linspace(0.0, 0.86, 64))
+        )
+        self.largest = max((float(np.max(t, initial=0.0)) for t in motion.tensions), default=0.0) or 1.0
+        self.figure = Figure(figsize=SIZE, dpi=DPI)
+        self.space: Any = self.figure.add_axes((0.0, 0.0, 0.62, 0.92), projection="3d")
+        response = self.figure.add_axes((0.69, 0.13, 0.29, 0.66))
+        self.title = self.figure.text(0.02, 0.95, "", weight="bold", size=11, va="center")
+        self.dot = self._response(response)
+        self._box()
+        if motion.tendons:
+            bar = self.figure.add_axes((0.72, 0.93, 0.24, 0.018))
+            mappable = ScalarMappable(Normalize(0.0, self.largest), self.heat)
+            self.figure.colorbar(mappable, cax=bar, orientation="horizontal", label="tension [N]")
+        self.moving: list[Any] = []
+
+    def _box(self) -> None:
+        m, r = self.motion, 1.6 * self.motion.disk_radius
+        points = self.factor * np.concatenate([m.positions.reshape(-1, 3), [[-r, -r, 0.0], [r, r, 0.0]]])
+        low, high = points.min(axis=0), points.max(axis=0)
+        half = 0.5 * max(float(np.max(high - low)), 1e-12) * 1.04
+        span = np.maximum(high - low, 0.4 * half)
+        middle = (low + high) / 2.0
+        for name, centre, width in zip("xyz", middle, span, strict=True):
+            getattr(self.space, f"set_{name}lim")(centre - width / 2.0, centre + width / 2.0)
+            getattr(self.space, f"set_{name}label")(f"{name} [{self.unit}]")
+            getattr(self.space, f"{name}axis").set_major_locator(MaxNLocator(4))
+            getattr(self.space, f"{name}axis").pane.set_facecolor("#fafafa")
+        self.space.set_box_aspect(span, zoom=0.84)
+        self.space.view_init(elev=20.0, azim=-60.0)
+        tips = self.factor * m.tips
+        self.space.plot(*tips.T, color=PALE, lw=0.8)
+        angle = np.linspace(0.0, 2.0 * np.pi, 40)
+        plate = self.factor * r * np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=-1)
+        self.space.add_collection3d(Poly3DCollection([plate], facecolor="#8b95a1"))
+
+    def _response(self, axes: Axes) -> Any:
+        """Bending angle over the input that changes most, with a dot for the present time."""
+        m, angle = self.motion, np.degrees(self.motion.bending_angles)
+        x, label = np.array(m.steps, dtype=float), "load step"
+        best = 0.0
+        for j, tendon in enumerate(m.tendons):
+            driven = bool(m.driven_by_displacement[:, j].any())
+            values = self.factor * m.displacements[:, j] if driven else m.base_tensions[:, j]
+            change = float(np.ptp(values)) / (self.factor * m.length if driven else self.largest)
+            if change > best:
+                best, x = change, values
+                label = (f"displacement of {tendon.name} [{self.unit}]" if driven
+                         else f"tension of {tendon.name} [N]")  # fmt: skip
+        axes.plot(x, angle, color=SOFT, lw=1.0)
+        axes.set_xlabel(label)
+        axes.set_ylabel("bending angle of the tip [deg]")
+        self.response = np.column_stack((x, angle))
+        return axes.plot([x[0]], [angle[0]], "o", color=COLOURS[0], ms=8)[0]
+
+    def show(self, time: float) -> None:
+        """Draw the robot at a time, in load steps from 0."""
+        for artist in self.moving:
+            artist.remove()
+        now, step = between(self.motion, time), round(time)
+        m, f = now, self.factor
+        label = f": {self.motion.labels[step]}" if self.motion.labels[step] else ""
+        self.title.set_text(f"{m.name}, step {self.motion.steps[step]} of {self.motion.steps[-1]}{label}")
+        k = min(int(time), len(self.response) - 1)
+        share = time - k
+        after = self.response[min(k + 1, len(self.response) - 1)]
+        self.dot.set_data(*([v] for v in (1.0 - share) * self.response[k] + share * after))
+        angle = np.linspace(0.0, 2.0 * np.pi, 25)
+        rim = m.disk_radius * np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=-1)
+        rims = m.positions[0, m.disks, None] + np.einsum("nij,pj->npi", m.matrices(0)[m.disks], rim)
+        parts: list[Any] = [self.space.plot(*(f * m.positions[0]).T, color=INK, lw=2.2)[0]]
+        if len(m.disks):
+            disks = Poly3DCollection(
+                list(f * rims), facecolor=(0.75, 0.78, 0.82, 0.7), edgecolor=SOFT, lw=0.4
+            )
+            parts.append(self.space.add_collection3d(disks))
+        for tendon, tensions in zip(m.tendons, m.tensions, strict=True):
+            corners = f * m.tendon_points(0, tendon)
+            sides = np.stack((corners[:-1], corners[1:]), axis=1)
+            colours = self.heat(tensions[0, tendon.segments] / self.largest)
+            parts.append(self.space.add_collection3d(Line3DCollection(list(sides), colors=colours, lw=1.6)))
+        for (_, at, vector, moment), scale in zip(m.load_arrows(0), self._scales(m), strict=True):
+            colour = "#7a1fa2" if moment else "#b3001b"
+            parts.append(self.space.quiver(*(f * at), *(scale * vector), color=colour, lw=1.6))
+        self.moving = parts
+
+    def _scales(self, now: Motion) -> list[float]:
+        """Length of each load arrow over its size, so that the largest of its kind is a fifth of the backbone."""
+        largest = {True: 0.0, False: 0.0}
+        for k in range(len(self.motion.steps)):
+            for load in self.motion.loads[k].values():
+                largest[False] = max(largest[False], float(np.linalg.norm(load.force)))
+                largest[True] = max(largest[True], float(np.linalg.norm(load.moment)))
+        return [0.2 * self.factor * self.motion.length / largest[x[3]] for x in now.load_arrows(0)]
+
+
+def write_video(motion: Motion, path: str | Path, progress: Callable[[float], None] | None = None) -> Path:
+    """Write a video of the motion; between load steps it is interpolated.
+
+    Parameters
+    ----------
+    motion
+        What is drawn.
+    path
+        Ends in ``.gif`` or ``.mp4``; the latter needs the program ffmpeg.
+    progress
+        Called with the fraction done after every picture.
+
+    Raises
+    ------
+    ValueError
+        No video can be written to that path; see `problem`.
+    """
+    path = Path(path)
+    reason = problem(path)
+    if reason:
+        raise ValueError(f"{path}: {reason}")
+    gif = path.suffix.lower() == ".gif"
+    writer: AbstractMovieWriter = PillowWriter(fps=RATE) if gif else FFMpegWriter(fps=RATE, bitrate=2400)
+    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with styled():
+            drawing = _Drawing(motion)
+            chosen = times(len(motion.steps))
+            with writer.saving(drawing.figure, str(partial), DPI):
+                for i, time in enumerate(chosen):
+                    drawing.show(float(time))
+                    writer.grab_frame(facecolor="white")
+                    if progress is not None:
+                        progress((i + 1) / len(chosen))
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return path
