@@ -26,6 +26,8 @@ DECLARED_POINTS = 80
 def replay(result: IdentificationResult) -> SequenceResult:
     """Simulate the corrected robot once more, with tensions along the tendons and states of the holes.
 
+    A law that was found acts as the concentrated loads that it gives on this loading.
+
     Returns
     -------
     SequenceResult
@@ -38,6 +40,8 @@ def replay(result: IdentificationResult) -> SequenceResult:
     """
     mesh = result.commanded.model.elements_per_bay
     experiment = replace(result.corrected, model=replace(result.corrected.model, elements_per_bay=mesh))
+    if result.law is not None:
+        experiment = replace(experiment, steps=result.law.steps)
     solved = solve_commanded_steps(experiment, result.solver)
     named = zip(solved.steps, result.data.step_ids, result.data.branches, strict=False)
     return replace(solved, steps=tuple(replace(s, step=n, label=branch) for s, n, branch in named))

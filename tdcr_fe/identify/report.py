@@ -390,10 +390,11 @@ def _cards(result: IdentificationResult) -> tuple[Card, ...]:
     return tuple(cards)
 
 
-def _motion_section(motion: Motion) -> Section:
+def _motion_section(result: IdentificationResult, motion: Motion) -> Section:
     context = {
         "panel": viewer.panel(motion),
         "declared": bool(motion.markers and motion.markers.declared.size),
+        "law": result.law is not None,
     }
     return Section(
         "robot", "The robot in 3D, measured and predicted", "motion.html.j2", context, folded=False
@@ -411,7 +412,7 @@ def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
     if result.effects or result.law:
         sections = [_evidence_section(result), *sections, _scenario_section(result)]
     if motion is not None:
-        sections = [_motion_section(motion), *sections]
+        sections = [_motion_section(result, motion), *sections]
     what = f"{measure(result)[0].upper()}{measure(result)[1:]}."
     made = ", ".join(f"{name} {number}" for name, number in versions().items())
     picture = Picture(

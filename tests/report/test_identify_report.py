@@ -16,6 +16,7 @@ from tdcr_fe.identify.corrected import corrected_files, effects_block
 from tdcr_fe.identify.outcome import (
     AddedEffect,
     Estimate,
+    FoundLaw,
     IdentificationResult,
     Misfit,
     Noise,
@@ -261,6 +262,21 @@ def test_the_replay_is_the_corrected_robot_step_by_step():
     whole = simulate(ROBOT, experiment.model, experiment.steps)
     assert found.steps[-1].tip == pytest.approx(whole.steps[-1].tip, abs=1e-9)
     assert found.steps[2].base_tensions[0] == pytest.approx((1.0 - 0.1) * 0.9, rel=1e-9)
+
+
+def test_the_replay_has_a_law_that_was_found_as_loads():
+    """Otherwise the panel shows the robot without it, away from the markers."""
+    misfit = Misfit(1.8e-4, None, 4e-4, 1.05)
+    steps = tuple(
+        replace(s, loads={**s.loads, "law 1": Load(LENGTH, moment=(0.0, 2e-3, 0.0))}) for s in STEPS
+    )
+    law = FoundLaw((), "A moment.", misfit, misfit, (), steps)
+    model = Model(friction="none", elements_per_bay=1)
+    experiment = Experiment(ROBOT, model, STEPS)
+    found = replay(result(corrected=experiment, commanded=experiment, law=law))
+    assert found.steps[0].actuation.loads["law 1"].moment == (0.0, 2e-3, 0.0)
+    assert found.steps[0].tip == pytest.approx(simulate(ROBOT, model, steps[:1]).steps[0].tip, abs=1e-9)
+    assert found.steps[0].tip[0] > 0.01
 
 
 def test_a_turned_measuring_frame_turns_the_markers_back():
