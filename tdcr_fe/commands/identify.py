@@ -95,6 +95,10 @@ def run(args: argparse.Namespace) -> int:
     write_json(result.to_json(), out / "result.json")
     for name, text in corrected_files(result).items():
         write_text(text, out / name)
+    next_loading = result.next_loading()
+    if next_loading is not None:
+        (out / "next").mkdir(exist_ok=True)
+        write_text(next_loading, out / "next" / "loading.csv")
     motion, interrupted = None, result.interrupted
     try:
         motion = None if interrupted else corrected_motion(result, out)
@@ -103,7 +107,8 @@ def run(args: argparse.Namespace) -> int:
     write_report(result, out / "report.html", motion)
     if not args.quiet:
         print(summary(result))
-        more = "" if motion is None else ", corrected/"
+        more = "" if next_loading is None else ", next/loading.csv"
+        more += "" if motion is None else ", corrected/"
         print(f"\nWritten to {out}: result.json, report.html, robot.toml, effects.toml{more}")
     if interrupted:
         complain("interrupted; what was found until then is written")

@@ -21,6 +21,7 @@ from tdcr_fe.identify.outcome import (
     Estimate,
     FoundLaw,
     IdentificationResult,
+    NextExperiment,
     Noise,
     Remainder,
     Shapes,
@@ -41,6 +42,7 @@ def conclude(
     sigma_estimated: bool,
     wall_time: float,
     law: FoundLaw | None = None,
+    next_experiment: NextExperiment | None = None,
 ) -> IdentificationResult:
     """What a search has found.
 
@@ -54,6 +56,8 @@ def conclude(
         [s].
     law
         On no list, and part of the state's best model.
+    next_experiment
+        That would tell most.
     """
     problem, best, declared = state.problem, state.best, state.declared
     data, held_out, fitted = problem.data, problem.held_out, problem.fitted
@@ -98,6 +102,7 @@ def conclude(
         history=state.history,
         catalogue=problem.catalogue,
         law=law,
+        next_experiment=next_experiment,
         ceiling=None if insufficient or state.interrupted else held_out_ceiling(problem, declared, best),
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,8 +15,9 @@ from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.holdout import choose_held_out, held_out_branches
 from tdcr_fe.identify.information import unusable_data
 from tdcr_fe.identify.law import find_law
+from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma
-from tdcr_fe.identify.outcome import FoundLaw, IdentificationResult, IdentifySettings
+from tdcr_fe.identify.outcome import FoundLaw, IdentificationResult, IdentifySettings, NextExperiment
 from tdcr_fe.identify.problem import FitProblem, evaluate, refine
 from tdcr_fe.identify.selection import (
     Progress,
@@ -82,11 +84,20 @@ def identify(
     try:
         with ForwardModel(settings.processes, data.settings) as forward:
             problem, estimated = _build_problem(without_unread_steps(data), settings, forward)
-            state, law = _search(search, _declared(problem), estimated)
+            found = _search(search, _declared(problem), estimated)
             search.report("conclusions", 0.97)
     except _Interrupted as interruption:  # the workers have ended
-        state, estimated, law = interruption.state, interruption.sigma_estimated, None
-    return conclude(search, state, estimated, time.perf_counter() - begun, law)
+        found, estimated = _Found(interruption.state), interruption.sigma_estimated
+    duration = time.perf_counter() - begun
+    return conclude(search, found.state, estimated, duration, found.law, found.next_experiment)
+
+
+class _Found(NamedTuple):
+    """What a search has found: its last state, a law on no list, and the experiment that would tell most."""
+
+    state: SearchState
+    law: FoundLaw | None = None
+    next_experiment: NextExperiment | None = None
 
 
 class _Interrupted(KeyboardInterrupt):
@@ -97,16 +108,16 @@ class _Interrupted(KeyboardInterrupt):
         self.state, self.sigma_estimated = state, sigma_estimated
 
 
-def _search(search: Search, state: SearchState, sigma_estimated: bool) -> tuple[SearchState, FoundLaw | None]:
+def _search(search: Search, state: SearchState, sigma_estimated: bool) -> _Found:
     """Run the search to its end, with a law where effects do not suffice; an interruption carries the last state."""
     try:
         if unusable_data(state.problem, state.declared):
-            return state, None
+            return _Found(state)
         for latest in search_effects(search, state):
             state = latest
         state = with_intermediate_models(state)
-        law, found = find_law(search, state)
-        return found, law
+        law, state = find_law(search, state)
+        return _Found(state, law, choose_next(search, state))
     except KeyboardInterrupt:
         last = replace(state, interrupted=True)
         last = last.with_history("interrupted; what was found until then is reported")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment
 from tdcr_fe.io.atomic import plain
+from tdcr_fe.io.loading_table import loading_text
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.summary import versions
 from tdcr_fe.model.loading import LoadStep
@@ -355,6 +356,40 @@ class FoundLaw:
 
 
 @dataclass(frozen=True)
+class NextExperiment:
+    """A loading sequence, from the unloaded robot, that would tell most.
+
+    Attributes
+    ----------
+    steps : tuple of LoadStep
+    purpose : str
+        What it tells, with the expected separation or reduction.
+    separated : tuple of str
+        Explanations that it parts from the result's; empty where it refines a parameter.
+    separation : tuple of float
+        Expected difference from each, over the noise and the uncertainty of the parameters [sigma].
+    parameter : str
+        Whose standard error it reduces; empty where it parts explanations.
+    remaining_share : float
+        Of that standard error [1].
+    """
+
+    steps: tuple[LoadStep, ...]
+    purpose: str
+    separated: tuple[str, ...] = ()
+    separation: tuple[float, ...] = ()
+    parameter: str = ""
+    remaining_share: float = 1.0
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``result.json``."""
+        aim: dict[str, Any] = {"purpose": self.purpose, "loading": "next/loading.csv"}
+        if self.separated:
+            return aim | {"separation": dict(zip(self.separated, self.separation, strict=True))}
+        return aim | {"parameter": self.parameter, "remaining_share": self.remaining_share}
+
+
+@dataclass(frozen=True)
 class IdentificationResult:
     """Everything that an identification found.
 
@@ -410,6 +445,8 @@ class IdentificationResult:
         A law on no list that is part of the final model.
     ceiling : Misfit or None
         Held-out misfit that a flexible regression of the residual leaves at best; None where it was not tried.
+    next_experiment : NextExperiment or None
+        None where nothing is to be told apart or refined.
     """
 
     data: MeasuredData
@@ -444,6 +481,14 @@ class IdentificationResult:
     catalogue: tuple[Effect, ...] = EFFECTS
     law: FoundLaw | None = None
     ceiling: Misfit | None = None
+    next_experiment: NextExperiment | None = None
+
+    def next_loading(self) -> str | None:
+        """The next experiment as the text of a ``loading.csv``; None where there is none."""
+        if self.next_experiment is None:
+            return None
+        steps = self.next_experiment.steps
+        return loading_text(range(1, len(steps) + 1), steps, ["next"] * len(steps))
 
     @property
     def effects_table(self) -> dict[str, dict[str, float]]:
@@ -480,6 +525,7 @@ class IdentificationResult:
             "verdict": self.verdict,
             **({} if self.law is None else {"law": self.law.to_json()}),
             **({} if self.ceiling is None else {"ceiling": {"held_out": self.ceiling.to_json()}}),
+            **({} if self.next_experiment is None else {"next_experiment": self.next_experiment.to_json()}),
             "remaining": {"where": self.remaining.where, "description": self.remaining.description},
             "left_out": [str(b) for b in self.data.left_out],
             "outliers": [

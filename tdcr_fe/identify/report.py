@@ -146,9 +146,29 @@ def sentences(result: IdentificationResult) -> list[str]:
     if result.verdict == "cannot tell":
         reason = result.remaining.description
         found.insert(0, f"{reason[:1].upper()}{reason[1:]}.")
+    found += _next_sentence(result)
     if result.interrupted and result.verdict != "unfinished":
         found.append("Unfinished: the search was interrupted, and this is its state at that time.")
     return found
+
+
+def _next_sentence(result: IdentificationResult) -> list[str]:
+    """What to measure next; nothing where there is no next experiment."""
+    planned = result.next_experiment
+    if planned is None:
+        return []
+    commands = []
+    for step in planned.steps:
+        parts = [f"{n} = {quantity(v, 'N')}" for n, v in step.tensions.items() if v != 0.0]
+        parts += [f"{n} = {quantity(v, 'm')}" for n, v in step.displacements.items() if v != 0.0]
+        parts += [
+            f"tip force ({', '.join(f'{x:.3g}' for x in load.force)}) N"
+            for load in step.loads.values()
+            if any(load.force)
+        ]
+        commands.append(", ".join(parts) or "no load")
+    how = "; then ".join(commands)
+    return [f"Next experiment (next/loading.csv), which {planned.purpose}: {how}."]
 
 
 def _ceiling_sentence(result: IdentificationResult) -> list[str]:

@@ -191,3 +191,9 @@ def loading_table(
             row |= dict(zip(FORCES, force, strict=True))
         rows.append(row)
     return pd.DataFrame(rows)
+
+
+def loading_text(step_ids: Sequence[int], steps: Sequence[LoadStep], branches: Sequence[str]) -> str:
+    """A loading sequence as the text of a ``loading.csv``."""
+    text: str = loading_table(step_ids, steps, branches).to_csv(index=False)
+    return text
