@@ -146,7 +146,10 @@ def pass_through(
             kinks = [
                 None if p is None else p.kink(arrived[i], command[i], goal[i]) for i, p in enumerate(play)
             ]
-            factors |= {k for k in kinks if k is not None}
+            for k in kinks:
+                # Tendons that begin to move together divide the step once, whatever the round-off.
+                if k is not None and min(abs(k - x) for x in factors) > 1e-9:
+                    factors.add(k)
         for factor in sorted(factors):
             there = command + factor * (goal - command)
             moving |= ~action.by_displacement | (np.abs(there) > slack)

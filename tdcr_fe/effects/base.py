@@ -137,12 +137,17 @@ class Effect:
     separating_experiment : str
         Experiment that separates it from effects with similar traces.
     parameters : tuple of Parameter
+    exact_derivatives : bool
+        Whether the derivatives by its parameters come out of the run (see the page "Sensitivities"), or from the
+        observation map. False: `identify` takes them as differences of two runs, and says so. It does the same where it
+        finds none, as where a parameter changes the mesh.
     """
 
     name: str = ""
     description: str = ""
     separating_experiment: str = ""
     parameters: tuple[Parameter, ...] = ()
+    exact_derivatives: bool = True
     #: Effects that may have to be there before data can show this one.
     after: tuple[str, ...] = ()
 
@@ -170,6 +175,13 @@ class Effect:
     def unidentifiable_at_null(self, experiment: Experiment) -> tuple[str, ...]:
         """Parameters that change nothing while the others have their null values; `probe_points` has alternatives."""
         return ()
+
+    def near_null(self, experiment: Experiment) -> Effect:
+        """An effect that has the same derivatives at the null values; one that leaves the mesh as it is.
+
+        `identify` screens all candidates in one run, which has one mesh.
+        """
+        return self
 
     def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
         """Bounds of every parameter for this robot."""

@@ -8,15 +8,45 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
+from dataclasses import replace
 from types import TracebackType
+from typing import TYPE_CHECKING, NamedTuple
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.run import Run, Task, run_settings, simulate_experiment
 from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.model.settings import SolverSettings
 
+if TYPE_CHECKING:
+    from tdcr_fe.solve.parameters import ModelParameter
+
 #: Runs kept in memory.
 CACHE = 400
+
+
+class Job(NamedTuple):
+    """One simulation asked for.
+
+    Attributes
+    ----------
+    experiment : Experiment
+    reference : Run or None
+        A neighbouring run with its trajectory, used as reference path.
+    record : bool
+        Record the trajectory.
+    parameters : tuple of ModelParameter
+        By which the run is differentiated.
+    """
+
+    experiment: Experiment
+    reference: Run | None = None
+    record: bool = False
+    parameters: tuple[ModelParameter, ...] = ()
+
+    def task(self, settings: SolverSettings) -> Task:
+        """What the process is given."""
+        trajectory = None if self.reference is None else self.reference.trajectory
+        return Task(self.experiment, settings, trajectory, self.record, self.parameters)
 
 
 class ForwardModel:
@@ -74,21 +104,43 @@ class ForwardModel:
         record
             Record trajectories.
         """
-        kind = f"free{record}"
-        if reference is not None:
-            self._references[id(reference)] = reference  # while it is kept, its id is unique
-            kind = f"reference{id(reference)}{record}"
-        keys = [_key(s, kind) for s in experiments]
-        if not record:  # a recorded run can be used too
-            keys = [k[:-5] + "True" if k[:-5] + "True" in self._cache else k for k in keys]
-        todo = {k: s for k, s in zip(keys, experiments, strict=True) if k not in self._cache}
+        return self.run_jobs([Job(e, reference, record) for e in experiments], path_tolerance)
+
+    def run_jobs(self, jobs: Sequence[Job], path_tolerance: float) -> list[Run]:
+        """Simulate jobs at a time; those without derivatives that were simulated before from memory.
+
+        Parameters
+        ----------
+        jobs
+            What to simulate.
+        path_tolerance
+            See `run`.
+        """
+        keys = []
+        for job in jobs:
+            if job.reference is not None:
+                self._references[id(job.reference)] = job.reference  # while it is kept, its id is unique
+            key = _key(job.experiment, job.reference, job.record)
+            if not job.record:  # a recorded run can be used too
+                recorded = _key(job.experiment, job.reference, True)
+                key = recorded if recorded in self._cache else key
+            keys.append(key)
+        todo: dict[int | str, Job] = {}
+        for number, (key, job) in enumerate(zip(keys, jobs, strict=True)):
+            if job.parameters:
+                todo[number] = job
+            elif key not in self._cache:
+                todo[key] = job
         settings = run_settings(self.settings, path_tolerance)
-        trajectory = None if reference is None else reference.trajectory
-        tasks = [Task(s, settings, trajectory, record) for s in todo.values()]
-        for key, run in zip(todo, self._map(tasks), strict=True):
-            self._cache[key] = run
-        self.runs += len(tasks)
-        found = [self._cache[k] for k in keys]
+        runs = self._map([job.task(settings) for job in todo.values()])
+        self.runs += len(runs)
+        made = dict(zip(todo, runs, strict=True))
+        found: list[Run] = []
+        for number, (key, job) in enumerate(zip(keys, jobs, strict=True)):
+            run = made.get(number if job.parameters else key)
+            if run is not None:
+                self._cache[key] = replace(run, derivatives=None)
+            found.append(self._cache[key] if run is None else run)
         while len(self._cache) > CACHE:
             self._cache.pop(next(iter(self._cache)))
         return found
@@ -103,6 +155,7 @@ class ForwardModel:
             return [simulate_experiment(t) for t in tasks]
 
 
-def _key(experiment: Experiment, kind: str) -> str:
+def _key(experiment: Experiment, reference: Run | None, record: bool) -> str:
     text = pickle.dumps((experiment.robot, experiment.model, experiment.steps, experiment.ends))
-    return hashlib.sha256(text).hexdigest() + kind
+    path = "free" if reference is None else str(id(reference))
+    return f"{hashlib.sha256(text).hexdigest()} {path} {record}"

@@ -277,6 +277,12 @@ class Fit:
     free : tuple of (str, str)
         Effect and name of every free parameter.
     run : Run
+    on_own_path : bool
+        Whether the run followed no other one.
+    differenced : mapping
+        Parameters by which the derivatives are differences of two runs, with the reason.
+    given_up : bool
+        Whether the fit was stopped because it could not come near the best.
     """
 
     effects: tuple[Effect, ...]
@@ -287,16 +293,14 @@ class Fit:
     jacobian: Array
     free: tuple[tuple[str, str], ...]
     run: Run
+    on_own_path: bool = True
+    differenced: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    given_up: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects."""
         return tuple(e.name for e in self.effects)
-
-    @property
-    def anew(self) -> Fit:
-        """The same without its sensitivities, so that they are evaluated again."""
-        return replace(self, jacobian=self.jacobian[:, :0])
 
     @property
     def solved(self) -> bool:
@@ -313,9 +317,9 @@ def evaluate(problem: FitProblem, effects: Sequence[Effect], values: Point) -> F
 def refine(problem: FitProblem, effects: Sequence[Effect], values: Point) -> tuple[FitProblem, bool]:
     """Refine mesh and path until their errors stay below the noise near a point.
 
-    A run with one element per bay more and all steps divided shows whether either matters; if so, each is tested
-    separately. Elements are added until the error, which falls with a power of their number, is small. Steps whose
-    result changes when they are divided stay divided. The remaining error is extrapolated and subtracted.
+    A run with one element per bay more shows whether the mesh matters. Elements are added until the error, which falls
+    with a power of their number, is small. Steps whose path the solver reports as not resolved are divided in a run of
+    their own, and stay divided where a reading changes. The remaining error of the mesh is extrapolated and subtracted.
 
     Returns
     -------
@@ -324,41 +328,33 @@ def refine(problem: FitProblem, effects: Sequence[Effect], values: Point) -> tup
         Whether mesh or steps were changed, so that earlier predictions no longer count.
     """
     problem = replace(problem, correction=np.zeros(problem.count))
-    (here,), _ = problem.residuals(effects, [values], record=True)
-    both = _refined_residual(problem, effects, values, mesh=True, path=True)
-    n = problem.experiment.model.starting_elements_per_bay
-    share = 1.0 - (n / (n + 1.0)) ** ORDER
-    change = _known(both - here)
-    total = float(np.sqrt(np.mean(change**2)))
-    if total <= MESH * share and float(np.max(np.abs(change))) <= PATH:
-        return replace(problem, mesh_error=total / share, correction=change / share), False
-    meshed = _refined_residual(problem, effects, values, mesh=True, path=False)
-    mesh_error = float(np.sqrt(np.mean(_known(meshed - here) ** 2))) / share
+    (here,), (run,) = problem.residuals(effects, [values], record=True)
     experiment = problem.experiment
-    change = np.abs(_known(both - meshed))
-    steps = {int(k) for k in np.unique(problem.readings.reader.step[change > PATH])}
-    if steps:
-        experiment = divide_steps(experiment, steps, 2 * PARTS)
+    n = experiment.model.starting_elements_per_bay
+    finer = replace(experiment, model=replace(experiment.model, elements_per_bay=n + 1))
+    jobs = [finer]
+    unresolved = {int(k) for k in np.flatnonzero(run.refinement_errors > 0.0)}
+    divided = divide_steps(experiment, unresolved, PARTS)
+    if divided is not experiment:
+        jobs.append(divided)
+    found = problem.solve([replace(problem, experiment=e).with_effects(effects, values) for e in jobs])
+    residuals = [problem.residual(problem.with_effects(effects, values), r) for r in found]
+    share = 1.0 - (n / (n + 1.0)) ** ORDER
+    change = _known(residuals[0] - here)
+    mesh_error = float(np.sqrt(np.mean(change**2))) / share
+    if len(found) > 1:
+        moved = np.abs(_known(residuals[1] - here)) > PATH
+        steps = {int(k) for k in np.unique(problem.readings.reader.step[moved])}
+        experiment = divide_steps(experiment, steps, 2 * PARTS) if steps else experiment
     if mesh_error > MESH and n < FINEST:
         more = min(FINEST, max(n + 1, int(np.ceil(n * (mesh_error / MESH) ** (1.0 / ORDER)))))
         experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=more))
         mesh_error *= (n / more) ** ORDER
-    changed = experiment is not problem.experiment
-    return replace(problem, mesh_error=mesh_error, experiment=experiment), changed
-
-
-def _refined_residual(
-    problem: FitProblem, effects: Sequence[Effect], values: Point, mesh: bool, path: bool
-) -> Array:
-    """Residual at a point with one element per bay more, or with every step divided."""
-    experiment = problem.experiment
-    if mesh:
-        n = experiment.model.starting_elements_per_bay + 1
-        experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=n))
-    if path:
-        experiment = divide_steps(experiment, set(range(len(problem.data.steps))), PARTS)
-    (r,), _ = replace(problem, experiment=experiment).residuals(effects, [values])
-    return r
+    if experiment is problem.experiment:
+        # Extrapolated only where it is small, so that its law is known.
+        correction = change / share if mesh_error <= MESH else problem.correction
+        return replace(problem, mesh_error=mesh_error, correction=correction), False
+    return replace(problem, mesh_error=mesh_error, experiment=experiment), True
 
 
 def _known(r: Array) -> Array:

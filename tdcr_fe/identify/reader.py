@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.run import Run
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.channels import Channel, Location, ObservedStep, channel
+from tdcr_fe.model.channels import Channel, Location, ObservedChange, ObservedStep, channel
 
 Array = NDArray[np.float64]
 
@@ -55,19 +55,47 @@ class Reader:
             Whose observation map is used.
         """
         out = np.full(self.count, np.nan)
-        frame = Rotation.from_rotvec(np.array(experiment.observation.rotation)).as_matrix()
-        offset = np.array([*experiment.observation.offset, 0.0])
+        observe = self._observer(run, experiment)
         for k in range(run.solved):
-            step = ObservedStep(
-                run.s,
-                run.positions[k],
-                run.rotations[k],
-                run.displacements[k],
-                run.distal_tensions[k],
-                self.tendon_names,
-                frame,
-                offset,
-            )
+            step = observe(k)
             for known, which, locations in self._groups.get(k, ()):
                 out[which] = known.predict(step, locations)
         return out
+
+    def derivatives(self, run: Run, experiment: Experiment) -> Array:
+        """Derivatives of what would be read by the parameters of a run, shape (n, P); NaN where not solved.
+
+        Parameters
+        ----------
+        run
+            With derivatives.
+        experiment
+            Whose observation map is used.
+        """
+        by = run.derivatives
+        assert by is not None
+        out = np.full((self.count, len(by.names)), np.nan)
+        observe = self._observer(run, experiment)
+        for k in range(run.solved):
+            step = observe(k)
+            change = ObservedChange(
+                by.positions[k], by.rotations[k], by.displacements[k], by.distal_tensions[k], by.arc_lengths
+            )
+            for known, which, locations in self._groups.get(k, ()):
+                out[which] = known.derivatives(step, change, locations)
+        return out
+
+    def _observer(self, run: Run, experiment: Experiment) -> Callable[[int], ObservedStep]:
+        """What is observed of a run's steps."""
+        frame = Rotation.from_rotvec(np.array(experiment.observation.rotation)).as_matrix()
+        offset = np.array([*experiment.observation.offset, 0.0])
+        return lambda k: ObservedStep(
+            run.s,
+            run.positions[k],
+            run.rotations[k],
+            run.displacements[k],
+            run.distal_tensions[k],
+            self.tendon_names,
+            frame,
+            offset,
+        )

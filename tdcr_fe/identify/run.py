@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -16,6 +16,8 @@ from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.settings import SolverSettings
 
 if TYPE_CHECKING:
+    from tdcr_fe.model.sensitivities import Sensitivities
+    from tdcr_fe.solve.parameters import ModelParameter
     from tdcr_fe.solve.simulate import PathRecord
     from tdcr_fe.solve.stepping import Increment
 
@@ -57,6 +59,55 @@ class Trajectory:
         return self.waypoints if self.ends == ends else _divide(_join(self.waypoints, self.ends), ends)
 
 
+@dataclass(frozen=True, eq=False)
+class RunDerivatives:
+    """Derivatives of a run by parameters, which are the last axis; NaN for steps that were not solved.
+
+    Attributes
+    ----------
+    positions, rotations : ndarray, shape (n_steps, n, 3, P)
+        As in `tdcr_fe.model.sensitivities.Sensitivity`.
+    displacements, distal_tensions : ndarray, shape (n_steps, n_tendons, P)
+    arc_lengths : ndarray, shape (n, P)
+        Of the nodes.
+    names : tuple of str
+        Of the parameters.
+    refused : mapping of str to str
+        Parameters asked for by which there is no derivative, with the reason.
+    """
+
+    positions: Array
+    rotations: Array
+    displacements: Array
+    distal_tensions: Array
+    arc_lengths: Array
+    names: tuple[str, ...]
+    refused: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, found: Sensitivities, last: Sequence[int], count: int, refused: Mapping[str, str]
+    ) -> RunDerivatives:
+        """Of the solved steps with these positions in the sequence."""
+        every = list(found.values())
+
+        def fill(values: list[Array]) -> Array:
+            if not values:
+                return np.zeros((count, 0))
+            stacked = np.stack([v[last] for v in values], axis=-1)
+            return np.concatenate((stacked, np.full((count - len(last), *stacked.shape[1:]), np.nan)))
+
+        return cls(
+            fill([x.positions for x in every]),
+            fill([x.rotations for x in every]),
+            fill([x.displacements for x in every]),
+            fill([np.stack([t[:, -1] for t in x.tensions], axis=1) for x in every]),
+            np.stack([x.arc_lengths for x in every], axis=1) if every else np.zeros((0, 0)),
+            tuple(found),
+            refused,
+        )
+
+
 @dataclass(frozen=True)
 class Run:
     """Results of one simulated loading sequence that predictions need.
@@ -76,6 +127,11 @@ class Run:
         Why it ended.
     trajectory : Trajectory or None
         Reference path for neighbouring runs; None where none was recorded.
+    derivatives : RunDerivatives or None
+        By the parameters of the task.
+    refinement_errors : ndarray, shape (n_steps,)
+        By commanded step, what is left of its path dependence over the length where the solver could not resolve it,
+        else zero [1].
     """
 
     s: Array
@@ -87,6 +143,8 @@ class Run:
     solved: int
     message: str
     trajectory: Trajectory | None = None
+    derivatives: RunDerivatives | None = None
+    refinement_errors: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def of(cls, steps: Sequence[StepResult], count: int, experiment: Experiment, message: str) -> Run:
@@ -133,12 +191,15 @@ class Task(NamedTuple):
         Path that the run follows.
     record : bool
         Whether the run keeps its own path.
+    parameters : tuple of ModelParameter
+        By which the run is differentiated, see `tdcr_fe.solve.parameters.tabulated`.
     """
 
     experiment: Experiment
     settings: SolverSettings
     reference: Trajectory | None = None
     record: bool = False
+    parameters: tuple[ModelParameter, ...] = ()
 
 
 def run_settings(declared: SolverSettings, path_tolerance: float) -> SolverSettings:
@@ -166,25 +227,16 @@ def simulate_experiment(task: Task) -> Run:
     KeyboardInterrupt
         The simulation was interrupted.
     """
-    from tdcr_fe.solve.simulate import simulate
-
-    experiment, settings, reference, record = task
+    experiment, settings, reference = task.experiment, task.settings, task.reference
     ends, last = experiment.step_ends, _last_parts(experiment)
     elements = experiment.model.starting_elements_per_bay
     if reference is not None and reference.elements != elements:
         reference = None
     if reference is not None:
         settings = replace(settings, min_substep=max(settings.min_substep, SMALLEST_ON_REFERENCE))
-    path: PathRecord | None = [] if record else None
+    path: PathRecord | None = [] if task.record else None
     try:
-        result = simulate(
-            experiment.robot,
-            experiment.model,
-            experiment.steps,
-            settings,
-            reference_path=None if reference is None else reference.divided(ends),
-            record_path=path,
-        )
+        result, refused = _differentiated(task, settings, reference, path)
     except (ValueError, np.linalg.LinAlgError, IndexError) as error:
         # an impossible robot, or a reference path that does not fit
         if reference is not None:
@@ -193,10 +245,16 @@ def simulate_experiment(task: Task) -> Run:
     if result.message == INTERRUPTED:
         raise KeyboardInterrupt
     # In a fit, a run that cannot follow its reference path is too far away and costly: it counts as not solved.
-    if not result.converged and reference is not None and not record:
+    if not result.converged and reference is not None and not task.record:
         return simulate_experiment(task._replace(reference=None))
-    solved = [result.steps[j] for j in last if j < len(result.steps)]
-    run = Run.of(solved, len(last), experiment, result.message)
+    ended = [j for j in last if j < len(result.steps)]
+    run = Run.of([result.steps[j] for j in ended], len(last), experiment, result.message)
+    errors = np.zeros(len(last))
+    for step, (k, _) in zip(result.steps, ends, strict=False):
+        errors[k] = max(errors[k], float(step.details.get("refinement_error", 0.0)))
+    run = replace(run, refinement_errors=errors)
+    if task.parameters and ended:
+        run = replace(run, derivatives=RunDerivatives.of(result.sensitivities, ended, len(last), refused))
     return run if path is None else replace(run, trajectory=Trajectory(path, ends, elements))
 
 
@@ -221,6 +279,33 @@ def solve_commanded_steps(experiment: Experiment, settings: SolverSettings) -> S
         raise KeyboardInterrupt
     solved = len(result.steps)
     return replace(result, steps=tuple(result.steps[j] for j in _last_parts(experiment) if j < solved))
+
+
+def _differentiated(
+    task: Task, settings: SolverSettings, reference: Trajectory | None, path: PathRecord | None
+) -> tuple[SequenceResult, dict[str, str]]:
+    """The simulation with all derivatives that there are; and those that there are not, with the reason."""
+    from tdcr_fe.solve.parameters import NoDerivative
+    from tdcr_fe.solve.simulate import simulate
+
+    experiment, refused = task.experiment, dict[str, str]()
+    along = None if reference is None else reference.divided(experiment.step_ends)
+    while True:
+        chosen = [p for p in task.parameters if p.name not in refused]
+        try:
+            result = simulate(
+                experiment.robot,
+                experiment.model,
+                experiment.steps,
+                settings,
+                reference_path=along,
+                record_path=path,
+                sensitivities=chosen,
+            )
+        except NoDerivative as error:
+            refused[error.parameter] = error.reason
+            continue
+        return result, refused
 
 
 def _join(waypoints: PathRecord, ends: Ends) -> dict[int, list[Increment]]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from tdcr_fe.effects import Effect
+from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.fitting import NOTHING
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 
@@ -29,34 +30,50 @@ class Score:
         Fall of the sum of squares over the held-out readings for the same change.
     starts : list of Point
         Where a fit may begin.
+    predicted : ndarray, shape (n,)
+        Residual over sigma that it would leave, to first order.
     signature : ndarray, shape (n, k)
         Change of the predictions over sigma, by direction.
     note : str
         Reason of refusal; empty where it is not refused.
     scales : mapping
         Typical steps of its parameters in their fitted coordinates.
+    differenced : mapping of str to str
+        Parameters whose part of the signature is a difference of two runs, with the reason.
     """
 
     effect: Effect
     drop: float
     drop_held: float
     starts: list[Point]
+    predicted: Array
     signature: Array
     note: str = ""
     scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    differenced: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def count(self) -> int:
         """Parameters of the effect."""
         return len(self.effect.parameters)
 
+    def with_start(self, point: Point) -> Score:
+        """With another point where a fit may begin, after the first one."""
+        return replace(self, starts=[self.starts[0], point, *self.starts[1:]])
+
+    def cost(self, problem: FitProblem) -> float:
+        """Robust sum of squares over the fitted readings that it would leave, to first order."""
+        return problem.cost(self.predicted)[0]
+
 
 def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> list[Score]:
     """Score candidates beside a fitted model, largest fall first.
 
-    Every candidate is moved a little from its null values in one run per direction, and the residual is projected on
-    the change of the predictions, with the fitted parameters free; amplitudes stay within bounds. The runs follow the
-    path of the fitted one, so that differences are smooth.
+    One run along the path of the fitted model gives the derivatives of all readings by the parameters of all
+    candidates at their null values. The residual is projected on them, with the fitted parameters free; amplitudes stay
+    within bounds. A parameter that changes nothing while the others have their null values
+    (`Effect.unidentifiable_at_null`) is held at the values of the probe points. Where there is no derivative, the
+    difference of a run at the probe point takes its place.
 
     Parameters
     ----------
@@ -69,64 +86,135 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> list[Sco
     """
     experiment = problem.with_effects(fit.effects, fit.values)
     excitation = problem.excitation_range(fit.run)
-    null = {e.name: e.null_values(experiment) for e in effects}
-    tasks: list[tuple[Effect, int, Point]] = []
-    empty: list[Score] = []
+    sets: list[_ProbeSet] = []
+    scores: list[Score] = []
     none = np.zeros((fit.residual.size, 0))
     for e in effects:
         alternatives = e.probe_points(experiment, excitation)
         if not alternatives:
-            empty.append(Score(e, 0.0, 0.0, [], none, "these data cannot show it"))
-        for i, points in enumerate(alternatives):
-            tasks += [(e, i, {**fit.values, e.name: p}) for p in points]
-    if not tasks:
-        return empty
-    points_of: dict[str, list[list[Point]]] = {}
-    residuals: dict[str, list[list[Array]]] = {}
-    found = _residuals(problem, fit, tasks)
-    for (e, i, point), r in zip(tasks, found, strict=True):
-        rows, sets = residuals.setdefault(e.name, []), points_of.setdefault(e.name, [])
-        while len(rows) <= i:
-            rows.append([])
-            sets.append([])
-        rows[i].append(r)
-        sets[i].append(point)
-    scores = list(empty)
+            scores.append(Score(e, 0.0, 0.0, [], fit.residual, none, "these data cannot show it"))
+        sets += [_ProbeSet.of(e, points, experiment) for points in alternatives]
+    signatures, differenced = _signatures(problem, fit, sets)
     for e in effects:
-        if e.name in residuals:
-            scores.append(_score(problem, fit, e, null[e.name], points_of[e.name], residuals[e.name]))
+        own = [(x, y) for x, y in zip(sets, signatures, strict=True) if x.effect is e]
+        if own:
+            score = _score(problem, fit, own)
+            why = {name: reason for (effect, name), reason in differenced.items() if effect == e.name}
+            scores.append(replace(score, differenced=why))
     return sorted(scores, key=lambda s: -s.drop)
 
 
-def _residuals(problem: FitProblem, fit: Fit, tasks: Sequence[tuple[Effect, int, Point]]) -> list[Array]:
-    """Residuals at every task's point, all runs at once."""
-    experiments = [problem.with_effects((*fit.effects, e), point) for e, _, point in tasks]
-    runs = problem.solve(experiments, reference=fit.run)
-    return [problem.residual(s, run) for s, run in zip(experiments, runs, strict=True)]
+#: Effect, parameter and values at which a derivative is taken.
+_ColumnKey = tuple[str, str, tuple[float, ...]]
 
 
-def _score(
-    problem: FitProblem,
-    fit: Fit,
-    e: Effect,
-    null: dict[str, float],
-    sets: list[list[Point]],
-    residuals: list[list[Array]],
-) -> Score:
+def _column_key(column: Column) -> _ColumnKey:
+    return (*column.key, tuple(column.values.values()))
+
+
+@dataclass(frozen=True)
+class _ProbeSet:
+    """One of the alternatives of `Effect.probe_points`.
+
+    Attributes
+    ----------
+    effect : Effect
+    points : list of dict
+    null, start : dict
+        Null values; the same with those parameters that are held at the values of the points.
+    directions : list of dict
+        Changes of the coordinates from the start to each point.
+    differentiated : Effect
+        Whose derivatives are taken, see `Effect.near_null`.
+    """
+
+    effect: Effect
+    points: list[dict[str, float]]
+    null: dict[str, float]
+    start: dict[str, float]
+    directions: list[dict[str, float]]
+    differentiated: Effect
+
+    @classmethod
+    def of(cls, e: Effect, points: list[dict[str, float]], experiment: Experiment) -> _ProbeSet:
+        """Beside a fitted model."""
+        null, fixed = e.null_values(experiment), e.unidentifiable_at_null(experiment)
+        start = {**null, **{name: points[0][name] for name in fixed}}
+        directions = [_direction(e, fixed, null, p) for p in points]
+        return cls(e, points, null, start, directions, e.near_null(experiment))
+
+    @property
+    def columns(self) -> dict[str, Column]:
+        """What the signature needs, by parameter."""
+        found: dict[str, Column] = {}
+        for d in self.directions:
+            for name, change in d.items():
+                if change != 0.0:
+                    found.setdefault(name, Column(self.differentiated, name, self.start, change))
+        return found
+
+    def key(self, name: str) -> _ColumnKey:
+        """Of the column of a parameter; the same where the derivative is the same."""
+        return _column_key(Column(self.effect, name, self.start, 0.0))
+
+    def signature(self, derivatives: Mapping[str, Array], count: int) -> Array:
+        """Change of the predictions towards every point, from the derivatives by parameter, shape (count, k)."""
+        return np.stack(
+            [
+                sum((derivatives[n] * x for n, x in d.items() if x != 0.0), np.zeros(count))
+                for d in self.directions
+            ],
+            axis=1,
+        )
+
+
+def _signatures(
+    problem: FitProblem, fit: Fit, sets: Sequence[_ProbeSet]
+) -> tuple[list[Array], dict[tuple[str, str], str]]:
+    """Signatures of all probe sets from one run, and the parameters whose column is a difference of two runs.
+
+    Alternatives that begin at the same values share a derivative; those that need differences each have their own.
+    """
+    exact: dict[_ColumnKey, int] = {}
+    columns: list[Column] = []
+    for one in sets:
+        for name, column in one.columns.items():
+            if one.key(name) not in exact:
+                exact[one.key(name)] = len(columns)
+                columns.append(column)
+    count = fit.residual.size
+    (linear,) = linearize(problem, [Request(fit.effects, fit.values, tuple(columns), fit.run)])
+    differenced = {columns[j].key: why for j, why in linear.differenced.items()}
+    by_key = {key: linear.matrix[:, j] for key, j in exact.items()}
+    more = [
+        column
+        for one in sets
+        for name, column in one.columns.items()
+        if exact[one.key(name)] in linear.differenced and column.step != columns[exact[one.key(name)]].step
+    ]
+    extra: dict[tuple[_ColumnKey, float], Array] = {}
+    if more:
+        (other,) = linearize(problem, [Request(fit.effects, fit.values, tuple(more), fit.run)])
+        for column, values in zip(more, other.matrix.T, strict=True):
+            extra[(_column_key(column), column.step)] = values
+    found = []
+    for one in sets:
+        own = {n: extra.get((one.key(n), c.step), by_key[one.key(n)]) for n, c in one.columns.items()}
+        found.append(one.signature(own, count))
+    return found, differenced
+
+
+def _score(problem: FitProblem, fit: Fit, sets: Sequence[tuple[_ProbeSet, Array]]) -> Score:
+    """The best of the alternatives of one candidate."""
     fitted = problem.fitted
-    fixed = e.unidentifiable_at_null(problem.with_effects(fit.effects, fit.values))
+    e = sets[0][0].effect
     best: Score | None = None
     others: list[Point] = []
     scales: dict[tuple[str, str], float] = {}
-    for points, rows in zip(sets, residuals, strict=True):
-        signature = np.stack([fit.residual - r for r in rows], axis=1)
-        if not np.all(np.isfinite(signature)):
+    for one, signature in sets:
+        if np.all(np.sqrt(np.mean(signature**2, axis=0)) < NOTHING):
             continue
-        strength = np.sqrt(np.mean(signature**2, axis=0))
-        if np.all(strength < NOTHING):
-            continue
-        directions = [_direction(e, fixed, null, p[e.name]) for p in points]
-        low, high = np.array([_amplitude_range(problem, e, null, d) for d in directions]).T
+        low, high = np.array([_amplitude_range(problem, e, one.null, d) for d in one.directions]).T
         k = fit.jacobian.shape[1]
         a = np.concatenate((fit.jacobian, signature), axis=1)
         w = np.minimum(1.0, problem.robust_threshold / np.maximum(np.abs(fit.residual), 1e-300)) ** 0.5
@@ -141,25 +229,31 @@ def _score(
         weighted = fit.residual * w
         drop = float(np.sum(weighted[fitted] ** 2) - np.sum(left[fitted] ** 2))
         drop_held = float(np.sum(weighted[problem.held_out] ** 2) - np.sum(left[problem.held_out] ** 2))
-        for name, j in ((n, j) for d in directions for n, j in d.items()):
+        for name, j in ((n, j) for d in one.directions for n, j in d.items()):
             if j != 0.0:
                 scales[(e.name, name)] = abs(j)
-        starts = [
-            {**fit.values, e.name: _mix(problem, e, null, directions, points, factor * amplitude[k:])}
-            for factor in (1.0, 0.5)
-        ]
+        starts = [{**fit.values, e.name: _mix(problem, one, factor * amplitude[k:])} for factor in (1.0, 0.5)]
         others.append(starts[0])
         if best is None or drop > best.drop:
-            best = Score(e, drop, drop_held, [*starts, points[0]], signature)
+            points = [*starts, {**fit.values, e.name: one.points[0]}]
+            best = Score(e, drop, drop_held, points, fit.residual - a @ amplitude, signature)
     if best is None:
         return Score(
-            e, 0.0, 0.0, [], np.zeros((fit.residual.size, 0)), "it changes nothing on these data", scales
+            e,
+            0.0,
+            0.0,
+            [],
+            fit.residual,
+            np.zeros((fit.residual.size, 0)),
+            "it changes nothing on these data",
+            scales,
         )
     return Score(
         e,
         best.drop,
         best.drop_held,
         best.starts + [o for o in others if o is not best.starts[0]],
+        best.predicted,
         best.signature,
         scales=scales,
     )
@@ -191,22 +285,15 @@ def _amplitude_range(
     return low, high
 
 
-def _mix(
-    problem: FitProblem,
-    e: Effect,
-    null: dict[str, float],
-    directions: list[dict[str, float]],
-    points: list[Point],
-    amplitudes: Array,
-) -> dict[str, float]:
+def _mix(problem: FitProblem, one: _ProbeSet, amplitudes: Array) -> dict[str, float]:
     """Values at the sum of amplitudes times directions, within bounds."""
     values = {}
-    for p in e.parameters:
-        here = p.coordinate(null[p.name])
-        if all(d[p.name] == 0.0 for d in directions):
-            values[p.name] = points[0][e.name][p.name]
+    for p in one.effect.parameters:
+        if all(d[p.name] == 0.0 for d in one.directions):
+            values[p.name] = one.points[0][p.name]
             continue
-        z = here + sum(a * d[p.name] for a, d in zip(amplitudes, directions, strict=True))
-        low, high = problem.bounds(e, p.name)
+        z = p.coordinate(one.null[p.name])
+        z += sum(a * d[p.name] for a, d in zip(amplitudes, one.directions, strict=True))
+        low, high = problem.bounds(one.effect, p.name)
         values[p.name] = p.value(float(np.clip(z, low, high)))
     return values

@@ -164,6 +164,9 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
         yield state
         others = [state.fits[frozenset(f.names)] for f in accepted[1 : search.settings.beam]]
         explained = residual_is_noise(problem, best, search.significance)
+        if not explained and number == 1:
+            again = [fitting.descend(problem, f, fitting.Race(), 5) for f in others]
+            others = fitting.run_fits(problem, again)
         level = [best] if explained or number > 1 else [best, *others]
         if number == 1 and not explained and locate:
             # If one local cause explains everything, the search for several effects that mimic it is skipped.
@@ -234,22 +237,21 @@ def _local_search(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
         level = max(1.0, reduced_chi_square(state.problem, base) * 0.02)
         scores = [x for x in scored if x.drop > threshold * level]
         found += [
-            (base.cost - x.drop, base, x)
+            (x.cost(state.problem), base, x)
             for i, x in enumerate(scores[:2])
-            if base.cost - x.drop < (margin if i else max(margin, 0.6 * base.cost))
+            if x.cost(state.problem) < (margin if i else max(margin, 0.6 * base.cost))
         ]
-    fits = []
-    for _, base, score in sorted(found, key=lambda p: p[0])[:3]:
-        search.report(f"fitting {score.effect.name}", 0.9)
-        new = fitting.fit(
-            state.problem,
-            (*base.effects, score.effect),
-            score.starts,
-            2.0 * state.best.cost,
-            reference=base.run,
-        )
-        if new.solved and is_improvement(state.problem, new, base, search.significance):
-            fits.append(new)
+    chosen = [(base, score) for _, base, score in sorted(found, key=lambda p: p[0])[:3]]
+    if not chosen:
+        return state
+    search.report(f"fitting {_list([score.effect.name for _, score in chosen])}", 0.9)
+    race = fitting.Race(state.best.cost)
+    fits = fitting.run_fits(state.problem, [_candidate_fit(state.problem, b, x, race) for b, x in chosen])
+    fits = [
+        new
+        for new, (base, _) in zip(fits, chosen, strict=True)
+        if new.solved and is_improvement(state.problem, new, base, search.significance)
+    ]
     return _with_local(state, fits) if fits else state
 
 
@@ -327,44 +329,68 @@ def _fit_proposals(
     return state, sorted(solved, key=lambda f: bic(problem, f))
 
 
+def _at_bound(problem: FitProblem, fit: Fit, effect: Effect | None = None) -> bool:
+    """Whether a free parameter (of one effect) has come to a bound other than its null value, and so is no estimate."""
+    null = {e.name: e.null_values(problem.experiment) for e in fit.effects}
+    for e in fit.effects if effect is None else (effect,):
+        for p in e.parameters:
+            low, high = problem.bounds(e, p.name)
+            z, start = p.coordinate(fit.values[e.name][p.name]), p.coordinate(null[e.name][p.name])
+            near = 1e-6 * max(abs(high - low), 1e-300)
+            at = [x for x in (low, high) if abs(z - x) <= near and abs(start - x) > near]
+            if at and (e.name, p.name) in fit.free:
+                return True
+    return False
+
+
 def _fit_and_rank(
     search: Search,
     state: SearchState,
     starters: Sequence[tuple[Fit, Score]],
     known: float,
     progress: float,
+    more: Mapping[str, Sequence[Point]] | None = None,
 ) -> tuple[SearchState, list[tuple[Fit, Score, Fit]]]:
-    """Fit models, each a fitted one with one more effect: all roughly, and those near the best to convergence."""
-    rough: list[tuple[Fit, Score, Fit]] = []
-    for parent, score in starters:
-        effects = (*parent.effects, score.effect)
-        new = state.fits.get(frozenset(e.name for e in effects))
-        if new is None:
-            search.report(f"fitting {_list([e.name for e in effects])}", progress)
-            new = _rough_fit(state.problem, parent, score, known)
-        known = min(known, new.cost)
-        rough.append((parent, score, new))
-    result = []
-    for parent, score, new in sorted(rough, key=lambda f: f[2].cost):
-        if frozenset(new.names) not in state.fits:
-            if new.solved and new.cost < 1.3 * known + 60.0:
-                search.report(f"fitting {_list(new.names)} to the end", progress)
-                new = fitting.finish(state.problem, new.anew)
-                known = min(known, new.cost)
-            state = state.with_fit(new)
-        result.append((parent, score, state.fits[frozenset(new.names)]))
-    return state, result
+    """Fit models, each a fitted one with one more effect; those that cannot come near the best are stopped.
+
+    ``more``: by effect, further points to begin from where the lowest cost is not reached.
+    """
+    new = [x for x in starters if _names(*x) not in state.fits]
+    known = min([known, *(state.fits[_names(*x)].cost for x in starters if _names(*x) in state.fits)])
+    if new:
+        search.report(f"fitting {_list([score.effect.name for _, score in new])}", progress)
+    race = fitting.Race(known)
+    fittings = [
+        _candidate_fit(state.problem, parent, score, race, (more or {}).get(score.effect.name, ()))
+        for parent, score in new
+    ]
+    for found in fitting.run_fits(state.problem, fittings):
+        state = _with_note_on_differences(state.with_fit(found), found.differenced)
+    return state, [(parent, score, state.fits[_names(parent, score)]) for parent, score in starters]
 
 
-def _rough_fit(problem: FitProblem, parent: Fit, score: Score, known: float) -> Fit:
-    """A few iterations from the first start; from the others where its cost stays too high."""
-    effects = (*parent.effects, score.effect)
-    starts = score.starts
-    first = fitting.fit(problem, effects, starts[:1], 3.0 * known, 5, parent.run, polish=False)
-    if len(starts) == 1 or first.cost < max(1.5 * known, parent.cost - 0.7 * score.drop):
-        return first
-    other = fitting.fit(problem, effects, starts[1:], 3.0 * known, 5, parent.run, polish=False)
-    return min(first, other, key=lambda f: f.cost)
+def _names(parent: Fit, score: Score) -> Names:
+    """Names of the effects of a model with one more."""
+    return frozenset({*parent.names, score.effect.name})
+
+
+def _candidate_fit(
+    problem: FitProblem, parent: Fit, score: Score, race: fitting.Race, more: Sequence[Point] = ()
+) -> fitting.Fitting:
+    """Fit a candidate beside a model from the first start; from the others where its cost stays too high."""
+    effects, drop = (*parent.effects, score.effect), parent.cost - score.cost(problem)
+    now = yield from fitting.begin(problem, effects, score.starts[:1], race, parent.run)
+    now = yield from fitting.descend(problem, now, race, 5, score.predicted)
+    starts = list(more) if now.cost > 1.5 * race.lowest else []
+    if now.cost > max(1.5 * race.lowest, parent.cost - 0.7 * drop):
+        starts += score.starts[1:]
+    if starts:
+        other = yield from fitting.begin(problem, effects, starts, race, parent.run)
+        other = yield from fitting.descend(problem, other, race, 12 if more else 5)
+        now = min(now, other, key=lambda f: f.cost)
+    if now.solved and now.cost <= race.limit:
+        now = yield from fitting.finish(problem, replace(now, given_up=False), race)
+    return now
 
 
 def _swap_one(search: Search, state: SearchState) -> tuple[SearchState, bool]:
@@ -374,11 +400,14 @@ def _swap_one(search: Search, state: SearchState) -> tuple[SearchState, bool]:
         state, every = _scores(state, rest)
         scores = [x for x in every if x.effect.name != e.name and x.starts]
         margin = state.best.cost * 1.5 + 60.0
-        chosen = [x for i, x in enumerate(scores) if i < 3 or rest.cost - x.drop < margin]
-        needed = 0.3 * max(1e-9, rest.cost - state.best.cost)
-        worth = [x for x in chosen[: search.settings.candidates] if x.drop >= needed]
+        chosen = [x for i, x in enumerate(scores) if i < 3 or x.cost(state.problem) < margin]
+        most = rest.cost - 0.3 * max(1e-9, rest.cost - state.best.cost)
+        worth = [x for x in chosen[: search.settings.candidates] if x.cost(state.problem) <= most]
         worth = [x for x in worth if identifiable(state.problem, rest, x)]
-        state, raced = _fit_and_rank(search, state, [(rest, x) for x in worth], state.best.cost, 0.75)
+        # Fitted alone, the rest may have moved far away: the fits may begin beside its values in the best model, too.
+        beside = {x.name: state.best.values[x.name] for x in rest.effects}
+        more = {x.effect.name: _starts_beside(state, x, beside) for x in worth if beside}
+        state, raced = _fit_and_rank(search, state, [(rest, x) for x in worth], state.best.cost, 0.75, more)
         problem, best = state.problem, state.best
         noise = effective_noise(problem, best, search.significance)
         for _, x, other in raced:
@@ -390,9 +419,21 @@ def _swap_one(search: Search, state: SearchState) -> tuple[SearchState, bool]:
             ):
                 state = state.with_history(f"{x.effect.name} in place of {e.name}: it explains more")
                 return replace(state, best=other), True
-            if difference < BIC_DIFFERENCE * noise:
+            alike = difference < BIC_DIFFERENCE * noise
+            if alike and _at_bound(problem, best, e) and not _at_bound(problem, other):
+                sentence = f"{x.effect.name} in place of {e.name}: as good within noise, and not at a bound"
+                return replace(state.with_history(sentence), best=other), True
+            if alike:
                 state = _with_rival(state, e.name, x.effect.name)
     return state, False
+
+
+def _starts_beside(state: SearchState, score: Score, values: Point) -> list[Point]:
+    """Where a fit may begin beside other effects at these values: as predicted, and as alone where that is known."""
+    name = score.effect.name
+    alone = state.fits.get(frozenset({name}))
+    found = [{**values, name: score.starts[0][name]}]
+    return found if alone is None else [*found, {**values, name: alone.values[name]}]
 
 
 def _with_rival_sets(search: Search, state: SearchState) -> SearchState:
@@ -451,18 +492,25 @@ def _refined(state: SearchState) -> SearchState:
         if not more:
             break
         changed = True
-    again = evaluate(problem, before.effects, before.values)
+    if changed:
+        fitted = fitting.evaluated(problem, before.effects, before.values, before.free)
+        (again,) = fitting.run_fits(problem, [fitted])
+    else:
+        again = _recounted(problem, before, problem.correction - state.problem.correction)
     shift = again.residual - before.residual
-    fits: dict[Names, Fit] = {}
-    for key, old in state.fits.items():
-        r = old.residual + shift
-        cost, held_cost = problem.cost(r)
-        fits[key] = replace(old, residual=r, cost=cost, held_cost=held_cost)
-    best = fitting.finish(problem, replace(again, free=before.free, jacobian=before.jacobian))
+    fits = {key: _recounted(problem, old, shift) for key, old in state.fits.items()}
+    (best,) = fitting.run_fits(problem, [fitting.finish(problem, again, fitting.Race())])
     fits[frozenset(best.names)] = best
     declared = evaluate(problem, (), {}) if changed else fits[frozenset()]
     fits[frozenset()] = declared
     return replace(state, problem=problem, best=best, declared=declared, fits=fits)
+
+
+def _recounted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
+    """A fit with its residual shifted, and its cost by the measures of a problem."""
+    r = fit.residual + shift
+    cost, held_cost = problem.cost(r)
+    return replace(fit, residual=r, cost=cost, held_cost=held_cost)
 
 
 def _parent(state: SearchState, fit: Fit) -> Fit:
@@ -507,7 +555,7 @@ def _scores(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]
             if form.listed not in {x.listed for x in fit.effects} and form.name not in state.refused
         ]
         scores = screen(state.problem, fit, others)
-        state = _with_scales(replace(state, scores={**state.scores, key: scores}), scores)
+        state = _with_screened(replace(state, scores={**state.scores, key: scores}), scores)
         if not fit.effects:
             refused = {x.effect.name: x.note for x in scores if x.note and not x.effect.after}
             state = replace(state, refused={**state.refused, **refused})
@@ -515,28 +563,34 @@ def _scores(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]
 
 
 def _local_scores(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]:
-    """Scores of local causes beside a model: every other location, then the neighbours of the best."""
+    """Scores of local causes beside a model, computed once."""
     key = frozenset(fit.names)
     if key not in state.local_scores:
-        found: dict[str, Score] = {}
-        for family in local_candidates(state.problem, fit):
-            scores = screen(state.problem, fit, family[1::2] or family)
-            state = _with_scales(state, scores)
-            at = next(i for i, e in enumerate(family) if e.name == scores[0].effect.name)
-            near = screen(state.problem, fit, [family[i] for i in (at - 1, at + 1) if 0 <= i < len(family)])
-            state = _with_scales(state, near)
-            found |= {x.effect.name: x for x in (*scores, *near)}
-        ordered = sorted(found.values(), key=lambda x: -x.drop)
-        state = replace(state, local_scores={**state.local_scores, key: ordered})
+        scores = screen(
+            state.problem, fit, [e for family in local_candidates(state.problem, fit) for e in family]
+        )
+        state = _with_screened(state, scores)
+        state = replace(state, local_scores={**state.local_scores, key: scores})
     return state, state.local_scores[key]
 
 
-def _with_scales(state: SearchState, scores: Sequence[Score]) -> SearchState:
-    """Typical steps of parameters, as the score tests found them."""
+def _with_screened(state: SearchState, scores: Sequence[Score]) -> SearchState:
+    """Typical steps of parameters, as the score tests found them; and what had no derivative."""
     scales = dict(state.problem.scales)
     for score in scores:
         scales |= score.scales
+        why = {(score.effect.name, name): reason for name, reason in score.differenced.items()}
+        state = _with_note_on_differences(state, why)
     return replace(state, problem=replace(state.problem, scales=scales))
+
+
+def _with_note_on_differences(state: SearchState, why: Mapping[tuple[str, str], str]) -> SearchState:
+    """Say once of every parameter that its derivative was a difference of two runs."""
+    for (name, parameter), reason in why.items():
+        sentence = f"{name}.{parameter}: derivative by a difference of two runs ({reason})"
+        if sentence not in state.history:
+            state = state.with_history(sentence)
+    return state
 
 
 def _similarity(a: Array | None, b: Array | None) -> float:

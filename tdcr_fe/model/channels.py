@@ -48,12 +48,15 @@ class ObservedChange:
     rotations : ndarray, shape (n, 3, P)
         Of the sections, as world rotation vectors.
     displacements, distal_tensions : ndarray, shape (n_tendons, P)
+    s : ndarray, shape (n, P)
+        Of the arc lengths of the nodes, which move along the backbone where disks do.
     """
 
     positions: Array
     rotations: Array
     displacements: Array
     distal_tensions: Array
+    s: Array
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,7 @@ class ObservedStep:
     def marker_changes(self, change: ObservedChange, s: Array) -> Array:
         """Derivatives of `markers`, shape (n_markers, 3, P)."""
         nodes = np.argmin(np.abs(s[:, None] - self.s), axis=1)
-        if np.max(np.abs(self.s[nodes] - s)) < AT_NODE:
+        if np.max(np.abs(self.s[nodes] - s)) < AT_NODE and not np.any(change.s):
             moved = change.positions[nodes]
         else:
             moved = self._between_nodes(change, s)
@@ -128,21 +131,22 @@ class ObservedStep:
     def _between_nodes(self, change: ObservedChange, s: Array) -> Array:
         """Derivatives of the positions at arc lengths between nodes, (n_markers, 3, P), by central differences."""
         k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, self.s.size - 2)
-        share = (s - self.s[k]) / (self.s[k + 1] - self.s[k])
         columns = range(change.positions.shape[-1])
         steps = np.array([_difference_step(self, change, p) for p in columns])
         moved = []
-        for sign in (1.0, -1.0):
+        for h in (steps, -steps):
             ends = []
             for nodes in (k, k + 1):
-                turned = (sign * steps * change.rotations[nodes]).swapaxes(1, 2)
+                turned = (h * change.rotations[nodes]).swapaxes(1, 2)
                 turn = Rotation.from_rotvec(turned.reshape(-1, 3)).as_matrix().reshape(*turned.shape, 3)
-                at = self.positions[nodes, :, None] + sign * steps * change.positions[nodes]
-                ends += [
-                    at.swapaxes(1, 2).reshape(-1, 3),
-                    (turn @ self.rotations[nodes, None]).reshape(-1, 3, 3),
-                ]
-            moved.append(within_elements(*ends, np.repeat(share, len(columns))))
+                at = self.positions[nodes, :, None] + h * change.positions[nodes]
+                rotation = (turn @ self.rotations[nodes, None]).reshape(-1, 3, 3)
+                ends.append(
+                    (at.swapaxes(1, 2).reshape(-1, 3), rotation, self.s[nodes, None] + h * change.s[nodes])
+                )
+            (a, turn_a, start), (b, turn_b, end) = ends
+            share = (s[:, None] - start) / (end - start)
+            moved.append(within_elements(a, turn_a, b, turn_b, share.ravel()))
         found = (moved[0] - moved[1]).reshape(len(s), -1, 3).swapaxes(1, 2)
         return np.asarray(found / (2.0 * steps))
 
@@ -184,7 +188,8 @@ class ObservedStep:
         end = np.swapaxes(self.rotations[used + 1], 1, 2)
         turn = Rotation.from_matrix(np.swapaxes(end @ self.rotations[used], 1, 2)).as_rotvec()
         own = rotation_vector_rate(turn) @ end @ (change.rotations[used + 1] - change.rotations[used])
-        own /= (self.s[used + 1] - self.s[used])[:, None, None]
+        length = (self.s[used + 1] - self.s[used])[:, None, None]
+        own = own / length - turn[:, :, None] * (change.s[used + 1] - change.s[used])[:, None] / length**2
         return np.asarray(0.5 * (own[np.searchsorted(used, lower)] + own[np.searchsorted(used, upper)]))
 
     def _elements_at(self, s: Array) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
@@ -276,6 +281,7 @@ def _difference_step(step: ObservedStep, change: ObservedChange, p: int) -> floa
     largest = max(
         float(np.max(np.abs(change.rotations[:, :, p]), initial=0.0)),
         float(np.max(np.abs(change.positions[:, :, p]), initial=0.0)) / length,
+        float(np.max(np.abs(change.s[:, p]), initial=0.0)) / length,
         float(np.max(np.abs(change.displacements[:, p]), initial=0.0)) / length,
     )
     return 1e-5 / largest if largest > 0.0 else 1e-5
@@ -286,6 +292,7 @@ def _moved(step: ObservedStep, change: ObservedChange, p: int, h: float) -> Obse
     turn = Rotation.from_rotvec(h * change.rotations[:, :, p]).as_matrix()
     return replace(
         step,
+        s=step.s + h * change.s[:, p],
         positions=step.positions + h * change.positions[:, :, p],
         rotations=turn @ step.rotations,
         displacements=step.displacements + h * change.displacements[:, p],

@@ -34,6 +34,8 @@ class Sensitivity:
         By tendon, of every segment [N].
     slips : tuple of ndarray, each of shape (n_steps, n_segments - 1)
         By tendon, of the material that has passed each hole towards the base, base plate and anchor left out [m].
+    arc_lengths : ndarray, shape (n,)
+        Of the arc lengths of the backbone nodes [m]; nodes move along the backbone where disks or their ends do.
     """
 
     parameter: str
@@ -44,6 +46,7 @@ class Sensitivity:
     displacements: Array
     tensions: tuple[Array, ...]
     slips: tuple[Array, ...]
+    arc_lengths: Array
 
     @property
     def tips(self) -> Array:

@@ -38,6 +38,8 @@ class ExplicitDerivatives:
     ----------
     law : FrictionModel
         Of the friction in the models; where the present one has none, that of the neighbours.
+    arc_lengths : ndarray, shape (n, P)
+        Derivatives of the arc lengths of the nodes [m].
     """
 
     def __init__(self, present: RobotModel, found: Sequence[Neighbours], count: int) -> None:
@@ -54,6 +56,11 @@ class ExplicitDerivatives:
         self._creeps = any(m.robot.backbone.creep_rate != 0.0 for m in self._elastic.models)
         self._by_weight = self._weight.derivative(np.stack([m.weight for m in self._weight.models]))
         self._coefficients = self._elastic_coefficients(0.0)
+        self.arc_lengths = np.zeros((own.mesh.arc_lengths.size, count))
+        for each in found:
+            arcs = [m.forces.mesh.arc_lengths for m in (present, *each.models)]
+            weights = (each.stencil.base_weight, *each.stencil.weights)
+            self.arc_lengths[:, each.number] = sum(w * x for w, x in zip(weights, arcs, strict=True))
         self._unloaded = Stacked.where(present, found, _released_unloaded_differ)
 
     def _elastic_coefficients(self, time: float) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Experiment
 from tdcr_fe.model.loading import Actuation, resolve
 from tdcr_fe.solve.neighbours import Neighbours
-from tdcr_fe.solve.parameters import Parameter, StepInput, StructureChanged, same_structure
+from tdcr_fe.solve.parameters import NoDerivative, Parameter, StepInput, StructureChanged, same_structure
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -91,7 +91,13 @@ class InputDerivatives:
         chosen: Sequence[Parameter],
         found: Sequence[Neighbours],
     ) -> InputDerivatives:
-        """Derivatives by all parameters; see `neighbours`."""
+        """Derivatives by all parameters; see `neighbours`.
+
+        Raises
+        ------
+        NoDerivative
+            A parameter divides the load steps in another way.
+        """
         steps, m = len(experiment.steps), len(experiment.robot.tendons)
         keys = list(simulation.loads)
         tendons = np.zeros((steps, m, len(chosen)))
@@ -103,7 +109,10 @@ class InputDerivatives:
             others = each.stencil.experiments
             if all(e.steps is experiment.steps for e in others):
                 continue
-            actions = [present, *(_actions_like(experiment, e) for e in others)]
+            try:
+                actions = [present, *(_actions_like(experiment, present, e) for e in others)]
+            except StructureChanged as error:
+                raise NoDerivative(chosen[each.number], error) from error
             for weight, sequence in zip(weights, actions, strict=True):
                 for k, (action, same) in enumerate(zip(sequence, present, strict=True)):
                     tendons[k, :, each.number] += weight * action.values
@@ -124,15 +133,28 @@ class InputDerivatives:
         return cls(tendons, loads, times, restarts)
 
 
-def _actions_like(present: Experiment, other: Experiment) -> list[Actuation]:
+def _actions_like(present: Experiment, own: Sequence[Actuation], other: Experiment) -> list[Actuation]:
     """Inputs of an experiment at the ends of the steps of another, which effects may have divided differently."""
     actions = resolve(other.robot, other.steps)
-    if same_structure(present.steps, other.steps) and (
-        [k for k, _ in present.step_ends] == [k for k, _ in other.step_ends]
-    ):
-        return actions
+    if same_structure(present.steps, other.steps):
+        if [k for k, _ in present.step_ends] == [k for k, _ in other.step_ends]:
+            return actions
+        # A simulation does not know how effects divided its steps; a neighbour divided likewise has nearly its inputs.
+        if present.ends is None and _nearly_same(own, actions):
+            return actions
     # Where only the neighbour is divided, its parts begin and end where the change of the parameter takes them.
     whole = [j for j, (_, factor) in enumerate(other.step_ends) if factor == 1.0]
     if present.ends is not None or len(whole) != len(present.steps):
         raise StructureChanged("the load steps are divided differently there")
     return [actions[j] for j in whole]
+
+
+def _nearly_same(a: Sequence[Actuation], b: Sequence[Actuation]) -> bool:
+    """Whether all inputs of two sequences differ by less than a thousandth of the largest one of their kind."""
+    first, second = np.array([x.values for x in a]), np.array([x.values for x in b])
+    driven = np.array([x.by_displacement for x in a])
+    return all(
+        float(np.max(np.abs(first - second)[kind], initial=0.0))
+        <= 1e-3 * float(np.max(np.abs(first)[kind], initial=0.0))
+        for kind in (driven, ~driven)
+    )

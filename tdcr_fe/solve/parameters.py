@@ -401,6 +401,20 @@ class StructureChanged(ValueError):
     """A parameter changes the mesh or the number of load steps, so that results cannot be compared."""
 
 
+class NoDerivative(ValueError):
+    """There is no derivative by a parameter.
+
+    Attributes
+    ----------
+    parameter, reason : str
+    """
+
+    def __init__(self, parameter: Parameter, reason: object) -> None:
+        value = f" at {parameter.value:g}" if isinstance(parameter, ModelParameter) else ""
+        super().__init__(f"sensitivities: no derivative by {parameter.name}{value}: {reason}")
+        self.parameter, self.reason = parameter.name, str(reason)
+
+
 @dataclass(frozen=True, eq=False)
 class Stencil:
     """Experiments at neighbouring values, and the weights with which they give a derivative.
@@ -449,8 +463,8 @@ def stencil(
 
     Raises
     ------
-    ValueError
-        There are no such neighbours; the message names the parameter and the reason.
+    NoDerivative
+        There are no such neighbours.
     """
     step = RELATIVE_STEP * parameter.size
     reason: ValueError | None = None
@@ -465,9 +479,49 @@ def stencil(
                 reason = error
             continue
         return Stencil(step * np.array(offsets), np.array(weights) / step, base / step, found)
-    raise ValueError(
-        f"sensitivities: no derivative by {parameter.name} at {parameter.value:g}: {reason}"
-    ) from reason
+    raise NoDerivative(parameter, reason) from reason
+
+
+@dataclass(frozen=True, eq=False)
+class Tabulated:
+    """Neighbours of an experiment that were made beforehand, as `ModelParameter.apply`; can be sent to a process.
+
+    Attributes
+    ----------
+    value, step : float
+        Present value, and the difference step.
+    experiments : mapping of int to Experiment
+        By offset from the present value, in difference steps.
+    refused : str
+        Why there are no others.
+    """
+
+    value: float
+    step: float
+    experiments: Mapping[int, Experiment]
+    refused: str = ""
+
+    def __call__(self, experiment: Experiment, value: float) -> Experiment:
+        """The neighbour with a value; ValueError where it was not made."""
+        offset = round((value - self.value) / self.step)
+        if offset not in self.experiments:
+            raise ValueError(self.refused or f"no neighbour at {value:g}")
+        return self.experiments[offset]
+
+
+def tabulated(parameter: ModelParameter, experiment: Experiment) -> ModelParameter:
+    """A parameter whose neighbours are made now: on both sides, or two on the side where that is possible."""
+    step = RELATIVE_STEP * parameter.size
+    found: dict[int, Experiment] = {}
+    refused = ""
+    for offset in (1, -1, 2, -2):
+        if abs(offset) == 2 and ((-1 in found and 1 in found) or offset // 2 not in found):
+            continue
+        try:
+            found[offset] = parameter.apply(experiment, parameter.value + step * offset)
+        except ValueError as error:
+            refused = str(error)
+    return replace(parameter, apply=Tabulated(parameter.value, step, found, refused))
 
 
 def same_structure(present: Sequence[LoadStep], other: Sequence[LoadStep]) -> bool:

@@ -388,6 +388,7 @@ class SensitivityHistory:
                     np.array([s.displacements[:, k] for s in self.steps]),
                     tuple(tensions),
                     tuple(slips),
+                    self.explicit.arc_lengths[:, k],
                 )
             )
         return Sensitivities(tuple(found))

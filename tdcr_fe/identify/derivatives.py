@@ -1,0 +1,259 @@
+"""Predictions with their derivatives by parameters of effects: exact from one run, or differences where there are none.
+
+How a derivative is taken follows from what the parameter changes:
+
+- the observation only (a turned instrument, markers off the backbone): central differences of the reading of one run;
+- robot, model or loading sequence: the solver's sensitivities, exact along the history, all in one run;
+- where there are none (the mesh or the division of the load steps changes, or the effect declares so): the difference
+  of two runs, named in `Linear.differenced`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.identify.forward import Job
+from tdcr_fe.identify.problem import FitProblem, Point
+from tdcr_fe.identify.run import Run
+from tdcr_fe.solve.parameters import RELATIVE_STEP, ModelParameter, Tabulated, same_structure, tabulated
+
+Array = NDArray[np.float64]
+
+#: Difference step of parameters of the observation, over their typical change [1].
+OBSERVATION_STEP = 1e-2
+
+
+class Column(NamedTuple):
+    """By what the predictions are differentiated.
+
+    Attributes
+    ----------
+    effect : Effect
+    parameter : str
+    values : mapping
+        Of all its parameters, at which the derivative is taken.
+    step : float
+        Change of the coordinate, where the derivative is a difference of two runs.
+    """
+
+    effect: Effect
+    parameter: str
+    values: Mapping[str, float]
+    step: float
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Effect and parameter."""
+        return self.effect.name, self.parameter
+
+
+class Request(NamedTuple):
+    """A model whose predictions are linearised.
+
+    Attributes
+    ----------
+    effects : tuple of Effect
+    values : dict
+        By effect and parameter.
+    columns : tuple of Column
+        Of these effects, or of others at values where they change nothing.
+    reference : Run or None
+        Path that the run follows.
+    record : bool
+        Whether the run keeps its own path.
+    """
+
+    effects: tuple[Effect, ...]
+    values: Point
+    columns: tuple[Column, ...]
+    reference: Run | None = None
+    record: bool = True
+
+
+class Linear(NamedTuple):
+    """Predictions around a point, to first order.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (n,)
+        Reading less prediction over sigma.
+    matrix : ndarray, shape (n, P)
+        Derivatives of the predictions over sigma by the coordinates of the columns; zero where not solved.
+    run : Run
+        Without its derivatives.
+    differenced : mapping of int to str
+        Columns that are differences of two runs, with the reason.
+    """
+
+    residual: Array
+    matrix: Array
+    run: Run
+    differenced: Mapping[int, str]
+
+
+def linearize(problem: FitProblem, requests: Sequence[Request]) -> list[Linear]:
+    """Linearise several models, all runs at a time."""
+    parts = [_Part(problem, r) for r in requests]
+    runs = problem.forward.run_jobs([p.job for p in parts], problem.path_tolerance)
+    beside = [p.differences(run) for p, run in zip(parts, runs, strict=True)]
+    found = iter(problem.forward.run_jobs([job for jobs in beside for job in jobs], problem.path_tolerance))
+    return [
+        part.linear(run, [next(found) for _ in jobs])
+        for part, run, jobs in zip(parts, runs, beside, strict=True)
+    ]
+
+
+class _Part:
+    """One model: what is simulated for it, and what follows."""
+
+    def __init__(self, problem: FitProblem, request: Request) -> None:
+        self.problem, self.request = problem, request
+        self.effects, self.values = self._at_null()
+        self.experiment = problem.with_effects(self.effects, self.values)
+        self.observed: dict[int, Tabulated] = {}
+        self.differenced: dict[int, str] = {}
+        self.exact: dict[str, int] = {}
+        tables = []
+        for number, column in enumerate(request.columns):
+            if not column.effect.exact_derivatives:
+                self.differenced[number] = "it declares no exact derivatives"
+                continue
+            table = self._table(number)
+            neighbours = list(table.experiments.values())
+            if not neighbours:
+                self.differenced[number] = table.refused
+            elif all(_same_robot(self.experiment, e) for e in neighbours):
+                self.observed[number] = self._table(number, OBSERVATION_STEP)
+            else:
+                name = f"{number} {column.effect.name}.{column.parameter}"
+                self.exact[name] = number
+                tables.append(ModelParameter(name, table.value, table.step / RELATIVE_STEP, table))
+        self.job = Job(self.experiment, request.reference, request.record, tuple(tables))
+
+    def _at_null(self) -> tuple[tuple[Effect, ...], Point]:
+        """The model with those effects of the columns whose null values add inputs that act nowhere, such as loads."""
+        effects, values = list(self.request.effects), dict(self.request.values)
+        plain = self.problem.with_effects(effects, values)
+        for column in self.request.columns:
+            if column.effect.name in values:
+                continue
+            more = {**values, column.effect.name: dict(column.values)}
+            if not same_structure(
+                plain.steps, self.problem.with_effects([*effects, column.effect], more).steps
+            ):
+                effects, values = [*effects, column.effect], more
+                plain = self.problem.with_effects(effects, values)
+        return tuple(effects), values
+
+    def _moved(self, number: int, coordinate: float) -> Experiment:
+        """The experiment with the parameter of a column at a coordinate; shares with the present one what is the same.
+
+        Raises
+        ------
+        ValueError
+            Beyond its bounds, or an impossible robot.
+        """
+        column = self.request.columns[number]
+        e = column.effect
+        parameter = next(p for p in e.parameters if p.name == column.parameter)
+        low, high = self.problem.bounds(e, column.parameter)
+        if not low <= coordinate <= high:
+            raise ValueError(f"{e.name}.{column.parameter} must be from {low:g} to {high:g}")
+        effects = [x for x in self.effects if x.name != e.name]
+        own = {**column.values, column.parameter: parameter.value(coordinate)}
+        moved = self.problem.with_effects([*effects, e], {**self.values, e.name: own})
+        return _sharing(moved, self.experiment)
+
+    def _table(self, number: int, relative_step: float | None = None) -> Tabulated:
+        """Neighbours of the experiment by a column's parameter."""
+        column = self.request.columns[number]
+        about = next(p for p in column.effect.parameters if p.name == column.parameter)
+        start = about.coordinate(column.values[column.parameter])
+        # From zero most are linear, and a longer step has less round-off.
+        size = max(abs(start), about.scale) if start != 0.0 else 100.0 * about.scale
+        if relative_step is not None:
+            size = about.scale * relative_step / RELATIVE_STEP
+        parameter = ModelParameter(
+            f"{column.effect.name}.{column.parameter}", start, size, lambda _, z: self._moved(number, z)
+        )
+        table = tabulated(parameter, self.experiment).apply
+        assert isinstance(table, Tabulated)
+        return table
+
+    def differences(self, run: Run) -> list[Job]:
+        """Runs beside this one, for derivatives that did not come out of it."""
+        if run.derivatives is not None:
+            self.differenced |= {self.exact[name]: why for name, why in run.derivatives.refused.items()}
+        reference = run if run.trajectory is not None else self.request.reference
+        if run.solved == 0:
+            return []
+        jobs = []
+        for number in self.differenced:
+            jobs.append(Job(self._moved(number, self._coordinate(number) + self._step(number)), reference))
+        return jobs
+
+    def _coordinate(self, number: int) -> float:
+        """Present coordinate of a column."""
+        column = self.request.columns[number]
+        about = next(p for p in column.effect.parameters if p.name == column.parameter)
+        return about.coordinate(column.values[column.parameter])
+
+    def _step(self, number: int) -> float:
+        """Difference step of a column, within its bounds."""
+        column = self.request.columns[number]
+        low, high = self.problem.bounds(column.effect, column.parameter)
+        z, h = self._coordinate(number), column.step
+        if not low <= z + h <= high:
+            h = -h
+        if not low <= z + h <= high:
+            h = max(high - z, low - z, key=abs)
+        return h
+
+    def linear(self, run: Run, beside: Sequence[Run]) -> Linear:
+        """What follows from the runs."""
+        problem, read = self.problem, partial(self.problem.readings.reader.read, run)
+        residual = problem.residual(self.experiment, run)
+        matrix = np.zeros((residual.size, len(self.request.columns)))
+        if run.derivatives is not None and run.derivatives.names:
+            found = problem.readings.reader.derivatives(run, self.experiment)
+            for name, column in zip(run.derivatives.names, found.T, strict=True):
+                matrix[:, self.exact[name]] = column / problem.sigma
+        for number, table in self.observed.items():
+            values = {k: read(e) for k, e in table.experiments.items()}
+            matrix[:, number] = _difference(values, read(self.experiment), table.step) / problem.sigma
+        for number, other in zip(self.differenced, beside, strict=False):
+            moved = self._moved(number, self._coordinate(number) + self._step(number))
+            matrix[:, number] = (residual - problem.residual(moved, other)) / self._step(number)
+        matrix = np.where(np.isfinite(matrix), matrix, 0.0)
+        return Linear(residual, matrix, replace(run, derivatives=None), self.differenced)
+
+
+def _difference(values: Mapping[int, Array], present: Array, step: float) -> Array:
+    """Derivative from values at offsets 1 and -1, or at two offsets on one side."""
+    if 1 in values and -1 in values:
+        return (values[1] - values[-1]) / (2.0 * step)
+    side = 1 if 1 in values else -1
+    return side * (2.0 * values[side] - 0.5 * values[2 * side] - 1.5 * present) / step
+
+
+def _same_robot(a: Experiment, b: Experiment) -> bool:
+    """Whether two experiments differ in the observation at most."""
+    return (a.robot, a.model, a.steps, a.ends) == (b.robot, b.model, b.steps, b.ends)
+
+
+def _sharing(experiment: Experiment, present: Experiment) -> Experiment:
+    """An experiment that shares with another one the objects that are equal, which spares setting them up again."""
+    robot, own = experiment.robot, present.robot
+    parts = ("backbone", "disks", "tendons")
+    same = {name: getattr(own, name) for name in parts if getattr(robot, name) == getattr(own, name)}
+    robot = own if robot == own else replace(robot, **same)
+    model = present.model if experiment.model == present.model else experiment.model
+    steps = present.steps if experiment.steps == present.steps else experiment.steps
+    return replace(experiment, robot=robot, model=model, steps=steps)

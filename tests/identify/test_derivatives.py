@@ -1,0 +1,231 @@
+"""Derivatives of readings by parameters of effects equal central differences, along histories with reversals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import BACKBONE, LENGTH, tendon
+
+from tdcr_fe.effects import EFFECTS, PlaceEffect, effect
+from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify.screening import screen
+from tdcr_fe.identify.unlisted import local_candidates
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.channels import CHANNELS
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.routing import HelicalRouting
+from tdcr_fe.model.settings import SolverSettings
+
+#: Relative error that derivatives must meet.
+TOLERANCE = 1e-5
+ROBOT = Robot(
+    BACKBONE,
+    Disks.equally_spaced(5, LENGTH, mass=2e-4, radius=5e-3),
+    (
+        tendon("t1", 0.0, 0.25, axial_stiffness=400.0),
+        replace(tendon("t2", 0.0, 0.25, axial_stiffness=400.0), routing=HelicalRouting(4.5e-3, 0.3, 110.0)),
+    ),
+)
+TIP = {"tip": Load(LENGTH, (0.01, 0.02, 0.0))}
+STEPS = {
+    "tension": (
+        LoadStep("", {"t1": 1.2, "t2": 0.3}, substeps=3, time=1.0),
+        LoadStep("", {"t1": 0.9}, loads=TIP, substeps=3, time=2.0),
+        LoadStep("", {"t1": 0.5, "t2": 0.6}, substeps=3, time=3.0),
+        LoadStep("", {"t1": 1.0, "t2": 0.5}, substeps=3, time=4.0),
+    ),
+    "displacement": (
+        LoadStep("", displacements={"t1": 3e-3, "t2": 0.5e-3}, substeps=3, time=1.0),
+        LoadStep("", displacements={"t1": 1.5e-3}, loads=TIP, substeps=3, time=2.0),
+        LoadStep("", displacements={"t1": 2.5e-3, "t2": 1.1e-3}, substeps=3, time=3.0),
+    ),
+}
+
+#: Effects at values of their own, those that act together.
+TOGETHER = [
+    ("tension", {"actuator_loss": {"dead_band": 0.05, "efficiency": 0.9}, "creep": {"rate": 0.02}}),
+    ("tension", {"gravity": {"g_x": 3.0, "g_y": 1.0, "g_z": -9.0}, "tip_payload": {"mass": 2e-3}}),
+    ("tension", {"actuator_gain": {"gain": 1.03}, "precurvature": {"kappa_x": 0.4, "kappa_y": -0.3}}),
+    (
+        "tension",
+        {
+            "stiffness_scale": {"bending": 0.9, "torsion": 1.2},
+            "superelastic": {"threshold_strain": 8e-4, "plateau_ratio": 0.4},
+        },
+    ),
+    ("tension", {"friction_coefficient": {"mu": 0.2}, "hole_adhesion": {"drop": 0.01}}),
+    ("tension", {"routing_twist": {"angle_tip": 0.2}, "hole_clearance": {"clearance": 2e-4}}),
+    ("tension", {"rigid_disks": {"thickness": 2e-3}}),
+    (
+        "tension",
+        {
+            "frame_misalignment": {"rot_x": 0.05, "rot_y": -0.1, "rot_z": 0.2},
+            "marker_offset": {"offset_x": 1e-3, "offset_y": -2e-3},
+        },
+    ),
+    ("displacement", {"actuator_backlash": {"backlash": 2e-4}, "actuator_gain": {"gain": 1.03}}),
+    ("displacement", {"tendon_stretch": {"axial_stiffness": 500.0}, "gravity": {"g_x": 3.0}}),
+    ("displacement", {"pretension": {"tension": 0.3}}),
+    ("displacement", {"frame_misalignment": {"rot_x": 0.05, "rot_y": -0.1, "rot_z": 0.2}}),
+]
+
+
+def problem(kind: str) -> FitProblem:
+    """Readings of all channels in all steps, at disks and between them."""
+    steps = STEPS[kind]
+    ids = tuple(range(1, len(steps) + 1))
+    places = {"arc length": (0.1, 0.2173), "tendon": ROBOT.tendon_names, "": (None,)}
+    readings = tuple(
+        Reading(n, c.quantity, where, 0.0, 1.0) for n in ids for c in CHANNELS for where in places[c.location]
+    )
+    data = MeasuredData("all channels", ROBOT, Model(), ids, steps, ("",) * len(ids), readings)
+    count = len(readings)
+    forward = ForwardModel(settings=SolverSettings(tolerance=1e-11))
+    return FitProblem.of(data, np.ones(count), np.zeros(count, dtype=bool), forward)
+
+
+def linear(about: FitProblem, values: dict, names: list[tuple[str, str]]) -> Linear:
+    """Linearised at values, by some of their parameters."""
+    effects = tuple(effect(n) for n in values)
+    full = {n: {**effect(n).null_values(about.experiment), **v} for n, v in values.items()}
+    null = {e: effect(e).null_values(about.experiment) for e, _ in names}
+    columns = tuple(Column(effect(e), p, {**null, **full}[e], 1e-3) for e, p in names)
+    return linearize(about, [Request(effects, full, columns)])[0]
+
+
+def difference(about: FitProblem, values: dict, name: tuple[str, str], run, h: float) -> np.ndarray:
+    """Central difference of the predictions by a coordinate, along the substeps of a run."""
+    effects = tuple(effect(n) for n in values)
+    full = {n: {**effect(n).null_values(about.experiment), **v} for n, v in values.items()}
+    (z,) = about.coordinates(effects, full, [name])
+    points = [about.point(effects, full, [name], np.array([x])) for x in (z + h, z - h)]
+    found = []
+    for point in points:
+        ends = about.with_effects(effects, point).step_ends
+        along = replace(
+            run, trajectory=replace(run.trajectory, ends=ends)
+        )  # the same substeps of divided steps
+        found += about.residuals(effects, [point], reference=along)[0]
+    return (found[1] - found[0]) / (2.0 * h)
+
+
+@pytest.mark.parametrize(
+    ("kind", "values"), TOGETHER, ids=lambda x: "+".join(x) if isinstance(x, dict) else x
+)
+def test_derivatives_of_all_channels_are_those_of_whole_simulations(kind: str, values: dict) -> None:
+    """By every parameter of every effect, of positions, angles, offsets, displacements, tensions and curvatures."""
+    about = problem(kind)
+    names = [(e, p) for e, own in values.items() for p in own]
+    found = linear(about, values, names)
+    assert not found.differenced
+    families = np.array([r.channel.family for r in about.data.readings])
+    for name, column in zip(names, found.matrix.T, strict=True):
+        parameter = next(p for p in effect(name[0]).parameters if p.name == name[1])
+        coordinate = parameter.coordinate(values[name[0]][name[1]])
+        size = max(abs(coordinate), 0.1 * parameter.scale)
+        errors = []
+        for relative in (1e-2, 1e-3, 1e-4):
+            expected = difference(about, values, name, found.run, relative * size)
+            # What differs by no more than round-off counts as zero.
+            scale = {q: max(np.max(np.abs(expected[families == q])), 1e-7 / size) for q in set(families)}
+            errors.append(max(np.max(np.abs(column - expected)[families == q]) / scale[q] for q in scale))
+        assert min(errors) < TOLERANCE, (name, errors)
+
+
+def test_every_effect_is_among_them() -> None:
+    """A new effect needs an entry in TOGETHER."""
+    along = {e.name for e in EFFECTS if not isinstance(e, PlaceEffect)}
+    assert along == {n for _, values in TOGETHER for n in values}
+
+
+def test_all_candidates_are_screened_in_one_run() -> None:
+    """Version 0.1 simulated the history once for every parameter."""
+    about = problem("tension")
+    about = replace(about, sigma=np.full(about.count, 1e-4))
+    fit = evaluate(about, (), {})
+    before = about.forward.runs
+    scores = screen(about, fit, EFFECTS)
+    assert about.forward.runs == before + 1
+    assert not any(x.differenced for x in scores)
+    signatures = [x.effect.name for x in scores if x.signature.size]
+    assert {"gravity", "superelastic", "rigid_disks", "frame_misalignment", "actuator_loss"} <= set(
+        signatures
+    )
+
+
+def test_effects_at_places_are_screened_in_one_run() -> None:
+    """Version 0.1 simulated the history once for every place."""
+    about = problem("tension")
+    fit = evaluate(about, (), {})
+    causes = [e for family in local_candidates(about, fit) for e in family]
+    before = about.forward.runs
+    scores = screen(about, fit, causes)
+    assert len(scores) == len(causes) > 12 and not any(x.differenced for x in scores)
+    assert about.forward.runs == before + 1
+
+
+@pytest.mark.parametrize("name", ["soft_bay", "kink", "side_spring", "stuck_hole"])
+def test_derivatives_at_null_of_effects_at_places_are_those_of_whole_simulations(name: str) -> None:
+    """One-sided where the null value is a bound."""
+    about = problem("tension")
+    fit = evaluate(about, (), {})
+    families = [f for f in local_candidates(about, fit) if f[0].listed == name]
+    e = families[0][len(families[0]) // 2]
+    null = e.null_values(about.experiment)
+    families_of = np.array([r.channel.family for r in about.data.readings])
+    for p in e.parameters:
+        (found,) = linearize(about, [Request((), {}, (Column(e, p.name, null, 1e-3),), fit.run)])
+        assert not found.differenced
+        errors = []
+        for h in (1e-2 * p.scale, 1e-3 * p.scale):
+            moved = [{e.name: {**null, p.name: p.value(p.coordinate(null[p.name]) + k * h)}} for k in (1, 2)]
+            (first, second), _ = about.residuals((e,), moved, reference=fit.run)
+            expected = (1.5 * found.residual - 2.0 * first + 0.5 * second) / h
+            scale = {q: max(np.max(np.abs(expected[families_of == q])), 1e-7 / p.scale) for q in families_of}
+            errors.append(
+                max(np.max(np.abs(found.matrix[:, 0] - expected)[families_of == q]) / scale[q] for q in scale)
+            )
+        assert min(errors) < 1e-4, (e.name, p.name, errors)
+
+
+@pytest.mark.parametrize(("load", "error"), [(0.05, 0.04), (1.0, 0.6)])
+def test_thin_disks_turn_every_bay_as_rigid_disks_do(load: float, error: float) -> None:
+    """The stand-in on the mesh without inserts, against a difference of two runs, at small and at large bends."""
+    about, known = problem("tension"), effect("rigid_disks")
+    steps = tuple(
+        LoadStep("", {n: load * t for n, t in s.tensions.items()}, substeps=3) for s in STEPS["tension"]
+    )
+    at = replace(about.experiment, model=Model(elements_per_bay=4), steps=steps)
+    about = replace(about, experiment=at)
+    found = linear(about, {}, [("rigid_disks", "thickness")])
+    assert found.differenced == {0: "the mesh has other nodes there"}
+    column = Column(known.near_null(at), "thickness", known.null_values(at), 1e-3)
+    (thin,) = linearize(about, [Request((), {}, (column,))])
+    assert not thin.differenced
+    angle, where = (
+        np.array([r.channel.family == f for r in about.data.readings]) for f in ("bending_angle", "position")
+    )
+    ours, theirs = thin.matrix[:, 0], found.matrix[:, 0]
+    assert np.linalg.norm((ours - theirs)[angle]) < error * np.linalg.norm(theirs[angle])
+    assert ours[where] @ theirs[where] > 0.99 * np.linalg.norm(ours[where]) * np.linalg.norm(theirs[where])
+
+
+class Own(type(effect("actuator_gain"))):  # type: ignore[misc]
+    """An effect that declares no exact derivatives."""
+
+    exact_derivatives = False
+
+
+def test_an_effect_without_exact_derivatives_is_differenced_and_named() -> None:
+    about = problem("tension")
+    exact = linear(about, {"actuator_gain": {"gain": 1.0}}, [("actuator_gain", "gain")])
+    column = Column(Own(), "gain", {"gain": 1.0}, 1e-4)
+    (found,) = linearize(about, [Request((Own(),), {"actuator_gain": {"gain": 1.0}}, (column,))])
+    assert found.differenced == {0: "it declares no exact derivatives"}
+    assert np.allclose(found.matrix, exact.matrix, rtol=0.0, atol=1e-2 * np.max(np.abs(exact.matrix)))
