@@ -347,7 +347,11 @@ def action_response(
     for k, j in enumerate(last[: run.run.solved]):
         turn = _loads_of_action(run.state.rotation[k])
         change = ObservedChange(
-            positions[j] @ turn, rotations[j] @ turn, displacements[j] @ turn, distal[j] @ turn
+            positions[j] @ turn,
+            rotations[j] @ turn,
+            displacements[j] @ turn,
+            distal[j] @ turn,
+            np.zeros((run.run.s.size, turn.shape[-1])),
         )
         seen = ObservedStep(run.run.s, run.run.positions[k], run.run.rotations[k], run.run.displacements[k],
                             run.run.distal_tensions[k], tuple(data.robot.tendon_names), frame, offset)  # fmt: skip

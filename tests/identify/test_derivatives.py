@@ -72,6 +72,8 @@ TOGETHER = [
     ("displacement", {"actuator_backlash": {"backlash": 2e-4}, "actuator_gain": {"gain": 1.03}}),
     ("displacement", {"tendon_stretch": {"axial_stiffness": 500.0}, "gravity": {"g_x": 3.0}}),
     ("displacement", {"pretension": {"tension": 0.3}}),
+    ("tension", {"base_compliance": {"stiffness": 0.05}, "gravity": {"g_y": 3.0}}),
+    ("tension", {"time_lag": {"lag": 0.1}}),
     ("displacement", {"frame_misalignment": {"rot_x": 0.05, "rot_y": -0.1, "rot_z": 0.2}}),
 ]
 
@@ -145,14 +147,14 @@ def test_every_effect_is_among_them() -> None:
 
 
 def test_all_candidates_are_screened_in_one_run() -> None:
-    """Version 0.1 simulated the history once for every parameter."""
+    """Version 0.1 simulated the history once for every parameter. A compliant base adds a node, and is named."""
     about = problem("tension")
     about = replace(about, sigma=np.full(about.count, 1e-4))
     fit = evaluate(about, (), {})
     before = about.forward.runs
     scores = screen(about, fit, EFFECTS)
-    assert about.forward.runs == before + 1
-    assert not any(x.differenced for x in scores)
+    assert about.forward.runs == before + 2
+    assert {x.effect.name for x in scores if x.differenced} == {"base_compliance"}
     signatures = [x.effect.name for x in scores if x.signature.size]
     assert {"gravity", "superelastic", "rigid_disks", "frame_misalignment", "actuator_loss"} <= set(
         signatures
