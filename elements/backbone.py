@@ -62,9 +62,9 @@ class BackboneMesh:
     stiffness : ndarray, shape (N-1, 6)
         Of every element, in beam axes: axial, shear, shear [N], torsion, bending, bending [N m^2]. Shear includes the
         residual flexibility of bending.
-    mass_per_length : float
-        [kg/m].
-    rotary_inertia : ndarray, shape (3,)
+    mass_per_length : ndarray, shape (N-1,)
+        Of every element [kg/m].
+    rotary_inertia : ndarray, shape (N-1, 3)
         Per length, about the beam's axes [kg m].
     precurvature : ndarray, shape (N-1, 3)
         Curvature of every element in the unloaded state, in beam axes [1/m].
@@ -72,7 +72,7 @@ class BackboneMesh:
 
     arc_lengths: Array
     stiffness: Array
-    mass_per_length: float
+    mass_per_length: Array
     rotary_inertia: Array
     precurvature: Array
 
@@ -447,8 +447,8 @@ def add_backbone(
     for k, length in enumerate(mesh.lengths):
         section = exu.BeamSection()
         section.stiffnessMatrix = np.diag(mesh.stiffness[k])
-        section.massPerLength = mesh.mass_per_length
-        section.inertia = np.diag(mesh.rotary_inertia)
+        section.massPerLength = float(mesh.mass_per_length[k])
+        section.inertia = np.diag(mesh.rotary_inertia[k])
         beams.append(
             mbs.AddObject(
                 eii.ObjectBeamGeometricallyExact(

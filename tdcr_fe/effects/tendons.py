@@ -223,7 +223,7 @@ class Pretension(Effect):
     )
     separating_experiment = "let one tendon out step by step until it is slack"
     after = ("tendon_stretch",)
-    parameters = (
+    parameters: tuple[Parameter, ...] = (
         Parameter("tension", "N", 0.0, 1e3, 0.0, 0.05, "of the tendons in the straight, unloaded robot"),
     )
 

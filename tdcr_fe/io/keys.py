@@ -101,6 +101,16 @@ DISKS: dict[str, Field] = {
     "positions": replace(fields_of(Disks)["positions"], default=None),
 }
 
+_BACKBONE_SCHEMA = table_schema(fields_of(Backbone))
+_PAIR = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+_BACKBONE_SCHEMA["properties"]["radius"] = {
+    "description": "of the round section, or pairs of arc length and radius from base to tip [m]",
+    "oneOf": [
+        {"type": "number", "exclusiveMinimum": 0.0},
+        {"type": "array", "items": _PAIR, "minItems": 2},
+    ],
+}
+
 _DISKS_SCHEMA = {**table_schema(DISKS), "oneOf": [{"required": ["count"]}, {"required": ["positions"]}]}
 
 #: Keys at the top of ``robot.toml``.
@@ -108,7 +118,7 @@ ROBOT: dict[str, Field] = {
     "name": all_fields_of(Robot)["name"],
     "backbone": _table(
         "backbone",
-        table_schema(fields_of(Backbone)),
+        _BACKBONE_SCHEMA,
         "the elastic rod",
         " with length, radius, youngs_modulus, poisson_ratio",
     ),

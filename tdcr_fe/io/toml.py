@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import math
 import os
 import re
 import tomllib
@@ -99,10 +100,11 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
     top, bad = take_table(ROBOT, data, "", reporter.mistake)
     backbone = length = None
     if "backbone" in top:
-        values, wrong = take_table(fields_of(Backbone), top["backbone"], "backbone", reporter.mistake)
+        table, taper = _without_taper(top["backbone"])
+        values, wrong = take_table(fields_of(Backbone), table, "backbone", reporter.mistake)
         length = values.get("length")
         if not wrong and isinstance(top["backbone"], dict):
-            backbone = Backbone(**values)
+            backbone = Backbone(**values, taper=taper)
             reporter.contradictions(backbone_contradictions(backbone))
     found = _build_disks(top["disks"], length, reporter) if "disks" in top else _Discs()
     tables = top.get("tendons", ())
@@ -118,6 +120,18 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
         rest = {k: top[k] for k in ("name", "tip_mass", "springs", "base_stiffness")}
         robot = Robot(backbone, found.disks, tendons, **rest)
     return RobotParts(robot, length, names if known else None)
+
+
+def _without_taper(table: Any) -> tuple[Any, tuple[tuple[float, float], ...]]:
+    """The table of a backbone with the radius at its base, and its taper where ``radius`` is a list of pairs."""
+    radius = table.get("radius") if isinstance(table, dict) else None
+    pairs = isinstance(radius, list) and radius
+    if not pairs or not all(
+        isinstance(p, list) and len(p) == 2 and all(_is_number(x) and math.isfinite(x) for x in p)
+        for p in radius
+    ):
+        return table, ()
+    return {**table, "radius": radius[0][1]}, tuple((float(s), float(r)) for s, r in radius)
 
 
 def _build_disks(data: Any, length: float | None, reporter: Reporter) -> _Discs:

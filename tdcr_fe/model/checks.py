@@ -64,6 +64,7 @@ def backbone_contradictions(backbone: Backbone) -> list[Contradiction]:
             given = f"{getattr(backbone, source):g}"
             sentence = f"must give a stiffness {name} that is positive and finite, not {value:g}"
             found.append(Contradiction(f"backbone.{source}", given, sentence))
+    found += _taper_contradictions(backbone)
     for i, patch in enumerate(backbone.patches):
         if patch.end > backbone.length + ARC_TOLERANCE:
             sentence = f"beyond the tip; at most {backbone.length:.9g} m"
@@ -72,6 +73,28 @@ def backbone_contradictions(backbone: Backbone) -> list[Contradiction]:
             sentence = f"must be above start, which is {patch.start:.9g} m"
             found.append(Contradiction(f"backbone.patches[{i}].end", f"{patch.end:.9g}", sentence))
     return found
+
+
+def _taper_contradictions(backbone: Backbone) -> list[Contradiction]:
+    """A taper that does not lead from the base to the tip, or that goes with a superelastic backbone."""
+    if not backbone.taper:
+        return []
+    s, radius = np.array(backbone.taper, dtype=float).T
+    shape = _short([list(pair) for pair in backbone.taper])
+    sound = len(s) > 1 and s[0] == 0.0 and bool(np.all(np.diff(s) > ARC_TOLERANCE))
+    if not sound or abs(s[-1] - backbone.length) > ARC_TOLERANCE or not np.all(radius > 0.0):
+        sentence = (
+            f"pairs of arc length and radius [m] must ascend from 0 to the length, {backbone.length:g} m, with radii "
+            "above 0"
+        )
+        return [Contradiction("backbone.radius", shape, sentence)]
+    if radius[0] != backbone.radius:
+        sentence = f"must begin with the radius at the base, {backbone.radius:g} m"
+        return [Contradiction("backbone.radius", shape, sentence)]
+    if backbone.superelastic is not None:
+        sentence = "a tapered backbone cannot be superelastic; leave one of them out"
+        return [Contradiction("backbone.superelastic", "given", sentence)]
+    return []
 
 
 def disk_contradictions(disks: Disks, length: float) -> list[Contradiction]:
@@ -298,9 +321,9 @@ def time_contradictions(times: Sequence[float | None]) -> list[Contradiction]:
     return found
 
 
-def _short(values: Sequence[float], keep: int = 6) -> str:
+def _short(values: Sequence[Any], keep: int = 6) -> str:
     """A list as text, its middle left out where it is long."""
-    texts = [f"{v:g}" for v in values]
+    texts = [_short(v) if isinstance(v, list) else f"{v:g}" for v in values]
     if len(texts) > keep:
         texts = [*texts[: keep - 2], "...", texts[-1]]
     return "[" + ", ".join(texts) + "]"

@@ -97,6 +97,10 @@ class Backbone:
         Softening of the bending moment.
     patches : tuple of StiffnessPatch
         Stretches of other stiffness or precurvature.
+    taper : tuple of (float, float)
+        Radius along the backbone: arc length and radius [m], linear in between, from the base, where it is ``radius``,
+        to the tip. Empty: the radius is constant. In files it is the list given as ``radius``. Stiffnesses that are
+        declared are those at the base.
     creep_rate : float
         Growth of bending and torsional compliance per time under load, relative to the declared one [1/s].
     """
@@ -130,6 +134,10 @@ class Backbone:
         float,
         Quantity("growth of bending and torsional compliance per time under load", unit="1/s", ge=0.0),
     ] = 0.0
+    taper: Annotated[
+        tuple[tuple[float, float], ...],
+        Quantity("arc length and radius, from base to tip", unit="m", in_file=False),
+    ] = ()
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -194,6 +202,28 @@ class Backbone:
             bending = np.where(inside, bending * patch.bending, bending)
             torsion = np.where(inside, torsion * patch.torsion, torsion)
         return bending, torsion
+
+    def radius_at(self, s: Array) -> Array:
+        """Radius at arc lengths ``s`` [m], shape ``s.shape``."""
+        if not self.taper:
+            return np.full(s.shape, self.radius)
+        at, radius = np.array(self.taper).T
+        return np.interp(s, at, radius)
+
+    def taper_factors(self, arc_lengths: Array) -> tuple[Array, Array]:
+        """Factors by which a taper changes the stretches between arc lengths [m], each of shape (n - 1,).
+
+        Returns
+        -------
+        bending : ndarray
+            Of bending and torsional stiffness: the inverse of the mean compliance.
+        area : ndarray
+            Of axial and shear stiffness, and of the mass: the mean area.
+        """
+        points, weights = np.polynomial.legendre.leggauss(4)
+        start, width = arc_lengths[:-1, None], np.diff(arc_lengths)[:, None]
+        ratio = self.radius_at(start + 0.5 * width * (1.0 + points)) / self.radius
+        return 1.0 / (ratio**-4 @ weights / 2.0), ratio**2 @ weights / 2.0
 
     def unloaded_curvature(self, s: Array) -> Array:
         """Turning rates about x and y in the unloaded state at arc lengths ``s`` [m], shape (n, 2) [1/m]."""

@@ -170,6 +170,8 @@ class Motion:
 
 def _radii(backbone: Backbone) -> list[list[float]]:
     """Pairs of arc length and radius, linear in between [m]."""
+    if backbone.taper:
+        return [[float(s), float(r)] for s, r in backbone.taper]
     return [[0.0, float(backbone.radius)], [backbone.length, float(backbone.radius)]]
 
 

@@ -19,6 +19,9 @@ from tdcr_fe.model.robot import Robot
 
 #: Elements along the backbone that ``elements_per_bay = "auto"`` starts from, and the most in one bay.
 STARTING_ELEMENTS, MOST_STARTING_PER_BAY = 20, 8
+#: Largest relative change of the radius within an element of it, and the most elements in a bay for its sake [1]. The
+#: section is constant in an element, which the estimated error does not see; it is of order 2.
+TAPER, MOST_TAPERED_PER_BAY = 0.012, 32
 
 
 def elements_of_bays(robot: Robot, model: Model) -> tuple[int, ...]:
@@ -36,8 +39,13 @@ def elements_of_bays(robot: Robot, model: Model) -> tuple[int, ...]:
     edges = np.array([0.0, *robot.disks.positions, length])
     bays = len(edges) - 1
     if given == "auto":
-        wanted = np.ceil(np.diff(edges) * STARTING_ELEMENTS / length - 1e-6)
-        return tuple(int(n) for n in np.clip(wanted, 1, MOST_STARTING_PER_BAY))
+        wanted = np.clip(
+            np.ceil(np.diff(edges) * STARTING_ELEMENTS / length - 1e-6), 1, MOST_STARTING_PER_BAY
+        )
+        if robot.backbone.taper:
+            change = np.abs(np.diff(np.log(robot.backbone.radius_at(edges))))
+            wanted = np.maximum(wanted, np.minimum(np.ceil(change / TAPER), MOST_TAPERED_PER_BAY))
+        return tuple(int(n) for n in wanted)
     counts = given if isinstance(given, tuple) else (int(given),) * bays
     if len(counts) != bays or min(counts) < 1:
         raise ValueError(
@@ -72,6 +80,7 @@ def build_mesh(
     """
     b, d = robot.backbone, robot.disks
     edges = [x for p in b.patches for x in (p.start, p.end) if 0.0 < x < b.length]
+    edges += [s for s, _ in b.taper if 0.0 < s < b.length]
     edges += [spring.at for spring in robot.springs]
     counts = elements_of_bays(robot, model)
     arc, rigid = subdivide(b.length, d.positions, counts, d.thickness, [*extra, *edges])
@@ -80,6 +89,9 @@ def build_mesh(
     middle = 0.5 * (arc[1:] + arc[:-1])
     bending, torsion = b.stiffness_factors(middle)
     one = np.ones_like(middle)
+    if b.taper:
+        thick, one = b.taper_factors(arc)
+        bending, torsion = bending * thick, torsion * thick
     stiffness = np.stack(
         (b.EA * one, b.GA * one, b.GA * one, b.GJ * torsion, b.EI * bending, b.EI * bending), axis=1
     )
@@ -88,10 +100,11 @@ def build_mesh(
         # A very short element of this rotational stiffness; as a rigid insert, it does not creep and has no error.
         stiffness[0, 4:], rigid[0] = robot.base_stiffness * arc[1], True
     add_residual_flexibility(stiffness, np.diff(arc))
-    rotary = b.density * b.second_moment * np.array([2.0, 1.0, 1.0])
+    # Rotary inertia grows with the fourth power of the radius, the square of the area.
+    rotary = b.density * b.second_moment * (one**2)[:, None] * np.array([2.0, 1.0, 1.0])
     unloaded = np.column_stack((b.unloaded_curvature(middle), np.zeros_like(middle)))
     precurvature = unloaded @ BEAM_TO_SECTION
-    return BackboneMesh(arc, stiffness, b.mass_per_length, rotary, precurvature), rigid
+    return BackboneMesh(arc, stiffness, b.mass_per_length * one, rotary, precurvature), rigid
 
 
 def softened_stiffness(mesh: BackboneMesh, rigid: NDArray[np.bool_], factor: float) -> NDArray[np.float64]:

@@ -56,8 +56,8 @@ class ElementModel:
         False in rigid inserts, which have no error.
     section : SectionForces or None
         Tendons that follow the backbone, and superelastic softening.
-    weight : ndarray, shape (3,)
-        Own weight of the backbone per length, world axes [N/m].
+    weight : ndarray, shape (E, 3)
+        Own weight of the elements per length, world axes [N/m].
     bays : ndarray of int, shape (E,)
         Number of the bay that an element lies in, from 0.
     cantilever : bool
@@ -91,7 +91,7 @@ class ElementModel:
             mesh.reference_twists / mesh.lengths[:, None],
             ~handle.rigid,
             handle.actuation.section,
-            robot.backbone.mass_per_length * np.asarray(handle.model.gravity, dtype=float),
+            mesh.mass_per_length[:, None] * np.asarray(handle.model.gravity, dtype=float),
             np.searchsorted(disks, middle),
             not disks.size or disks[-1] < mesh.arc_lengths[-1] - 1e-9,
         )

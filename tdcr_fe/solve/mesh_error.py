@@ -129,7 +129,7 @@ def defects(
     couples : ndarray, shape (S, E, 3), or None
         ``r_w`` on the last node of every element, world axes [N m]; None without own weight.
     """
-    weight = np.swapaxes(rotations, -1, -2) @ model.weight
+    weight = _transposed(rotations, model.weight)
     gradient = force_gradient(model, twists, tensions)
     to_first = inverse_tangent_se3(-twists)
     own_wrenches = _transposed(to_first, gradient)

@@ -339,6 +339,7 @@ def _moved(experiment: Experiment, new: Callable[[float], float]) -> Experiment:
     backbone = replace(
         robot.backbone,
         length=new(robot.backbone.length),
+        taper=tuple((new(s), r) for s, r in robot.backbone.taper),
         patches=tuple(replace(p, start=new(p.start), end=new(p.end)) for p in robot.backbone.patches),
     )
     tendons = tuple(

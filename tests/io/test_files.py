@@ -491,6 +491,7 @@ def test_every_field_of_a_robot_is_in_the_file_or_follows_from_it():
     """A field that is added to the description without a key in `robot.toml` fails here."""
     follows = {
         Robot: {"tendons"},  # [[tendons]]
+        Backbone: {"taper"},  # the key radius
         Tendon: {"routing"},  # the key routing, with the keys of that routing
         PointsRouting: {"arc_lengths"},  # those of the holes
     }

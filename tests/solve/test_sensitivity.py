@@ -92,6 +92,11 @@ EXPERIMENTS = {
         Model(elements_per_bay=1),
         by_tension(),
     ),
+    "taper": Experiment(
+        robot().with_backbone(taper=((0.0, 4e-4), (0.1, 3.5e-4), (LENGTH, 2.5e-4))),
+        Model(elements_per_bay=1, gravity=(0.5, 1.0, -9.81)),
+        by_tension(0.4),
+    ),
     "inextensible, displacements": Experiment(robot(), Model(elements_per_bay=1), by_displacement()),
     "clearance": Experiment(robot(clearance=2e-4), Model(elements_per_bay=1), by_tension()),
     "superelastic, creep": Experiment(
@@ -131,6 +136,7 @@ FAST = [
     ("pretension", "tendons.pretension"),
     ("pretension", "effects.pretension.tension_t2"),
     ("places", "springs[0].stiffness"),
+    ("taper", "backbone.taper[1][1]"),
     ("places", "base_stiffness"),
     ("places", "backbone.patches[0].precurvature[1]"),
     ("places", "tendons.t1.tight_holes[0].drop"),
@@ -170,6 +176,7 @@ SLOW = {
         "effects.pretension.tension", "effects.tendon_stretch.axial_stiffness", "steps[1].displacements.t2",
     ],
     "continuous, pretension": ["tendons.axial_stiffness", "effects.pretension.tension", "backbone.length"],
+    "taper": ["backbone.length", "backbone.density", "backbone.youngs_modulus", "backbone.taper[2][1]"],
     "places": ["backbone.length", "backbone.youngs_modulus", "backbone.patches[0].bending"],
     "clearance": ["backbone.youngs_modulus", "tendons.t1.offset", "tendons.friction_coefficient"],
     "superelastic, creep": [

@@ -127,10 +127,10 @@ class Balance:
         self._rows[at - 1, 3:6, :m] -= back @ by_twist @ poses.twists[at]
 
     def add_weight(self, weight: Array, in_frames: Array, poses: Poses) -> None:
-        """The weights in the frames of the intervals, unknowns (n, 3), are the rotated weight per length (3,)."""
+        """The weights in the frames of the intervals, unknowns (n, 3), are the rotated weights per length (n, 3)."""
         each, m = np.arange(self._n), poses.twists.shape[2]
         forth = np.swapaxes(poses.rotations[:-1], 1, 2)
-        self._rod[:, 6:] = in_frames - (forth @ weight[:, None])[..., 0]
+        self._rod[:, 6:] = in_frames - (forth @ weight[:, :, None])[..., 0]
         self._blocks[each, 6:, each, 6:] += np.eye(3)
         self._rows[:, 6:, :m] -= (forth @ hat(weight)) @ poses.turns[:-1]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -29,15 +30,15 @@ class Layout:
         Law of the n intervals.
     point_mass : ndarray, shape (n + 1,)
         Disks and tip mass [kg].
-    mass_per_length : float
-        Of the backbone [kg/m].
+    mass_per_length : ndarray, shape (n,)
+        Of the backbone in the intervals [kg/m].
     """
 
     s: Array
     nodes: Index
     section: Section
     point_mass: Array
-    mass_per_length: float
+    mass_per_length: Array
 
     @property
     def lengths(self) -> Array:
@@ -84,6 +85,10 @@ def lay_out(robot: Robot, load_points: Iterable[float], max_interval: float) -> 
     inserts = [(max(0.0, d - half), min(length, d + half)) for d in disks.positions] if half > 0.0 else []
     edges = [e for insert in inserts for e in insert]
     hinge = max(1e-5 * length, 5e-6)
+    # The section is constant within an interval, so the radius changes by at most 3 % there.
+    for (start, before), (end, after) in itertools.pairwise(backbone.taper):
+        count = 1 + int(np.ceil(abs(np.log(after / before)) / 0.03))
+        edges += list(np.linspace(start, end, count + 1))
     edges += [hinge] if robot.base_stiffness is not None else []
     edges += [min(max(e, 0.0), length) for p in backbone.patches for e in (p.start, p.end)]
     cuts = np.array(sorted(_merge([*reported, *edges])))
@@ -103,4 +108,5 @@ def lay_out(robot: Robot, load_points: Iterable[float], max_interval: float) -> 
     if robot.base_stiffness is not None:
         # A very short interval of this rotational stiffness.
         section.stiffness[0, :2] = robot.base_stiffness * hinge
-    return Layout(s, nodes, section, mass, backbone.mass_per_length)
+    area = np.pi * backbone.radius_at(middles) ** 2
+    return Layout(s, nodes, section, mass, backbone.density * area)

@@ -106,6 +106,9 @@ class Section:
         """The law of intervals with the given middles [m]."""
         bending, torsion = backbone.stiffness_factors(middles)
         one = np.ones_like(middles)
+        if backbone.taper:
+            ratio = backbone.radius_at(middles) / backbone.radius
+            bending, torsion, one = bending * ratio**4, torsion * ratio**4, ratio**2
         stiffness = np.stack(
             (
                 backbone.EI * bending,

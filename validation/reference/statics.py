@@ -113,7 +113,7 @@ class Statics:
         self.by_displacement = np.zeros((len(self.layout.s), 3))
         backbone = robot.backbone
         self.gravity = np.asarray(model.gravity, dtype=float)
-        self.weight = self.layout.mass_per_length * self.gravity
+        self.weight = self.layout.mass_per_length[:, None] * self.gravity
         self.heavy = bool(np.any(self.weight != 0.0))
         self.continuous = model.tendon_path == "continuous"
         self.max_step = settings.max_step * backbone.length * (2.0 if self.continuous else 1.0)
