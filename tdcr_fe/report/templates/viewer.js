@@ -131,9 +131,13 @@ class Panel {
     if (this.look.markers && this.motion.measured) this.rings(pen);
     if (!this.look.loads) return;
     const css = colour => `rgb(${colour.map(x => Math.round(255 * x)).join(" ")})`, colours = THEMES[this.look.theme];
-    for (const load of this.motion.loads[this.motion.step]) {
+    const loads = this.motion.loads[this.motion.step], size = load => Math.hypot(...load.vector);
+    // Of many loads only the largest of each kind has its size beside it.
+    const few = loads.length <= 4 ? loads : [false, true].flatMap(moment => loads.filter(l => l.moment === moment).sort((a, b) => size(b) - size(a)).slice(0, 1));
+    for (const load of few) {
       const at = this.project(add(this.scene.moved(load), times(1.05, this.scene.arrow(load))));
-      if (at) write(`${load.name} ${short(Math.hypot(...load.vector))} ${load.moment ? "N m" : "N"}`, at[0] + 6, at[1] - 4, css(load.moment ? colours.moment : colours.force));
+      const text = `${load.name}: ${quantity(size(load), load.moment ? "N m" : "N")}`, room = this.size[0] - pen.measureText(text).width - 8;
+      if (at) write(text, Math.min(at[0] + 6, room), at[1] - 4, css(load.moment ? colours.moment : colours.force));
     }
     if (this.scene.largest.gravity) this.gravity(pen, write, css(colours.gravity));
   }

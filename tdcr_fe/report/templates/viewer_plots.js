@@ -16,6 +16,12 @@ function ticks(low, high, count) {
 }
 const short = x => String(+x.toPrecision(4)).replace("-", "\u2212");
 
+// A size with its unit and an SI prefix.
+function quantity(value, unit) {
+  const [factor, prefix] = [[1e3, "k"], [1, ""], [1e-3, "m"], [1e-6, "\u00b5"], [1e-9, "n"]].find(([f]) => value >= f) ?? [1, ""];
+  return `${+(value / factor).toPrecision(3)} ${prefix}${unit}`;
+}
+
 // One pair of axes. Colours come from the classes of the style sheet.
 class Plot {
   constructor(host, label) {

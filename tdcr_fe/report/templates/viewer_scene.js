@@ -179,6 +179,7 @@ class Scene {
   loads(wire, cone, theme) {
     const m = this.motion;
     for (const load of m.loads[m.step]) {
+      if (Math.hypot(...this.arrow(load)) < 6 * this.pixel) continue;
       this.draw3dArrow(wire, cone, this.moved(load), this.arrow(load), load.moment ? theme.moment : theme.force, load.moment);
     }
   }
