@@ -33,6 +33,9 @@ def add_view_parser(commands: Any) -> None:
         metavar="FOLDER",
         help="also files for ParaView: FOLDER/robot.pvd and one .vtp for each load step",
     )
+    parser.add_argument(
+        "--gltf", metavar="FILE.glb", help="also an animated 3D model, for Blender, slides and other viewers"
+    )
     parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
     parser.set_defaults(handler=view)
 
@@ -45,6 +48,7 @@ def view(args: argparse.Namespace) -> int:
 
     out = _page(args.result, args.out)
     video = None if args.video is None else _video(args.video)
+    model = None if args.gltf is None else _file(args.gltf, (".glb",), "--gltf")
     if args.vtk is not None:
         check_output_folder(args.vtk)
     motion = read_motion(args.result)
@@ -56,6 +60,11 @@ def view(args: argparse.Namespace) -> int:
 
         written = write_vtk(motion, args.vtk)
         say(f"Written: {written[0].parent / 'robot.pvd'} and {count(len(written) - 1, 'file')} beside it")
+    if model is not None:
+        from tdcr_fe.io.gltf import write_glb
+
+        write_glb(motion, model)
+        say(f"Written: {model} ({model.stat().st_size / 1e6:.2f} MB)")
     if video is not None:
         _write_video(motion, video, args.quiet)
         say(f"Written: {video} ({video.stat().st_size / 1e6:.2f} MB)")
@@ -90,19 +99,24 @@ def _write_video(motion: Motion, path: Path, quiet: bool) -> None:
 
 
 def _page(result: str, out: str | None) -> Path:
-    """Where the page goes.
+    """Where the page goes."""
+    from tdcr_fe.io.tables import VIEW_PAGE
+
+    return _file(str(Path(result) / VIEW_PAGE) if out is None else out, (".html", ".htm"), "-o")
+
+
+def _file(path: str, endings: tuple[str, ...], option: str) -> Path:
+    """A file that is to be written.
 
     Raises
     ------
     InputError
-        The path is that of a folder, or its folder may not be written to.
+        The path is that of a folder, has another ending, or its folder may not be written to.
     """
     from tdcr_fe.io.atomic import check_output_folder
     from tdcr_fe.io.problems import InputError, Problem
-    from tdcr_fe.io.tables import VIEW_PAGE
 
-    path = Path(result) / VIEW_PAGE if out is None else Path(out)
-    if path.is_dir() or path.suffix.lower() not in (".html", ".htm"):
-        raise InputError([Problem("-o", "", str(path), "must be a file that ends in .html")])
-    check_output_folder(path.parent)
-    return path
+    if Path(path).is_dir() or Path(path).suffix.lower() not in endings:
+        raise InputError([Problem(option, "", path, f"must be a file that ends in {endings[0]}")])
+    check_output_folder(Path(path).parent)
+    return Path(path)
