@@ -4,13 +4,40 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-#: Gives ``dT_k / dT_j``, shape (m, n, n), and ``dT_k+1`` by ``s_k``, by ``theta_k`` and by ``mu_k``, shape (m, n-1).
-Slopes = Callable[[], tuple[Array, Array, Array, Callable[[], Array]]]
+
+
+class HoleSlopes(NamedTuple):
+    """Derivatives of the tension ``T_k+1`` behind each hole, at fixed arguments of the other holes.
+
+    Attributes
+    ----------
+    by_tension : ndarray, shape (m, n-1)
+        By the tension ``T_k`` before the hole [1].
+    by_mobilisation : ndarray, shape (m, n-1)
+        By ``s_k`` [N].
+    by_angle : ndarray, shape (m, n-1)
+        By ``theta_k`` [N/rad].
+    by_coefficient : callable
+        Gives the derivative by ``mu_k`` [N], shape (m, n-1).
+    chain : callable
+        Gives ``dT_k / dT_j`` of all pairs of segments, shape (m, n, n).
+    """
+
+    by_tension: Array
+    by_mobilisation: Array
+    by_angle: Array
+    by_coefficient: Callable[[], Array]
+    chain: Callable[[], Array]
+
+
+#: Gives the derivatives, which are formed on demand.
+Slopes = Callable[[], HoleSlopes]
 
 
 @cache
@@ -40,24 +67,27 @@ def capstan(
     tension : ndarray, shape (m, n)
         [N].
     slopes : callable
-        See `Slopes`; the derivative by the coefficients is again formed on demand.
+        Gives the `HoleSlopes`.
     """
     m, h = angles.shape
     turned = -coefficient * angles
+    exponent = mobilisation * turned
     ratio = np.empty((m, h + 1))
     ratio[:, 0] = 1.0
-    np.exp((mobilisation * turned).cumsum(axis=1), out=ratio[:, 1:])
+    np.exp(exponent.cumsum(axis=1), out=ratio[:, 1:])
     tension = base_tension[:, None] * ratio
 
-    def slopes() -> tuple[Array, Array, Array, Callable[[], Array]]:
-        chain = ratio[:, :, None] / ratio[:, None, :]
-        chain *= _lower(h + 1)
+    def chain() -> Array:
+        return ratio[:, :, None] / ratio[:, None, :] * _lower(h + 1)
+
+    def slopes() -> HoleSlopes:
         after = tension[:, 1:]
-        return (
-            chain,
+        return HoleSlopes(
+            np.exp(exponent),
             turned * after,
             -coefficient * mobilisation * after,
             lambda: -angles * mobilisation * after,
+            chain,
         )
 
     return tension, slopes
@@ -89,9 +119,13 @@ def capstan_with_adhesion(
         mt = mu[:, k] * angles[:, k]
         d_s[:, k] = np.where(pulling, np.where(taut, -mt * t * f - ak, 0.0), -mt * released - ak * f)
         after[:, k] = np.where(open_, np.where(pulling, t * f, released), 0.0)
-    chain = np.zeros((m, h + 1, h + 1))
-    chain[:, 0, 0] = 1.0
-    for k in range(1, h + 1):
-        chain[:, k, :k] = slope[:, k - 1, None] * chain[:, k - 1, :k]
-        chain[:, k, k] = 1.0
-    return tension, lambda: (chain, d_s, -mu * s * after, lambda: -angles * s * after)
+
+    def chain() -> Array:
+        every = np.zeros((m, h + 1, h + 1))
+        every[:, 0, 0] = 1.0
+        for k in range(1, h + 1):
+            every[:, k, :k] = slope[:, k - 1, None] * every[:, k - 1, :k]
+            every[:, k, k] = 1.0
+        return every
+
+    return tension, lambda: HoleSlopes(slope, d_s, -mu * s * after, lambda: -angles * s * after, chain)

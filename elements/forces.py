@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness, relative_twists, strain_matrices
+from tdcr_fe.elements.capstan import HoleSlopes
 from tdcr_fe.elements.friction import FrictionState, TendonLaw, TensionField
 from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.section import SectionForces, nodal_sum
@@ -119,7 +120,7 @@ class ForceModel:
         d[:, :-1] += by_nodes[:, :, 0, :6]
         d[:, 1:] += by_nodes[:, :, 0, 6:]
         derivatives = d.reshape(m, 1, -1), np.zeros((m, 0, d[0].size))
-        return CableShape(length[:, None], np.zeros((m, 0)), lambda: derivatives)
+        return CableShape(length[:, None], np.zeros((m, 0)), lambda _: derivatives)
 
     def at_mobilisation(
         self,
@@ -213,13 +214,14 @@ class TendonForces(NamedTuple):
         """
         f, s, law = self.field, self.measured.shape, self.model.law
         moved = nodes if self.model.columns is None else nodes[self.model.columns]
-        released = f.released_d_length * (s.d_lengths @ moved)
+        lengths, angles = s.changes(moved, angles=law.elastic)
+        released = f.released_d_length * lengths
         if law.elastic:
-            change = (f.d_angle @ (s.d_angles @ moved)[:, :, None])[:, :, 0]
+            change = (f.d_angle @ angles[:, :, None])[:, :, 0]
             if base_tension is not None:
                 change = change + f.d_base * base_tension[:, None]
             if f.depends_on_length:
-                change = change + (f.d_length @ (s.d_lengths @ moved)[:, :, None])[:, :, 0]
+                change = change + (f.d_length @ lengths[:, :, None])[:, :, 0]
             released = released + f.released_d_tension * change
         return law.slips(released)
 
@@ -259,10 +261,12 @@ class TendonForces(NamedTuple):
     def base_slip_by_holes(self) -> Array:
         """Derivative of the slip at the base plate by the nodes that carry holes, shape (m, W)."""
         f, s = self.field, self.measured.shape
-        by_length = f.released_d_length + (f.released_d_tension[:, None, :] @ f.d_length)[:, 0]
-        d = (by_length[:, None, :] @ s.d_lengths)[:, 0]
-        if s.d_angles.shape[1]:
-            d = d + ((f.released_d_tension[:, None, :] @ f.d_angle) @ s.d_angles)[:, 0]
+        by_length = f.released_d_length
+        if f.depends_on_length:
+            by_length = by_length + (f.released_d_tension[:, None, :] @ f.d_length)[:, 0]
+        d = s.lengths_to_nodes(by_length)
+        if self.model.law.elastic and s.angles.shape[1]:
+            d += s.angles_to_nodes((f.released_d_tension[:, None, :] @ f.d_angle)[:, 0])
         return d
 
     def base_slip_by_base(self) -> Array:
@@ -301,8 +305,7 @@ class TendonForces(NamedTuple):
 
     def base_tension_columns(self) -> Array:
         """Derivative of the force on the nodes by the tensions at the base, shape (6 N, m)."""
-        d = -(self.field.d_base[:, None, :] @ self.measured.shape.d_lengths)[:, 0]
-        return self._to_all_nodes(d).T
+        return self._to_all_nodes(self.measured.shape.lengths_to_nodes(-self.field.d_base)).T
 
     def geometric_stiffness(self) -> NodeStiffness:
         """Derivative of the pull of the straight segments by `ForceModel.cable_nodes` at fixed tensions.
@@ -364,6 +367,16 @@ class TendonForces(NamedTuple):
             i = 6 * n
             k[i : i + 3, i + 3 : i + 6] -= turned[0][n]
             k[i + 3 : i + 6, i + 3 : i + 6] -= 0.5 * turned[1][n]
+
+    def hole_slopes(self) -> HoleSlopes:
+        """Derivatives of the tensions hole by hole; `has_hole_slopes` tells whether there are any."""
+        assert self.field.at_holes is not None
+        return self.field.at_holes()
+
+    @property
+    def has_hole_slopes(self) -> bool:
+        """Whether each tension depends on the one before its hole, the angle and the mobilisation there alone."""
+        return self.field.at_holes is not None and self.base_response is None
 
     def _to_all_nodes(self, rows: Array) -> Array:
         columns = self.model.columns

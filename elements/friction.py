@@ -221,6 +221,9 @@ class TensionField:
         Whether the tensions change with the segments' lengths; where not, `d_length` is zero.
     derive : callable
         Gives `derivatives`.
+    at_holes : callable or None
+        Gives the derivatives hole by hole, see `tdcr_fe.elements.capstan.HoleSlopes`; None where the tension behind a
+        hole depends on more than that before it, its angle and its mobilisation.
     """
 
     tension: Array
@@ -233,6 +236,7 @@ class TensionField:
     time: float
     depends_on_length: bool
     derive: Callable[[], TensionDerivatives]
+    at_holes: Slopes | None = None
     _derivatives: TensionDerivatives | None = field(default=None, init=False)
 
     @property
@@ -375,19 +379,19 @@ class TendonLaw:
         tension, slopes = self._transfer(base_tension, angles, at_holes, self._mu)
 
         def derive() -> TensionDerivatives:
-            chain, by_hole, by_angle, _ = slopes()
+            at_hole = slopes()
+            chain = at_hole.chain()
             beyond = chain[:, :, 1:]
-            by_mobilisation = beyond * by_hole[:, None, :]
+            by_mobilisation = beyond * at_hole.by_mobilisation[:, None, :]
             if not self._each_hole:
                 by_mobilisation = by_mobilisation @ self._hole_incidence
-            return TensionDerivatives(
-                self._constant, beyond * by_angle[:, None, :], chain[:, :, 0], by_mobilisation
-            )
+            by_angle = beyond * at_hole.by_angle[:, None, :]
+            return TensionDerivatives(self._constant, by_angle, chain[:, :, 0], by_mobilisation)
 
         released, d_length, d_tension = self._released(tension, lengths)
         slip = self.slips(released)
         return TensionField(
-            tension, released, slip, mobilisation, d_length, d_tension, None, time, False, derive
+            tension, released, slip, mobilisation, d_length, d_tension, None, time, False, derive, slopes
         )
 
     def _transfer(
@@ -438,10 +442,9 @@ class TendonLaw:
             hole = np.arange(half.shape[1])
             by_tension[:, hole, hole] += by_pull
             by_tension[:, hole, hole + 1] += by_pull
-            chain, *_, by_coefficient = slopes()
-            return Linearisation(
-                tension, slopes, law, by_tension, chain[:, :, 1:] * by_coefficient()[:, None, :]
-            )
+            at_hole = slopes()
+            by_coefficient = at_hole.chain()[:, :, 1:] * at_hole.by_coefficient()[:, None, :]
+            return Linearisation(tension, slopes, law, by_tension, by_coefficient)
 
         start = evaluate_laws(
             self._laws,
@@ -485,10 +488,12 @@ class TendonLaw:
         n, h, g = self.shape[1], angles.shape[1], self.groups
         tension = solved.tension
         # Implicit function theorem: dT = E + B dmu, (I - G B) dmu = G E + ..., with E the change at kept coefficients.
-        chain, by_hole, by_angle, _ = solved.slopes()
+        at_hole = solved.slopes()
+        chain = at_hole.chain()
         beyond = chain[:, :, 1:]
-        by_mobilisation = (beyond * by_hole[:, None, :]) @ self._hole_incidence
-        kept = np.concatenate((beyond * by_angle[:, None, :], by_mobilisation, chain[:, :, :1]), axis=2)
+        by_mobilisation = (beyond * at_hole.by_mobilisation[:, None, :]) @ self._hole_incidence
+        by_angle = beyond * at_hole.by_angle[:, None, :]
+        kept = np.concatenate((by_angle, by_mobilisation, chain[:, :, :1]), axis=2)
         change = solved.by_tension @ kept
         hole = np.arange(h)
         force_by_angle = 0.5 * (tension[:, :-1] + tension[:, 1:]) * np.cos(0.5 * angles)
@@ -563,7 +568,7 @@ class TendonLaw:
             field.d_base + ds[:, :, -1],
             by_mobilisation,
         )
-        return replace(field, depends_on_length=True, derive=lambda: derivatives)
+        return replace(field, depends_on_length=True, derive=lambda: derivatives, at_holes=None)
 
     def commit(self, field: TensionField) -> FrictionState:
         """History after a converged (sub)step."""

@@ -23,7 +23,8 @@ class CableShape:
     """Lengths and angles of all tendons of a robot, with derivatives, and the forces of given tensions.
 
     Derivatives are with respect to the body-frame twists ``[v, w]`` of the nodes that carry holes, laid out as
-    ``6 * node + component``; they are computed at the first access.
+    ``6 * node + component``; they are computed at the first access. Each has entries of two or three nodes only:
+    `CableLines.segments` and `turns` have these.
 
     Attributes
     ----------
@@ -33,26 +34,31 @@ class CableShape:
         By which each tendon turns at its holes 1 .. n-1, zero where padded [rad].
     """
 
-    __slots__ = ("_derivatives", "_derive", "_lines", "angles", "lengths")
+    __slots__ = ("_derivatives", "_derive", "_lines", "_turn", "_turns", "_width", "angles", "lengths")
 
     def __init__(
         self,
         lengths: Array,
         angles: Array,
-        derive: Callable[[], tuple[Array, Array]],
+        derive: Callable[[CableShape], tuple[Array, Array]],
         lines: CableLines | None = None,
+        turn: Callable[[], Array] | None = None,
+        width: int = 0,
     ) -> None:
         self.lengths = lengths
         self.angles = angles
         self._derive = derive
         self._derivatives: tuple[Array, Array] | None = None
         self._lines = lines
+        self._turn = turn
+        self._turns: Array | None = None
+        self._width = width
 
     @property
     def derivatives(self) -> tuple[Array, Array]:
         """`d_lengths` and `d_angles`."""
         if self._derivatives is None:
-            self._derivatives = self._derive()
+            self._derivatives = self._derive(self)
         return self._derivatives
 
     @property
@@ -71,6 +77,65 @@ class CableShape:
         if self._lines is None:
             raise ValueError("these tendons follow the backbone and have no straight segments")
         return self._lines
+
+    @property
+    def turns(self) -> Array:
+        """Derivatives of the angles at holes 1 .. n-1 by the nodes before, at and behind the hole, (n-1, m, 18)."""
+        if self._turns is None:
+            assert self._turn is not None, "these tendons follow the backbone and have no holes"
+            self._turns = self._turn()
+        return self._turns
+
+    def lengths_to_nodes(self, weights: Array) -> Array:
+        """Weighted sums of the derivatives of the lengths of each tendon, weights (m, n), shape (m, 6 N)."""
+        if self._lines is None:
+            return np.asarray((weights[:, None, :] @ self.d_lengths)[:, 0])
+        (m, n), rows = weights.shape, self._lines.segments[:, :, 3].transpose(1, 0, 2) * weights[:, :, None]
+        total = np.zeros((m, self._width // 6, 6))
+        total[:, :n] = rows[:, :, :6]
+        total[:, 1 : n + 1] += rows[:, :, 6:]
+        return total.reshape(m, -1)
+
+    def angles_to_nodes(self, weights: Array) -> Array:
+        """The same of the derivatives of the angles, weights (m, n-1)."""
+        if self._lines is None:
+            return np.asarray((weights[:, None, :] @ self.d_angles)[:, 0])
+        (m, h), rows = weights.shape, self.turns.transpose(1, 0, 2) * weights[:, :, None]
+        total = np.zeros((m, self._width // 6, 6))
+        for k in range(3):
+            total[:, k : k + h] += rows[:, :, 6 * k : 6 * k + 6]
+        return total.reshape(m, -1)
+
+    def changes(self, increments: Array, *, angles: bool = True) -> tuple[Array, Array]:
+        """Changes of lengths and angles, at first order.
+
+        Parameters
+        ----------
+        increments
+            Body-frame twists of the nodes that carry holes, shape (6 N,).
+        angles
+            Whether those of the angles are needed.
+
+        Returns
+        -------
+        lengths, angles : ndarray, shapes (m, n) and (m, n-1)
+            [m], [rad]; the latter zero where not needed.
+        """
+        if self._lines is None:
+            d_lengths, d_angles = self.derivatives
+            return d_lengths @ increments, d_angles @ increments
+        n = self.lengths.shape[1]
+        both = _windows(increments, 12, n)
+        lengths = (self._lines.segments[:, :, 3] @ both[:, :, None])[..., 0].T
+        if not angles:
+            return lengths, np.zeros_like(self.angles)
+        return lengths, (self.turns @ _windows(increments, 18, n - 1)[:, :, None])[..., 0].T
+
+
+def _windows(increments: Array, width: int, count: int) -> Array:
+    """View of increments (6 N,): from each of the first nodes on, ``width`` of them, shape (count, width)."""
+    one = increments.strides[0]
+    return np.ndarray((count, width), increments.dtype, increments, 0, (6 * one, one))
 
 
 class CableLines:
@@ -303,37 +368,49 @@ class CableGeometry:
             chord *= self._turns
         angles = 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chord), 1.0))
         lines = CableLines(frames, self.offsets, self._lever, e, inverse)
-        return CableShape(lengths, angles, lambda: self._derive(lines, inverse, bend, chord), lines)
+        return CableShape(
+            lengths,
+            angles,
+            self._derivatives,
+            lines,
+            lambda: _turns(lines, inverse, bend, chord),
+            self._width,
+        )
 
-    def _derive(self, lines: CableLines, inverse: Array, bend: Array, chord: Array) -> tuple[Array, Array]:
-        """Derivatives of lengths and angles.
-
-        Parameters
-        ----------
-        lines
-            The straight segments.
-        inverse
-            One over their lengths [1/m], shape (m, n).
-        bend, chord
-            Differences of neighbouring unit vectors (m, n-1, 3) and their squared lengths (m, n-1).
-        """
-        square = chord * (1.0 - 0.25 * chord)
-        # One over the sine; a straight tendon turns in no defined direction, so its derivative is set to zero.
-        weight = np.sqrt(np.abs(square)) / (square + 1e-24)
-        versed = (0.5 * chord)[..., None]
-        e, segments = lines.directions, lines.segments
+    def _derivatives(self, shape: CableShape) -> tuple[Array, Array]:
+        """Derivatives of lengths and angles by all nodes that carry holes."""
         (m, n), width = self.mask.shape, self._width
         d_lengths, d_angles = np.zeros((m, n, width)), np.zeros((m, n - 1, width))
-        _along_nodes(d_lengths, 12)[...] = segments[:, :, 3].transpose(1, 0, 2)
+        _along_nodes(d_lengths, 12)[...] = shape.lines.segments[:, :, 3].transpose(1, 0, 2)
         if n > 1:
-            # Of each turn by the directions of the segments before and after it.
-            before = -(weight * inverse[:, :-1])[..., None] * (bend + versed * e[:, :-1])
-            after = (weight * inverse[:, 1:])[..., None] * (bend - versed * e[:, 1:])
-            turns = _along_nodes(d_angles, 18)
-            motions = segments[:, :, :3].transpose(1, 0, 2, 3)
-            turns[:, :, :12] = (before[:, :, None] @ motions[:, :-1])[:, :, 0]
-            turns[:, :, 6:] += (after[:, :, None] @ motions[:, 1:])[:, :, 0]
+            _along_nodes(d_angles, 18)[...] = shape.turns.transpose(1, 0, 2)
         return d_lengths, d_angles
+
+
+def _turns(lines: CableLines, inverse: Array, bend: Array, chord: Array) -> Array:
+    """Derivatives of the angles, see `CableShape.turns`.
+
+    Parameters
+    ----------
+    lines
+        The straight segments.
+    inverse
+        One over their lengths [1/m], shape (m, n).
+    bend, chord
+        Differences of neighbouring unit vectors (m, n-1, 3) and their squared lengths (m, n-1).
+    """
+    square = chord * (1.0 - 0.25 * chord)
+    # One over the sine; a straight tendon turns in no defined direction, so its derivative is set to zero.
+    weight = np.sqrt(np.abs(square)) / (square + 1e-24)
+    versed = (0.5 * chord)[..., None]
+    e, motions = lines.directions, lines.segments[:, :, :3]
+    # Of each turn by the directions of the segments before and after it.
+    before = -(weight * inverse[:, :-1])[..., None] * (bend + versed * e[:, :-1])
+    after = (weight * inverse[:, 1:])[..., None] * (bend - versed * e[:, 1:])
+    turns = np.zeros((len(motions) - 1, len(weight), 18))
+    turns[:, :, :12] = (before.transpose(1, 0, 2)[:, :, None] @ motions[:-1])[:, :, 0]
+    turns[:, :, 6:] += (after.transpose(1, 0, 2)[:, :, None] @ motions[1:])[:, :, 0]
+    return turns
 
 
 def _along_nodes(rows: Array, width: int) -> Array:

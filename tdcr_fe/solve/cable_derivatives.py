@@ -119,10 +119,11 @@ class CableDerivatives:
             _, slopes = capstan_with_adhesion(own.base_tension, angles, s, friction, parameters.adhesion)
         else:
             _, slopes = capstan(own.base_tension, angles, s, friction)
-        chain, *_, by_coefficient = slopes()
+        at_hole = slopes()
+        chain = at_hole.chain()
         # Adhesion takes its drop before the hole where the tendon is released, and behind it where it is pulled.
         drop = -s * np.where(s < 0.0, np.exp(-s * friction * angles), field.tension[:, 1:] > 0.0)
-        here = by_coefficient()[:, :, None] * self._by_friction + drop[:, :, None] * self._by_adhesion
+        here = at_hole.by_coefficient()[:, :, None] * self._by_friction + drop[:, :, None] * self._by_adhesion
         tension = chain[:, :, 1:] @ here
         stretch = 1.0 + parameters.compliance[:, None] * field.tension
         longer = parameters.mask * shape.lengths * field.tension / stretch**2

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
+from tdcr_fe.solve.band import BandLayout
 from tdcr_fe.solve.configuration import ConfigurationSpace
 from tdcr_fe.solve.convergence import ResidualScales
 from tdcr_fe.solve.numbering import Numbering
@@ -36,6 +37,8 @@ class SceneLayout:
         Whether functions of the user may change loads while a load step is solved.
     robots_only : bool
         Whether nothing but robots, clamped to ground, resists motion: no other objects, no loads that turn.
+    band : BandLayout or None
+        Order of the unknowns of a banded tangent, where it is that of one robot alone and is faster than a full one.
     numberings : dict of Numbering
         Those computed so far, by which tendons are driven by displacement.
     """
@@ -48,6 +51,7 @@ class SceneLayout:
     loads_jacobian: bool
     user_loads: bool
     robots_only: bool
+    band: BandLayout | None
     numberings: dict[tuple[bytes, ...], Numbering] = field(default_factory=dict)
 
     @classmethod
@@ -68,6 +72,7 @@ class SceneLayout:
         loads = [mbs.GetLoad(i) for i in range(data.NumberOfLoads())]
         # Forces fixed in the world have no derivative at a node; all other loads may have one.
         turning = any(_turns(load) for load in loads)
+        robots_only = not turning and not len(reduction.other) and _nothing_but_robots(mbs, robots)
         return cls(
             clamps,
             reduction,
@@ -76,7 +81,8 @@ class SceneLayout:
             ResidualScales.of(robots, reduction),
             turning,
             any(load.get("loadVectorUserFunction") or load.get("loadUserFunction") for load in loads),
-            not turning and not len(reduction.other) and _nothing_but_robots(mbs, robots),
+            robots_only,
+            BandLayout.of(robots) if robots_only else None,
         )
 
 

@@ -110,8 +110,8 @@ class NewtonStep(NamedTuple):
         Whether every hole continues to slip in its direction, so that a chord step may follow.
     damping : float
         Damping used [N m].
-    new : bool
-        Whether the linearisation is that of the iterate from which the step was taken.
+    chords : int
+        Chord steps that may still follow with the same linearisation.
     slips : ndarray, shape (k,), or None
         Slip residual after the step at fixed friction, where friction is kept [m].
     """
@@ -120,7 +120,7 @@ class NewtonStep(NamedTuple):
     linearization: Linearization
     friction_kept: bool
     damping: float = 0.0
-    new: bool = True
+    chords: int = 1
     slips: Array | None = None
 
 
@@ -263,20 +263,14 @@ def _iterate(
         if not isfinite(residual.size):
             return end(NewtonStatus.NOT_FINITE)
         unmet = first_unmet(_iterate_of(system, residual, step, presliding), settings)
-        chord_allowed = step is not None and step.friction_kept and not damped
-        # A chord step costs little: it is also taken where the tolerance is only just met, as long as it helps.
-        helps = len(residuals) > 1 and residual.size < 0.5 * residuals[-2]
-        if unmet is None and not (chord_allowed and helps and residual.size > MARGIN * settings.tolerance):
+        chord_allowed = step is not None and step.chords > 0 and step.friction_kept and not damped
+        # A chord step costs little: it is also taken where the tolerance is only just met.
+        if unmet is None and not (chord_allowed and residual.size > MARGIN * settings.tolerance):
             return end(NewtonStatus.CONVERGED)
         if len(residuals) > limit:
             return end(NewtonStatus.CONVERGED if unmet is None else unmet.status, unmet)
         # Where little is left to do, the tangent at hand does it; should it not, the next step has its own.
-        chord = (
-            chord_allowed
-            and step is not None
-            and step.new
-            and residual.size * CHORD_CONTRACTION * turn < settings.tolerance
-        )
+        chord = chord_allowed and residual.size * CHORD_CONTRACTION * turn < settings.tolerance
         try:
             if step is not None and (chord or unmet is None):
                 step = _chord_step(step, numbering, residual)
@@ -284,7 +278,8 @@ def _iterate(
                 step = _damped_step(system, residual, numbering, presliding, damping)
                 damping = step.damping
             elif near is not None and step is None:
-                step = _step_with(near, system, residual, numbering, presliding)
+                # Its chord steps contract less, so two may follow.
+                step = _step_with(near, system, residual, numbering, presliding)._replace(chords=2)
             else:
                 step = _full_step(system, residual, numbering, presliding)
         except np.linalg.LinAlgError:
@@ -353,7 +348,7 @@ def _step_with(
 def _chord_step(before: NewtonStep, numbering: Numbering, residual: Residual) -> NewtonStep:
     """Chord step: with the tangent and frames of the previous iteration, at fixed friction."""
     change = before.linearization.step(residual.unbalanced, residual.forces, residual.target.inputs)
-    return before._replace(change=_padded(change, numbering), new=False)
+    return before._replace(change=_padded(change, numbering), chords=before.chords - 1)
 
 
 def _damped_step(

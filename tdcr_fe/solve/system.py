@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.solve.band import BandFactors, BandLayout
 from tdcr_fe.solve.configuration import Configuration, Unknowns
 from tdcr_fe.solve.factors import BorderedFactors, DenseFactors, Factors
 from tdcr_fe.solve.kernel import StaticKernel
@@ -35,6 +36,7 @@ from tdcr_fe.solve.tangent import (
     add_geometric_stiffness,
     add_unbalanced,
     border,
+    damping_of_node,
     hold,
 )
 
@@ -287,6 +289,18 @@ class SceneSystem:
             The tangent is singular.
         """
         layout = self.layout
+        own = residual.forces[0]
+        if layout.band is not None and own.has_hole_slopes and self.tangent_follows_from_elements():
+            factors = self._band_factors(layout.band, residual, damping)
+        else:
+            factors = self._dense_factors(residual, numbering, damping)
+        if numbering.any_driven:
+            factors = BorderedFactors.of(factors, *border(residual, numbering, layout.clamped))
+        return Linearization(factors, residual.state.configuration.chains, numbering)
+
+    def _dense_factors(self, residual: Residual, numbering: Numbering, damping: float) -> Factors:
+        """Factors of the tangent at fixed tensions, as a full matrix."""
+        layout = self.layout
         nodes = layout.space.slices
         if self.tangent_follows_from_elements():
             scene = layout.reduction.empty_tangent()
@@ -300,10 +314,18 @@ class SceneSystem:
         if damping > 0.0:
             add_damping(k, layout.reduction.nodes, damping, self.length)
         hold(k, layout.clamped)
-        factors: Factors = DenseFactors.of(k)
-        if numbering.any_driven:
-            factors = BorderedFactors.of(factors, *border(residual, numbering, layout.clamped))
-        return Linearization(factors, residual.state.configuration.chains, numbering)
+        return DenseFactors.of(k)
+
+    def _band_factors(self, band: BandLayout, residual: Residual, damping: float) -> Factors:
+        """Factors of the same tangent of one robot alone, as a band."""
+        configuration, own = residual.state.configuration, residual.forces[0]
+        backbone = configuration.chains[0].tangent(
+            own.model.mesh, residual.unbalanced, *configuration.poses[0]
+        )
+        if damping > 0.0:
+            component = np.arange(6)
+            backbone.itself[:, component, component] -= damping_of_node(damping, self.length)
+        return BandFactors.of(band.assemble(backbone, own, bool(self.layout.clamped)), band)
 
     # ------------------------------------------------------------------ clamps
 

@@ -101,11 +101,19 @@ def border(
     return columns, rows, own, slack
 
 
+def damping_of_node(damping: float, length: float) -> Array:
+    """Damping [N m] of pseudo-transient continuation by the increments of a node, shape (6,).
+
+    Forces act by a lever of the length [m].
+    """
+    return damping * np.repeat((1.0 / length**2, 1.0), 3)
+
+
 def add_damping(k: Array, nodes: int, damping: float, length: float) -> None:
-    """Add the damping [N m] of pseudo-transient continuation on all nodes; forces by a lever of the length [m]."""
+    """Add the damping of all nodes, see `damping_of_node`."""
     # Exudyn's Jacobian is that of the right-hand side: minus the stiffness.
     diagonal = np.arange(6 * nodes)
-    k[diagonal, diagonal] -= damping * np.tile(np.repeat((1.0 / length**2, 1.0), 3), nodes)
+    k[diagonal, diagonal] -= np.tile(damping_of_node(damping, length), nodes)
 
 
 def hold(k: Array, bases: Sequence[slice]) -> None:

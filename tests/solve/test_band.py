@@ -1,0 +1,128 @@
+"""The banded tangent of one robot alone against the full one, and what it costs as the number of disks grows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from robots import LENGTH, paper, pull, tendon, three
+
+from tdcr_fe.model.loading import LoadStep, Model, resolve
+from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve import band
+from tdcr_fe.solve.band import BandFactors, BandLayout
+from tdcr_fe.solve.factors import DenseFactors
+from tdcr_fe.solve.linearization import Linearization
+from tdcr_fe.solve.simulation import Simulation
+from tdcr_fe.solve.state import Target
+from tdcr_fe.solve.system import SceneSystem
+
+
+def short_and_long() -> Robot:
+    """Three tendons of different ends, one elastic, one with adhesion."""
+    tendons = (
+        tendon("t1", 0.0, 0.3, end=float(paper().disks.positions[6])),
+        tendon("t2", 120.0, 0.2, axial_stiffness=2000.0),
+        tendon("t3", 250.0, 0.1, adhesion=0.02),
+    )
+    return replace(paper(), tendons=tendons)
+
+
+def free_end() -> Robot:
+    """One tendon that ends at the last disk, a fifth of the length before the tip."""
+    disks = Disks.equally_spaced(13, 0.8 * LENGTH)
+    return replace(paper(), disks=disks, tendons=(tendon("t1", 0.0, 0.3, end=float(disks.positions[-1])),))
+
+
+CASES: dict[str, tuple[Robot, dict[str, Any], LoadStep]] = {
+    "one tendon": (paper(0.3), {}, pull(2.0)[0]),
+    "no friction": (paper(), {"friction": "none"}, pull(2.0)[0]),
+    "one sign per tendon": (paper(0.3), {"friction": "per-tendon"}, pull(2.0)[0]),
+    "two elements a bay": (paper(0.3), {"elements_per_bay": 2}, pull(2.0)[0]),
+    "different ends": (short_and_long(), {}, LoadStep("", {"t1": 1.0, "t2": 0.6, "t3": 0.9})),
+    "displacements": (three(0.3), {}, LoadStep("", displacements={"t1": 2e-3, "t2": -1e-3, "t3": -1.2e-3})),
+    "free end": (free_end(), {}, pull(2.0)[0]),
+}
+
+
+def both_factorisations(case: str) -> tuple[SceneSystem, Linearization, Linearization]:
+    """Linearised out of equilibrium: solved under the load step, then under nine tenths of its inputs."""
+    robot, model, step = CASES[case]
+    targets = resolve(robot, [step])
+    settings = SolverSettings()
+    simulation = Simulation(robot, Model(**{"elements_per_bay": 1, **model}), targets, settings)
+    simulation.advance(targets[0])
+    system, state = simulation.system, simulation.state
+    numbering = system.numbering()
+    tension = tuple(0.9 * t for t in state.base_tension)
+    target = Target(tuple(0.9 * i for i in state.inputs))
+    residual = system.residual(state._replace(base_tension=tension), target, numbering)
+    banded = system.linearize(residual, numbering)
+    system.layout = replace(system.layout, band=None)
+    return system, banded, system.linearize(residual, numbering)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_band_gives_the_steps_of_the_full_tangent(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """For one and for several right sides, with the same sign of the determinant."""
+    monkeypatch.setattr(band, "WIDEST", 1.0)
+    system, banded, full = both_factorisations(case)
+    inner = [getattr(line.factorisation, "inner", line.factorisation) for line in (banded, full)]
+    assert isinstance(inner[0], BandFactors) and isinstance(inner[1], DenseFactors)
+    assert inner[0].sign == inner[1].sign
+    rng = np.random.default_rng(1)
+    for right in (rng.normal(size=banded.numbering.linear), rng.normal(size=(banded.numbering.linear, 4))):
+        for base in system.layout.clamped:
+            right[base] = 0.0
+        expected = full.factorisation.solve(np.asfortranarray(right))
+        found = banded.factorisation.solve(np.asfortranarray(right))
+        assert found.shape == expected.shape
+        # Axial stiffness over that of bending: the condition number is about 1e8.
+        assert found == pytest.approx(expected, abs=1e-8 * float(np.abs(expected).max()))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_run_is_the_same_with_the_band_and_without(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Positions of all nodes at the end of three steps, and the number of iterations."""
+    robot, model, step = CASES[case]
+    shares = (0.5, 1.0, 0.8)
+    steps = [
+        replace(
+            step,
+            tensions={n: x * s for n, x in step.tensions.items()},
+            displacements={n: x * s for n, x in step.displacements.items()},
+        )
+        for s in shares
+    ]
+    found = []
+    for widest in (1.0, 0.0):
+        monkeypatch.setattr(band, "WIDEST", widest)
+        targets = resolve(robot, steps)
+        simulation = Simulation(robot, Model(**{"elements_per_bay": 1, **model}), targets)
+        assert (simulation.system.layout.band is None) == (widest == 0.0)
+        iterations = [simulation.advance(t).iterations_total for t in targets]
+        found.append((iterations, simulation.state.configuration.positions))
+    assert found[0][0] == found[1][0]
+    assert found[0][1] == pytest.approx(found[1][1], abs=1e-10 * LENGTH)
+
+
+def test_the_width_of_the_band_does_not_depend_on_the_number_of_disks() -> None:
+    widths = []
+    for disks in (10, 20, 40, 80):
+        robot = replace(paper(0.3), disks=Disks.equally_spaced(disks, LENGTH))
+        system = Simulation(robot, Model(elements_per_bay=1), resolve(robot, pull(1.0))).system
+        layout = system.layout.band
+        assert isinstance(layout, BandLayout) and layout.nodes == disks + 1
+        widths.append((layout.lower, layout.upper))
+    assert set(widths) == {(13, 12)}
+
+
+def test_a_full_matrix_is_taken_where_tension_depends_on_slip_rates_or_the_band_is_wide() -> None:
+    many = replace(paper(), tendons=tuple(tendon(f"t{k}", 40.0 * k, 0.1) for k in range(9)))
+    continuous = Model(tendon_path="continuous", friction="none", elements_per_bay=1)
+    for robot, model in ((many, Model(elements_per_bay=1)), (paper(), continuous)):
+        steps = [LoadStep("", {name: 0.2 for name in robot.tendon_names})]
+        assert Simulation(robot, model, resolve(robot, steps)).system.layout.band is None
