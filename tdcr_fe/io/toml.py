@@ -125,13 +125,16 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
 def _without_taper(table: Any) -> tuple[Any, tuple[tuple[float, float], ...]]:
     """The table of a backbone with the radius at its base, and its taper where ``radius`` is a list of pairs."""
     radius = table.get("radius") if isinstance(table, dict) else None
-    pairs = isinstance(radius, list) and radius
-    if not pairs or not all(
-        isinstance(p, list) and len(p) == 2 and all(_is_number(x) and math.isfinite(x) for x in p)
-        for p in radius
-    ):
+    if not isinstance(radius, list) or not radius or not all(_is_pair(p) for p in radius):
         return table, ()
     return {**table, "radius": radius[0][1]}, tuple((float(s), float(r)) for s, r in radius)
+
+
+def _is_pair(value: Any) -> bool:
+    """Whether a value is a list of two finite numbers."""
+    return (
+        isinstance(value, list) and len(value) == 2 and all(_is_number(x) and math.isfinite(x) for x in value)
+    )
 
 
 def _build_disks(data: Any, length: float | None, reporter: Reporter) -> _Discs:
