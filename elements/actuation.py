@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh
+from tdcr_fe.elements.condensation import add_condensed
 from tdcr_fe.elements.forces import ForceModel, Measurement, TendonForces
 from tdcr_fe.elements.friction import FrictionState, TendonLaw
 from tdcr_fe.elements.generalized import (
@@ -33,6 +34,8 @@ from tdcr_fe.elements.tendons import CableGeometry
 Array = NDArray[np.float64]
 
 Inputs = Array | Callable[[float], Array]
+#: What a linearisation assumes of holes with friction.
+Holes = Literal["present", "stuck", "sliding"]
 
 
 @dataclass
@@ -146,6 +149,9 @@ class TendonActuation:
         Tensions [N] and displacements [m] at the base, as set or over time.
     connected : bool
         Whether Exudyn's item applies the forces; see `disconnect`.
+    holes : "present", "stuck" or "sliding"
+        What the Jacobian of Exudyn's item assumes of holes with friction: the derivative of the forces, or that all
+        stick, or that all slide on.
     """
 
     def __init__(
@@ -174,6 +180,7 @@ class TendonActuation:
         self.inputs: Inputs = np.zeros(m)
         self.history_nodes = history
         self.connected = True
+        self.holes: Holes = "present"
         self._coordinates: NDArray[np.int_] | None = None
         self._reference: Array | None = None
         self._evaluation: _Evaluation | None = None
@@ -380,14 +387,26 @@ class TendonActuation:
         if not self.connected:
             return self._no_jacobian
         found = self._matching(np.array(displacements), t)
-        forces, n = found.forces, len(self.nodes)
+        forces = found.forces if self.holes == "present" else self._forces_at_rest(found)
+        n = len(self.nodes)
         k = np.zeros((6 * n, 6 * n))
         forces.add_coupling(k)
+        if self.holes != "present":
+            taut = self.by_displacement & (forces.base_tension > 0.0)
+            add_condensed(k, forces, taut, self.holes == "stuck")
         if self.geometry is not None:
             add_neighbours(k, forces.geometric_stiffness(), self.model.cable_nodes)
         to_twist = twists_by_coordinates(found.rotations, found.parameters)
         tangent = generalized_tangent(k, forces.nodal_wrenches()[:, 3:], to_twist)
         return _triplets(-by_position * tangent)
+
+    def _forces_at_rest(self, found: _Evaluation) -> TendonForces:
+        """Forces at the tensions and mobilisations of the history, driven tendons being elastic."""
+        history, friction = found.history, found.history.friction
+        model = replace(self.model, law=self._elastic_law(history))
+        return model.at_mobilisation(
+            found.forces.measured, history.base_tension, friction.mobilisation, friction, friction.time
+        )
 
     def _matching(self, coordinates: Array, t: float) -> _Evaluation:
         """The last evaluation if it was for the same state, inputs and time, else a new one."""

@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from tdcr_fe.scene.builder import CreateTDCR as CreateTDCR
     from tdcr_fe.scene.handle import TDCR as TDCR
     from tdcr_fe.scene.loads import PointLoad as PointLoad
+    from tdcr_fe.scene.modes import TDCREigenvalues as TDCREigenvalues
     from tdcr_fe.solve.inverse import follow_path as follow_path
     from tdcr_fe.solve.inverse import reach as reach
     from tdcr_fe.solve.local_response import local_response as local_response
@@ -105,6 +106,7 @@ _PUBLIC = {
     "tdcr_fe.solve.simulate": ("simulate",),
     "tdcr_fe.solve.simulation": ("Simulation",),
     "tdcr_fe.solve.stability": ("Stability", "stability"),
+    "tdcr_fe.scene.modes": ("TDCREigenvalues",),
     "tdcr_fe.solve.statics": ("SolveTDCR", "track_sensitivities"),
     "tdcr_fe.solve.stepping": ("StepFailed",),
 }
