@@ -80,7 +80,7 @@ def test_wrenches_of_section_forces_are_in_equilibrium():
 def test_superelastic_moment_is_linear_then_flat():
     """EI k well below the threshold; slope r EI well above it; continuous in between."""
     kc, r, ei = 5.0, 0.3, 2.0
-    law = SuperelasticSection(np.full(3, ei), kc, r, np.zeros(3))
+    law = SuperelasticSection(np.full(3, ei), kc, r, np.zeros((3, 3)))
 
     def moment(k):
         x = np.zeros((3, 6))

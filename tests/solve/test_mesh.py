@@ -198,11 +198,11 @@ def fail_on_refined_meshes(monkeypatch, at_step: int, error: BaseException) -> N
     advance = Simulation.advance
     calls: dict[Simulation, int] = {}
 
-    def failing(self: Simulation, *args):
+    def failing(self: Simulation, *args, **kwargs):
         calls[self] = calls.get(self, 0) + 1
         if len(calls) > 1 and calls[self] == at_step:
             raise error
-        return advance(self, *args)
+        return advance(self, *args, **kwargs)
 
     monkeypatch.setattr(Simulation, "advance", failing)
 
