@@ -21,7 +21,10 @@ def add_identify_parser(commands: Any) -> None:
         "2 the input is wrong; 130 interrupted (143 by SIGTERM), what was found is written.",
     )
     parser.add_argument(
-        "folder", help="contains robot.toml, loading.csv, observations.csv and, optionally, model.toml"
+        "folder",
+        nargs="+",
+        help="contains robot.toml, loading.csv, observations.csv and, optionally, model.toml; several folders of one "
+        "robot share the effects",
     )
     parser.add_argument(
         "-o", "--out", metavar="OUT", required=True, help="directory for result.json and report.html"
@@ -66,10 +69,10 @@ def run(args: argparse.Namespace) -> int:
     from tdcr_fe.identify.replay import corrected_motion
     from tdcr_fe.identify.report import summary, write_report
     from tdcr_fe.io.atomic import check_output_folder, write_json, write_text
-    from tdcr_fe.io.measured import read_measured
+    from tdcr_fe.io.measured import join_measured, read_measured
     from tdcr_fe.io.own_effects import read_own_effects
 
-    data = read_measured(args.folder, strict=args.strict)
+    data = join_measured([read_measured(folder, strict=args.strict) for folder in args.folder])
     out = check_output_folder(args.out)
     settings = IdentifySettings(
         processes=args.processes,
@@ -101,7 +104,8 @@ def run(args: argparse.Namespace) -> int:
         write_text(next_loading, out / "next" / "loading.csv")
     motion, interrupted = None, result.interrupted
     try:
-        motion = None if interrupted else corrected_motion(result, out)
+        several = bool(data.parts)  # the panel shows one loading sequence
+        motion = None if interrupted or several else corrected_motion(result, out)
     except KeyboardInterrupt:  # the report is written without the 3D panel
         interrupted = True
     write_report(result, out / "report.html", motion)

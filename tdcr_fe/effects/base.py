@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -47,6 +48,8 @@ class Experiment:
     ends : tuple of (int, float) or None
         Set where effects divide load steps because an input has a kink within the step: for every one of ``steps``, the
         commanded step that it belongs to and the load factor at its end. None: the steps are the commanded ones.
+    restarts : tuple of int
+        Commanded steps, from 0, at which the robot begins anew, unloaded: several loading sequences of one robot.
     """
 
     robot: Robot
@@ -54,11 +57,41 @@ class Experiment:
     steps: tuple[LoadStep, ...] = ()
     observation: Observation = field(default_factory=Observation)
     ends: tuple[tuple[int, float], ...] | None = None
+    restarts: tuple[int, ...] = ()
 
     @property
     def step_ends(self) -> tuple[tuple[int, float], ...]:
         """For every step, the commanded step it belongs to and its load factor at the end."""
         return self.ends if self.ends is not None else tuple((k, 1.0) for k in range(len(self.steps)))
+
+    @property
+    def sequences(self) -> tuple[Experiment, ...]:
+        """One experiment for each loading sequence that begins with the unloaded robot."""
+        if not self.restarts:
+            return (self,)
+        ends = self.step_ends
+        bounds = (0, *self.restarts, ends[-1][0] + 1)
+        found = []
+        for first, last in itertools.pairwise(bounds):
+            own = [j for j, (k, _) in enumerate(ends) if first <= k < last]
+            divided = None
+            if self.ends is not None:
+                divided = tuple((ends[j][0] - first, ends[j][1]) for j in own)
+            steps = tuple(self.steps[j] for j in own)
+            found.append(replace(self, steps=steps, ends=divided, restarts=()))
+        return tuple(found)
+
+    def with_sequences(self, change: Callable[[Experiment], Experiment]) -> Experiment:
+        """The experiment with every loading sequence changed by itself; robot, model and observation must agree."""
+        if not self.restarts:
+            return change(self)
+        parts = [change(s) for s in self.sequences]
+        ends: list[tuple[int, float]] = []
+        for first, part in zip((0, *self.restarts), parts, strict=True):
+            ends += [(first + k, factor) for k, factor in part.step_ends]
+        divided = any(part.ends is not None for part in parts)
+        steps = tuple(step for part in parts for step in part.steps)
+        return replace(parts[0], steps=steps, ends=tuple(ends) if divided else None, restarts=self.restarts)
 
     def with_robot(self, **changes: object) -> Experiment:
         """A copy with fields of the robot replaced."""

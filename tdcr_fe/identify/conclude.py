@@ -24,6 +24,7 @@ from tdcr_fe.identify.outcome import (
     NextExperiment,
     Noise,
     Remainder,
+    SetErrors,
     Shapes,
     Structure,
     Verdict,
@@ -103,6 +104,7 @@ def conclude(
         catalogue=problem.catalogue,
         law=law,
         next_experiment=next_experiment,
+        by_set=_by_set(problem, declared, best),
         ceiling=None if insufficient or state.interrupted else held_out_ceiling(problem, declared, best),
     )
 
@@ -118,6 +120,19 @@ def _verdict(state: SearchState, explained: bool, insufficient: str, law: FoundL
     if law is not None:
         return "explained by a law found"
     return "explained" if state.best.effects else "nothing missing"
+
+
+def _by_set(problem: FitProblem, declared: Fit, best: Fit) -> tuple[SetErrors, ...]:
+    """Errors on every one of several data sets; empty where there is one."""
+    found, first = [], 0
+    for name, count in problem.data.parts:
+        steps = problem.readings.reader.step
+        own = (steps >= first) & (steps < first + count)
+        fit, held = own & problem.fitted, own & problem.held_out
+        misfits = [problem.misfit(f.residual, which) for f in (declared, best) for which in (fit, held)]
+        found.append(SetErrors(name, first + 1, first + count, *misfits))
+        first += count
+    return tuple(found)
 
 
 def _noise(problem: FitProblem, estimated: bool) -> Noise:

@@ -46,9 +46,13 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
     repeats the fit. Steps that were divided to resolve their path stand there in parts.
 
     A law that was found stands there as the concentrated loads that it gives on this loading, and as a comment.
+    Several data sets have one ``effects_NAME.toml`` each.
+
     Effects that act on the measurement only are comments. Where a robot cannot be written (an effect of the
     user's own with a routing of its own), ``robot.toml`` is as declared, and all effects are in ``effects.toml``.
     """
+    if result.commanded.restarts:
+        return _files_of_sets(result)
     commanded = result.commanded
     skipped = observation_effects(result)
     table: Table = {name: values for name, values in result.effects_table.items() if name not in skipped}
@@ -74,6 +78,30 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
         base.model, _labelled(result, base), settings=result.solver, effects=inside or None
     )
     return {"robot.toml": robot_text, "effects.toml": "\n".join([*remarks, "", scenario])}
+
+
+def _files_of_sets(result: IdentificationResult) -> dict[str, str]:
+    """`corrected_files` of several data sets: one robot, and a scenario for each."""
+    files: dict[str, str] = {}
+    for part, (name, count) in zip(result.commanded.sequences, result.data.parts, strict=True):
+        ids = tuple(range(1, count + 1))
+        data = replace(
+            result.data, name=name, step_ids=ids, steps=part.steps[:count], branches=("",) * count,
+            readings=(), parts=(),
+        )  # fmt: skip
+        own = corrected_files(replace(result, data=data, commanded=part))
+        robot = (
+            "robot.toml"
+            if files.get("robot.toml", own["robot.toml"]) == own["robot.toml"]
+            else f"robot_{name}.toml"
+        )
+        files[robot] = own["robot.toml"]
+        files[f"effects_{name}.toml"] = (
+            own["effects.toml"]
+            .replace('"robot.toml"', f'"{robot}"')
+            .replace("run effects.toml", f"run effects_{name}.toml")
+        )
+    return files
 
 
 def _beside_robot(result: IdentificationResult, final: Experiment, table: Table) -> tuple[Experiment, Table]:

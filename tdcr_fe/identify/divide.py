@@ -33,6 +33,14 @@ def divide_steps(experiment: Experiment, which: set[int], parts: int) -> Experim
     """
     if experiment.model.friction != "per-hole":
         return experiment
+    if experiment.restarts:
+        firsts = iter((0, *experiment.restarts))
+
+        def divide(part: Experiment) -> Experiment:
+            first = next(firsts)
+            return divide_steps(part, {k - first for k in which if k >= first}, parts)
+
+        return experiment.with_sequences(divide)
     actions = resolve(experiment.robot, experiment.steps)
     whole = [k for k, factor in experiment.step_ends if factor == 1.0]
     single = {k for k, _ in experiment.step_ends if [x for x, _ in experiment.step_ends].count(k) == 1}

@@ -156,6 +156,8 @@ class ForwardModel:
 
 
 def _key(experiment: Experiment, reference: Run | None, record: bool) -> str:
-    text = pickle.dumps((experiment.robot, experiment.model, experiment.steps, experiment.ends))
+    text = pickle.dumps(
+        (experiment.robot, experiment.model, experiment.steps, experiment.ends, experiment.restarts)
+    )
     path = "free" if reference is None else str(id(reference))
     return f"{hashlib.sha256(text).hexdigest()} {path} {record}"

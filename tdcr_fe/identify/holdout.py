@@ -42,8 +42,15 @@ def blocks(data: MeasuredData) -> list[list[int]]:
     A branch is what the file calls so; without that, a run of steps in which the same inputs grow and fall.
     """
     count = len(data.steps)
-    if len(set(data.branches)) > 1:
-        marks: list[object] = list(data.branches)
+    marks: list[object]
+    if data.parts:  # several data sets: some may have names of branches, others none
+        turns = [
+            () if not b.endswith("/") else tuple(d)
+            for b, d in zip(data.branches, directions(data), strict=True)
+        ]
+        marks = list(zip(data.branches, turns, strict=True))
+    elif len(set(data.branches)) > 1:
+        marks = list(data.branches)
     else:
         marks = [tuple(d) for d in directions(data)]
     found: list[list[int]] = []

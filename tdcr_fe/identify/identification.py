@@ -26,7 +26,7 @@ from tdcr_fe.identify.selection import (
     search_effects,
     with_intermediate_models,
 )
-from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.measured import MeasuredData, without_unread_steps
 from tdcr_fe.io.own_effects import check_on
 from tdcr_fe.model.arguments import check_callable, wrong_type
 
@@ -122,18 +122,6 @@ def _search(search: Search, state: SearchState, sigma_estimated: bool) -> _Found
         last = replace(state, interrupted=True)
         last = last.with_history("interrupted; what was found until then is reported")
         raise _Interrupted(last, sigma_estimated) from None
-
-
-def without_unread_steps(data: MeasuredData) -> MeasuredData:
-    """The data without the steps after the last one with readings: they change no prediction."""
-    read = {r.step for r in data.readings}
-    last = max(k for k, n in enumerate(data.step_ids) if n in read)
-    return replace(
-        data,
-        step_ids=data.step_ids[: last + 1],
-        steps=data.steps[: last + 1],
-        branches=data.branches[: last + 1],
-    )
 
 
 def _build_problem(

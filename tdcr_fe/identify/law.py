@@ -40,6 +40,8 @@ def find_law(search: Search, state: SearchState) -> tuple[FoundLaw | None, Searc
         Where a law was found, its best model has the law, and the listed effects that remain beside it.
     """
     problem, best = state.problem, state.best
+    if problem.experiment.restarts:
+        return None, state.with_history("no search for a law with several data sets")
     if not np.any(problem.held_out) or lacks_test(problem, best) or not best.solved:
         return None, state
     if residual_is_noise(problem, best, search.significance):

@@ -161,7 +161,7 @@ def _predictions(
     """Predicted readings over sigma of every sequence, each from the unloaded robot."""
     experiments = []
     for steps in sequences:
-        fresh = replace(problem, experiment=replace(problem.experiment, steps=steps, ends=None))
+        fresh = replace(problem, experiment=replace(problem.experiment, steps=steps, ends=None, restarts=()))
         experiments.append(fresh.with_effects(fit.effects, fit.values if values is None else values))
     runs = problem.solve(experiments)
     found = []
@@ -229,7 +229,7 @@ def _parting(
             total = np.eye(len(d))
             for m, s in ((models[0], slopes[0][n]), (models[r], slopes[r][n])):
                 total += s @ m.spread @ s.T
-            values[n, r - 1] = float(np.sqrt(max(d @ np.linalg.solve(total, d), 0.0)))
+            values[n, r - 1] = np.sqrt(max(float(d @ np.linalg.solve(total, d)), 0.0))
     at = int(np.argmax(values.min(axis=1)))
     names = [m.name for m in models[1:]]
     listed = ", ".join(f"{name} ({v:.1f} sigma)" for name, v in zip(names, values[at], strict=True))

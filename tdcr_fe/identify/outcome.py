@@ -356,6 +356,36 @@ class FoundLaw:
 
 
 @dataclass(frozen=True)
+class SetErrors:
+    """Errors on one of several data sets.
+
+    Attributes
+    ----------
+    name : str
+    first, last : int
+        Its steps in the joined numbering.
+    before_fit, before_held_out, after_fit, after_held_out : Misfit
+    """
+
+    name: str
+    first: int
+    last: int
+    before_fit: Misfit
+    before_held_out: Misfit
+    after_fit: Misfit
+    after_held_out: Misfit
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``result.json``."""
+        return {
+            "dataset": self.name,
+            "steps": [self.first, self.last],
+            "before": {"fit": self.before_fit.to_json(), "held_out": self.before_held_out.to_json()},
+            "after": {"fit": self.after_fit.to_json(), "held_out": self.after_held_out.to_json()},
+        }
+
+
+@dataclass(frozen=True)
 class NextExperiment:
     """A loading sequence, from the unloaded robot, that would tell most.
 
@@ -447,6 +477,8 @@ class IdentificationResult:
         Held-out misfit that a flexible regression of the residual leaves at best; None where it was not tried.
     next_experiment : NextExperiment or None
         None where nothing is to be told apart or refined.
+    by_set : tuple of SetErrors
+        Of every data set, where several were given.
     """
 
     data: MeasuredData
@@ -482,6 +514,7 @@ class IdentificationResult:
     law: FoundLaw | None = None
     ceiling: Misfit | None = None
     next_experiment: NextExperiment | None = None
+    by_set: tuple[SetErrors, ...] = ()
 
     def next_loading(self) -> str | None:
         """The next experiment as the text of a ``loading.csv``; None where there is none."""
@@ -523,6 +556,7 @@ class IdentificationResult:
             ],
             "after": {"fit": self.after_fit.to_json(), "held_out": self.after_held_out.to_json()},
             "verdict": self.verdict,
+            **({"datasets": [s.to_json() for s in self.by_set]} if self.by_set else {}),
             **({} if self.law is None else {"law": self.law.to_json()}),
             **({} if self.ceiling is None else {"ceiling": {"held_out": self.ceiling.to_json()}}),
             **({} if self.next_experiment is None else {"next_experiment": self.next_experiment.to_json()}),

@@ -134,7 +134,9 @@ class FitProblem:
             forward=forward,
             sigma=sigma,
             held_out=held_out,
-            experiment=Experiment(data.robot, replace(data.model, elements_per_bay=1), data.steps),
+            experiment=Experiment(
+                data.robot, replace(data.model, elements_per_bay=1), data.steps, restarts=data.restarts
+            ),
             path_tolerance=path_tolerance,
             robust_threshold=ROBUST,
             correction=np.zeros(len(data.readings)),
@@ -155,10 +157,14 @@ class FitProblem:
     def with_effects(self, effects: Sequence[Effect], values: Point) -> Experiment:
         """The experiment with effects, applied in the order of the catalogue, unlisted ones last."""
         order = {e.name: i for i, e in enumerate(self.catalogue)}
-        experiment = self.experiment
-        for e in sorted(effects, key=lambda e: order.get(e.listed, len(order))):
-            experiment = e.apply(experiment, values[e.name])
-        return experiment
+        ordered = sorted(effects, key=lambda e: order.get(e.listed, len(order)))
+
+        def apply(experiment: Experiment) -> Experiment:
+            for e in ordered:
+                experiment = e.apply(experiment, values[e.name])
+            return experiment
+
+        return self.experiment.with_sequences(apply)
 
     def solve(
         self, experiments: Sequence[Experiment], reference: Run | None = None, record: bool = False

@@ -124,6 +124,14 @@ def sentences(result: IdentificationResult) -> list[str]:
             )
         )
     found += _ceiling_sentence(result)
+    for s in result.by_set:
+        held = (
+            ""
+            if not s.after_held_out.count
+            else (f", held out {size(s.before_held_out)} to {size(s.after_held_out)}")
+        )
+        fit = "" if not s.after_fit.count else f"fitted steps {size(s.before_fit)} to {size(s.after_fit)}"
+        found.append(f"{s.name} (steps {s.first} to {s.last}): {f'{fit}{held}'.removeprefix(', ')}.")
     alike = [
         f"{words(e.name)} from {' or '.join(words(n) for n in e.indistinguishable_from)}"
         for e in result.effects
@@ -380,7 +388,10 @@ def _scenario_section(result: IdentificationResult) -> Section:
         "scenario",
         "Scenario of the corrected robot",
         "scenario.html.j2",
-        {"scenario": corrected_files(result)["effects.toml"], "count": len(result.data.steps)},
+        {
+            "scenarios": {n: t for n, t in corrected_files(result).items() if n.startswith("effects")},
+            "count": len(result.data.steps),
+        },
     )
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,24 @@ class Trajectory:
     waypoints: PathRecord
     ends: Ends
     elements: int
+
+    def part(self, first: int, last: int) -> Trajectory:
+        """Of the commanded steps from ``first`` up to ``last``, which is not included; they count from 0."""
+        own = [j for j, (k, _) in enumerate(self.ends) if first <= k < last]
+        ends = tuple((self.ends[j][0] - first, self.ends[j][1]) for j in own)
+        return Trajectory([self.waypoints[j] for j in own], ends, self.elements)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Trajectory], lengths: Sequence[int]) -> Trajectory:
+        """Of several loading sequences with so many commanded steps, one after another."""
+        waypoints: PathRecord = []
+        ends: list[tuple[int, float]] = []
+        first = 0
+        for part, length in zip(parts, lengths, strict=True):
+            waypoints += part.waypoints
+            ends += [(first + k, factor) for k, factor in part.ends]
+            first += length
+        return cls(waypoints, tuple(ends), parts[0].elements)
 
     def divided(self, ends: Ends) -> PathRecord:
         """The path for the same commanded steps, divided in another way."""
@@ -106,6 +125,36 @@ class RunDerivatives:
             tuple(found),
             refused,
         )
+
+    @classmethod
+    def joined(cls, parts: Sequence[RunDerivatives]) -> RunDerivatives:
+        """Of several loading sequences, one after another, by the parameters by which all are differentiated."""
+        refused = {name: why for part in parts for name, why in part.refused.items()}
+        names = tuple(n for n in parts[0].names if all(n in part.names for part in parts))
+
+        def chosen(part: RunDerivatives, values: Array) -> Array:
+            return np.asarray(values[..., [part.names.index(n) for n in names]])
+
+        tables: dict[str, Any] = {
+            field: np.concatenate([chosen(part, getattr(part, field)) for part in parts])
+            for field in ("positions", "rotations", "displacements", "distal_tensions")
+        }
+        lengths = chosen(parts[0], parts[0].arc_lengths)
+        return cls(**tables, arc_lengths=lengths, names=names, refused=refused)
+
+
+#: Fields of `Run` with one entry for every step.
+_BY_STEP = ("positions", "rotations", "displacements", "base_tensions", "distal_tensions")
+
+
+def _nothing(values: Array, steps: int) -> Array:
+    """NaN in the shape of a field, for so many steps."""
+    return np.full((steps, *values.shape[1:]), np.nan)
+
+
+def _padded(values: Array, steps: int) -> Array:
+    """One value for each of so many steps, zero where there is none."""
+    return np.concatenate((values[:steps], np.zeros(max(0, steps - len(values)))))
 
 
 @dataclass(frozen=True)
@@ -169,6 +218,47 @@ class Run:
             message,
         )
 
+    @classmethod
+    def joined(cls, runs: Sequence[Run], lengths: Sequence[int]) -> Run:
+        """Several loading sequences with so many steps each, one after another; those that have no run are NaN."""
+        full = list(runs)
+        for length in lengths[len(runs) :]:
+            empty: dict[str, Any] = {n: _nothing(getattr(runs[0], n), length) for n in _BY_STEP}
+            full.append(replace(runs[0], **empty))
+        nodes = max(full, key=lambda r: r.solved).s
+        for i, (run, length) in enumerate(zip(full, lengths, strict=True)):
+            if run.s.size != nodes.size:  # nothing was solved: the nodes are not known
+                full[i] = cls.unsolved(nodes, length, run)
+        solved = 0
+        for run, length in zip(runs, lengths, strict=False):
+            solved += run.solved
+            if run.solved < length:
+                break
+        trajectories = [r.trajectory for r in runs if r.trajectory is not None]
+        whole = len(trajectories) == len(lengths)
+        derivatives = [r.derivatives for r in runs if r.derivatives is not None]
+        tables: dict[str, Any] = {n: np.concatenate([getattr(r, n) for r in full]) for n in _BY_STEP}
+        errors = [_padded(r.refinement_errors, n) for r, n in zip(full, lengths, strict=True)]
+        return cls(
+            s=nodes,
+            **tables,
+            solved=solved,
+            message=runs[-1].message,
+            trajectory=Trajectory.joined(trajectories, lengths) if whole else None,
+            derivatives=RunDerivatives.joined(derivatives) if len(derivatives) == len(lengths) else None,
+            refinement_errors=np.concatenate(errors),
+        )
+
+    @classmethod
+    def unsolved(cls, nodes: Array, steps: int, like: Run) -> Run:
+        """A run of so many steps, none of them solved."""
+        m = like.displacements.shape[1]
+        shapes = ((nodes.size, 3), (nodes.size, 3, 3), (m,), (m,), (m,))
+        tables: dict[str, Any] = {
+            n: np.full((steps, *shape), np.nan) for n, shape in zip(_BY_STEP, shapes, strict=True)
+        }
+        return cls(s=nodes, **tables, solved=0, message=like.message)
+
     @property
     def curvature(self) -> Array:
         """Of the elements, as turning rates about the section's axes x, y, z [1/m], shape (n_steps, n-1, 3)."""
@@ -227,6 +317,8 @@ def simulate_experiment(task: Task) -> Run:
     KeyboardInterrupt
         The simulation was interrupted.
     """
+    if task.experiment.restarts:
+        return _simulate_sequences(task)
     experiment, settings, reference = task.experiment, task.settings, task.reference
     ends, last = experiment.step_ends, _last_parts(experiment)
     elements = experiment.model.starting_elements_per_bay
@@ -256,6 +348,34 @@ def simulate_experiment(task: Task) -> Run:
     if task.parameters and ended:
         run = replace(run, derivatives=RunDerivatives.of(result.sensitivities, ended, len(last), refused))
     return run if path is None else replace(run, trajectory=Trajectory(path, ends, elements))
+
+
+def _simulate_sequences(task: Task) -> Run:
+    """Simulate several loading sequences, each from the unloaded robot, as one run."""
+    experiment, reference = task.experiment, task.reference
+    firsts = (0, *experiment.restarts)
+    count = experiment.step_ends[-1][0] + 1
+    runs: list[Run] = []
+    bounds = zip(firsts, (*experiment.restarts, count), strict=True)
+    for number, ((first, last), part) in enumerate(zip(bounds, experiment.sequences, strict=True)):
+        own = None if reference is None else reference.part(first, last)
+        chosen = tuple(_of_sequence(p, number) for p in task.parameters)
+        run = simulate_experiment(task._replace(experiment=part, reference=own, parameters=chosen))
+        runs.append(run)
+        if run.solved < last - first:
+            break
+    lengths = [b - a for a, b in itertools.pairwise((*firsts, count))]
+    return Run.joined(runs, lengths)
+
+
+def _of_sequence(parameter: ModelParameter, number: int) -> ModelParameter:
+    """A parameter of several loading sequences, for one of them."""
+    from tdcr_fe.solve.parameters import Tabulated
+
+    table = parameter.apply
+    assert isinstance(table, Tabulated)
+    own = {offset: e.sequences[number] for offset, e in table.experiments.items()}
+    return replace(parameter, apply=replace(table, experiments=own))
 
 
 def _last_parts(experiment: Experiment) -> list[int]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import pandas as pd
@@ -51,6 +52,8 @@ class MeasuredData:
         SHA-256 of the files, by name.
     settings : SolverSettings
         The ``[solver]`` table of ``model.toml``.
+    parts : tuple of (str, int)
+        Of data sets joined by `join_measured`: the name of each, and its number of steps.
     """
 
     name: str
@@ -63,6 +66,7 @@ class MeasuredData:
     left_out: tuple[BadRow, ...] = ()
     digests: Mapping[str, str] | None = None
     settings: SolverSettings = field(default_factory=SolverSettings)
+    parts: tuple[tuple[str, int], ...] = ()
 
     def __post_init__(self) -> None:
         if not len(self.step_ids) == len(self.steps) == len(self.branches):
@@ -70,6 +74,11 @@ class MeasuredData:
         unknown = sorted({r.step for r in self.readings} - set(self.step_ids))
         if unknown:
             raise ValueError(f"a reading names step {unknown[0]}, which the loading sequence has not")
+
+    @property
+    def restarts(self) -> tuple[int, ...]:
+        """Positions of the steps at which the robot begins anew, unloaded."""
+        return tuple(itertools.accumulate(count for _, count in self.parts[:-1]))
 
     @property
     def driven_by_displacement(self) -> bool:
@@ -184,3 +193,76 @@ def write_measured(data: MeasuredData, folder: str | os.PathLike[str]) -> None:
     write_text(model_to_toml(data.model, settings), folder / "model.toml")
     loading_table(data.step_ids, data.steps, data.branches).to_csv(folder / "loading.csv", index=False)
     observations_table(data.readings).to_csv(folder / "observations.csv", index=False)
+
+
+def without_unread_steps(data: MeasuredData) -> MeasuredData:
+    """The data without the steps after the last one with readings: they change no prediction."""
+    read = {r.step for r in data.readings}
+    last = max(k for k, n in enumerate(data.step_ids) if n in read)
+    if last + 1 == len(data.step_ids) or data.parts:
+        return data
+    return replace(
+        data,
+        step_ids=data.step_ids[: last + 1],
+        steps=data.steps[: last + 1],
+        branches=data.branches[: last + 1],
+    )
+
+
+def join_measured(sets: Sequence[MeasuredData]) -> MeasuredData:
+    """Several data sets of one robot as one, each of which begins with the unloaded robot.
+
+    Steps are numbered anew from 1; branches are named ``SET/BRANCH``, so that ``--hold-out "SET/*"`` holds out a set.
+
+    Parameters
+    ----------
+    sets
+        With the same declared robot, model and solver settings, and different names.
+
+    Raises
+    ------
+    InputError
+        They differ; the message names what.
+    """
+    if len(sets) == 1:
+        return sets[0]
+    first = sets[0]
+    problems = []
+    for other in sets[1:]:
+        for what in ("robot", "model", "settings"):
+            a, b = getattr(first, what), getattr(other, what)
+            differing = [f.name for f in fields(a) if getattr(a, f.name) != getattr(b, f.name)]
+            if differing:
+                allowed = f"must be as in {first.name}; several folders are of one robot with one model"
+                problems.append(Problem(other.name, f"{what}: {', '.join(differing)}", "differs", allowed))
+    names = [s.name for s in sets]
+    if len(set(names)) < len(names):
+        repeated = next(n for n in names if names.count(n) > 1)
+        problems.append(Problem(repeated, "", "", "two folders have this name; they must differ"))
+    if problems:
+        raise InputError(problems)
+    steps: list[LoadStep] = []
+    branches: list[str] = []
+    readings: list[Reading] = []
+    parts = []
+    for data in (without_unread_steps(s) for s in sets):
+        number = {n: len(steps) + k + 1 for k, n in enumerate(data.step_ids)}
+        steps += data.steps
+        branches += [f"{data.name}/{b}" for b in data.branches]
+        readings += [replace(r, step=number[r.step]) for r in data.readings]
+        parts.append((data.name, len(data.steps)))
+    left_out = tuple(replace(b, file=f"{s.name}/{b.file}") for s in sets for b in s.left_out)
+    digests = {f"{s.name}/{n}": d for s in sets for n, d in (s.digests or {}).items()}
+    return MeasuredData(
+        " + ".join(names),
+        first.robot,
+        first.model,
+        tuple(range(1, len(steps) + 1)),
+        tuple(steps),
+        tuple(branches),
+        tuple(readings),
+        left_out,
+        digests,
+        first.settings,
+        tuple(parts),
+    )

@@ -1,0 +1,173 @@
+"""Several data sets of one robot: each begins unloaded, effects are shared, errors are given for each."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from identify_data import LENGTH, MODEL, ROBOT, measured
+
+from tdcr_fe.cli import main
+from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.identify.divide import divide_steps
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.holdout import blocks, held_out_branches
+from tdcr_fe.identify.problem import FitProblem
+from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.io.measured import join_measured, write_measured
+from tdcr_fe.io.problems import InputError
+from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.parameters import ModelParameter, tabulated
+
+ROUGH = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.3) for t in ROBOT.tendons))
+FRICTION = replace(MODEL, friction="per-hole", elements_per_bay=1)
+SETTINGS = run_settings(SolverSettings(), 2e-5)
+GRAVITY = {"gravity": {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}}
+
+
+def pulls(*values):
+    return tuple(LoadStep(tensions={"t1": a, "t2": b}) for a, b in values)
+
+
+FIRST, SECOND = pulls((1.0, 0.0), (0.4, 0.0), (0.4, 0.6)), pulls((0.3, 0.9), (0.6, 0.2))
+
+
+def both():
+    return Experiment(ROUGH, FRICTION, FIRST + SECOND, restarts=(len(FIRST),))
+
+
+def test_every_sequence_begins_with_the_unloaded_robot():
+    """The same positions as in runs of their own, with friction, whose history would show otherwise."""
+    joined = simulate_experiment(Task(both(), SETTINGS, record=True))
+    own = [simulate_experiment(Task(Experiment(ROUGH, FRICTION, s), SETTINGS)) for s in (FIRST, SECOND)]
+    np.testing.assert_array_equal(joined.positions, np.concatenate([r.positions for r in own]))
+    np.testing.assert_array_equal(joined.base_tensions, np.concatenate([r.base_tensions for r in own]))
+    through = simulate_experiment(Task(Experiment(ROUGH, FRICTION, FIRST + SECOND), SETTINGS))
+    assert np.abs(through.positions[3:] - joined.positions[3:]).max() > 1e-5
+    # A neighbour that follows the recorded path agrees with one that does not.
+    other = replace(both(), model=replace(FRICTION, gravity=(0.0, 0.5, 0.0)))
+    along = simulate_experiment(Task(other, SETTINGS, joined.trajectory))
+    free = simulate_experiment(Task(other, SETTINGS))
+    np.testing.assert_allclose(along.positions, free.positions, atol=1e-6 * LENGTH)
+
+
+def test_effects_with_a_history_and_divided_steps_begin_anew_with_every_sequence():
+    loss = {"actuator_loss": {"dead_band": 0.05, "efficiency": 0.9}}
+    alone = [with_effects(Experiment(ROUGH, FRICTION, s), loss) for s in (FIRST, SECOND)]
+    joined = both().with_sequences(lambda e: with_effects(e, loss))
+    assert joined.steps == alone[0].steps + alone[1].steps and joined.restarts == (3,)
+    assert [e.steps for e in joined.sequences] == [e.steps for e in alone]
+    divided = divide_steps(both(), {1, 3}, 2)
+    assert divided.step_ends == ((0, 1.0), (1, 0.5), (1, 1.0), (2, 1.0), (3, 0.5), (3, 1.0), (4, 1.0))
+    assert divided.steps[4].tensions == {
+        "t1": 0.15,
+        "t2": 0.45,
+    }  # half of the first pull, from the unloaded robot
+
+
+def test_a_sequence_that_is_not_solved_leaves_its_steps_and_those_after_it_open():
+    bad = replace(both(), steps=(FIRST[0], LoadStep(tensions={"t1": 1e7}), *FIRST[2:], *SECOND))
+    run = simulate_experiment(Task(bad, replace(SETTINGS, max_iterations=3, min_substep=1.0)))
+    assert run.solved == 1 and len(run.positions) == 5
+    assert np.isfinite(run.positions[0]).all() and np.isnan(run.positions[1:]).all()
+
+
+def sets():
+    """The same loading twice, the second time only its first eight steps, with other noise."""
+    a = replace(measured(GRAVITY), name="A")
+    b = measured(GRAVITY, seed=5)
+    b = replace(b, name="B", readings=tuple(r for r in b.readings if r.step <= 8))
+    return a, b
+
+
+def test_joined_sets_keep_their_readings_branches_and_begin_anew():
+    a, b = sets()
+    joined = join_measured([a, b])
+    assert (joined.name, joined.restarts, len(joined.steps)) == ("A + B", (11,), 19)
+    assert len(joined.readings) == len(a.readings) + len(b.readings)
+    assert joined.readings[len(a.readings)].step == 12
+    parts = blocks(joined)
+    assert len(parts) > 4 and not any(k < 11 <= m for p in parts for k in p for m in p)
+    assert held_out_branches(joined, ["B/*"]) == tuple(range(11, 19))
+    problem = FitProblem.of(
+        joined, np.ones(len(joined.readings)), np.zeros(len(joined.readings), dtype=bool), ForwardModel()
+    )
+    assert problem.experiment.restarts == (11,)
+    assert join_measured([a]) is a
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda b: replace(b, robot=replace(b.robot, tip_mass=0.01)), "robot: tip_mass"),
+        (lambda b: replace(b, model=replace(b.model, gravity=(0.0, 0.0, -9.81))), "model: gravity"),
+        (lambda b: replace(b, name="A"), "two folders have this name"),
+    ],
+)
+def test_sets_of_different_robots_are_refused_by_what_differs(change, text):
+    a, b = sets()
+    with pytest.raises(InputError) as caught:
+        join_measured([a, change(b)])
+    assert text in str(caught.value)
+
+
+def test_the_command_finds_shared_effects_and_gives_the_errors_of_each(tmp_path):
+    for data in sets():
+        write_measured(data, tmp_path / data.name)
+    out = tmp_path / "out"
+    folders = [str(tmp_path / n) for n in "AB"]
+    assert main(["identify", *folders, "-o", str(out), "-q", "--processes", "1"]) == 0
+    document = json.loads((out / "result.json").read_text())
+    assert document["verdict"] == "explained" and document["dataset"] == "A + B"
+    assert [e["effect"] for e in document["effects"]] == ["gravity"]
+    a, b = document["datasets"]
+    assert (a["dataset"], b["dataset"], b["steps"]) == ("A", "B", [12, 19])
+    assert all(s["after"]["fit"]["chi2_per_dof"] < 2.0 for s in (a, b))
+    assert "B (steps 12 to 19)" in (out / "report.html").read_text(encoding="utf-8")
+    # Each scenario repeats the fit of its own sequence.
+    rms = []
+    for name, data in zip("AB", sets(), strict=True):
+        command = [
+            "run",
+            str(out / f"effects_{name}.toml"),
+            "-o",
+            str(tmp_path / name / "run"),
+            "--no-pictures",
+            "-q",
+        ]
+        assert main(command) == 0
+        table = pd.read_csv(tmp_path / name / "run" / "steps.csv", dtype={"label": str}).set_index("label")
+        tips = [r for r in data.readings if r.location == LENGTH and r.quantity == "position_y"]
+        rms.append(np.sqrt(np.mean([(table.loc[str(r.step), "tip_y"] - r.value) ** 2 for r in tips])))
+    assert max(rms) < 3e-4
+
+
+def test_derivatives_of_joined_sets_are_those_of_each():
+    """Gravity and friction, in one run of both sequences and in runs of each."""
+    experiment = both()
+
+    def parameter(name, value, apply):
+        return lambda e: tabulated(ModelParameter(name, value, 1.0, apply), e)
+
+    made = [
+        parameter("g", 0.0, lambda e, v: replace(e, model=replace(e.model, gravity=(0.0, v, 0.0)))),
+        parameter(
+            "mu",
+            0.3,
+            lambda e, v: e.with_robot(
+                tendons=tuple(replace(t, friction_coefficient=v) for t in e.robot.tendons)
+            ),
+        ),
+    ]
+    joined = simulate_experiment(Task(experiment, SETTINGS, parameters=tuple(p(experiment) for p in made)))
+    own = [
+        simulate_experiment(Task(e, SETTINGS, parameters=tuple(p(e) for p in made)))
+        for e in experiment.sequences
+    ]
+    assert joined.derivatives.names == ("g", "mu")
+    for field in ("positions", "rotations", "displacements", "distal_tensions"):
+        parts = np.concatenate([getattr(r.derivatives, field) for r in own])
+        np.testing.assert_allclose(getattr(joined.derivatives, field), parts, rtol=1e-9, atol=1e-12)
+    assert np.abs(joined.derivatives.positions[..., 1]).max() > 1e-4
