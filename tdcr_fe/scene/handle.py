@@ -17,6 +17,7 @@ from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.scene.dynamics import recommended_settings
 from tdcr_fe.scene.inputs import InputsOverTime, named_inputs
 from tdcr_fe.scene.loads import Frame, PointLoad, add_point_load
 from tdcr_fe.scene.mesh import softened_stiffness
@@ -228,6 +229,13 @@ class TDCR:
             bending = np.where(self.rigid, 0.0, self.mesh.stiffness[:, 5] / factor)
             section = replace(section, superelastic=replace(section.superelastic, bending_stiffness=bending))
         self.actuation.model = replace(model, mesh=replace(self.mesh, stiffness=softer), section=section)
+
+    def recommended_settings(self, end_time: float, step_size: float) -> exu.SimulationSettings:
+        """Settings for ``mbs.SolveDynamic`` with tolerances that suit this robot; both times in [s].
+
+        Everything else in them is yours to change: output, damping (``spectralRadius``), modified Newton.
+        """
+        return recommended_settings(self.mesh, end_time, step_size)
 
     def reset(self) -> None:
         """Reset the friction history of all holes to that of a robot that was never loaded."""
