@@ -343,6 +343,23 @@ def test_the_page_is_whole_when_it_is_first_painted(page, tmp_path):
 
 
 @needs_chromium
+def test_a_rod_without_tendons_in_one_step_is_drawn_without_the_plot_of_tensions(tmp_path):
+    robot = replace(paper_robot(), tendons=())
+    step = arc_step(robot, 1, 1.0, 0.3, np.zeros(0))
+    path = tmp_path / "view.html"
+    path.write_text(
+        view_page(motion_of(SequenceResult(robot, Model(friction="none"), (step,)))), encoding="utf-8"
+    )
+    with browser() as b:
+        b.open(path)
+        b.until(f"!!{PANEL}")
+        assert b.ask("document.querySelector('[data-plot=tension]').getBoundingClientRect().height") == 0
+        b.key(" ")
+        assert not b.ask(f"{PANEL}.playing")
+        assert b.errors() == []
+
+
+@needs_chromium
 def test_without_webgl_a_sentence_and_a_still_picture(page):
     with browser(*NO_GL) as b:
         b.open(page)

@@ -234,7 +234,10 @@ class Panel {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.theme());
     if (!this.motion.measured) this.find("[data-show=markers]").parentElement.remove();
     if (!this.motion.state) this.find("[data-show=holes]").parentElement.remove();
-    this.find("[data-plot=tension]").parentElement.hidden = !this.motion.tendons.length;
+    if (!this.motion.tendons.length) {
+      this.find("[data-plot=tension]").parentElement.hidden = true;
+      this.find("[data-show=byTension]").parentElement.remove();
+    }
     if (this.motion.count < this.motion.stepsInAll) {
       this.find(".note").textContent += ` ${this.motion.count} of ${this.motion.stepsInAll} load steps are shown.`;
     }

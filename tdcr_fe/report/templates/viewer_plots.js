@@ -136,8 +136,8 @@ class Plots {
     for (const [key, { title }] of Object.entries(this.inputs)) option(this.input, key, title.replace(/ \[.*/, ""));
     this.input.value = chosen;
     this.outputs = {
-      bending: { title: "bending angle of the tip [deg]", values: m.bending },
-      offset: { title: `distance of the tip from the z axis [${u.name}]`, values: tips.map(t => u.factor * Math.hypot(t[0], t[1])) },
+      bending: { title: "bending angle of the tip [deg]", axis: "bending angle [deg]", values: m.bending },
+      offset: { title: `distance of the tip from the z axis [${u.name}]`, axis: `tip off the z axis [${u.name}]`, values: tips.map(t => u.factor * Math.hypot(t[0], t[1])) },
       ...Object.fromEntries(["x", "y", "z"].map((axis, i) => [axis, { title: `tip ${axis} [${u.name}]`, values: tips.map(t => u.factor * t[i]) }])),
     };
     for (const [key, { title }] of Object.entries(this.outputs)) option(this.output, key, title.replace(/ \[.*/, ""));
@@ -157,7 +157,7 @@ class Plots {
 
     const input = this.inputs[this.input.value], output = this.outputs[this.output.value];
     this.responsePoints = input.values.map((x, k) => [x, output.values[k]]);
-    this.response.begin(finite(extent(input.values)), finite(extent(output.values)), input.title, output.title.replace("distance of the tip from the z axis", "tip off the z axis"));
+    this.response.begin(finite(extent(input.values)), finite(extent(output.values)), input.title, output.axis ?? output.title);
     this.response.line("fixed", this.responsePoints, { class: "pale" });
 
     const ends = m.tendons.map(t => m.s[t.at[t.at.length - 1]]);

@@ -91,7 +91,7 @@ class Scene {
       wire.line([-end, i * this.cell, 0], [end, i * this.cell, 0], r, r, theme.grid);
     }
     const disk = this.motion.disks.radius;
-    rod.line([0, 0, -1.5 * this.thickness], [0, 0, 0], 1.6 * disk, 1.6 * disk, theme.plate);
+    rod.line([0, 0, -Math.min(1.5 * this.thickness, 0.4 * disk)], [0, 0, 0], 1.6 * disk, 1.6 * disk, theme.plate);
   }
 
   // One bent rod from section to section: a cubic with the section's tangents.
