@@ -95,7 +95,7 @@ def _nodes(path: Path, steps: list[int]) -> Nodes:
     norm = np.linalg.norm(values[:, :, 5:], axis=-1, keepdims=True)
     if np.any(np.abs(norm - 1.0) > 1e-3):
         raise _refuse(path, "must be unit quaternions", "qw, qx, qy, qz")
-    return Nodes(s, values[:, :, 2:5], values[:, :, 5:] / norm)
+    return Nodes(s, values[:, :, 2:5], values[:, :, 5:])
 
 
 def _tensions(
