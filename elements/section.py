@@ -105,7 +105,7 @@ class SuperelasticSection:
 
     def gradient(self, twists: Array, lengths: Array) -> Array:
         """Gradient of the energy beyond linear elasticity with respect to the twists, shape (..., E, 6)."""
-        bend = twists[..., 4:] / lengths[:, None] - self.precurvature[:, 1:]
+        bend = twists[..., 4:] / lengths[:, None] - self.precurvature[..., 1:]
         k = np.sqrt(np.einsum("...i,...i->...", bend, bend))
         w = self.threshold / 40.0
         kc = self.threshold

@@ -155,7 +155,7 @@ def stiffness_times(model: ElementModel, twists: Array, strain: Array) -> Array:
     force = model.element_stiffness / h * strain
     law = None if model.section is None else model.section.superelastic
     if law is not None:
-        bend = twists[..., 4:] / h - law.precurvature[:, 1:]
+        bend = twists[..., 4:] / h - law.precurvature[..., 1:]
         k = np.sqrt(np.einsum("...i,...i->...", bend, bend))
         x = (k - law.threshold) / (law.threshold / 40.0)
         lost = (1.0 - law.ratio) * law.bending_stiffness / model.lengths

@@ -270,7 +270,7 @@ def bay_loads(model: ElementModel, twists: Array, tensions: Array) -> Array:
     bending = np.min(model.element_stiffness[:, 4:], axis=1)
     law = None if model.section is None else model.section.superelastic
     if law is not None:
-        bend = np.linalg.norm(twists[..., 4:] / model.lengths[:, None] - law.precurvature[:, 1:], axis=-1)
+        bend = np.linalg.norm(twists[..., 4:] / model.lengths[:, None] - law.precurvature[..., 1:], axis=-1)
         slope = 0.5 * (1.0 + np.tanh(0.5 * (bend - law.threshold) / (law.threshold / 40.0)))
         bending = bending - (1.0 - law.ratio) * slope * law.bending_stiffness
     share = np.where(model.flexible, compression / bending, 0.0)
