@@ -361,7 +361,7 @@ def find_reversals(
     Parameters
     ----------
     start, end
-        The states; `end` is solved from `start` as a whole.
+        The states, linearised exactly; `end` is solved from `start` as a whole.
     by_load
         Responses of both to the change of the load from the first to the second.
     presliding
@@ -376,8 +376,7 @@ def find_reversals(
     Returns
     -------
     Reversals or None
-        None where every slip is monotone, so that the substep is exact. Infinite where that is not certain, and the
-        linearisations are not exact enough for more.
+        None where every slip is monotone, so that the substep is exact.
     """
     taut = start.taut | end.taut
     holes = np.flatnonzero(taut)
@@ -392,8 +391,6 @@ def find_reversals(
     sure = worst <= SMALL * presliding or np.all(path.margin >= SAFETY * at_holes)
     if path.complete and sure and not path.reversed.any():
         return None
-    if not (start.exact and end.exact):
-        return Reversals(np.inf, np.inf, 0.5)
 
     def displacement(mobilisation: Array, other: Array) -> float:
         change = np.zeros(len(taut))

@@ -480,13 +480,13 @@ class LoadStepper:
         start = now.here
         if start is None or not start.numbering.same_unknowns(line.numbering):
             start = self._at_start(now, line.numbering)
+        if not start.exact:
+            start = self._linearised(start.state, now.load_factor)
         end = Equilibrium.of(system, result.state, result.forces, line, settings.presliding)
+        if not end.exact:
+            end = self._linearised(result.state, goal)
         allowed = max(SHARE * (tolerance - now.error), LEAST_SHARE * tolerance)
         found = self._reversals(start, end, now.load_factor, goal, allowed)
-        if found is not None and not (start.exact and end.exact):
-            start = start if start.exact else self._linearised(start.state, now.load_factor)
-            end = end if end.exact else self._linearised(end.state, goal)
-            found = self._reversals(start, end, now.load_factor, goal, allowed)
         attempt = _Attempt(result, start=start, end=end)
         if found is not None and found.turning is not None and found.uncertain <= allowed < found.total:
             corrected = self._corrected(now.path.state, result, found.turning, goal, end)
