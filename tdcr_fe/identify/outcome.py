@@ -284,7 +284,7 @@ class LawTerm:
     Attributes
     ----------
     product : str
-        Factors and direction, such as "|kappa| kappa".
+        Factors and direction, such as ``"|kappa| kappa"``.
     coefficient : Estimate
     where : str
         "all bays", or one bay or disk.
