@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from tdcr_fe.scene.modes import TDCREigenvalues as TDCREigenvalues
     from tdcr_fe.solve.inverse import follow_path as follow_path
     from tdcr_fe.solve.inverse import reach as reach
+    from tdcr_fe.solve.load_path import StepFailed as StepFailed
     from tdcr_fe.solve.local_response import local_response as local_response
     from tdcr_fe.solve.parameters import effect_parameter as effect_parameter
     from tdcr_fe.solve.simulate import simulate as simulate
@@ -67,7 +68,6 @@ if TYPE_CHECKING:
     from tdcr_fe.solve.stability import stability as stability
     from tdcr_fe.solve.statics import SolveTDCR as SolveTDCR
     from tdcr_fe.solve.statics import track_sensitivities as track_sensitivities
-    from tdcr_fe.solve.stepping import StepFailed as StepFailed
 
 __version__ = "0.2.0.dev0"
 
@@ -108,7 +108,7 @@ _PUBLIC = {
     "tdcr_fe.solve.stability": ("Stability", "stability"),
     "tdcr_fe.scene.modes": ("TDCREigenvalues",),
     "tdcr_fe.solve.statics": ("SolveTDCR", "track_sensitivities"),
-    "tdcr_fe.solve.stepping": ("StepFailed",),
+    "tdcr_fe.solve.load_path": ("StepFailed",),
 }
 _MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
 

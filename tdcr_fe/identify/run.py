@@ -18,9 +18,9 @@ from tdcr_fe.model.settings import SolverSettings
 
 if TYPE_CHECKING:
     from tdcr_fe.model.sensitivities import Sensitivities
+    from tdcr_fe.solve.load_path import Increment
     from tdcr_fe.solve.parameters import ModelParameter
     from tdcr_fe.solve.simulate import PathRecord
-    from tdcr_fe.solve.stepping import Increment
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,11 @@ from tdcr_fe.model import arguments
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.builder import check_system
 from tdcr_fe.scene.handle import TDCR
+from tdcr_fe.solve.load_path import LoadStepReport, Path
 from tdcr_fe.solve.parameters import Parameter
 from tdcr_fe.solve.ramp import Ramp
 from tdcr_fe.solve.sensitivity import SensitivityHistory
-from tdcr_fe.solve.stepping import LoadStepReport, Path, solve_ramp
+from tdcr_fe.solve.stepping import solve_ramp
 from tdcr_fe.solve.system import SceneSystem
 from tdcr_fe.solve.threads import one_thread
 
@@ -55,7 +56,7 @@ def SolveTDCR(
     Returns
     -------
     dict
-        The fields of `tdcr_fe.solve.stepping.LoadStepReport`: ``iterations``, ``iterations_total`` (with those of
+        The fields of `tdcr_fe.solve.load_path.LoadStepReport`: ``iterations``, ``iterations_total`` (with those of
         rejected attempts), ``substeps``, ``residual``, ``snapped``, ``presliding_factor``, ``refinement_error``.
 
     Raises

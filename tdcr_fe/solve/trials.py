@@ -13,12 +13,12 @@ from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.load_path import LoadStepReport, StepFailed
 from tdcr_fe.solve.parameters import parameters
 from tdcr_fe.solve.ramp import Ramp
 from tdcr_fe.solve.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import Simulation
 from tdcr_fe.solve.state import SolverState
-from tdcr_fe.solve.stepping import LoadStepReport, StepFailed
 from tdcr_fe.solve.system import SceneSystem
 
 Array = NDArray[np.float64]

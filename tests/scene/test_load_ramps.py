@@ -9,8 +9,8 @@ from robots import BACKBONE, LENGTH, distance, paper, scene, solve, three
 
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.load_path import StepFailed
 from tdcr_fe.solve.statics import SolveTDCR
-from tdcr_fe.solve.stepping import StepFailed
 
 
 def with_load(robot, frame="world", **model):

@@ -10,9 +10,9 @@ from robots import LENGTH, distance, paper, pull, scene, solve
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import tdcr_fe.solve.convergence as convergence
-import tdcr_fe.solve.stepping as stepping
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve import substep
 from tdcr_fe.solve.convergence import NewtonStatus, Unmet
 from tdcr_fe.solve.newton import NewtonResult, newton
 from tdcr_fe.solve.simulate import simulate
@@ -45,7 +45,7 @@ def test_a_friction_state_that_is_not_found_is_not_called_a_residual(monkeypatch
 
 @pytest.mark.parametrize("status", [s for s in NewtonStatus if not s.converged])
 def test_every_failure_names_size_and_tolerance_and_advises_settings_that_exist(status):
-    text = f"{ended(status, 1e-3).reason(SolverSettings())} {stepping._advice(status)}"
+    text = f"{ended(status, 1e-3).reason(SolverSettings())} {substep.advice(status)}"
     assert "1.0e-03, tolerance 1e-0" in text
     for name in re.findall(r"(\w+) = [\d.e-]+ in the \[solver\] table", text):
         assert hasattr(SolverSettings(), name)
@@ -60,7 +60,7 @@ def test_a_step_whose_friction_needs_more_presliding_is_reported(monkeypatch):
             return result
         return ended(NewtonStatus.NO_FRICTION_STATE, 1e-9)
 
-    monkeypatch.setattr(stepping, "newton", stubborn)
+    monkeypatch.setattr(substep, "newton", stubborn)
     result = solve(paper(0.3), pull(1.0), SolverSettings(min_substep=1.0))
     assert result.steps[0].details["presliding_factor"] == 10.0
     assert result.warnings[-1] == (
@@ -85,7 +85,7 @@ def test_an_interrupt_within_a_step_keeps_the_steps_before(monkeypatch):
             raise KeyboardInterrupt
         return newton(*args, **kwargs)
 
-    monkeypatch.setattr(stepping, "newton", interrupted)
+    monkeypatch.setattr(substep, "newton", interrupted)
     result = simulate(paper(0.3), Model(elements_per_bay=1), pull(0.5, 1.0, 1.5, 2.0))
     assert len(result.steps) == 2 and not result.converged
     assert result.failed_step == 3 and result.message == "interrupted"
@@ -102,7 +102,7 @@ def test_an_interrupt_leaves_a_scene_at_the_beginning_of_the_step(monkeypatch):
 
     handle.set_tensions([2.0])
     with monkeypatch.context() as patch:
-        patch.setattr(stepping, "newton", interrupted)
+        patch.setattr(substep, "newton", interrupted)
         with pytest.raises(KeyboardInterrupt):
             SolveTDCR(mbs)
     assert distance(handle.shape()[0], before) < 1e-12

@@ -10,20 +10,20 @@ from random_robots import random_robot
 from robots import paper, pull, solve, three
 
 from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.solve import stepping
+from tdcr_fe.solve import substep_reversals
 
 
 @pytest.fixture
 def verdicts(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """What the check says of every substep it is asked about."""
     found: list[bool] = []
-    check = stepping.slips_steadily
+    check = substep_reversals.slips_steadily
 
     def recorded(*given: object) -> bool:
         found.append(check(*given))
         return found[-1]
 
-    monkeypatch.setattr(stepping, "slips_steadily", recorded)
+    monkeypatch.setattr(substep_reversals, "slips_steadily", recorded)
     return found
 
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from tdcr_fe.model.loading import Model, resolve
 from tdcr_fe.model.results import StepResult
+from tdcr_fe.solve.load_path import StepFailed
 from tdcr_fe.solve.simulate import Simulation
 from tdcr_fe.solve.stability import Stability, stability
-from tdcr_fe.solve.stepping import StepFailed
 from tdcr_fe.validation.paper.cases import PaperCase
 from tdcr_fe.validation.reference.sequence import solve_reference
 

@@ -1,0 +1,137 @@
+"""One substep of a load step: its Newton solve, the checks of it, and what is tried where it does not converge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.convergence import NewtonStatus
+from tdcr_fe.solve.linearization import Linearization
+from tdcr_fe.solve.load_path import Path, StepFailed, one_substep
+from tdcr_fe.solve.newton import NewtonResult, newton
+from tdcr_fe.solve.ramp import Ramp
+from tdcr_fe.solve.state import SolverState
+from tdcr_fe.solve.system import SceneSystem
+
+#: A jump of a node by more than this fraction of the length in a damped solve is a snap-through [1].
+SNAP = 0.02
+#: Factors on the presliding distance that are tried where the smallest substep does not converge [1].
+RESCUE_FACTORS = (1.0, 10.0, 100.0)
+#: Smallest part of a load step that is divided further for the sake of slip reversals [1].
+SMALLEST_PART = 1e-4
+
+
+def with_history_of(state: SolverState, start: SolverState) -> SolverState:
+    """The unknowns of a state, as a guess in a step that begins in another one."""
+    return start._replace(
+        configuration=state.configuration, base_tension=state.base_tension, mobilisation=state.mobilisation
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SubstepSolver:
+    """Solves substeps of one load step of a scene.
+
+    Attributes
+    ----------
+    system : SceneSystem
+    ramp : Ramp
+        The load step.
+    settings : SolverSettings
+    """
+
+    system: SceneSystem
+    ramp: Ramp
+    settings: SolverSettings
+
+    def solve(
+        self,
+        state: SolverState,
+        load_factor: float,
+        linearization: Linearization | None,
+        start: SolverState,
+    ) -> NewtonResult:
+        """Solve at a load factor, from a guess, a substep that begins in the state `start`."""
+        target = self.ramp.apply(self.system, load_factor)
+        result = newton(self.system, state, target, self.settings, linearization=linearization)
+        return self._unless_contact_passed(result, start)
+
+    def _unless_contact_passed(self, result: NewtonResult, start: SolverState) -> NewtonResult:
+        """A solve, not converged where a node may have jumped over a contact since the beginning of its substep."""
+        if not (self.system.has_contact and result.converged):
+            return result
+        moved = result.state.configuration.positions - start.configuration.positions
+        if float(np.linalg.norm(moved, axis=1).max()) <= self.system.contact_room(start):
+            return result
+        return replace(result, status=NewtonStatus.CONTACT_PASSED, unmet=None)
+
+    def may_be_halved(self, length: float, status: NewtonStatus) -> bool:
+        """Whether a substep of this length that did not converge is divided."""
+        passed = status is NewtonStatus.CONTACT_PASSED
+        return length > (
+            min(SMALLEST_PART, self.settings.min_substep) if passed else self.settings.min_substep
+        )
+
+    def distance(self, a: SolverState, b: SolverState) -> float:
+        """Largest distance of any coordinate of a node between two states over the length [1]."""
+        moved = a.configuration.positions - b.configuration.positions
+        return float(np.max(np.abs(moved))) / self.system.length
+
+    def jump_suspected(self, before: SolverState, after: SolverState) -> bool:
+        """Whether a substep may have jumped to another branch: large rotation or a sign change of the tangent."""
+        turn = self.system.layout.space.turn_between(before.configuration, after.configuration)
+        return turn > self.settings.max_substep_turn or before.tangent_sign * after.tangent_sign < 0
+
+    def rescue(self, state: SolverState, start: float, end: float, failed: NewtonResult) -> Path:
+        """For a smallest substep that does not converge: try snap-through, then a larger presliding distance."""
+        spent = 0
+        for factor in RESCUE_FACTORS:
+            result = newton(
+                self.system,
+                state,
+                self.ramp.apply(self.system, end),
+                self.settings,
+                damped=True,
+                presliding=factor * self.settings.presliding,
+            )
+            result = self._unless_contact_passed(result, state)
+            if result.converged:
+                return replace(
+                    one_substep(result, end),
+                    rejected=spent,
+                    snapped=self.distance(result.state, state) > SNAP,
+                    presliding_factor=factor,
+                )
+            spent += result.iterations
+        raise self._failure(state, start, end, failed, spent + failed.iterations)
+
+    def _failure(
+        self, state: SolverState, start: float, end: float, failed: NewtonResult, iterations: int
+    ) -> StepFailed:
+        message = (
+            f"{failed.reason(self.settings)}, between load factors {start:.4f} and {end:.4f} of the step, the "
+            f"smallest substep allowed. {advice(failed.status)}"
+        )
+        return StepFailed(message, start, failed.residual, state, iterations)
+
+
+def advice(status: NewtonStatus) -> str:
+    """What to try where a step fails."""
+    if status is NewtonStatus.SINGULAR:
+        return "Fix or support what moves freely."
+    if status is NewtonStatus.CONTACT_PASSED:
+        return "No equilibrium in contact was found near the last one; try smaller load steps."
+    if status is NewtonStatus.NO_CONTACT_STATE:
+        return "Try smaller load steps, or a smaller contact stiffness."
+    if status is NewtonStatus.NO_FRICTION_STATE:
+        return (
+            "Try smaller load steps, or a larger presliding distance: presliding = 1e-5 in the [solver] table "
+            "(SolverSettings in Python)."
+        )
+    return (
+        "Try smaller load steps. If the load is near the point where the robot buckles or snaps through, no "
+        "equilibrium follows this path. Where holes change between stick and slip, a larger presliding distance "
+        "helps: presliding = 1e-5 in the [solver] table (SolverSettings in Python)."
+    )
