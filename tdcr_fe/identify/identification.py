@@ -14,7 +14,7 @@ from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.holdout import choose_held_out, held_out_branches
 from tdcr_fe.identify.information import unusable_data
-from tdcr_fe.identify.law import find_law
+from tdcr_fe.identify.law import LEAST_SECONDS, find_law
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma
 from tdcr_fe.identify.outcome import FoundLaw, IdentificationResult, IdentifySettings, NextExperiment
@@ -110,13 +110,15 @@ class _Interrupted(KeyboardInterrupt):
 
 def _search(search: Search, state: SearchState, sigma_estimated: bool) -> _Found:
     """Run the search to its end, with a law where effects do not suffice; an interruption carries the last state."""
+    begun = time.perf_counter()
     try:
         if unusable_data(state.problem, state.declared):
             return _Found(state)
         for latest in search_effects(search, state):
             state = latest
         state = with_intermediate_models(state)
-        law, state = find_law(search, state)
+        # A law may take as long to find as the listed effects took.
+        law, state = find_law(search, state, max(LEAST_SECONDS, time.perf_counter() - begun))
         return _Found(state, law, choose_next(search, state))
     except KeyboardInterrupt:
         last = replace(state, interrupted=True)

@@ -22,16 +22,25 @@ from tdcr_fe.identify.selection import Search, SearchState
 
 Array = NDArray[np.float64]
 
-#: Longest search for a law, and how many times its first run must fit into it [s, 1].
-SECONDS, RUNS = 600.0, 40
+#: Time that a search for a law may always take [s], and how many times its first run must fit into it [1].
+LEAST_SECONDS, RUNS = 60.0, 40
 
 
-def find_law(search: Search, state: SearchState) -> tuple[FoundLaw | None, SearchState]:
+def find_law(
+    search: Search, state: SearchState, seconds: float = LEAST_SECONDS
+) -> tuple[FoundLaw | None, SearchState]:
     """Search for a law where the listed effects leave more than noise.
 
     The law is sought beside the declared model, the best model, and the best model without each of its effects. It
     counts only if it explains more than all listed effects together, by the criterion of all models and on the
     held-out steps.
+
+    Parameters
+    ----------
+    search, state
+        What the search for listed effects has ended with.
+    seconds
+        Time that the search may take; the last fit ends after it [s].
 
     Returns
     -------
@@ -46,12 +55,12 @@ def find_law(search: Search, state: SearchState) -> tuple[FoundLaw | None, Searc
         return None, state
     if residual_is_noise(problem, best, search.significance):
         return None, state
-    deadline = time.perf_counter() + SECONDS
+    deadline = time.perf_counter() + seconds
     found: LawFit | None = None
     alternatives: tuple[Term, ...] = ()
     for base in _bases(state):
         search.report("reading the missing moment from the shapes", 0.9)
-        ready = LawSearch.of(problem, base, SECONDS / RUNS)
+        ready = LawSearch.of(problem, base, seconds / RUNS)
         if ready is None:
             state = state.with_history(f"no search for a law {_beside(base)}: too slow, or not solved")
             continue
