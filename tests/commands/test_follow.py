@@ -48,8 +48,9 @@ def test_run_reproduces_the_path(tmp_path, robot, capsys, displacements):
     assert cli.main(["run", str(scenario), "-o", str(again), "--no-pictures", "-q"]) == 0
     found = pd.read_csv(again / "steps.csv")
     columns = ["tip_x", "tip_y", "tip_z"]
-    assert np.array_equal(found[columns], pd.read_csv(out / "steps.csv")[columns])
-    assert np.array_equal(found[columns], table[columns])
+    assert np.array_equal(pd.read_csv(out / "steps.csv")[columns], table[columns])
+    # Linearisations that are kept between load steps make the last digits depend on the steps before.
+    assert np.abs(found[columns] - table[columns]).to_numpy().max() <= 1e-7 * LENGTH
     assert np.linalg.norm(found[columns] - tips, axis=1).max() <= 1e-6 * LENGTH
     kind = "displacement" if displacements else "tension"
     loading = read_table(out / "scenario" / "loading.csv")

@@ -51,7 +51,7 @@ class Sampler:
             self.rod.section = self.statics.section.take(at)
             weight = None
             if self.statics.heavy:
-                weight = np.einsum("nji,j->ni", state.rotations[at], self.statics.weight)
+                weight = np.einsum("nji,nj->ni", state.rotations[at], self.statics.weight[at])
             flow = self.rod.integrate(
                 state.wrenches[at],
                 weight,
