@@ -8,8 +8,8 @@ quasi-static solver evaluates the same `ForceModel` directly. Both commit to the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple
+from dataclasses import replace
+from typing import Any, Literal
 
 import exudyn as exu
 import numpy as np
@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh
 from tdcr_fe.elements.condensation import add_condensed
-from tdcr_fe.elements.forces import ForceModel, Measurement, TendonForces
+from tdcr_fe.elements.connectors import Clamp, Connectors, show_shifts
+from tdcr_fe.elements.elastic_tendons import ElasticTendons, stretch
+from tdcr_fe.elements.forces import ForceModel, TendonForces
 from tdcr_fe.elements.friction import FrictionState, TendonLaw
 from tdcr_fe.elements.generalized import (
     add_neighbours,
@@ -26,94 +28,16 @@ from tdcr_fe.elements.generalized import (
     twists_by_coordinates,
 )
 from tdcr_fe.elements.history import HistoryNodes, RobotHistory
-from tdcr_fe.elements.poses import rotation_of_euler_parameters
+from tdcr_fe.elements.node_coordinates import NodeCoordinates
+from tdcr_fe.elements.scene_forces import Inputs, SceneForces, values_at
 from tdcr_fe.elements.section import SectionForces
 from tdcr_fe.elements.system import SystemReference
 from tdcr_fe.elements.tendons import CableGeometry
 
 Array = NDArray[np.float64]
 
-Inputs = Array | Callable[[float], Array]
 #: What a linearisation assumes of holes with friction.
 Holes = Literal["present", "stuck", "sliding"]
-
-
-@dataclass
-class Connectors:
-    """Exudyn's numbers of the objects of a robot.
-
-    Attributes
-    ----------
-    forces : object
-        The object that applies the forces of tendons and inside the sections.
-    springs : list of list
-        By tendon, the spring-damper of every segment, which is only drawn.
-    hole_markers : list of list
-        By tendon, markers of its holes, base plate first; they are moved where tendons shift inside their holes.
-    beams : list
-        The beam elements, base first.
-    others : list
-        All other objects of the robot, none of which resists a motion of the backbone: disks, masses, base joint.
-    """
-
-    forces: Any
-    springs: list[list[Any]]
-    hole_markers: list[list[Any]] = field(default_factory=list)
-    beams: list[Any] = field(default_factory=list)
-    others: list[Any] = field(default_factory=list)
-
-    @property
-    def object_numbers(self) -> list[int]:
-        """Numbers of all its objects."""
-        springs = [spring for springs in self.springs for spring in springs]
-        return [int(i) for i in (self.forces, *self.beams, *springs, *self.others)]
-
-
-@dataclass(frozen=True)
-class Clamp:
-    """A base plate fixed to ground by a joint.
-
-    Attributes
-    ----------
-    joint : object
-        Exudyn's number of the joint, which blocks all six motions.
-    position, rotation : ndarray
-        Pose to which it fixes the base node, the rotation in beam axes; shapes (3,) and (3, 3).
-    """
-
-    joint: Any
-    position: Array
-    rotation: Array
-
-
-class _Evaluation(NamedTuple):
-    """Forces evaluated last in a scene, and for what.
-
-    Attributes
-    ----------
-    coordinates : ndarray, shape (7 N,)
-        Of the nodes, as displacements.
-    time : float
-        [s].
-    history : RobotHistory
-    inputs, by_displacement : object
-        As set.
-    values : ndarray, shape (m,)
-        Inputs at that time.
-    rotations, parameters : ndarray
-        Of the nodes, shapes (N, 3, 3) and (N, 4).
-    forces : TendonForces
-    """
-
-    coordinates: Array
-    time: float
-    history: RobotHistory
-    inputs: Inputs
-    by_displacement: NDArray[np.bool_]
-    values: Array
-    rotations: Array
-    parameters: Array
-    forces: TendonForces
 
 
 class TendonActuation:
@@ -181,9 +105,8 @@ class TendonActuation:
         self.history_nodes = history
         self.connected = True
         self.holes: Holes = "present"
-        self._coordinates: NDArray[np.int_] | None = None
-        self._reference: Array | None = None
-        self._evaluation: _Evaluation | None = None
+        self._node_coordinates = NodeCoordinates(system, self.nodes)
+        self._scene_forces = SceneForces(self._node_coordinates)
         self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
         self._no_jacobian = _triplets(np.zeros((7 * len(self.nodes),) * 2))
         self._force_function: Any = 0
@@ -218,45 +141,18 @@ class TendonActuation:
     @property
     def coordinates(self) -> NDArray[np.int_]:
         """Exudyn's ODE2 coordinate numbers of all nodes, shape (N, 7); needs an assembled system."""
-        if self._coordinates is None:
-            first = np.array([self.mbs.GetNodeODE2Index(n) for n in self.nodes])
-            self._coordinates = first[:, None] + np.arange(7)
-        return self._coordinates
+        return self._node_coordinates.numbers
 
     def forget_coordinates(self) -> None:
         """Read the nodes' coordinate numbers from Exudyn again, after another `Assemble`."""
-        self._coordinates = None
-        self._reference = None
-        self._evaluation = self._solved = None
+        self._node_coordinates.forget()
+        self._scene_forces.forget()
+        self._solved = None
         self.history_nodes.forget_coordinates()
-
-    @property
-    def reference_coordinates(self) -> Array:
-        """Reference values of the nodes' coordinates, shape (N, 7).
-
-        Exudyn's own `GetODE2CoordinatesTotal` frees memory wrongly in 1.13.6 (beyond about 100 coordinates the
-        process aborts), so the sum of reference and displacement is formed here.
-        """
-        if self._reference is None:
-            data = self.mbs.systemData
-            everything = np.array(data.GetODE2Coordinates(exu.ConfigurationType.Reference))
-            self._reference = everything[self.coordinates]
-        return self._reference
-
-    def scene_coordinates(self) -> Array:
-        """Current coordinates of the nodes in the scene, as displacements, shape (N, 7)."""
-        moved: Array = self.mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Current, copy=False)
-        return moved[self.coordinates]
 
     def scene_poses(self) -> tuple[Array, Array, Array]:
         """Current positions (N, 3), rotations (N, 3, 3) in beam axes and Euler parameters (N, 4) in the scene."""
-        return self._poses(self.scene_coordinates())
-
-    def _poses(self, displacements: Array) -> tuple[Array, Array, Array]:
-        """Positions, rotations and Euler parameters of the nodes from their coordinates, shape (N, 7)."""
-        q = displacements + self.reference_coordinates
-        e = q[:, 3:]
-        return q[:, :3], rotation_of_euler_parameters(e), e
+        return self._node_coordinates.poses(self._node_coordinates.displacements())
 
     # ------------------------------------------------------------------ history
 
@@ -296,7 +192,9 @@ class TendonActuation:
         everything
             Its coordinates, of the whole scene.
         """
-        history = RobotHistory(friction, forces.base_tension, prescribed, self._stretch(forces))
+        history = RobotHistory(
+            friction, forces.base_tension, prescribed, stretch(forces, self.inextensible_stiffness)
+        )
         self.history_nodes.write(history, forces.field.tension, forces.field.base_slip, initial=True)
         self._solved = everything[self.coordinates], self.history, forces
 
@@ -321,16 +219,16 @@ class TendonActuation:
 
     def input_values(self, t: float = 0.0) -> Array:
         """Tensions [N] and displacements [m] at the base, at time t."""
-        return np.asarray(self.inputs(t) if callable(self.inputs) else self.inputs, dtype=float)
+        return values_at(self.inputs, t)
 
     def current_forces(self) -> TendonForces:
         """Forces in the scene's current configuration at the tensions and mobilisations of the history."""
-        history, coordinates = self.history, self.scene_coordinates()
+        history, coordinates = self.history, self._node_coordinates.displacements()
         if self._solved is not None:
             before, of, forces = self._solved
             if of is history and np.array_equal(before, coordinates):
                 return forces
-        positions, rotations, _ = self._poses(coordinates)
+        positions, rotations, _ = self._node_coordinates.poses(coordinates)
         measured, friction = self.model.measure(positions, rotations), history.friction
         forces = self.model.at_mobilisation(
             measured, history.base_tension, friction.mobilisation, friction, friction.time
@@ -359,7 +257,7 @@ class TendonActuation:
         t
             Time [s].
         """
-        found = self._evaluate(np.array(displacements), t)
+        found = self._scene_forces.at(np.array(displacements), t, self.inputs, self._elastic())
         return generalized_forces(found.forces.nodal_wrenches(), found.rotations, found.parameters)
 
     def jacobian_on_coordinates(
@@ -386,8 +284,11 @@ class TendonActuation:
             )
         if not self.connected:
             return self._no_jacobian
-        found = self._matching(np.array(displacements), t)
-        forces = found.forces if self.holes == "present" else self._forces_at_rest(found)
+        tendons = self._elastic()
+        found = self._scene_forces.matching(np.array(displacements), t, self.inputs, tendons)
+        forces = found.forces
+        if self.holes != "present":
+            forces = tendons.at_rest(forces.measured)
         n = len(self.nodes)
         k = np.zeros((6 * n, 6 * n))
         forces.add_coupling(k)
@@ -400,109 +301,23 @@ class TendonActuation:
         tangent = generalized_tangent(k, forces.nodal_wrenches()[:, 3:], to_twist)
         return _triplets(-by_position * tangent)
 
-    def _forces_at_rest(self, found: _Evaluation) -> TendonForces:
-        """Forces at the tensions and mobilisations of the history, driven tendons being elastic."""
-        history, friction = found.history, found.history.friction
-        model = replace(self.model, law=self._elastic_law(history))
-        return model.at_mobilisation(
-            found.forces.measured, history.base_tension, friction.mobilisation, friction, friction.time
-        )
-
-    def _matching(self, coordinates: Array, t: float) -> _Evaluation:
-        """The last evaluation if it was for the same state, inputs and time, else a new one."""
-        last = self._evaluation
-        if (
-            last is not None
-            and last.time == t
-            and last.inputs is self.inputs
-            and last.by_displacement is self.by_displacement
-            and last.history is self.history
-            and np.array_equal(last.coordinates, coordinates)
-        ):
-            return last
-        return self._evaluate(coordinates, t)
-
-    def _evaluate(self, coordinates: Array, t: float) -> _Evaluation:
-        """Forces in a configuration with the inputs at time t [s], the history being that of the scene."""
-        positions, rotations, parameters = self._poses(coordinates.reshape(-1, 7))
-        history, values = self.history, self.input_values(t)
-        measured = self.model.measure(positions, rotations)
-        last = self._evaluation
-        warm = last is not None and last.history is history
-        near = last.forces.base_tension if last is not None and warm else history.base_tension
-        forces = self._forces(measured, values, history, near, t)
-        self._evaluation = _Evaluation(
-            coordinates, t, history, self.inputs, self.by_displacement, values, rotations, parameters, forces
-        )
-        return self._evaluation
-
-    def _forces(
-        self, measured: Measurement, values: Array, history: RobotHistory, near: Array, t: float
-    ) -> TendonForces:
-        """Forces where the tension of tendons driven by displacement follows from their elasticity.
-
-        Parameters
-        ----------
-        measured
-            The configuration.
-        values
-            Inputs.
-        history
-            At the beginning of the step.
-        near
-            Tensions at the base from which those of driven tendons are sought [N].
-        t
-            Time [s].
-        """
-        driven, state = self.by_displacement, history.friction
-        if not np.any(driven):
-            return self.model.after(measured, values, state, t)
-        # In Exudyn's own solvers the tension is not an unknown, so every tendon must be elastic.
-        soft = self._elastic_law(history)
-        tension = np.where(driven, near, values)
-        for _ in range(60):
-            forces = self.model.after(measured, tension, state, t, soft)
-            change = (values - forces.field.base_slip) / forces.base_slip_by_base()
-            new = np.where(driven, np.maximum(tension + change, 0.0), tension)
-            moved = np.max(np.abs(new - tension))
-            tension = new
-            if moved <= 1e-12 * (1.0 + np.max(new)):
-                break
-        forces = self.model.after(measured, tension, state, t, soft)
-        pulled = driven & (tension > 0.0)
-        slope = np.where(pulled, -1.0 / forces.base_slip_by_base(), 0.0)
-        return forces._replace(base_response=slope[:, None] * forces.base_slip_by_holes())
-
-    def _elastic_law(self, history: RobotHistory) -> TendonLaw:
-        """The law with an elasticity for inextensible tendons that are driven by displacement."""
-        parameters = self.law.parameters
-        inextensible = self.by_displacement & (parameters.compliance == 0.0)
-        if not np.any(inextensible):
-            return self.law
-        return self.law.with_parameters(
-            compliance=np.where(inextensible, 1.0 / self.inextensible_stiffness, parameters.compliance),
-            lengths=parameters.lengths + np.where(inextensible[:, None], history.stretch, 0.0),
-        )
-
-    def _stretch(self, forces: TendonForces) -> Array:
-        """Stretch, see `RobotHistory`, with which tendons of their own elasticity take over at these tensions."""
-        relative = forces.field.tension / self.inextensible_stiffness
-        stretched = -forces.measured.shape.lengths * relative / (1.0 + relative)
-        stretched = np.where(self.law.parameters.mask, stretched, 0.0)
-        return np.where(self.law.parameters.compliance[:, None] == 0.0, stretched, 0.0)
+    def _elastic(self) -> ElasticTendons:
+        """The tendons as Exudyn's own solvers take them, with the history of the scene."""
+        return ElasticTendons(self.model, self.by_displacement, self.history, self.inextensible_stiffness)
 
     def commit_scene(self, t: float) -> None:
         """Commit the scene's current state, solved at time t [s], to the friction history."""
-        found = self._matching(self.scene_coordinates().reshape(-1), t)
-        driven, forces, before = self.by_displacement, found.forces, found.history
+        coordinates = self._node_coordinates.displacements().reshape(-1)
+        found = self._scene_forces.matching(coordinates, t, self.inputs, self._elastic())
+        driven, forces, before = self.by_displacement, found.forces, found.tendons.history
         history = RobotHistory(
             self.law.commit(forces.field),
             forces.base_tension,
             np.where(driven, found.values, np.nan),
-            np.where(driven[:, None], before.stretch, self._stretch(forces)),
+            np.where(driven[:, None], before.stretch, stretch(forces, self.inextensible_stiffness)),
         )
         self.history_nodes.write(history, forces.field.tension, forces.field.base_slip)
-        self._show_shifts(forces)
+        show_shifts(self.mbs, self.connectors, forces)
 
     def attach(self, force_function: Callable[..., Any], jacobian_function: Callable[..., Any]) -> None:
         """Give Exudyn's item its user functions."""
@@ -521,18 +336,7 @@ class TendonActuation:
         if not self.connected:
             self.connected = True
             self.mbs.SetObjectParameter(self.connectors.forces, "forceUserFunction", self._force_function)
-            self._show_shifts(self.current_forces())
-
-    def _show_shifts(self, forces: TendonForces) -> None:
-        """Move the markers of the drawn tendons to where these lie in their holes."""
-        if forces.measured.offsets is None:
-            return
-        half = 0.5 * float(self.mesh.lengths[0])
-        for markers, offsets in zip(self.connectors.hole_markers, forces.measured.offsets, strict=True):
-            for k, (marker, offset) in enumerate(zip(markers, offsets.tolist(), strict=False)):
-                # The base plate's holes sit on the first beam, whose origin is its middle.
-                x = -half if k == 0 else 0.0
-                self.mbs.SetMarkerParameter(marker, "localPosition", [x, offset[1], offset[2]])
+            show_shifts(self.mbs, self.connectors, self.current_forces())
 
 
 def _triplets(matrix: Array) -> exu.MatrixContainer:

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness, relative_twists, strain_matrices
 from tdcr_fe.elements.capstan import HoleSlopes
-from tdcr_fe.elements.friction import FrictionState, TendonLaw, TensionField
+from tdcr_fe.elements.friction import FrictionState, TendonLaw
 from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.section import SectionForces, nodal_sum
 from tdcr_fe.elements.springs import GroundSprings
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
+from tdcr_fe.elements.tension_field import TensionField
 
 Array = NDArray[np.float64]
 

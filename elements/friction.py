@@ -20,14 +20,14 @@ derivation is in the documentation, pages "Theory" and "Friction laws".
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple, Protocol
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.capstan import Slopes, capstan, capstan_with_adhesion
+from tdcr_fe.elements.coefficient_derivatives import tension_derivatives
 from tdcr_fe.elements.coefficients import (
     CoefficientLaw,
     Linearisation,
@@ -36,6 +36,7 @@ from tdcr_fe.elements.coefficients import (
     solve_coefficients,
 )
 from tdcr_fe.elements.complementarity import solve_box
+from tdcr_fe.elements.tension_field import TensionDerivatives, TensionField
 
 Array = NDArray[np.float64]
 
@@ -176,100 +177,6 @@ class FrictionState:
     mobilisation: Array
     slip_rate: Array | None = None
     time: float = 0.0
-
-
-class TensionDerivatives(NamedTuple):
-    """Derivatives of the tensions along all tendons.
-
-    Attributes
-    ----------
-    d_length : ndarray, shape (m, n, n)
-        By the segments' lengths [N/m].
-    d_angle : ndarray, shape (m, n, n-1)
-        By the turning angles [N/rad].
-    d_base : ndarray, shape (m, n)
-        By the tension at the base [1].
-    by_mobilisation : ndarray, shape (m, n, g)
-        By the mobilisations, where these are independent unknowns [N].
-    """
-
-    d_length: Array
-    d_angle: Array
-    d_base: Array
-    by_mobilisation: Array
-
-
-@dataclass(slots=True, eq=False)
-class TensionField:
-    """Tensions along all tendons, and their derivatives, which are computed when first used.
-
-    Attributes
-    ----------
-    tension : ndarray, shape (m, n)
-        [N].
-    released_length : ndarray, shape (m, n)
-        Released length of each segment, ``L / (1 + T0/EA) - l / (1 + T/EA)`` with the pretension ``T0`` [m].
-    slip, mobilisation : ndarray, shape (m, g)
-        As they would be committed.
-    released_d_length, released_d_tension : ndarray, shape (m, n)
-        Of the released lengths, with respect to its own length [1] and its own tension [m/N].
-    slip_rate : ndarray, shape (m, g), or None
-        Rate of the slips [m/s]; None where no friction law depends on it.
-    time : float
-        [s].
-    depends_on_length : bool
-        Whether the tensions change with the segments' lengths; where not, `d_length` is zero.
-    derive : callable
-        Gives `derivatives`.
-    at_holes : callable or None
-        Gives the derivatives hole by hole, see `tdcr_fe.elements.capstan.HoleSlopes`; None where the tension behind a
-        hole depends on more than that before it, its angle and its mobilisation.
-    """
-
-    tension: Array
-    released_length: Array
-    slip: Array
-    mobilisation: Array
-    released_d_length: Array
-    released_d_tension: Array
-    slip_rate: Array | None
-    time: float
-    depends_on_length: bool
-    derive: Callable[[], TensionDerivatives]
-    at_holes: Slopes | None = None
-    _derivatives: TensionDerivatives | None = field(default=None, init=False)
-
-    @property
-    def base_slip(self) -> Array:
-        """Tendon pulled in at the base plate, ``u_0`` [m], shape (m,)."""
-        return np.asarray(self.released_length.sum(axis=1))
-
-    @property
-    def derivatives(self) -> TensionDerivatives:
-        """Of the tensions."""
-        if self._derivatives is None:
-            self._derivatives = self.derive()
-        return self._derivatives
-
-    @property
-    def d_length(self) -> Array:
-        """Of the tensions with respect to the segments' lengths [N/m], shape (m, n, n)."""
-        return self.derivatives.d_length
-
-    @property
-    def d_angle(self) -> Array:
-        """Of the tensions with respect to the turning angles [N/rad], shape (m, n, n-1)."""
-        return self.derivatives.d_angle
-
-    @property
-    def d_base(self) -> Array:
-        """Of the tensions with respect to the tension at the base [1], shape (m, n)."""
-        return self.derivatives.d_base
-
-    @property
-    def by_mobilisation(self) -> Array:
-        """Of the tensions with respect to the mobilisations, where these are unknowns [N], shape (m, n, g)."""
-        return self.derivatives.by_mobilisation
 
 
 class TendonLaw:
@@ -468,43 +375,10 @@ class TendonLaw:
             self._slip_rate(slip, state, elapsed),
             time,
             elapsed > 0.0 and bool(np.any(solved.law.by_rate)),
-            lambda: self._derivatives_with_laws(solved, angles, pace[None] * d_length[:, None, :]),
+            lambda: tension_derivatives(
+                solved, angles, pace[None] * d_length[:, None, :], self._hole_incidence
+            ),
         )
-
-    def _derivatives_with_laws(
-        self, solved: Linearisation, angles: Array, rate_by_length: Array
-    ) -> TensionDerivatives:
-        """Derivatives of the tensions, the coefficients of friction following their laws.
-
-        Parameters
-        ----------
-        solved
-            Linearisation at the coefficients that satisfy the laws.
-        angles
-            Turning angles [rad], shape (m, n-1).
-        rate_by_length
-            Of the slip rates at the holes by the segments' lengths at kept tensions [1/s], shape (m, n-1, n).
-        """
-        n, h, g = self.shape[1], angles.shape[1], self.groups
-        tension = solved.tension
-        # Implicit function theorem: dT = E + B dmu, (I - G B) dmu = G E + ..., with E the change at kept coefficients.
-        at_hole = solved.slopes()
-        chain = at_hole.chain()
-        beyond = chain[:, :, 1:]
-        by_mobilisation = (beyond * at_hole.by_mobilisation[:, None, :]) @ self._hole_incidence
-        by_angle = beyond * at_hole.by_angle[:, None, :]
-        kept = np.concatenate((by_angle, by_mobilisation, chain[:, :, :1]), axis=2)
-        change = solved.by_tension @ kept
-        hole = np.arange(h)
-        force_by_angle = 0.5 * (tension[:, :-1] + tension[:, 1:]) * np.cos(0.5 * angles)
-        change[:, hole, hole] += solved.law.by_normal * force_by_angle
-        by_length = solved.law.by_rate[:, :, None] * rate_by_length
-        total = solved.by_coefficient @ np.linalg.solve(
-            solved.matrix, np.concatenate((by_length, change), axis=2)
-        )
-        total[:, :, n:] += kept
-        d_length, d_angle, by_mobilisation, d_base = np.split(total, (n, n + h, n + h + g), axis=2)
-        return TensionDerivatives(d_length, d_angle, d_base[:, :, 0], by_mobilisation)
 
     def evaluate(
         self,

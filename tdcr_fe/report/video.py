@@ -66,7 +66,8 @@ class _Drawing:
         self.space: Any = self.figure.add_axes((0.0, 0.0, 0.62, 0.92), projection="3d")
         response = self.figure.add_axes((0.69, 0.13, 0.29, 0.66))
         self.title = self.figure.text(0.02, 0.95, "", weight="bold", size=11, va="center")
-        self.dot = self._response(response)
+        self.response, label = self._response()
+        self.dot = self._plot_response(response, label)
         self._box()
         if motion.tendons:
             bar = self.figure.add_axes((0.72, 0.93, 0.24, 0.018))
@@ -94,8 +95,8 @@ class _Drawing:
         plate = self.factor * r * np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=-1)
         self.space.add_collection3d(Poly3DCollection([plate], facecolor="#8b95a1"))
 
-    def _response(self, axes: Axes) -> Any:
-        """Bending angle over the input that changes most, with a dot for the present time."""
+    def _response(self) -> tuple[Array, str]:
+        """The input that changes most and the bending angle in degrees, shape (steps, 2); the input's label."""
         m, angle = self.motion, np.degrees(self.motion.bending_angles)
         x, label = np.array(m.steps, dtype=float), "load step"
         best = 0.0
@@ -107,10 +108,14 @@ class _Drawing:
                 best, x = change, values
                 label = (f"displacement of {tendon.name} [{self.unit}]" if driven
                          else f"tension of {tendon.name} [N]")  # fmt: skip
+        return np.column_stack((x, angle)), label
+
+    def _plot_response(self, axes: Axes, label: str) -> Any:
+        """Bending angle over the input of a label, with a dot for the present time, which is given back."""
+        x, angle = self.response.T
         axes.plot(x, angle, color=SOFT, lw=1.0)
         axes.set_xlabel(label)
         axes.set_ylabel("bending angle of the tip [deg]")
-        self.response = np.column_stack((x, angle))
         return axes.plot([x[0]], [angle[0]], "o", color=COLOURS[0], ms=8)[0]
 
     def show(self, time: float) -> None:

@@ -10,8 +10,9 @@ import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.actuation import Clamp, Connectors, TendonActuation
+from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneItems, BackboneMesh, add_backbone
+from tdcr_fe.elements.connectors import Clamp, Connectors
 from tdcr_fe.elements.history import HistoryNodes
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model import arguments

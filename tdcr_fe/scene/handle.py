@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
-from tdcr_fe.elements.friction import TensionField, hole_states
+from tdcr_fe.elements.friction import hole_states
 from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.elements.tension_field import TensionField
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hooks import SceneHooks
-from tdcr_fe.solve.band import BandFactors, BandLayout
-from tdcr_fe.solve.configuration import Configuration, Unknowns
+from tdcr_fe.solve.band import BandFactors
+from tdcr_fe.solve.clamp_reactions import ClampReactions
+from tdcr_fe.solve.configuration import Configuration
 from tdcr_fe.solve.factors import BorderedFactors, DenseFactors, Factors
 from tdcr_fe.solve.kernel import StaticKernel
 from tdcr_fe.solve.layout import SceneLayout
@@ -35,8 +36,8 @@ from tdcr_fe.solve.tangent import (
     add_elastic,
     add_geometric_stiffness,
     add_unbalanced,
+    backbone_tangent,
     border,
-    damping_of_node,
     hold,
 )
 
@@ -75,7 +76,7 @@ class SceneSystem:
         self._kernel = StaticKernel(mbs, self.hooks)
         self._user_residual = self.hooks.user_function("PreNewtonResidual")
         self.layout = SceneLayout.of(mbs, self.robots, with_clamps=True)
-        self._reactions = self._couplings_and_reactions()
+        self._reactions = ClampReactions.of(self._kernel, self.layout)
 
     @property
     def length(self) -> float:
@@ -291,7 +292,10 @@ class SceneSystem:
         layout = self.layout
         own = residual.forces[0]
         if layout.band is not None and own.has_hole_slopes and self.tangent_follows_from_elements():
-            factors = self._band_factors(layout.band, residual, damping)
+            backbone = backbone_tangent(residual, damping, self.length)
+            factors: Factors = BandFactors.of(
+                layout.band.assemble(backbone, own, bool(layout.clamped)), layout.band
+            )
         else:
             factors = self._dense_factors(residual, numbering, damping)
         if numbering.any_driven:
@@ -316,17 +320,6 @@ class SceneSystem:
         hold(k, layout.clamped)
         return DenseFactors.of(k)
 
-    def _band_factors(self, band: BandLayout, residual: Residual, damping: float) -> Factors:
-        """Factors of the same tangent of one robot alone, as a band."""
-        configuration, own = residual.state.configuration, residual.forces[0]
-        backbone = configuration.chains[0].tangent(
-            own.model.mesh, residual.unbalanced, *configuration.poses[0]
-        )
-        if damping > 0.0:
-            component = np.arange(6)
-            backbone.itself[:, component, component] -= damping_of_node(damping, self.length)
-        return BandFactors.of(band.assemble(backbone, own, bool(self.layout.clamped)), band)
-
     # ------------------------------------------------------------------ clamps
 
     def clamps_are_closed(self, residual: Residual) -> bool:
@@ -338,36 +331,8 @@ class SceneSystem:
     def release_clamps(self) -> None:
         """Treat clamped bases as any other joint from now on, because their supports have been moved."""
         self.layout = SceneLayout.of(self.mbs, self.robots, with_clamps=False)
-        self._reactions = self._couplings_and_reactions()
-
-    def _couplings_and_reactions(self) -> dict[int, Array]:
-        """Search for further couplings between nodes, and compute the influence of the clamps' multipliers.
-
-        Returns
-        -------
-        dict
-            By clamped robot, from the wrench on its base to the joint's multipliers that cause it, shape (6, 6).
-        """
-        layout = self.layout
-        configuration = layout.space.from_scene()
-        layout.space.write(configuration)
-        j = self._kernel.jacobian()
-        layout.reduction.tangent(j, configuration.frames, search_couplings=True)
-        found = {}
-        for i, joint in layout.clamps.items():
-            node = layout.space.slices[i].start
-            rows = layout.reduction.node_rows(j, configuration.frames, node, joint)
-            found[i] = np.asarray(np.linalg.inv(rows), dtype=float)
-        return found
+        self._reactions = ClampReactions.of(self._kernel, self.layout)
 
     def with_base_reactions(self, residual: Residual) -> Configuration:
         """The configuration of a state in equilibrium with the reactions of its clamps."""
-        configuration = residual.state.configuration
-        if not self.layout.clamps:
-            return configuration
-        old = configuration.unknowns
-        multipliers = old.multipliers.copy()
-        for (i, joint), acting in zip(self.layout.clamps.items(), residual.on_bases, strict=True):
-            multipliers[joint] -= self._reactions[i] @ acting
-        unknowns = Unknowns(old.coordinates, multipliers, old.twists, old.bases)
-        return configuration._replace(unknowns=unknowns)
+        return self._reactions.balance(residual)

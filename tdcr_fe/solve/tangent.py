@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.backbone import NodeStiffness
 from tdcr_fe.solve.numbering import Numbering
 from tdcr_fe.solve.reduction import SceneTangent
 from tdcr_fe.solve.residual import Residual
@@ -33,6 +34,26 @@ def add_elastic(tangent: SceneTangent, residual: Residual, nodes: Sequence[slice
         mesh, wrenches = residual.forces[i].model.mesh, residual.unbalanced[6 * own.start : 6 * own.stop]
         terms = configuration.chains[i].tangent(mesh, wrenches, *configuration.poses[i])
         tangent.put(tangent.pattern.robots[i].backbone, terms)
+
+
+def backbone_tangent(residual: Residual, damping: float, length: float) -> NodeStiffness:
+    """Tangent of the backbone of one robot alone, with damping of its nodes.
+
+    Parameters
+    ----------
+    residual
+        Of a state of a scene with nothing but this robot.
+    damping
+        Of the nodes, for pseudo-transient continuation [N m].
+    length
+        Of the longest backbone [m].
+    """
+    configuration, mesh = residual.state.configuration, residual.forces[0].model.mesh
+    found = configuration.chains[0].tangent(mesh, residual.unbalanced, *configuration.poses[0])
+    if damping > 0.0:
+        component = np.arange(6)
+        found.itself[:, component, component] -= damping_of_node(damping, length)
+    return found
 
 
 def add_unbalanced(tangent: SceneTangent, residual: Residual, nodes: Sequence[slice]) -> None:
