@@ -225,7 +225,9 @@ def _estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> d
         }
     for p in e.parameters:
         value = best.values[e.name][p.name]
-        error, note = None, "not determined by these data; left at its null value"
+        null = e.null_values(problem.experiment)[p.name]
+        kept = "left at its null value" if value == null else "it changes nothing beside the other values"
+        error, note = None, f"not determined by these data; {kept}"
         if (e.name, p.name) in best.free:
             note = ""
             factor = value**2 if p.inverse and math.isfinite(value) else 1.0
