@@ -9,6 +9,31 @@ from scipy.linalg.lapack import dgesv
 Array = NDArray[np.float64]
 
 
+class _Exchange:
+    """Which of the violated indices are exchanged: all, until their number no longer falls, then the lowest alone.
+
+    Parameters
+    ----------
+    size
+        Number of indices.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._fewest, self._patience = size + 1, 3
+
+    def __call__(self, violated: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
+        """The indices to exchange, of ``count`` violated ones; shapes (k,)."""
+        if count < self._fewest:
+            self._fewest, self._patience = count, 3
+        elif self._patience > 0:
+            self._patience -= 1
+        else:
+            lowest = np.zeros_like(violated)
+            lowest[violated.argmax()] = True
+            return lowest
+        return violated
+
+
 def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -> tuple[Array, bool]:
     """Find ``-1 <= s <= 1`` with ``w = right - matrix s`` zero inside, ``>= 0`` at +1, ``<= 0`` at -1.
 
@@ -41,7 +66,7 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
     k = len(right)
     side = np.trunc(np.minimum(np.maximum(start, -1.0), 1.0))
     scale = np.maximum(np.abs(np.diagonal(matrix)), 1e-300)
-    best, patience = k + 1, 3
+    exchange = _Exchange(k)
     s = start
     for _ in range(max_blocks + 10 * k):
         free = side == 0
@@ -60,13 +85,7 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
         count = int(np.count_nonzero(broken))
         if count == 0:
             return np.clip(s, -1.0, 1.0), True
-        if count < best:
-            best, patience = count, 3
-        elif patience > 0:
-            patience -= 1
-        else:
-            broken = np.zeros(k, dtype=bool)
-            broken[np.flatnonzero(up | down | back)[0]] = True
+        broken = exchange(broken, count)
         side[broken & back] = 0.0
         side[broken & up] = 1.0
         side[broken & down] = -1.0
@@ -96,7 +115,7 @@ def solve_nonnegative(matrix: Array, right: Array, start: Array) -> tuple[Array,
     k = len(right)
     positive = start > 0.0
     tolerance = 1e-13 * float(np.abs(right).max(initial=0.0))
-    best, patience = k + 1, 3
+    exchange = _Exchange(k)
     for _ in range(30 + 10 * k):
         z, inside = np.zeros(k), np.flatnonzero(positive)
         if inside.size:
@@ -109,11 +128,5 @@ def solve_nonnegative(matrix: Array, right: Array, start: Array) -> tuple[Array,
         count = int(np.count_nonzero(broken))
         if count == 0:
             return z, True
-        if count < best:
-            best, patience = count, 3
-        elif patience > 0:
-            patience -= 1
-        else:
-            broken[np.flatnonzero(broken)[1:]] = False
-        positive = positive ^ broken
+        positive = positive ^ exchange(broken, count)
     return start, False

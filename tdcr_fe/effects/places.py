@@ -79,8 +79,12 @@ class PlaceEffect(Effect):
         raise NotImplementedError
 
     def spread(self, robot: Robot, place: Place) -> dict[str, float]:
-        """Standard uncertainty of a place that is known to be the right one among `places` [m, 1]."""
-        raise NotImplementedError
+        """Standard uncertainty of a place that is known to be the right one among `places` [m, 1].
+
+        The distance of neighbouring disks over the square root of 12: that of a uniform distribution.
+        """
+        a, b = bay_at(robot, place["s"])
+        return {"s": (b - a) / math.sqrt(12.0)}
 
     def at(self, place: Place) -> EffectAtPlace:
         """The effect at a fixed place."""
@@ -149,7 +153,15 @@ class EffectAtPlace(Effect):
         return self.general.apply(experiment, self.all_values(values))
 
 
-class SoftBay(PlaceEffect):
+class BayEffect(PlaceEffect):
+    """An effect in one bay; its place is the middle of the bay."""
+
+    def places(self, robot: Robot) -> list[Place]:
+        """The middles of all bays."""
+        return [{"s": 0.5 * (a + b)} for a, b in bays(robot)]
+
+
+class SoftBay(BayEffect):
     """One bay softer or stiffer in bending."""
 
     name = "soft_bay"
@@ -160,15 +172,6 @@ class SoftBay(PlaceEffect):
         Parameter("factor", "1", 0.02, 50.0, 1.0, 0.2, "factor on the bending stiffness", inverse=True),
     )
 
-    def places(self, robot: Robot) -> list[Place]:
-        """The middles of all bays."""
-        return [{"s": 0.5 * (a + b)} for a, b in bays(robot)]
-
-    def spread(self, robot: Robot, place: Place) -> dict[str, float]:
-        """A bay's length over the square root of 12."""
-        a, b = bay_at(robot, place["s"])
-        return {"s": (b - a) / math.sqrt(12.0)}
-
     def size_probes(self, experiment: Experiment, place: Place) -> list[list[dict[str, float]]]:
         """A fifth softer."""
         return [[{"factor": 0.8}]]
@@ -178,7 +181,7 @@ class SoftBay(PlaceEffect):
         return _with_patch(experiment, values["s"], bending=values["factor"])
 
 
-class Kink(PlaceEffect):
+class Kink(BayEffect):
     """One bay bent when unloaded."""
 
     name = "kink"
@@ -189,15 +192,6 @@ class Kink(PlaceEffect):
         Parameter("kappa_x", "1/m", -200.0, 200.0, 0.0, 0.5, "turning rate about the section's x axis"),
         Parameter("kappa_y", "1/m", -200.0, 200.0, 0.0, 0.5, "turning rate about the section's y axis"),
     )
-
-    def places(self, robot: Robot) -> list[Place]:
-        """The middles of all bays."""
-        return [{"s": 0.5 * (a + b)} for a, b in bays(robot)]
-
-    def spread(self, robot: Robot, place: Place) -> dict[str, float]:
-        """A bay's length over the square root of 12."""
-        a, b = bay_at(robot, place["s"])
-        return {"s": (b - a) / math.sqrt(12.0)}
 
     def size_probes(self, experiment: Experiment, place: Place) -> list[list[dict[str, float]]]:
         """A hundredth of a radian about both axes."""
@@ -231,11 +225,6 @@ class SpringToGround(PlaceEffect):
     def places(self, robot: Robot) -> list[Place]:
         """All disks, and the tip."""
         return [{"s": b} for _, b in bays(robot)]
-
-    def spread(self, robot: Robot, place: Place) -> dict[str, float]:
-        """The distance of neighbouring disks over the square root of 12."""
-        a, b = bay_at(robot, place["s"])
-        return {"s": (b - a) / math.sqrt(12.0)}
 
     def size_probes(self, experiment: Experiment, place: Place) -> list[list[dict[str, float]]]:
         """A hundredth of the robot's own stiffness against a force there."""
@@ -278,9 +267,8 @@ class StuckHole(PlaceEffect):
         ]
 
     def spread(self, robot: Robot, place: Place) -> dict[str, float]:
-        """The distance of neighbouring holes over the square root of 12; the tendon is certain."""
-        a, b = bay_at(robot, place["s"])
-        return {"tendon": 0.0, "s": (b - a) / math.sqrt(12.0)}
+        """The tendon is certain."""
+        return {"tendon": 0.0, **super().spread(robot, place)}
 
     def size_probes(self, experiment: Experiment, place: Place) -> list[list[dict[str, float]]]:
         """A tenth and the whole of the largest tension that is commanded."""

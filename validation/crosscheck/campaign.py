@@ -66,7 +66,7 @@ def solve(task: Task) -> Record:
     return record
 
 
-def _silence_exudyn() -> None:
+def silence_exudyn() -> None:
     """Suppress Exudyn's messages on the terminal."""
     import exudyn
 
@@ -138,7 +138,7 @@ def run(
 
 
 def _solve_all(tasks: Sequence[Task], processes: int) -> Generator[tuple[Task, Record], None, None]:
-    with worker_pool(min(processes, len(tasks)), _silence_exudyn) as pool:
+    with worker_pool(min(processes, len(tasks)), silence_exudyn) as pool:
         waiting = iter(tasks)
         running: dict[Future[Record], Task] = {}
         for task in waiting:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from contextlib import closing
@@ -41,7 +40,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.first < 0:
         parser.error("--first must be at least 0")
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
     from tqdm import tqdm
 

@@ -7,7 +7,7 @@ from concurrent.futures import as_completed
 from pathlib import Path
 
 from tdcr_fe.io.processes import worker_pool
-from tdcr_fe.validation.crosscheck.campaign import versions
+from tdcr_fe.validation.crosscheck.campaign import silence_exudyn, versions
 from tdcr_fe.validation.random_robots.comparison import Comparison, compare
 from tdcr_fe.validation.random_robots.drawing import draw
 from tdcr_fe.validation.random_robots.report import read_record, write_record
@@ -25,7 +25,7 @@ def solve_all(numbers: Sequence[int], folder: Path, processes: int) -> Generator
             yield known
     if not left:
         return
-    with worker_pool(min(processes, len(left)), _silence_exudyn) as pool:
+    with worker_pool(min(processes, len(left)), silence_exudyn) as pool:
         for done in as_completed([pool.submit(_solve, number) for number in left]):
             record = done.result()
             write_record(record, folder, digest)
@@ -34,10 +34,3 @@ def solve_all(numbers: Sequence[int], folder: Path, processes: int) -> Generator
 
 def _solve(number: int) -> Comparison:
     return compare(draw(number))
-
-
-def _silence_exudyn() -> None:
-    """Suppress Exudyn's messages on the terminal."""
-    import exudyn
-
-    exudyn.config.printToConsole = False

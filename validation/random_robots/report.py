@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from tdcr_fe.io.atomic import plain, write_json
-from tdcr_fe.validation.random_robots.comparison import Comparison, StepComparison
+from tdcr_fe.validation.random_robots.comparison import TOLERANCE, Comparison, StepComparison
 
 
 def write_record(record: Comparison, folder: Path, digest: str) -> None:
@@ -63,7 +63,7 @@ def to_frame(records: Sequence[Comparison]) -> pd.DataFrame:
 def summary(records: Sequence[Comparison]) -> list[str]:
     """What was found, in lines."""
     steps = [step for record in records for step in record.steps]
-    far = [step for step in steps if step.gap > 1e-3]
+    far = [step for step in steps if step.gap > TOLERANCE]
     times = np.array([step.milliseconds for step in steps]) if steps else np.full(1, np.nan)
     failed = [str(record.number) for record in records if not record.passed]
     gaps = np.array([step.gap for step in steps]) if steps else np.full(1, np.nan)
@@ -71,7 +71,8 @@ def summary(records: Sequence[Comparison]) -> list[str]:
         f"{len(records)} robots, {len(steps)} load steps",
         f"largest distance of a disk over the length: median {np.median(gaps):.1e}, 99 % below "
         f"{np.quantile(gaps, 0.99):.1e}, worst {gaps.max():.1e}",
-        f"{len(far)} steps differ by more than 0.1 %, {sum(not step.passed for step in far)} of them unannounced",
+        f"{len(far)} steps differ by more than {100.0 * TOLERANCE:g} %, {sum(not step.passed for step in far)} of "
+        "them unannounced",
         f"finite elements, processor time a step: median {np.median(times):.3g} ms, 90 % below "
         f"{np.quantile(times, 0.9):.3g} ms, worst {times.max():.3g} ms",
         f"processor time: finite elements {sum(r.seconds for r in records):.0f} s, reference "
