@@ -33,10 +33,7 @@ Place = Mapping[str, float]
 
 def bays(robot: Robot) -> list[tuple[float, float]]:
     """Arc lengths where every bay begins and ends, the stretch beyond the last disk included [m]."""
-    edges = [0.0, *robot.disks.positions]
-    if robot.backbone.length - edges[-1] > ARC_TOLERANCE:
-        edges.append(robot.backbone.length)
-    return list(itertools.pairwise(edges))
+    return list(itertools.pairwise(robot.bay_edges.tolist()))
 
 
 def bay_at(robot: Robot, s: float) -> tuple[float, float]:
@@ -284,14 +281,14 @@ class StuckHole(PlaceEffect):
             raise ValueError(f"tendon = {number}; the robot has {len(robot.tendons)}")
         tendon = robot.tendons[number - 1]
         holes = robot.hole_arc_lengths(tendon)[1:-1]
-        if not np.min(np.abs(holes - values["s"]), initial=math.inf) <= 1e-4:
+        at = float(min(holes, key=lambda s: abs(s - values["s"]), default=math.nan))
+        if not abs(at - values["s"]) <= 1e-4:
             near = (
-                f"the nearest is at {holes[np.argmin(np.abs(holes - values['s']))]:.6g} m"
+                f"the nearest is at {at:.6g} m"
                 if len(holes)
-                else ""
+                else "nor anywhere between base plate and anchor"
             )
             raise ValueError(f"s = {values['s']:g} m: tendon {tendon.name} has no hole there; {near}")
-        at = float(holes[np.argmin(np.abs(holes - values["s"]))])
         changed = replace(tendon, tight_holes=(*tendon.tight_holes, TightHole(at, values["drop"])))
         tendons = (*robot.tendons[: number - 1], changed, *robot.tendons[number:])
         return with_friction(experiment.with_robot(tendons=tendons))

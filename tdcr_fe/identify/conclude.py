@@ -80,7 +80,7 @@ def conclude(
         after_fit=problem.misfit(best.residual, fitted, len(best.free)),
         after_held_out=problem.misfit(best.residual, held_out),
         held_out_steps=tuple(held_ids),
-        remaining=_remaining(search, state, explained, insufficient, tests, moment, edges),
+        remaining=_remaining(state, explained, insufficient, tests, moment, edges),
         candidates=state.candidates,
         structure=tests[:12],
         residual_before=declared.residual * problem.sigma,
@@ -241,7 +241,6 @@ def _estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> d
 
 
 def _remaining(
-    search: Search,
     state: SearchState,
     explained: bool,
     insufficient: str,

@@ -249,9 +249,7 @@ def _proposal(problem: FitProblem, now: Fit, damping: float) -> tuple[Array, Arr
     by_name = {e.name: e for e in now.effects}
     z = problem.coordinates(now.effects, now.values, now.free)
     limits = np.array([problem.bounds(by_name[k[0]], k[1]) for k in now.free])
-    a = np.abs(now.residual)
-    threshold = problem.robust_threshold
-    w = np.sqrt(np.where(a <= threshold, 1.0, threshold / np.maximum(a, 1e-300)))[fitted]
+    w = problem.root_weights(now.residual)[fitted]
     jw, rw = now.jacobian[fitted] * w[:, None], now.residual[fitted] * w
     norm = np.linalg.norm(jw, axis=0)
     move = _bounded_step(jw, rw, norm, damping, limits[:, 0] - z, limits[:, 1] - z)
@@ -259,7 +257,7 @@ def _proposal(problem: FitProblem, now: Fit, damping: float) -> tuple[Array, Arr
     return there, move, float(np.sum(rw**2) - np.sum((rw - jw @ move) ** 2))
 
 
-def covariance(problem: FitProblem, fit: Fit, inflate: bool = True) -> Array:
+def covariance(problem: FitProblem, fit: Fit) -> Array:
     """Of the coordinates of the free parameters, shape (p, p).
 
     Enlarged where the misfit is above noise, and by the effect of the simulation's own errors.
@@ -267,18 +265,18 @@ def covariance(problem: FitProblem, fit: Fit, inflate: bool = True) -> Array:
     if not fit.free:
         return np.zeros((0, 0))
     fitted = ~problem.held_out
-    w = np.minimum(1.0, problem.robust_threshold / np.maximum(np.abs(fit.residual), 1e-300))[fitted]
-    j = fit.jacobian[fitted] * np.sqrt(w)[:, None]
+    w = problem.root_weights(fit.residual)[fitted]
+    j = fit.jacobian[fitted] * w[:, None]
     norm = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
     inner = np.linalg.pinv((j / norm).T @ (j / norm), rcond=1e-10)
     dof = max(1, int(np.count_nonzero(fitted)) - len(fit.free))
-    factor = max(1.0, fit.cost / dof) if inflate else 1.0
+    factor = max(1.0, fit.cost / dof)
     # An undetectable systematic error biases the parameters most where it is parallel to their sensitivities.
     scale = np.where(problem.readings.is_position, problem.data.robot.backbone.length, 1.0) / problem.sigma
     known = (problem.readings.is_position | problem.readings.is_angle) & fitted
     factor += NUMERICS**2 * float(np.sum(scale[known] ** 2))
     # The extrapolated error of mesh and path is known to about a third; so is its effect on the parameters.
-    shift = inner / np.outer(norm, norm) @ (j.T @ (UNSURE * problem.correction[fitted] * np.sqrt(w)))
+    shift = inner / np.outer(norm, norm) @ (j.T @ (UNSURE * problem.correction[fitted] * w))
     return np.asarray(inner / np.outer(norm, norm) * factor + np.outer(shift, shift))
 
 

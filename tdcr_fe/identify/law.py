@@ -14,7 +14,7 @@ from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.information import lacks_test
 from tdcr_fe.identify.law_fit import LawFit
 from tdcr_fe.identify.law_search import LOWER, LawSearch, law_bic, search_law
-from tdcr_fe.identify.law_state import bay_edges, run_with_action
+from tdcr_fe.identify.law_state import run_with_action
 from tdcr_fe.identify.law_terms import CURVATURE, Term
 from tdcr_fe.identify.outcome import Estimate, FoundLaw, LawTerm
 from tdcr_fe.identify.problem import Fit
@@ -121,7 +121,7 @@ def _described(state: SearchState, law: LawFit, alternatives: Sequence[Term]) ->
     problem, fit = state.problem, law.as_fit()
     deviation = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))[len(law.base.free) :]
     experiment = problem.with_effects(law.base.effects, law.values)
-    edges = bay_edges(experiment)
+    edges = experiment.robot.bay_edges
     terms = tuple(
         LawTerm(
             product=t.product,

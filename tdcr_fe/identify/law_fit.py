@@ -169,12 +169,6 @@ def readings_of(problem: FitProblem, actions: Array, response: ActionResponse) -
     return out
 
 
-def weights(problem: FitProblem, residual: Array) -> Array:
-    """Square roots of the robust weights."""
-    size = np.maximum(np.abs(residual), 1e-300)
-    return np.asarray(np.sqrt(np.minimum(1.0, problem.robust_threshold / size)))
-
-
 def fit_law(
     problem: FitProblem,
     base: Fit,
@@ -217,7 +211,7 @@ def fit_law(
     by_name = {e.name: e for e in base.effects}
     limits = np.array([problem.bounds(by_name[k[0]], k[1]) for k in base.free]).reshape(p, 2)
     for _ in range(FIT_ITERATIONS):
-        w = weights(problem, found.acted.residual)[fitted]
+        w = problem.root_weights(found.acted.residual)[fitted]
         a, b = found.jacobian[fitted] * w[:, None], found.acted.residual[fitted] * w
         norm = np.maximum(np.linalg.norm(a, axis=0), 1e-300)
         move = np.linalg.lstsq(a / norm, b, rcond=1e-8)[0] / norm

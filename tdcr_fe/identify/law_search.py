@@ -23,13 +23,12 @@ from tdcr_fe.identify.criteria import (
     effective_noise,
     residual_is_noise,
 )
-from tdcr_fe.identify.law_fit import LawFit, fit_law, readings_of, weights
+from tdcr_fe.identify.law_fit import LawFit, fit_law, readings_of
 from tdcr_fe.identify.law_state import (
     COMPONENTS,
     ActedRun,
     ActionResponse,
     action_response,
-    bay_edges,
     run_with_action,
 )
 from tdcr_fe.identify.law_terms import Term, library
@@ -80,7 +79,7 @@ class LawSearch:
         """Beside a fitted model; None where it is not solved with loads at every disk, or one run takes too long."""
         begun = time.perf_counter()
         experiment = problem.with_effects(base.effects, base.values)
-        steps, bays = len(problem.data.steps), len(bay_edges(experiment)) - 1
+        steps, bays = len(problem.data.steps), len(experiment.robot.bay_edges) - 1
         zero = np.zeros((steps, bays, COMPONENTS))
         upright = np.broadcast_to(np.eye(3), (steps, bays, 3, 3))
         run = run_with_action(problem, experiment, zero, upright)
@@ -156,7 +155,7 @@ class Columns:
         actions = np.stack([t.action(state).reshape(len(state.time), -1) for t in terms], axis=-1)
         scale = np.max(np.abs(actions), axis=(0, 1))
         fitted = problem.fitted
-        w = weights(problem, search.reading.residual)[fitted]
+        w = problem.root_weights(search.reading.residual)[fitted]
         x = readings_of(problem, actions / scale, search.response)[fitted] * w[:, None]
         r = search.total[fitted] * w
         known = search.base.jacobian[fitted] * w[:, None]

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.problem import FitProblem
-from tdcr_fe.identify.run import SMALLEST_ON_REFERENCE, Ends, Run, run_settings
+from tdcr_fe.identify.run import INTERRUPTED, SMALLEST_ON_REFERENCE, Ends, Run, last_parts, run_settings
 from tdcr_fe.model.channels import ObservedChange, ObservedStep, channel
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Load, LoadStep, resolve
@@ -126,15 +126,6 @@ class ActedRun:
         return bool(np.all(np.isfinite(self.residual)))
 
 
-def bay_edges(experiment: Experiment) -> Array:
-    """Arc lengths of base plate, disks and tip [m]."""
-    robot = experiment.robot
-    edges = [0.0, *robot.disks.positions]
-    if robot.backbone.length - edges[-1] > 1e-6:
-        edges.append(robot.backbone.length)
-    return np.array(edges)
-
-
 def with_action(experiment: Experiment, action: Array, rotation: Array) -> Experiment:
     """The experiment with an action as concentrated loads.
 
@@ -147,7 +138,7 @@ def with_action(experiment: Experiment, action: Array, rotation: Array) -> Exper
     rotation
         Of the middle sections, to which the moments belong, shape (K, n_bays, 3, 3).
     """
-    edges = bay_edges(experiment)
+    edges = experiment.robot.bay_edges
     couple = np.einsum("kbij,kbj->kbi", rotation[..., :2], action[..., :2])
     couple[:, :-1] -= couple[:, 1:]
     wrench = np.concatenate((action[..., 2:], couple), axis=-1)
@@ -205,10 +196,10 @@ def run_with_action(
         result = simulate(
             acted.robot, acted.model, acted.steps, settings, record_path=path, sensitivities=inputs
         )
-    if result.message == "interrupted":
+    if result.message == INTERRUPTED:
         raise KeyboardInterrupt
     problem.forward.runs += 1
-    last = _commanded_ends(acted)
+    last = last_parts(acted)
     steps = [result.steps[j] for j in last if j < len(result.steps)]
     run = Run.of(steps, len(last), acted, result.message)
     residual = problem.residual(acted, run)
@@ -224,15 +215,9 @@ def run_with_action(
     )
 
 
-def _commanded_ends(experiment: Experiment) -> list[int]:
-    """Steps at which commanded steps end."""
-    ends = experiment.step_ends
-    return [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
-
-
 def _bay_state(experiment: Experiment, result: SequenceResult, last: Sequence[int]) -> BayState:
     """State of the bays at the ends of commanded steps; NaN where a step was not solved."""
-    robot, edges = experiment.robot, bay_edges(experiment)
+    robot, edges = experiment.robot, experiment.robot.bay_edges
     count, bays, m = len(last), len(edges) - 1, len(robot.tendons)
     middles, widths = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
     curvature = np.full((count, bays, 3), np.nan)
@@ -328,7 +313,7 @@ def action_response(
     ]
     run = run_with_action(problem, experiment, reference.action, reference.state.rotation, reference, inputs)
     found = list(run.result.sensitivities.values())
-    last = _commanded_ends(experiment)
+    last = last_parts(experiment)
     widths = np.diff(run.state.edges)
     nodes = [int(np.argmin(np.abs(run.run.s - e))) for e in run.state.edges]
     positions = np.stack([x.positions for x in found], axis=-1)

@@ -198,6 +198,10 @@ class FitProblem:
         c = huber(r, self.robust_threshold)
         return float(np.sum(c[~self.held_out])), float(np.sum(c[self.held_out]))
 
+    def root_weights(self, r: Array) -> Array:
+        """Square roots of the weights that make squares of the residual robust, shape (n,)."""
+        return np.sqrt(np.minimum(1.0, self.robust_threshold / np.maximum(np.abs(r), 1e-300)))
+
     def misfit(self, r: Array, which: NDArray[np.bool_], parameters: int = 0) -> Misfit:
         """Misfit of residuals over sigma on some readings."""
         raw = r * self.sigma

@@ -320,7 +320,7 @@ def simulate_experiment(task: Task) -> Run:
     if task.experiment.restarts:
         return _simulate_sequences(task)
     experiment, settings, reference = task.experiment, task.settings, task.reference
-    ends, last = experiment.step_ends, _last_parts(experiment)
+    ends, last = experiment.step_ends, last_parts(experiment)
     elements = experiment.model.starting_elements_per_bay
     if reference is not None and reference.elements != elements:
         reference = None
@@ -378,7 +378,7 @@ def _of_sequence(parameter: ModelParameter, number: int) -> ModelParameter:
     return replace(parameter, apply=replace(table, experiments=own))
 
 
-def _last_parts(experiment: Experiment) -> list[int]:
+def last_parts(experiment: Experiment) -> list[int]:
     """Where effects divide a step, its parts are simulated and the end of the last one is kept: their indices."""
     ends = experiment.step_ends
     return [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
@@ -398,7 +398,7 @@ def solve_commanded_steps(experiment: Experiment, settings: SolverSettings) -> S
     if result.message == INTERRUPTED:
         raise KeyboardInterrupt
     solved = len(result.steps)
-    return replace(result, steps=tuple(result.steps[j] for j in _last_parts(experiment) if j < solved))
+    return replace(result, steps=tuple(result.steps[j] for j in last_parts(experiment) if j < solved))
 
 
 def _differentiated(

@@ -57,10 +57,6 @@ class Score:
         """Parameters of the effect."""
         return len(self.effect.parameters)
 
-    def with_start(self, point: Point) -> Score:
-        """With another point where a fit may begin, after the first one."""
-        return replace(self, starts=[self.starts[0], point, *self.starts[1:]])
-
     def cost(self, problem: FitProblem) -> float:
         """Robust sum of squares over the fitted readings that it would leave, to first order."""
         return problem.cost(self.predicted)[0]
@@ -217,7 +213,7 @@ def _score(problem: FitProblem, fit: Fit, sets: Sequence[tuple[_ProbeSet, Array]
         low, high = np.array([_amplitude_range(problem, e, one.null, d) for d in one.directions]).T
         k = fit.jacobian.shape[1]
         a = np.concatenate((fit.jacobian, signature), axis=1)
-        w = np.minimum(1.0, problem.robust_threshold / np.maximum(np.abs(fit.residual), 1e-300)) ** 0.5
+        w = problem.root_weights(fit.residual)
         norm = np.maximum(np.linalg.norm(a[fitted] * w[fitted, None], axis=0), 1e-300)
         bounds = (
             np.concatenate((np.full(k, -np.inf), np.minimum(low, -1e-9) * norm[k:])),

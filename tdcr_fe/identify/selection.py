@@ -292,7 +292,7 @@ def _propose(
     chosen: dict[Names, tuple[Fit, Score]] = {}
     for _, fit, score in sorted(proposals, key=lambda p: p[0]):
         if len(chosen) < search.settings.candidates:
-            chosen.setdefault(frozenset({*fit.names, score.effect.name}), (fit, score))
+            chosen.setdefault(_names(fit, score), (fit, score))
     return state, list(chosen.values())
 
 
@@ -540,7 +540,7 @@ def fitted_model(
     key = frozenset(e.name for e in effects)
     if key not in state.fits:
         new = fitting.fit(state.problem, effects, starts)
-        state = replace(state, fits={**state.fits, key: new})
+        state = state.with_fit(new)
     return state, state.fits[key]
 
 

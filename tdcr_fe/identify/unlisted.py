@@ -14,15 +14,6 @@ from tdcr_fe.model.interpolation import interpolate_positions
 Array = NDArray[np.float64]
 
 
-def bay_edges(problem: FitProblem) -> Array:
-    """Arc lengths of base plate, disks and tip [m]."""
-    robot = problem.data.robot
-    edges = [0.0, *robot.disks.positions]
-    if robot.backbone.length - edges[-1] > 1e-6:
-        edges.append(robot.backbone.length)
-    return np.array(edges)
-
-
 def local_candidates(problem: FitProblem, fit: Fit) -> list[list[Effect]]:
     """Effects at every place of the robot, each kind from the base on, without the kinds that the model has."""
     robot = problem.with_effects(fit.effects, fit.values).robot
@@ -47,7 +38,7 @@ def missing_moment(problem: FitProblem, fit: Fit) -> tuple[Array, Array]:
     edges : ndarray, shape (n_bays + 1,)
         Of the bays [m].
     """
-    edges = bay_edges(problem)
+    edges = problem.data.robot.bay_edges
     bays = len(edges) - 1
     data, run = problem.data, fit.run
     experiment = problem.with_effects(fit.effects, fit.values)

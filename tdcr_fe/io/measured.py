@@ -85,11 +85,6 @@ class MeasuredData:
         """Whether any tendon is driven by displacement."""
         return any(s.displacements for s in self.steps)
 
-    @property
-    def has_time(self) -> bool:
-        """Whether the steps carry times."""
-        return any(s.time is not None for s in self.steps)
-
 
 # ------------------------------------------------------------------------------------------------- reading
 

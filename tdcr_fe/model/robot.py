@@ -440,6 +440,14 @@ class Robot:
                 return t
         raise KeyError(f"no tendon {name!r}; the robot has {', '.join(self.tendon_names) or 'none'}")
 
+    @property
+    def bay_edges(self) -> Array:
+        """Arc lengths of base plate, disks and, where it lies beyond the last disk, tip [m], shape (n_bays + 1,)."""
+        edges = [0.0, *self.disks.positions]
+        if self.backbone.length - edges[-1] > ARC_TOLERANCE:
+            edges.append(self.backbone.length)
+        return np.array(edges)
+
     def end(self, tendon: Tendon) -> float:
         """Arc length of the tendon's anchor [m]."""
         return self.backbone.length if tendon.end is None else tendon.end
