@@ -367,6 +367,80 @@ def read_model_file(path: str | os.PathLike[str]) -> tuple[Model, SolverSettings
     return model, settings
 
 
+@dataclass(frozen=True)
+class ScenarioTables:
+    """Tables of a `scenario.toml` and of the `robot.toml` that it names, as they stand there.
+
+    Attributes
+    ----------
+    scenario : dict
+    robot : dict or None
+        None where the robot could not be read.
+    path, robot_path : pathlib.Path
+    digests : mapping of str to str
+        SHA-256 of both files, in hexadecimal, by file name as the user named it.
+    problems : tuple of Problem
+        Why the robot could not be read.
+    """
+
+    scenario: dict[str, Any]
+    robot: dict[str, Any] | None
+    path: Path
+    robot_path: Path
+    digests: Mapping[str, str] = field(default_factory=dict)
+    problems: tuple[Problem, ...] = ()
+
+
+def read_toml(path: str | os.PathLike[str]) -> tuple[dict[str, Any], str]:
+    """Contents of a TOML file, and its SHA-256 in hexadecimal.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is not TOML.
+    """
+    problems: list[Problem] = []
+    data, sha256 = _load(Path(path), problems)
+    if data is None:
+        raise InputError(problems)
+    return data, sha256
+
+
+def read_scenario_tables(path: str | os.PathLike[str]) -> ScenarioTables:
+    """Tables of a `scenario.toml` and of the robot that it names; their contents are not checked.
+
+    Raises
+    ------
+    InputError
+        The scenario cannot be read, or is not TOML.
+    """
+    data, sha256 = read_toml(path)
+    return with_robot_table(data, Path(path), sha256)
+
+
+def with_robot_table(scenario: dict[str, Any], path: Path, sha256: str = "") -> ScenarioTables:
+    """Tables of a scenario, with those of the robot that it names.
+
+    Parameters
+    ----------
+    scenario
+        Contents of the file.
+    path
+        Of the scenario; that of the robot is relative to its folder.
+    sha256
+        Of the scenario.
+    """
+    digests, name = {str(path): sha256}, scenario.get("robot")
+    if not isinstance(name, str):
+        return ScenarioTables(scenario, None, path, path, digests)
+    problems: list[Problem] = []
+    robot_path = path.parent / name
+    robot, digests[str(robot_path)] = _load(
+        robot_path, problems, Problem(str(path), "robot", shown(name), "")
+    )
+    return ScenarioTables(scenario, robot, path, robot_path, digests, tuple(problems))
+
+
 def read_scenario(
     path: str | os.PathLike[str], further_tables: Mapping[str, TableReader] | None = None
 ) -> Scenario:
@@ -384,29 +458,35 @@ def read_scenario(
     InputError
         With every mistake in both files.
     """
+    return build_scenario(read_scenario_tables(path), further_tables)
+
+
+def build_scenario(
+    tables: ScenarioTables, further_tables: Mapping[str, TableReader] | None = None
+) -> Scenario:
+    """The scenario that the tables of its files describe; see `read_scenario`.
+
+    Raises
+    ------
+    InputError
+        With every mistake in both files.
+    """
     problems: list[Problem] = []
-    path = Path(path)
     readers: dict[str, TableReader] = {"effects": read_effects, **(further_tables or {})}
-    data, scenario_digest = _load(path, problems)
-    if data is None:
-        raise InputError(problems)
-    reporter = Reporter(str(path), problems)
+    data = tables.scenario
+    reporter = Reporter(str(tables.path), problems)
     top, _ = take_table(SCENARIO, data, "", reporter.mistake, list(readers))
 
+    problems += tables.problems
     parts = RobotParts()
-    robot_path, robot_digest = path, ""
-    if "robot" in top:
-        robot_path = path.parent / top["robot"]
-        named = Problem(str(path), "robot", shown(top["robot"]), "")
-        robot_data, robot_digest = _load(robot_path, problems, named)
-        if robot_data is not None:
-            parts = _build_robot(robot_data, Reporter(str(robot_path), problems))
+    if tables.robot is not None:
+        parts = _build_robot(tables.robot, Reporter(str(tables.robot_path), problems))
 
     model = _build_model(top["model"], reporter) if "model" in top else None
     settings = _build_settings(top["solver"], reporter) if "solver" in top else None
-    tables = top.get("steps", ())
-    steps = [_build_step(i, table, parts, reporter) for i, table in enumerate(tables)]
-    times = [t.get("time") if isinstance(t, dict) and _is_number(t.get("time")) else None for t in tables]
+    given = top.get("steps", ())
+    steps = [_build_step(i, table, parts, reporter) for i, table in enumerate(given)]
+    times = [t.get("time") if isinstance(t, dict) and _is_number(t.get("time")) else None for t in given]
     reporter.contradictions(time_contradictions(times))
 
     robot = parts.robot
@@ -417,5 +497,4 @@ def read_scenario(
         reporter.contradictions(size_contradictions(robot, model, len(sound)))
     if problems or robot is None or model is None or settings is None:
         raise InputError(problems)
-    digests = {str(path): scenario_digest, str(robot_path): robot_digest}
-    return Scenario(robot, model, sound, path, robot_path, digests, settings)
+    return Scenario(robot, model, sound, tables.path, tables.robot_path, tables.digests, settings)
