@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 
-from tdcr_fe.validation.random_robots import compare, draw
+from tdcr_fe.validation.random_robots import FINITE_ELEMENTS, REFERENCE, answers, compare, draw, solve
 from tdcr_fe.validation.random_robots.__main__ import main
+from tdcr_fe.validation.random_robots.campaign import solve_all
 from tdcr_fe.validation.random_robots.comparison import StepComparison
 
 
 @pytest.mark.parametrize("number", [0, 6, 10])
 def test_finite_elements_and_reference_agree_with_default_settings(number):
     """To the error that the finite elements announce; 500 robots: the command of docs/validation.md."""
-    found = compare(draw(number))
+    found = compare(solve(number, FINITE_ELEMENTS), solve(number, REFERENCE))
     assert found.passed and not found.failures
     assert found.gap < 2.0 * max(step.estimate for step in found.steps) + 1e-6
 
@@ -50,3 +51,36 @@ def test_second_run_takes_the_records_of_the_first(tmp_path, capsys, monkeypatch
     assert capsys.readouterr().out == first
     table = np.genfromtxt(out / "random_robots.csv", delimiter=",", names=True, usecols=(0, 1, 2))
     assert table["number"].tolist() == [6, 7]
+
+
+def test_reference_is_kept_on_request_when_code_changes_and_broken_files_are_solved_anew(
+    tmp_path, monkeypatch
+):
+    """An answer of other code counts for the reference alone, and only by option; a broken file counts as none."""
+    number = 6
+    for solver in (FINITE_ELEMENTS, REFERENCE):
+        answers.write(solve(number, solver), tmp_path)
+    known = answers.read(number, REFERENCE, tmp_path)
+    assert known is not None
+    monkeypatch.setattr(answers, "digest", lambda solver: "other code")
+    assert answers.read(number, REFERENCE, tmp_path) is None
+    assert answers.read(number, REFERENCE, tmp_path, any_version=True) == known
+    (again,) = solve_all([number], tmp_path, 1, keep_reference=True)
+    assert (
+        again.seconds_reference == known.seconds
+        and answers.read(number, FINITE_ELEMENTS, tmp_path) is not None
+    )
+    for text in ("[1, 2]", "{", '{"digest": "other code", "answer": {"number": 6}}'):
+        (tmp_path / f"case_{number}_{REFERENCE}.json").write_text(text)
+        assert answers.read(number, REFERENCE, tmp_path, any_version=True) is None
+
+
+def test_error_of_the_program_is_a_failure_of_its_case(monkeypatch):
+    """The case is reported, the others go on."""
+
+    def broken(*_):
+        raise FloatingPointError("on purpose")
+
+    monkeypatch.setitem(answers.SOLVERS, FINITE_ELEMENTS, broken)
+    found = compare(solve(6, FINITE_ELEMENTS), solve(6, REFERENCE))
+    assert found.failures == ("fe: FloatingPointError: on purpose",) and not found.passed

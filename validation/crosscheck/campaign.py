@@ -27,8 +27,7 @@ Task = Case | Study
 @cache
 def versions() -> dict[str, str]:
     """Versions that a record depends on: packages, and a digest of this package's source."""
-    digest = hashlib.sha256()
-    for package in (
+    packages = (
         "elements",
         "model",
         "scene",
@@ -36,16 +35,23 @@ def versions() -> dict[str, str]:
         "effects",
         "validation.reference",
         "validation.crosscheck",
-    ):
-        source = (item for item in files(f"tdcr_fe.{package}").iterdir() if item.name.endswith(".py"))
-        for item in sorted(source, key=lambda item: item.name):
-            if item.name.removesuffix(".py") not in _NO_NUMBERS:
-                digest.update(item.read_bytes())
-    return {**package_versions(), "source": digest.hexdigest()[:16]}
+    )
+    return {**package_versions(), "source": source_digest(packages)}
 
 
 #: Modules that do not affect the numbers.
 _NO_NUMBERS = ("campaign", "figures", "page", "report", "requirements")
+
+
+def source_digest(packages: Iterable[str]) -> str:
+    """Digest of the source of some subpackages, without the modules that do not affect the numbers."""
+    digest = hashlib.sha256()
+    for package in packages:
+        source = (item for item in files(f"tdcr_fe.{package}").iterdir() if item.name.endswith(".py"))
+        for item in sorted(source, key=lambda item: item.name):
+            if item.name.removesuffix(".py") not in _NO_NUMBERS:
+                digest.update(item.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def digest_of(task: Task) -> str:

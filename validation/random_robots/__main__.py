@@ -36,6 +36,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("-n", type=at_least_one, default=500, metavar="COUNT", help="number of robots (500)")
     parser.add_argument("--first", type=int, default=0, metavar="SEED", help="first seed (0)")
     parser.add_argument("-o", required=True, metavar="OUT", help="folder; cases in it are not solved again")
+    parser.add_argument(
+        "--keep-reference",
+        action="store_true",
+        help="take the reference's answers that are in OUT, even if its code or the model's has changed since",
+    )
     parser.add_argument("--processes", type=at_least_one, default=1, help="number of cases at a time (1)")
     args = parser.parse_args(argv)
     if args.first < 0:
@@ -48,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     records = []
     with sigterm_as_interrupt() as termination:
         try:
-            solved = solve_all(numbers, folder, args.processes)
+            solved = solve_all(numbers, folder, args.processes, keep_reference=args.keep_reference)
             with closing(solved), tqdm(total=args.n, unit="robot") as bar:
                 for record in solved:
                     records.append(record)

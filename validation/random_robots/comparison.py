@@ -1,20 +1,14 @@
-"""Solve a random case with the finite elements and with the reference, both with default settings, and compare."""
+"""Compare the answers of the finite elements and of the reference to a random case."""
 
 from __future__ import annotations
 
 import re
-import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tdcr_fe.model.results import StepResult
-from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.validation.random_robots.drawing import RandomCase
-from tdcr_fe.validation.reference import solve_reference
-
-Array = NDArray[np.float64]
+from tdcr_fe.validation.random_robots.answers import Answer
+from tdcr_fe.validation.random_robots.drawing import RandomCase, draw
 
 #: Largest distance of a disk between both solutions over the length that need not be announced [1].
 TOLERANCE = 1e-3
@@ -89,40 +83,28 @@ class Comparison:
         return not self.failures and all(step.passed for step in self.steps)
 
 
-def compare(case: RandomCase) -> Comparison:
-    """Solve a case with both solvers.
+def compare(fe: Answer, reference: Answer) -> Comparison:
+    """Compare the answers of both solvers to the same case.
 
     Parameters
     ----------
-    case
-        What to solve.
+    fe, reference
+        Of the finite elements and of the reference.
     """
-    begun = time.process_time()
-    fe = simulate(case.robot, case.model, case.steps)
-    between = time.process_time()
-    reference = solve_reference(case.robot, case.model, case.steps)
-    done = time.process_time()
-    warnings = tuple(
-        f"{name}: {w}" for name, result in (("fe", fe), ("reference", reference)) for w in result.warnings
-    )
-    seconds = between - begun
+    case = draw(fe.number)
+    both = {"fe": fe, "reference": reference}
+    warnings = tuple(f"{name}: {w}" for name, answer in both.items() for w in answer.warnings)
+    count = min(len(fe.positions), len(reference.positions))
     return Comparison(
         case.number,
         len(case.robot.tendons),
         len(case.robot.disks.positions),
         _drive(case),
-        tuple(
-            _compare_step(case, a, b, warnings, 1e3 * seconds / len(fe.steps))
-            for a, b in zip(fe.steps, reference.steps, strict=False)
-        ),
-        tuple(
-            f"{name}: {result.message}"
-            for name, result in (("fe", fe), ("reference", reference))
-            if not result.converged
-        ),
+        tuple(_compare_step(case, k, fe, reference, warnings) for k in range(count)),
+        tuple(f"{name}: {answer.failure}" for name, answer in both.items() if answer.failure),
         warnings,
-        seconds,
-        done - between,
+        fe.seconds,
+        reference.seconds,
     )
 
 
@@ -133,24 +115,15 @@ def _drive(case: RandomCase) -> str:
 
 
 def _compare_step(
-    case: RandomCase, a: StepResult, b: StepResult, warnings: tuple[str, ...], milliseconds: float
+    case: RandomCase, k: int, fe: Answer, reference: Answer, warnings: tuple[str, ...]
 ) -> StepComparison:
-    """Distances of the disks, and whether a warning names this step."""
+    """Distances of the disks in one step, and whether a warning names it."""
     length = case.robot.backbone.length
-    at = np.array(case.robot.disks.positions)
-    gap = np.linalg.norm(_disks(a, at) - _disks(b, at), axis=1).max() / length
-    named = re.compile(rf"\bsteps? (?:\d+, )*{a.step}\b")
+    gap = np.linalg.norm(np.subtract(fe.positions[k], reference.positions[k]), axis=1).max() / length
+    named = re.compile(rf"\bsteps? (?:\d+, )*{k + 1}\b")
     return StepComparison(
         float(gap),
-        (a.discretisation_error or 0.0) / length,
+        fe.estimates[k] / length,
         any(named.search(w) for w in warnings),
-        milliseconds,
+        1e3 * fe.seconds / len(fe.positions),
     )
-
-
-def _disks(step: StepResult, at: Array) -> Array:
-    """Positions of the nodes at the disks, shape (n_disks, 3) [m]."""
-    nodes = np.abs(step.s[:, None] - at).argmin(axis=0)
-    if np.abs(step.s[nodes] - at).max() > 1e-9:
-        raise RuntimeError("a disk is no node of the solution")
-    return step.positions[nodes]

@@ -1,41 +1,13 @@
-"""The records of random cases as files and as tables."""
+"""What was found on random robots, as a table and in lines."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.io.atomic import plain, write_json
-from tdcr_fe.validation.random_robots.comparison import TOLERANCE, Comparison, StepComparison
-
-
-def write_record(record: Comparison, folder: Path, digest: str) -> None:
-    """Write the record of one case with the digest of what it was solved with."""
-    write_json({"digest": digest, "record": plain(asdict(record))}, _path(folder, record.number), indent=None)
-
-
-def read_record(number: int, folder: Path, digest: str) -> Comparison | None:
-    """The record of a case that was solved before with the same code; None where there is none."""
-    try:
-        stored = json.loads(_path(folder, number).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    if stored["digest"] != digest:
-        return None
-    record = stored["record"]
-    record["steps"] = tuple(StepComparison(**step) for step in record["steps"])
-    for key in ("failures", "warnings"):
-        record[key] = tuple(record[key])
-    return Comparison(**record)
-
-
-def _path(folder: Path, number: int) -> Path:
-    return folder / f"case_{number}.json"
+from tdcr_fe.validation.random_robots.comparison import TOLERANCE, Comparison
 
 
 def to_frame(records: Sequence[Comparison]) -> pd.DataFrame:
