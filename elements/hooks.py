@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
+from tdcr_fe.elements.material_damping import MaterialDamping
 from tdcr_fe.elements.system import SystemReference
 
 #: Key of the hooks in ``mbs.variables``.
@@ -78,8 +79,16 @@ class SceneHooks:
         hooks.adopt(mbs)
         return hooks
 
-    def add(self, actuation: TendonActuation) -> None:
-        """Add a robot, and give its force item the functions that Exudyn calls."""
+    def add(self, actuation: TendonActuation, damping: MaterialDamping | None = None) -> None:
+        """Add a robot, and give its force items the functions that Exudyn calls.
+
+        Parameters
+        ----------
+        actuation
+            Tendons, friction and section forces of the robot.
+        damping
+            Of the material of its backbone; None where there is none.
+        """
 
         def forces(mbs: exu.MainSystem, t: float, item: int, q: Sequence[float], q_t: Sequence[float]) -> Any:
             self.adopt(mbs)
@@ -97,7 +106,31 @@ class SceneHooks:
             return actuation.jacobian_on_coordinates(q, t, by_position, by_velocity)
 
         actuation.attach(forces, jacobian)
+        if damping is not None:
+            self._attach_damping(actuation, damping)
         self.actuations.append(actuation)
+
+    def _attach_damping(self, actuation: TendonActuation, damping: MaterialDamping) -> None:
+        """Give the item of the material damping its functions; the stiffness is the present one of the robot."""
+
+        def forces(mbs: exu.MainSystem, t: float, item: int, q: Sequence[float], q_t: Sequence[float]) -> Any:
+            return damping.forces(actuation.mesh.twist_stiffness, np.array(q), np.array(q_t))
+
+        def jacobian(
+            mbs: exu.MainSystem,
+            t: float,
+            item: int,
+            q: Sequence[float],
+            q_t: Sequence[float],
+            by_position: float,
+            by_velocity: float,
+        ) -> Any:
+            stiffness = actuation.mesh.twist_stiffness
+            return damping.jacobian(stiffness, np.array(q), np.array(q_t), by_position, by_velocity)
+
+        mbs = self.system.mbs
+        mbs.SetObjectParameter(damping.item, "forceUserFunction", forces)
+        mbs.SetObjectParameter(damping.item, "jacobianUserFunction", jacobian)
 
     def adopt(self, mbs: exu.MainSystem) -> None:
         """Install the function after every step; one that the user has set since is called from it."""

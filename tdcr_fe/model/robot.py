@@ -103,6 +103,9 @@ class Backbone:
         declared are those at the base.
     creep_rate : float
         Growth of bending and torsional compliance per time under load, relative to the declared one [1/s].
+    retardation_time : float
+        Kelvin-Voigt damping: the wrench of a section grows by this times its stiffness times the rate of its strain
+        [s]. It acts in dynamics only.
     """
 
     length: Annotated[float, Quantity("from base plate to tip", unit="m", gt=0.0, le=1000.0)]
@@ -133,6 +136,12 @@ class Backbone:
     creep_rate: Annotated[
         float,
         Quantity("growth of bending and torsional compliance per time under load", unit="1/s", ge=0.0),
+    ] = 0.0
+    retardation_time: Annotated[
+        float,
+        Quantity(
+            "damping by the material in dynamics, as stress per stiffness and strain rate", unit="s", ge=0.0
+        ),
     ] = 0.0
     taper: Annotated[
         tuple[tuple[float, float], ...],

@@ -15,10 +15,12 @@ from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneItems, BackboneMe
 from tdcr_fe.elements.connectors import Clamp, Connectors
 from tdcr_fe.elements.history import HistoryNodes
 from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.elements.material_damping import MaterialDamping
 from tdcr_fe.model import arguments
 from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.scene.dynamics import add_material_damping
 from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.mesh import build_mesh
@@ -117,12 +119,13 @@ def CreateTDCR(
     joint = add_base_joint(mbs, carrier, base, name)
     clamp = Clamp(joint, pose.position, pose.rotation @ BEAM_TO_SECTION) if baseMarker is None else None
     tendons = add_tendons(mbs, robot, mesh, backbone.beams[0], disks, name, show)
+    damping = add_material_damping(SceneHooks.of(mbs).system, robot, mesh, backbone.nodes, name)
     actuation = add_actuation(
-        mbs, robot, model, mesh, rigid, backbone, tendons, [*bodies, joint], clamp, name, presliding, pose
-    )
+        mbs, robot, model, mesh, rigid, backbone, tendons, [*bodies, joint], clamp, name, presliding, pose, damping
+    )  # fmt: skip
     handle = TDCR(
         mbs, name, robot, model, mesh, backbone.nodes, backbone.beams, disks, tendons.holes, tendons.segments,
-        joint, base, gravity, actuation, rigid=rigid,
+        joint, base, gravity, actuation, rigid=rigid, damping=damping,
     )  # fmt: skip
     if not show:
         hide(mbs, handle)
@@ -197,8 +200,11 @@ def add_actuation(
     name: str,
     presliding: float,
     base: BasePose,
+    damping: MaterialDamping | None,
 ) -> TendonActuation:
     """Create the forces of tendons and section, the item that applies them, and the nodes of their history."""
+    if damping is not None:
+        others = [*others, damping.item]
     hooks = SceneHooks.of(mbs)
     model_of_forces = force_model(robot, model, mesh, rigid, presliding, base)
     item = mbs.AddObject(
@@ -221,7 +227,7 @@ def add_actuation(
         has_mass(robot),
         clamp=clamp,
     )
-    hooks.add(actuation)
+    hooks.add(actuation, damping)
     return actuation
 
 

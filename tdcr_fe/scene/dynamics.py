@@ -1,14 +1,45 @@
-"""Settings of `mbs.SolveDynamic` that suit a robot."""
+"""Motion of a robot in time: damping by its material, and settings of `mbs.SolveDynamic` that suit it."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
 
 import exudyn as exu
 import numpy as np
 
 from tdcr_fe.elements.backbone import BackboneMesh
+from tdcr_fe.elements.material_damping import MaterialDamping
+from tdcr_fe.elements.system import SystemReference
+from tdcr_fe.model.robot import Robot
 
 #: Round-off of the forces of an element, over its axial stiffness times the length of the backbone [1].
 ROUND_OFF = 200.0 * float(np.finfo(float).eps)
+
+
+def add_material_damping(
+    system: SystemReference, robot: Robot, mesh: BackboneMesh, nodes: Sequence[Any], name: str
+) -> MaterialDamping | None:
+    """Add the damping by the material of a backbone; None where the backbone has none.
+
+    Parameters
+    ----------
+    system
+        The system.
+    robot, mesh
+        Description and mesh.
+    nodes
+        Exudyn's numbers of the backbone nodes.
+    name
+        Of the robot.
+    """
+    if not robot.backbone.retardation_time > 0.0:
+        return None
+    retardation = np.full(len(mesh.lengths), robot.backbone.retardation_time)
+    if robot.base_stiffness is not None:
+        # The first element stands for the base that gives way, which is not of the material of the backbone.
+        retardation[0] = 0.0
+    return MaterialDamping(system, f"{name}.damping", nodes, retardation)
 
 
 def recommended_settings(mesh: BackboneMesh, end_time: float, step_size: float) -> exu.SimulationSettings:

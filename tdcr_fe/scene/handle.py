@@ -14,6 +14,7 @@ from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
 from tdcr_fe.elements.friction import hole_states
 from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.elements.material_damping import MaterialDamping
 from tdcr_fe.elements.tension_field import TensionField
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Model
@@ -66,6 +67,8 @@ class TDCR:
         Which elements are rigid inserts.
     actuation : TendonActuation
         Tendons, friction and section forces.
+    damping : MaterialDamping or None
+        By the material of the backbone; its ``item`` is the object that applies it.
     """
 
     mbs: exu.MainSystem
@@ -86,6 +89,7 @@ class TDCR:
     loads: dict[str, PointLoad] = field(default_factory=dict)
     sensors: dict[str, Any] = field(default_factory=dict)
     rigid: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    damping: MaterialDamping | None = None
     _compliance: float = 1.0
 
     @property

@@ -1,0 +1,169 @@
+"""Damping by the material of the backbone (Kelvin-Voigt, ``retardation_time``) in Exudyn's own solvers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import exudyn as exu
+import numpy as np
+import pytest
+from native_solvers import dynamic_settings, static_settings
+from robots import BACKBONE, LENGTH, Robot, distance, scene, three
+from run_files import write_robot
+from scipy.optimize import curve_fit
+
+from tdcr_fe.cli import main
+from tdcr_fe.elements.poses import euler_rate_matrix
+from tdcr_fe.io.toml import read_robot
+from tdcr_fe.model.robot import Disks
+from tdcr_fe.native import register
+from tdcr_fe.solve.statics import SolveTDCR
+
+register()
+
+
+def viscous(robot: Robot, time: float, **rest) -> Robot:
+    """The robot with a retardation time [s]."""
+    return replace(robot, backbone=replace(robot.backbone, retardation_time=time, **rest))
+
+
+def rod(time: float) -> Robot:
+    """A backbone with five disks that have no mass, and no tendon."""
+    return viscous(Robot(BACKBONE, Disks.equally_spaced(5, LENGTH, radius=1e-3), (), name="rod"), time)
+
+
+# ---------------------------------------------------------------- closed form
+
+
+@pytest.mark.parametrize(
+    ("mode", "root", "elements"), [(1, 1.8751041, 2), (2, 4.6940911, 4), (3, 7.8547574, 8)]
+)
+def test_bending_modes_decay_as_those_of_a_viscoelastic_cantilever(mode, root, elements):
+    """A mode of angular frequency ``w`` falls as ``exp(-tau w^2 t / 2)`` and swings at ``w sqrt(1 - (tau w / 2)^2)``.
+
+    ``w = root^2 sqrt(EI / m) / L^2``; W. Weaver, S. P. Timoshenko, D. H. Young, Vibration Problems in Engineering,
+    sec. 5.11; damping proportional to the stiffness leaves the modes as they are (sec. 4.7). Within 0.5 % here.
+    e3bbe5d cannot damp: Exudyn ignores the damping matrix of these beams' sections.
+    """
+    w = root**2 * np.sqrt(BACKBONE.EI / BACKBONE.mass_per_length) / LENGTH**2
+    tau = 0.1 / w  # 5 % of critical damping
+    _keep, mbs, handle = scene(rod(tau), assemble=False, elements_per_bay=elements)
+    sensor = handle.add_sensors()["tip_position"]
+    mbs.Assemble()
+    shape = mbs.TDCREigenvalues(numberOfEigenvalues=2 * mode).shapes[:, 2 * mode - 1]
+    mbs.systemData.SetODE2Coordinates((1e-4 * LENGTH * shape).tolist(), exu.ConfigurationType.Initial)
+    period = 2.0 * np.pi / w
+    settings = dynamic_settings(3.0 * period, period / 100)
+    settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
+    settings.timeIntegration.newton.relativeTolerance = 1e-8
+    settings.solution.sensors.writePeriod = period / 100
+    assert mbs.SolveDynamic(settings)
+    data = mbs.GetSensorStoredData(sensor)
+    x = data[:, 1:3] @ shape[handle.actuation.coordinates[-1, :2]]
+
+    def decaying(t, amplitude, decay, frequency, phase):
+        return amplitude * np.exp(-decay * t) * np.cos(frequency * t + phase)
+
+    damped_frequency = w * np.sqrt(1.0 - (tau * w / 2.0) ** 2)
+    start = [np.abs(x).max(), tau * w**2 / 2.0, damped_frequency, 0.0]
+    (_, decay, frequency, _), _ = curve_fit(decaying, data[:, 0], x, start)
+    assert decay == pytest.approx(tau * w**2 / 2.0, rel=1e-2)
+    assert frequency == pytest.approx(damped_frequency, rel=3e-3)
+
+
+def test_a_rigid_motion_of_a_bent_robot_is_not_damped():
+    """Translation and rotation of the whole robot: the rates of the strains vanish, and so do the forces."""
+    _keep, mbs, handle = scene(viscous(three(0.0), 1e-2))
+    handle.set_tensions([1.5, 0.2, 0.0])
+    SolveTDCR(mbs)
+    damping, q = handle.damping, np.array(mbs.systemData.GetODE2Coordinates())
+    positions, rotations, parameters = handle.actuation.scene_poses()
+    spin, speed = np.array([3.0, -2.0, 5.0]), np.array([0.3, 0.1, -0.2])
+    own_spin = (rotations.swapaxes(1, 2) @ spin[:, None])[:, :, 0]
+    velocity = np.zeros((len(positions), 7))
+    velocity[:, :3] = speed + np.cross(spin, positions)
+    velocity[:, 3:] = (euler_rate_matrix(parameters) @ own_spin[:, :, None])[:, :, 0]
+    assert np.abs(damping.motion(q, velocity.ravel()).rates).max() < 1e-13
+    bending = velocity.copy()
+    bending[:-1] = 0.0
+    stiffness = handle.mesh.twist_stiffness
+    assert damping.power(stiffness, q, bending.ravel()) > 1.0
+    assert damping.power(stiffness, q, velocity.ravel()) < 1e-12
+
+
+# ---------------------------------------------------------------- tangent
+
+
+@pytest.mark.parametrize(("by_position", "by_velocity"), [(1.0, 0.0), (0.0, 1.0), (1.0, 2000.0)])
+def test_the_jacobian_is_the_derivative_of_the_forces(by_position, by_velocity):
+    """Of a bent, precurved backbone in fast motion; by changes that keep the Euler parameters normalised."""
+    _keep, mbs, handle = scene(viscous(three(0.3), 5e-3, precurvature=(1.0, 2.0)))
+    handle.set_tensions([2.0, 0.3, 0.1])
+    SolveTDCR(mbs)
+    damping, stiffness = handle.damping, handle.mesh.twist_stiffness
+    q = np.array(mbs.systemData.GetODE2Coordinates())
+    _, rotations, parameters = handle.actuation.scene_poses()
+    reference = (np.column_stack((handle.shape()[0], parameters)) - q.reshape(-1, 7)).ravel()
+    rng, n = np.random.default_rng(0), len(parameters)
+
+    def coordinates(increments):
+        """Rates of the coordinates from twists of the nodes."""
+        found = np.zeros((n, 7))
+        found[:, :3] = (rotations @ increments[:, :3, None])[:, :, 0]
+        found[:, 3:] = (euler_rate_matrix(parameters) @ increments[:, 3:, None])[:, :, 0]
+        return found.ravel()
+
+    def moved(by):
+        total = (q + reference + by).reshape(-1, 7)
+        total[:, 3:] /= np.linalg.norm(total[:, 3:], axis=1)[:, None]
+        return total.ravel() - reference
+
+    velocity = coordinates(rng.normal(size=(n, 6)) * [2, 2, 2, 20, 20, 20])
+    to_nodes = np.array([coordinates(unit.reshape(n, 6)) for unit in np.eye(6 * n)])
+    found = damping.jacobian(stiffness, q, velocity, by_position, by_velocity).Convert2DenseMatrix()
+    for _ in range(3):
+        by, step = coordinates(rng.normal(size=(n, 6))), 1e-6
+        plus, minus = (
+            by_position * damping.forces(stiffness, moved(s * by), velocity)
+            + by_velocity * damping.forces(stiffness, q, velocity + s * by)
+            for s in (step, -step)
+        )
+        expected = -(plus - minus) / (2.0 * step)
+        error = to_nodes @ (np.array(found) @ by - expected)
+        assert np.abs(error).max() < 1e-8 * np.abs(to_nodes @ expected).max()
+
+
+# ---------------------------------------------------------------- statics
+
+
+def test_statics_do_not_change():
+    """`SolveTDCR` and `mbs.SolveStatic` with friction, with and without damping by the material."""
+    tips = []
+    for time in (0.0, 0.1):
+        _keep, mbs, handle = scene(viscous(three(0.3), time))
+        handle.set_tensions([1.5, 0.3, 0.0])
+        SolveTDCR(mbs)
+        solved = handle.tip_position
+        handle.set_inputs_over_time(lambda t: [1.5 - 0.1 * t, 0.3, 0.0])
+        assert mbs.SolveStatic(static_settings(3))
+        tips.append([solved, handle.tip_position])
+    assert distance(tips[0][0], tips[1][0]) < 1e-12
+    assert distance(tips[0][1], tips[1][1]) < 1e-12
+    assert distance(tips[0][0], tips[0][1]) > 1e-5
+
+
+def test_a_run_takes_the_key_and_does_not_change(tmp_path, capsys):
+    """`tdcr-fe run` is quasi-static: the same tables, byte by byte. A negative time is refused by its key."""
+    path = write_robot(tmp_path, "straight", "per-hole", end_of_all=True)
+    plain = (tmp_path / "robot.toml").read_text()
+    tables = []
+    for line in ("", "retardation_time = 2e-3\n"):
+        (tmp_path / "robot.toml").write_text(plain.replace("[disks]", line + "[disks]"))
+        assert main(["run", str(path), "-o", str(tmp_path / "out"), "--no-pictures", "-q"]) == 0
+        tables.append((tmp_path / "out" / "shape.csv").read_bytes())
+    assert tables[0] == tables[1]
+    assert read_robot(tmp_path / "robot.toml").backbone.retardation_time == 2e-3
+    (tmp_path / "robot.toml").write_text(plain.replace("[disks]", "retardation_time = -1.0\n[disks]"))
+    assert main(["run", str(path), "-o", str(tmp_path / "none")]) == 2
+    assert "backbone.retardation_time" in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
