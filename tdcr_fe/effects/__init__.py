@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from tdcr_fe.effects.actuation import ActuatorBacklash, ActuatorGain, ActuatorLoss
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Observation, Parameter
+from tdcr_fe.effects.holes import FrictionCoefficient, HoleAdhesion, HoleClearance, RoutingTwist
 from tdcr_fe.effects.loads import Gravity, TipPayload
 from tdcr_fe.effects.material import (
     BaseCompliance,
@@ -17,14 +18,7 @@ from tdcr_fe.effects.material import (
 )
 from tdcr_fe.effects.observation import FrameMisalignment, MarkerOffset
 from tdcr_fe.effects.places import EffectAtPlace, Kink, PlaceEffect, SoftBay, SpringToGround, StuckHole
-from tdcr_fe.effects.tendons import (
-    FrictionCoefficient,
-    HoleAdhesion,
-    HoleClearance,
-    Pretension,
-    RoutingTwist,
-    TendonStretch,
-)
+from tdcr_fe.effects.tendons import Pretension, TendonStretch
 from tdcr_fe.effects.timing import TimeLag
 from tdcr_fe.model.arguments import check_instance
 
@@ -94,7 +88,7 @@ def with_effects(
         effect(name, catalogue)
     for e in catalogue:
         if e.name in effects:
-            e.check(effects[e.name], experiment.robot)
+            e.check(effects[e.name], experiment)
             experiment = e.apply(experiment, {**e.null_values(experiment), **effects[e.name]})
     return experiment
 

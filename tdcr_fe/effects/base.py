@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from tdcr_fe.model.channels import ObservedStep
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.robot import Robot
 
@@ -19,7 +22,7 @@ Values = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Observation:
-    """Map from the robot's pose to the measured position: ``measured = Exp(rotation) (p + R offset)``.
+    """Map from the robot's pose to the measured position: ``measured = shift + Exp(rotation) (p + R offset)``.
 
     Attributes
     ----------
@@ -28,10 +31,58 @@ class Observation:
         z axis, are turned as well.
     offset : (float, float)
         Markers off the backbone, along x and y of their sections [m].
+    along : float
+        Markers before or beyond the arc length that they are assigned to, along the tangent of that section [m].
+    shift : (float, float, float)
+        The base in the measuring frame [m].
+    markers : tuple of float
+        Arc lengths that markers are assigned to, ascending [m]; empty where they are not known.
+    single : tuple of ((float, float, float), ...)
+        For each of ``markers``, what its offset differs by from that of all [m]; empty where they are alike.
     """
 
     rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
     offset: tuple[float, float] = (0.0, 0.0)
+    along: float = 0.0
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    markers: tuple[float, ...] = ()
+    single: tuple[tuple[float, float, float], ...] = ()
+
+    @cached_property
+    def frame(self) -> Array:
+        """Rotation from the base to the measuring frame, shape (3, 3)."""
+        return np.asarray(Rotation.from_rotvec(np.array(self.rotation)).as_matrix())
+
+    def seen(self, positions: Array) -> Array:
+        """Points of the base's frame as the instrument shows them [m], shape (..., 3)."""
+        return np.asarray(positions @ self.frame.T + np.array(self.shift))
+
+    def in_base(self, measured: Array) -> Array:
+        """Measured points in the base's frame [m], shape (..., 3): the inverse of `seen`."""
+        return np.asarray((measured - np.array(self.shift)) @ self.frame)
+
+    def step(
+        self,
+        s: Array,
+        positions: Array,
+        rotations: Array,
+        displacements: Array,
+        distal_tensions: Array,
+        tendon_names: tuple[str, ...],
+    ) -> ObservedStep:
+        """A solved step as it is observed; the arguments are fields of `ObservedStep`."""
+        return ObservedStep(
+            s,
+            positions,
+            rotations,
+            displacements,
+            distal_tensions,
+            tendon_names,
+            self.frame,
+            np.array([*self.offset, self.along]),
+            np.array(self.shift),
+            tuple((at, np.array(x)) for at, x in zip(self.markers, self.single, strict=False)),
+        )
 
 
 @dataclass(frozen=True)
@@ -189,7 +240,7 @@ class Effect:
         """Name in the list of effects; another than `name` where this is a form of a listed one."""
         return self.name
 
-    def forms(self, robot: Robot) -> tuple[Effect, ...]:
+    def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """What a search tries along a whole robot: the effect itself, or with other numbers of parameters."""
         return (self,)
 
@@ -197,8 +248,8 @@ class Effect:
         """Values at which it changes nothing in ``experiment``."""
         return {p.name: p.null_value for p in self.parameters}
 
-    def parameters_of(self, robot: Robot) -> tuple[Parameter, ...]:
-        """All parameters that may be given for a robot, such as one for each tendon."""
+    def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
+        """All parameters that may be given for an experiment, such as one for each tendon."""
         return self.parameters
 
     def null_value(self, experiment: Experiment, name: str) -> float:
@@ -237,14 +288,14 @@ class Effect:
         null = self.null_values(experiment)
         return [[{**null, p.name: null[p.name] + p.scale} for p in self.parameters]]
 
-    def check(self, values: Values, robot: Robot | None = None) -> None:
-        """Refuse unknown, missing and impossible values; with a robot, those of its tendons are known as well.
+    def check(self, values: Values, experiment: Experiment | None = None) -> None:
+        """Refuse unknown and impossible values; with an experiment, those of its tendons and markers are known.
 
         Raises
         ------
         ValueError
         """
-        known = {p.name: p for p in (self.parameters if robot is None else self.parameters_of(robot))}
+        known = {p.name: p for p in (self.parameters_of(experiment) if experiment else self.parameters)}
         unknown = sorted(set(values) - set(known))
         if unknown:
             raise ValueError(f"effect {self.name}: no parameter {unknown[0]!r}; it has {', '.join(known)}")
@@ -254,6 +305,46 @@ class Effect:
                 raise ValueError(
                     f"effect {self.name}: {name} = {value:g}; must be from {p.lower:g} to {p.upper:g} {p.unit}"
                 )
+
+
+class Form(Effect):
+    """A listed effect with other parameters: some of `Effect.parameters_of`.
+
+    Parameters
+    ----------
+    of
+        The listed effect.
+    kind
+        Behind its name, in brackets.
+    names
+        Of the parameters.
+    experiment
+        Whose tendons or markers they belong to.
+    """
+
+    def __init__(self, of: Effect, kind: str, names: Sequence[str], experiment: Experiment) -> None:
+        self.of, self.name = of, f"{of.name} ({kind})"
+        self.description, self.separating_experiment, self.after = (
+            of.description,
+            of.separating_experiment,
+            of.after,
+        )
+        self.exact_derivatives = of.exact_derivatives
+        known = {p.name: p for p in of.parameters_of(experiment)}
+        self.parameters = tuple(known[n] for n in names)
+
+    @property
+    def listed(self) -> str:
+        """See `Effect.listed`."""
+        return self.of.name
+
+    def null_values(self, experiment: Experiment) -> dict[str, float]:
+        """Those of the listed effect."""
+        return {p.name: self.of.null_value(experiment, p.name) for p in self.parameters}
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """That of the listed effect."""
+        return self.of.apply(experiment, values)
 
 
 def with_friction(experiment: Experiment) -> Experiment:

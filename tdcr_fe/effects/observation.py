@@ -1,4 +1,4 @@
-"""Effects of the measurement: a turned measuring frame, markers beside the backbone."""
+"""Effects of the measurement: a turned or moved measuring frame, markers beside the backbone or beyond its end."""
 
 from __future__ import annotations
 
@@ -7,26 +7,54 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.effects.base import Effect, Experiment, Parameter, Values
+from tdcr_fe.effects.base import Effect, Experiment, Form, Parameter, Values
+
+AXES = "xyz"
 
 
 class FrameMisalignment(Effect):
-    """The measuring frame is rotated against the base."""
+    """The measuring frame is rotated against the base, and its origin may be elsewhere."""
 
     name = "frame_misalignment"
-    description = "The camera or tracker is rotated against the base plate, and so is every position."
+    description = (
+        "The camera or tracker is rotated against the base plate, or its origin is elsewhere, "
+        "and so is every position."
+    )
     separating_experiment = "measure three points of the base plate itself"
     parameters = tuple(
         Parameter(f"rot_{axis}", "rad", -0.6, 0.6, 0.0, 5e-3, f"rotation vector, component {axis}")
-        for axis in "xyz"
+        for axis in AXES
+    )
+    _shift = tuple(
+        Parameter(f"shift_{axis}", "m", -10.0, 10.0, 0.0, 2e-4, f"{axis} of the base in the measuring frame")
+        for axis in AXES
     )
 
+    def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
+        """Rotated, rotated and moved, or moved only."""
+        turned, moved = [p.name for p in self.parameters], [p.name for p in self._shift]
+        return (
+            self,
+            Form(self, "rotated and moved", [*turned, *moved], experiment),
+            Form(self, "moved", moved, experiment),
+        )
+
+    def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
+        """Of the rotation and of the shift."""
+        return (*self.parameters, *self._shift)
+
+    def null_value(self, experiment: Experiment, name: str) -> float:
+        """Zero."""
+        return 0.0
+
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`; rotations add up as rotations."""
-        own = Rotation.from_rotvec([values["rot_x"], values["rot_y"], values["rot_z"]])
-        both = (own * Rotation.from_rotvec(np.array(experiment.observation.rotation))).as_rotvec()
-        turned = (float(both[0]), float(both[1]), float(both[2]))
-        return replace(experiment, observation=replace(experiment.observation, rotation=turned))
+        """See `Effect.apply`; the frame that is there already is moved by the further one."""
+        before = experiment.observation
+        turn = Rotation.from_rotvec([values.get(p.name, 0.0) for p in self.parameters])
+        both = (turn * Rotation.from_rotvec(np.array(before.rotation))).as_rotvec()
+        shift = turn.apply(np.array(before.shift)) + [values.get(p.name, 0.0) for p in self._shift]
+        observation = replace(before, rotation=_triple(both), shift=_triple(shift))
+        return replace(experiment, observation=observation)
 
 
 class MarkerOffset(Effect):
@@ -34,16 +62,62 @@ class MarkerOffset(Effect):
 
     name = "marker_offset"
     description = (
-        "Markers are glued to the side of the disks, so that what is measured is not the backbone's axis."
+        "Markers are glued to the side of the disks or stand out beyond the tip, so that what is measured is not the "
+        "backbone's axis where it is assumed."
     )
     separating_experiment = "measure two markers on opposite sides of one disk"
     parameters = tuple(
         Parameter(f"offset_{axis}", "m", -0.05, 0.05, 0.0, 2e-4, f"along the section's {axis} axis")
-        for axis in "xy"
+        for axis in AXES[:2]
+    )
+    _along = Parameter(
+        "offset_z", "m", -0.05, 0.05, 0.0, 2e-4, "along the tangent, positive towards and beyond the tip"
     )
 
+    def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
+        """Beside the backbone; along it, too; or with an offset of its own for each of several markers."""
+        common = [p.name for p in (*self.parameters, self._along)]
+        found: tuple[Effect, ...] = (self, Form(self, "along the tangent, too", common, experiment))
+        if len(experiment.observation.markers) > 1:
+            own = [p.name for p in self._single(experiment)]
+            found = (*found, Form(self, "each", own, experiment))
+        return found
+
+    def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
+        """Of all markers together, and of each: they are counted from the base."""
+        return (*self.parameters, self._along, *self._single(experiment))
+
+    def _single(self, experiment: Experiment) -> tuple[Parameter, ...]:
+        return tuple(
+            replace(p, name=f"{p.name}_marker_{k}", meaning=f"{p.meaning}, marker at {s:.6g} m")
+            for k, s in enumerate(experiment.observation.markers, 1)
+            for p in (*self.parameters, self._along)
+        )
+
+    def null_value(self, experiment: Experiment, name: str) -> float:
+        """Zero."""
+        return 0.0
+
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`."""
-        x, y = experiment.observation.offset
-        moved = (x + values["offset_x"], y + values["offset_y"])
-        return replace(experiment, observation=replace(experiment.observation, offset=moved))
+        """See `Effect.apply`; offsets come on top of those that are there."""
+        before = experiment.observation
+        x, y = before.offset
+        single = before.single
+        numbers = range(1, len(before.markers) + 1)
+        if any(values.get(f"offset_{a}_marker_{k}", 0.0) != 0.0 for k in numbers for a in AXES):
+            known = single or ((0.0, 0.0, 0.0),) * len(before.markers)
+            single = tuple(
+                _triple(np.array(own) + [values.get(f"offset_{a}_marker_{k}", 0.0) for a in AXES])
+                for k, own in zip(numbers, known, strict=True)
+            )
+        observation = replace(
+            before,
+            offset=(x + values.get("offset_x", 0.0), y + values.get("offset_y", 0.0)),
+            along=before.along + values.get("offset_z", 0.0),
+            single=single,
+        )
+        return replace(experiment, observation=observation)
+
+
+def _triple(values: np.ndarray) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.identify.ceiling import held_out_ceiling
@@ -160,9 +159,8 @@ def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Sh
     backbones = []
     for fit in (base, best):
         observation = problem.with_effects(fit.effects, fit.values).observation
-        frame = Rotation.from_rotvec(np.array(observation.rotation)).as_matrix()
         seen = np.full((len(data.steps), *fit.run.positions.shape[1:]), np.nan)
-        seen[: len(fit.run.positions)] = fit.run.positions @ frame.T
+        seen[: len(fit.run.positions)] = observation.seen(fit.run.positions)
         backbones.append(seen)
     return Shapes(
         step_ids=data.step_ids,

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.problem import FitProblem
 from tdcr_fe.identify.run import INTERRUPTED, SMALLEST_ON_REFERENCE, Ends, Run, last_parts, run_settings
-from tdcr_fe.model.channels import ObservedChange, ObservedStep, channel
+from tdcr_fe.model.channels import ObservedChange, channel
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Load, LoadStep, resolve
 from tdcr_fe.model.results import SequenceResult
@@ -324,8 +324,6 @@ def action_response(
     for p, x in enumerate(found):
         for i, along in enumerate(x.tensions):
             distal[:, i, p] = along[:, -1]
-    frame = Rotation.from_rotvec(np.array(experiment.observation.rotation)).as_matrix()
-    offset = np.array([*experiment.observation.offset, 0.0])
     reader, data = problem.readings.reader, problem.data
     by_step: list[tuple[NDArray[np.int_], Array]] = []
     state = np.zeros((run.run.solved, COMPONENTS * bays, COMPONENTS * bays))
@@ -338,8 +336,10 @@ def action_response(
             distal[j] @ turn,
             np.zeros((run.run.s.size, turn.shape[-1])),
         )
-        seen = ObservedStep(run.run.s, run.run.positions[k], run.run.rotations[k], run.run.displacements[k],
-                            run.run.distal_tensions[k], tuple(data.robot.tendon_names), frame, offset)  # fmt: skip
+        seen = experiment.observation.step(
+            run.run.s, run.run.positions[k], run.run.rotations[k], run.run.displacements[k],
+            run.run.distal_tensions[k], tuple(data.robot.tendon_names),
+        )  # fmt: skip
         mine = np.flatnonzero(reader.step == k)
         rows = np.zeros((mine.size, COMPONENTS * bays))
         for quantity in dict.fromkeys(data.readings[i].quantity for i in mine):

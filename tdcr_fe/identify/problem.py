@@ -135,7 +135,11 @@ class FitProblem:
             sigma=sigma,
             held_out=held_out,
             experiment=Experiment(
-                data.robot, replace(data.model, elements_per_bay=1), data.steps, restarts=data.restarts
+                data.robot,
+                replace(data.model, elements_per_bay=1),
+                data.steps,
+                data.observation,
+                restarts=data.restarts,
             ),
             path_tolerance=path_tolerance,
             robust_threshold=ROBUST,

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.run import Run
@@ -87,15 +86,11 @@ class Reader:
 
     def _observer(self, run: Run, experiment: Experiment) -> Callable[[int], ObservedStep]:
         """What is observed of a run's steps."""
-        frame = Rotation.from_rotvec(np.array(experiment.observation.rotation)).as_matrix()
-        offset = np.array([*experiment.observation.offset, 0.0])
-        return lambda k: ObservedStep(
+        return lambda k: experiment.observation.step(
             run.s,
             run.positions[k],
             run.rotations[k],
             run.displacements[k],
             run.distal_tensions[k],
             self.tendon_names,
-            frame,
-            offset,
         )

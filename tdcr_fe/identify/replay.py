@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from tdcr_fe.identify.outcome import IdentificationResult
 from tdcr_fe.identify.run import solve_commanded_steps
@@ -50,13 +49,15 @@ def replay(result: IdentificationResult) -> SequenceResult:
 def markers(result: IdentificationResult, steps: int) -> Markers:
     """Measured markers and the declared model's backbone of the first steps, turned into the robot's frame.
 
-    An identified misalignment of the measuring frame turns what was measured, not the robot.
+    An identified misalignment of the measuring frame moves what was measured, not the robot.
     """
     shapes = result.shapes
-    frame = Rotation.from_rotvec(np.array(result.corrected.observation.rotation)).as_matrix()
+    observation = result.corrected.observation
     points = spread(shapes.backbone_before.shape[1], DECLARED_POINTS)
     return Markers(
-        shapes.arc_lengths, shapes.measured[:steps] @ frame, shapes.backbone_before[:steps, points] @ frame
+        shapes.arc_lengths,
+        observation.in_base(shapes.measured[:steps]),
+        observation.in_base(shapes.backbone_before[:steps, points]),
     )
 
 

@@ -272,7 +272,7 @@ def with_intermediate_models(state: SearchState) -> SearchState:
 def _propose(
     search: Search, state: SearchState, number: int, level: Sequence[Fit], progress: float
 ) -> tuple[SearchState, list[tuple[Fit, Score]]]:
-    """The best candidates beside each model, by the predicted fall of the misfit to first order."""
+    """The best candidates beside each model, by the predicted BIC to first order."""
     proposals: list[tuple[float, Fit, Score]] = []
     for fit in level:
         beside = _list(fit.names) or "the declared model"
@@ -284,7 +284,8 @@ def _propose(
             threshold = chi_square_threshold(score.count, search.significance) * max(1.0, noise * 0.02)
             if score.drop > threshold:
                 if identifiable(state.problem, fit, score):
-                    proposals.append((fit.cost - score.drop, fit, score))
+                    expected = fit.cost - score.drop + score.count * math.log(state.problem.count)
+                    proposals.append((expected, fit, score))
                 else:
                     note = "more parameters than these readings determine"
             entry = Candidate(number, fit.names, score.effect.name, score.drop / noise, note=note)
@@ -292,7 +293,8 @@ def _propose(
     chosen: dict[Names, tuple[Fit, Score]] = {}
     for _, fit, score in sorted(proposals, key=lambda p: p[0]):
         if len(chosen) < search.settings.candidates:
-            chosen.setdefault(_names(fit, score), (fit, score))
+            # Of the forms of one effect that with the best criterion, which counts their parameters.
+            chosen.setdefault(frozenset({*fit.names, score.effect.listed}), (fit, score))
     return state, list(chosen.values())
 
 
@@ -551,7 +553,7 @@ def _scores(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]
         others = [
             form
             for e in state.problem.catalogue
-            for form in e.forms(state.problem.data.robot)
+            for form in e.forms(state.problem.experiment)
             if form.listed not in {x.listed for x in fit.effects} and form.name not in state.refused
         ]
         scores = screen(state.problem, fit, others)

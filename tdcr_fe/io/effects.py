@@ -46,13 +46,14 @@ def read_effects(
             report(f"effects.{name}", str(values), f"unknown effect{hint}; there are {', '.join(known)}")
             continue
         e = effect(name, catalogue)
-        allowed = ", ".join(f"{p.name} [{p.unit}]" for p in e.parameters_of(robot))
+        known_parameters = e.parameters_of(experiment)
+        allowed = ", ".join(f"{p.name} [{p.unit}]" for p in known_parameters)
         if not isinstance(values, dict):
             report(f"effects.{name}", str(values), f"must be a table with {allowed}")
             continue
         numbers: dict[str, float] = {}
         for key, value in values.items():
-            p = next((p for p in e.parameters_of(robot) if p.name == key), None)
+            p = next((p for p in known_parameters if p.name == key), None)
             if p is None:
                 report(f"effects.{name}.{key}", str(value), f"unknown parameter; there are {allowed}")
             elif (

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from tdcr_fe.effects import Observation
 from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.loading_table import loading_table, read_loading
 from tdcr_fe.io.problems import InputError, Problem
@@ -79,6 +80,12 @@ class MeasuredData:
     def restarts(self) -> tuple[int, ...]:
         """Positions of the steps at which the robot begins anew, unloaded."""
         return tuple(itertools.accumulate(count for _, count in self.parts[:-1]))
+
+    @property
+    def observation(self) -> Observation:
+        """Straight on, with markers where positions were read."""
+        at = {float(r.location or 0.0) for r in self.readings if r.channel.family == "position"}
+        return Observation(markers=tuple(sorted(at)))
 
     @property
     def driven_by_displacement(self) -> bool:

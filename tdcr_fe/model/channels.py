@@ -75,9 +75,13 @@ class ObservedStep:
         Pulled in at the base [m]; at the anchor [N].
     tendon_names : tuple of str
     frame : ndarray, shape (3, 3)
-        Rotation of what is measured against the world: measured = frame (p + R offset).
+        Rotation of what is measured against the world: measured = shift + frame (p + R offset).
     offset : ndarray, shape (3,)
         Markers off the backbone, in their sections [m].
+    shift : ndarray, shape (3,)
+        The base in the measuring frame [m].
+    single : tuple of (float, ndarray)
+        Arc length [m] of a marker, and what its offset differs by from the others' [m], shape (3,).
     """
 
     s: Array
@@ -88,6 +92,8 @@ class ObservedStep:
     tendon_names: tuple[str, ...]
     frame: Array = field(default_factory=lambda: np.eye(3))
     offset: Array = field(default_factory=lambda: np.zeros(3))
+    shift: Array = field(default_factory=lambda: np.zeros(3))
+    single: tuple[tuple[float, Array], ...] = ()
 
     @classmethod
     def of(
@@ -106,8 +112,20 @@ class ObservedStep:
             np.array([t[-1] for t in step.tensions], dtype=float),
             tendon_names,
             Rotation.from_rotvec(np.array(rotation, dtype=float)).as_matrix(),
-            np.array([*offset, 0.0]),
+            np.array([*offset, *(0.0,) * (3 - len(offset))]),
         )
+
+    def offsets(self, s: Array) -> Array:
+        """Offsets of markers at arc lengths from the backbone, in their sections [m], shape (n_markers, 3)."""
+        found = np.tile(self.offset, (len(s), 1))
+        for at, own in self.single:
+            found[np.abs(s - at) < AT_NODE] += own
+        return found
+
+    def levers(self, s: Array) -> Array:
+        """The same in the world [m], shape (n_markers, 3)."""
+        nodes = np.argmin(np.abs(s[:, None] - self.s), axis=1)
+        return np.asarray(np.einsum("nij,nj->ni", self.rotations[nodes], self.offsets(s)))
 
     def markers(self, s: Array) -> Array:
         """Measured positions of markers at arc lengths [m], shape (n_markers, 3)."""
@@ -116,7 +134,7 @@ class ObservedStep:
             at = self.positions[nodes]
         else:
             at = interpolate_positions(self.s, self.positions, self.rotations, s)
-        return np.asarray((at + self.rotations[nodes] @ self.offset) @ self.frame.T)
+        return np.asarray((at + self.levers(s)) @ self.frame.T + self.shift)
 
     def marker_changes(self, change: ObservedChange, s: Array) -> Array:
         """Derivatives of `markers`, shape (n_markers, 3, P)."""
@@ -125,7 +143,7 @@ class ObservedStep:
             moved = change.positions[nodes]
         else:
             moved = self._between_nodes(change, s)
-        turned = np.cross(change.rotations[nodes], (self.rotations[nodes] @ self.offset)[..., None], axis=1)
+        turned = np.cross(change.rotations[nodes], self.levers(s)[..., None], axis=1)
         return np.asarray(self.frame @ (moved + turned))
 
     def _between_nodes(self, change: ObservedChange, s: Array) -> Array:
@@ -152,7 +170,7 @@ class ObservedStep:
 
     def tip_change(self, change: ObservedChange) -> Array:
         """Derivatives of `tip`, shape (3, P)."""
-        turned = np.cross(change.rotations[-1], (self.rotations[-1] @ self.offset)[:, None], axis=0)
+        turned = np.cross(change.rotations[-1], self.levers(self.s[-1:])[0][:, None], axis=0)
         return np.asarray(self.frame @ (change.positions[-1] + turned))
 
     def tangent_change(self, change: ObservedChange) -> Array:
@@ -162,7 +180,8 @@ class ObservedStep:
     @property
     def tip(self) -> Array:
         """Measured position of the tip [m], shape (3,)."""
-        return np.asarray(self.frame @ (self.positions[-1] + self.rotations[-1] @ self.offset))
+        lever = self.levers(self.s[-1:])[0]
+        return np.asarray(self.frame @ (self.positions[-1] + lever) + self.shift)
 
     @property
     def tangent(self) -> Array:

@@ -134,7 +134,7 @@ def effect_parameter(
     from tdcr_fe.effects import with_effects
 
     chosen = effect(name)
-    known = {p.name: p for p in chosen.parameters_of(experiment.robot)}
+    known = {p.name: p for p in chosen.parameters_of(experiment)}
     if parameter not in known:
         raise ValueError(f"effect {name}: no parameter {parameter!r}; it has {', '.join(known)}")
     if name in ("frame_misalignment", "marker_offset"):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, tendon
 
-from tdcr_fe.effects import EFFECTS, PlaceEffect, effect
+from tdcr_fe.effects import EFFECTS, Effect, PlaceEffect, effect
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import FitProblem, evaluate
@@ -72,10 +72,51 @@ TOGETHER = [
     ("displacement", {"actuator_backlash": {"backlash": 2e-4}, "actuator_gain": {"gain": 1.03}}),
     ("displacement", {"tendon_stretch": {"axial_stiffness": 500.0}, "gravity": {"g_x": 3.0}}),
     ("displacement", {"pretension": {"tension": 0.3}}),
+    (
+        "displacement",
+        {
+            "tendon_stretch (each)": {"axial_stiffness_t1": 400.0, "axial_stiffness_t2": 700.0},
+            "pretension (each)": {"tension_t1": 0.3, "tension_t2": 0.5},
+            "friction_coefficient (each)": {"mu_t1": 0.3, "mu_t2": 0.1},
+        },
+    ),
+    (
+        "tension",
+        {
+            "frame_misalignment (rotated and moved)": {
+                "rot_x": 0.05,
+                "rot_y": -0.1,
+                "rot_z": 0.2,
+                "shift_x": 2e-3,
+                "shift_y": -1e-3,
+                "shift_z": 3e-3,
+            },
+            "marker_offset (along the tangent, too)": {"offset_x": 1e-3, "offset_y": -2e-3, "offset_z": 4e-3},
+            "gravity": {"g_x": 3.0, "g_y": 1.0, "g_z": -9.0},
+        },
+    ),
+    (
+        "displacement",
+        {
+            "frame_misalignment (moved)": {"shift_x": 2e-3, "shift_y": -1e-3, "shift_z": 3e-3},
+            "marker_offset (each)": {
+                f"offset_{a}_marker_{k}": 1e-3 * k - 3e-3 * i for k in (1, 2) for i, a in enumerate("xyz")
+            },
+            "tendon_stretch": {"axial_stiffness": 500.0},
+        },
+    ),
     ("tension", {"base_compliance": {"stiffness": 0.05}, "gravity": {"g_y": 3.0}}),
     ("tension", {"time_lag": {"lag": 0.1}}),
     ("displacement", {"frame_misalignment": {"rot_x": 0.05, "rot_y": -0.1, "rot_z": 0.2}}),
 ]
+
+
+def known(about: FitProblem, name: str) -> Effect:
+    """A listed effect, or a form of one."""
+    if " (" not in name:
+        return effect(name)
+    forms = effect(name.split(" (")[0]).forms(about.experiment)
+    return next(f for f in forms if f.name == name)
 
 
 def problem(kind: str) -> FitProblem:
@@ -94,17 +135,17 @@ def problem(kind: str) -> FitProblem:
 
 def linear(about: FitProblem, values: dict, names: list[tuple[str, str]]) -> Linear:
     """Linearised at values, by some of their parameters."""
-    effects = tuple(effect(n) for n in values)
-    full = {n: {**effect(n).null_values(about.experiment), **v} for n, v in values.items()}
-    null = {e: effect(e).null_values(about.experiment) for e, _ in names}
-    columns = tuple(Column(effect(e), p, {**null, **full}[e], 1e-3) for e, p in names)
+    effects = tuple(known(about, n) for n in values)
+    full = {n: {**known(about, n).null_values(about.experiment), **v} for n, v in values.items()}
+    null = {e: known(about, e).null_values(about.experiment) for e, _ in names}
+    columns = tuple(Column(known(about, e), p, {**null, **full}[e], 1e-3) for e, p in names)
     return linearize(about, [Request(effects, full, columns)])[0]
 
 
 def difference(about: FitProblem, values: dict, name: tuple[str, str], run, h: float) -> np.ndarray:
     """Central difference of the predictions by a coordinate, along the substeps of a run."""
-    effects = tuple(effect(n) for n in values)
-    full = {n: {**effect(n).null_values(about.experiment), **v} for n, v in values.items()}
+    effects = tuple(known(about, n) for n in values)
+    full = {n: {**known(about, n).null_values(about.experiment), **v} for n, v in values.items()}
     (z,) = about.coordinates(effects, full, [name])
     points = [about.point(effects, full, [name], np.array([x])) for x in (z + h, z - h)]
     found = []
@@ -128,7 +169,7 @@ def test_derivatives_of_all_channels_are_those_of_whole_simulations(kind: str, v
     assert not found.differenced
     families = np.array([r.channel.family for r in about.data.readings])
     for name, column in zip(names, found.matrix.T, strict=True):
-        parameter = next(p for p in effect(name[0]).parameters if p.name == name[1])
+        parameter = next(p for p in known(about, name[0]).parameters if p.name == name[1])
         coordinate = parameter.coordinate(values[name[0]][name[1]])
         size = max(abs(coordinate), 0.1 * parameter.scale)
         errors = []
@@ -143,7 +184,14 @@ def test_derivatives_of_all_channels_are_those_of_whole_simulations(kind: str, v
 def test_every_effect_is_among_them() -> None:
     """A new effect needs an entry in TOGETHER."""
     along = {e.name for e in EFFECTS if not isinstance(e, PlaceEffect)}
-    assert along == {n for _, values in TOGETHER for n in values}
+    assert along == {n for _, values in TOGETHER for n in values if " (" not in n}
+
+
+def test_every_form_is_among_them() -> None:
+    """Forms by segment are those of each tendon, added up."""
+    about = problem("tension")
+    forms = {f.name for e in EFFECTS for f in e.forms(about.experiment) if f.name != e.name}
+    assert forms == {n for _, values in TOGETHER for n in values if " (" in n}
 
 
 def test_all_candidates_are_screened_in_one_run() -> None:
@@ -199,7 +247,7 @@ def test_derivatives_at_null_of_effects_at_places_are_those_of_whole_simulations
 @pytest.mark.parametrize(("load", "error"), [(0.05, 0.04), (1.0, 0.6)])
 def test_thin_disks_turn_every_bay_as_rigid_disks_do(load: float, error: float) -> None:
     """The stand-in on the mesh without inserts, against a difference of two runs, at small and at large bends."""
-    about, known = problem("tension"), effect("rigid_disks")
+    about, disks = problem("tension"), effect("rigid_disks")
     steps = tuple(
         LoadStep("", {n: load * t for n, t in s.tensions.items()}, substeps=3) for s in STEPS["tension"]
     )
@@ -207,7 +255,7 @@ def test_thin_disks_turn_every_bay_as_rigid_disks_do(load: float, error: float) 
     about = replace(about, experiment=at)
     found = linear(about, {}, [("rigid_disks", "thickness")])
     assert found.differenced == {0: "the mesh has other nodes there"}
-    column = Column(known.near_null(at), "thickness", known.null_values(at), 1e-3)
+    column = Column(disks.near_null(at), "thickness", disks.null_values(at), 1e-3)
     (thin,) = linearize(about, [Request((), {}, (column,))])
     assert not thin.differenced
     angle, where = (

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.model.channels import ObservedStep, channel
-from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ def read(result: SequenceResult, setup: Experiment, marks: list[Mark]) -> Array:
     result
         With nodes at all markers.
     setup
-        Its observation: ``measured = Exp(rotation) (p + R offset)``, tangents turned as well.
+        Its observation: ``measured = shift + Exp(rotation) (p + R offset)``, tangents turned as well.
     marks
         Step from 0, quantity and location of every reading.
 
@@ -50,11 +50,19 @@ def read(result: SequenceResult, setup: Experiment, marks: list[Mark]) -> Array:
     numpy.ndarray
         In the order of the marks [m, rad, N].
     """
-    names = tuple(setup.robot.tendon_names)
-    look = setup.observation
     # Where effects divide a step, its end is read.
     end = {k: j for j, (k, _) in enumerate(setup.step_ends)}
-    observed = {
-        k: ObservedStep.of(result.steps[end[k]], names, look.rotation, look.offset) for k, _, _ in marks
-    }
+    observed = {k: _observed(result.steps[end[k]], setup) for k, _, _ in marks}
     return np.array([float(channel(q).predict(observed[k], [location])[0]) for k, q, location in marks])
+
+
+def _observed(step: StepResult, setup: Experiment) -> ObservedStep:
+    """A step of the reference as it is observed."""
+    return setup.observation.step(
+        step.s,
+        step.positions,
+        step.rotations,
+        np.asarray(step.displacements, dtype=float),
+        np.array([t[-1] for t in step.tensions], dtype=float),
+        tuple(setup.robot.tendon_names),
+    )

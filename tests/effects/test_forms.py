@@ -1,0 +1,164 @@
+"""Forms of effects: a number for each segment or tendon, markers beyond the tip, a measuring frame elsewhere."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import LENGTH, tendon, three
+from scipy.spatial.transform import Rotation
+
+from tdcr_fe.effects import EFFECTS, Experiment, Observation, effect, with_effect, with_effects
+from tdcr_fe.effects.by_tendon import segments
+from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.io.problems import InputError
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.io.toml import read_scenario
+from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.simulate import simulate
+
+MODEL = Model(elements_per_bay=1)
+#: Two segments of two tendons each; their names are not in the order of their ends.
+TWO = replace(
+    three(0.1),
+    tendons=(
+        tendon("tip", 0.0, 0.2, axial_stiffness=400.0),
+        replace(tendon("near", 90.0, 0.3, axial_stiffness=400.0), end=three(0.1).disks.positions[4]),
+        tendon("far", 180.0, 0.2, axial_stiffness=400.0),
+        replace(tendon("next", 270.0, 0.3, axial_stiffness=400.0), end=three(0.1).disks.positions[4]),
+    ),
+)
+STEPS = (
+    LoadStep(displacements={"tip": 0.0, "near": 0.0, "far": 0.0, "next": 0.0}),
+    LoadStep(displacements={"tip": 2e-3, "near": 1e-3, "far": -2e-3, "next": -1e-3}),
+)
+SETUP = Experiment(TWO, MODEL, STEPS, Observation(markers=(0.125, LENGTH)))
+
+
+def test_a_segment_is_the_tendons_that_end_at_the_same_disk():
+    assert segments(TWO) == (("near", "next"), ("tip", "far"))
+    assert segments(three()) == (("t1", "t2", "t3"),)
+
+
+def test_forms_follow_from_the_robot():
+    kinds = [f.name for f in effect("tendon_stretch").forms(SETUP)]
+    assert kinds == ["tendon_stretch", "tendon_stretch (by segment)", "tendon_stretch (each)"]
+    alone = Experiment(replace(TWO, tendons=TWO.tendons[:1]), MODEL)
+    assert [f.name for f in effect("tendon_stretch").forms(alone)] == ["tendon_stretch"]
+    one_segment = Experiment(three(), MODEL)
+    assert [f.name for f in effect("pretension").forms(one_segment)] == ["pretension", "pretension (each)"]
+    assert all(f.listed == e.name for e in EFFECTS for f in e.forms(SETUP))
+
+
+@pytest.mark.parametrize("e", EFFECTS, ids=lambda e: e.name)
+def test_null_values_of_every_form_change_nothing(e):
+    for form in e.forms(SETUP)[1:]:
+        same = form.apply(SETUP, form.null_values(SETUP))
+        assert same.robot == SETUP.robot and same.observation == SETUP.observation, form.name
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "prefix"),
+    [
+        ("tendon_stretch", "axial_stiffness", "axial_stiffness"),
+        ("pretension", "pretension", "tension"),
+        ("friction_coefficient", "friction_coefficient", "mu"),
+    ],
+)
+def test_the_most_particular_number_counts(name, field, prefix):
+    declared = {t.name: getattr(t, field) for t in TWO.tendons}
+    changed = with_effect(SETUP, name, **{f"{prefix}_segment_1": 2.0, f"{prefix}_next": 3.0}).robot
+    assert {t.name: getattr(t, field) for t in changed.tendons} == {**declared, "near": 2.0, "next": 3.0}
+    every = with_effect(SETUP, name, **{prefix: 1.5, f"{prefix}_segment_2": 2.5}).robot
+    mean = {"tip": 2.5, "far": 2.5}
+    if name == "friction_coefficient":  # declared 0.2 and 0.3: in proportion to their mean
+        expected = {**mean, "near": 0.3 / 0.25 * 1.5, "next": 0.3 / 0.25 * 1.5}
+        mean = {"tip": 2.5, "far": 2.5}
+    else:
+        expected = {**mean, "near": 1.5, "next": 1.5}
+    assert {t.name: getattr(t, field) for t in every.tendons} == pytest.approx(expected)
+
+
+def test_a_tendon_named_like_a_segment_is_meant_itself():
+    robot = replace(TWO, tendons=(replace(TWO.tendons[0], name="segment_1"), *TWO.tendons[1:]))
+    setup = Experiment(robot, MODEL)
+    changed = with_effect(setup, "pretension", tension_segment_1=2.0).robot
+    assert [t.pretension for t in changed.tendons] == [2.0, 0.0, 0.0, 0.0]
+    assert "pretension (by segment)" not in [f.name for f in effect("pretension").forms(setup)]
+
+
+def test_friction_of_one_tendon_is_that_of_the_robot_that_declares_it():
+    """In a model without friction the other tendons stay without."""
+    free = replace(SETUP, model=replace(MODEL, friction="none"))
+    changed = with_effect(free, "friction_coefficient", mu_near=0.4)
+    assert changed.model.friction == "per-hole"
+    assert [t.friction_coefficient for t in changed.robot.tendons] == [0.0, 0.4, 0.0, 0.0]
+
+
+def test_stretch_of_one_segment_leaves_the_other_tendons_alone():
+    softer = with_effect(SETUP, "tendon_stretch", axial_stiffness_segment_1=50.0)
+    by_hand = TWO.with_tendons(["near", "next"], axial_stiffness=50.0)
+    tips = [simulate(r, MODEL, STEPS).tips for r in (softer.robot, by_hand, TWO)]
+    np.testing.assert_array_equal(tips[0], tips[1])
+    assert np.linalg.norm(tips[0][1] - tips[2][1]) > 1e-4
+
+
+def read(setup, readings):
+    run = simulate_experiment(Task(setup, run_settings(SolverSettings(), 2e-5)))
+    return Reader(readings, [1, 2], setup.robot.tendon_names).read(run, setup)
+
+
+def test_a_marker_beyond_the_tip_goes_on_along_the_tangent():
+    readings = [Reading(2, f"position_{a}", LENGTH, 0.0) for a in "xyz"]
+    tip = simulate(TWO, MODEL, STEPS).steps[1]
+    moved = read(with_effect(SETUP, "marker_offset", offset_z=8e-3), readings) - read(SETUP, readings)
+    np.testing.assert_allclose(moved, 8e-3 * tip.tangent, atol=1e-12)
+    assert np.linalg.norm(tip.tangent[:2]) > 0.05
+
+
+def test_each_marker_has_an_offset_of_its_own():
+    readings = [Reading(2, f"position_{a}", s, 0.0) for s in (0.125, LENGTH) for a in "xyz"]
+    tip = simulate(TWO, MODEL, STEPS).steps[1]
+    own = with_effect(SETUP, "marker_offset", offset_x=1e-3, offset_y_marker_2=2e-3, offset_z_marker_2=-1e-3)
+    moved = read(own, readings) - read(SETUP, readings)
+    node = int(np.argmin(np.abs(tip.s - 0.125)))
+    np.testing.assert_allclose(moved[:3], tip.rotations[node] @ [1e-3, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(moved[3:], tip.rotations[-1] @ [1e-3, 2e-3, -1e-3], atol=1e-12)
+    with pytest.raises(ValueError, match="no parameter 'offset_x_marker_3'"):
+        with_effect(SETUP, "marker_offset", offset_x_marker_3=1e-3)
+
+
+def test_a_frame_elsewhere_moves_positions_and_what_follows_from_them():
+    readings = [Reading(2, f"position_{a}", LENGTH, 0.0) for a in "xyz"]
+    readings += [Reading(2, q, None, 0.0) for q in ("tip_offset", "chord_angle", "bending_angle")]
+    values = {"rot_z": 0.1, "shift_x": 3e-3, "shift_y": -2e-3, "shift_z": 1e-3}
+    moved = with_effect(SETUP, "frame_misalignment", **values)
+    tip = simulate(TWO, MODEL, STEPS).steps[1]
+    seen = Rotation.from_rotvec((0.0, 0.0, 0.1)).apply(tip.tip) + np.array((3e-3, -2e-3, 1e-3))
+    angle = np.arctan2(np.hypot(*seen[:2]), seen[2])
+    expected = [*seen, np.hypot(*seen[:2]), angle, tip.bending_angle]
+    np.testing.assert_allclose(read(moved, readings), expected, atol=1e-12)
+    points = np.array([tip.tip, tip.positions[3]])
+    np.testing.assert_allclose(moved.observation.in_base(moved.observation.seen(points)), points, atol=1e-15)
+
+
+def test_two_frames_follow_one_another():
+    first, second = {"rot_x": 0.1, "shift_y": 2e-3}, {"rot_z": -0.2, "shift_x": 1e-3}
+    both = with_effect(with_effect(SETUP, "frame_misalignment", **first), "frame_misalignment", **second)
+    point = np.array([[0.01, -0.02, 0.2]])
+    step = with_effect(SETUP, "frame_misalignment", **first).observation.seen(point)
+    expected = with_effect(SETUP, "frame_misalignment", **second).observation.seen(step)
+    np.testing.assert_allclose(both.observation.seen(point), expected, atol=1e-15)
+
+
+def test_numbers_of_segments_and_tendons_stand_in_files(tmp_path):
+    (tmp_path / "robot.toml").write_text(robot_to_toml(TWO))
+    text, path = scenario_to_toml(MODEL, STEPS), tmp_path / "scenario.toml"
+    path.write_text(text + "\n[effects]\npretension = { tension_segment_2 = 1.5, tension_near = 0.5 }\n")
+    by_hand = with_effects(SETUP, {"pretension": {"tension_segment_2": 1.5, "tension_near": 0.5}})
+    assert read_scenario(path).robot.tendons == by_hand.robot.tendons
+    path.write_text(text + "\n[effects]\npretension = { tension_segment_3 = 1.5 }\n")
+    with pytest.raises(InputError, match="tension_segment_2"):
+        read_scenario(path)
