@@ -129,7 +129,7 @@ def _read(
     from tdcr_fe.model.targets import TensionLimits
 
     problems: list[Any] = []
-    model, settings = Model(), SolverSettings()
+    model, settings = Model.default_for(robot), SolverSettings()
     targets: tuple[TipTarget, ...] = ()
     limits = TensionLimits(0.0)
     try:
@@ -138,7 +138,7 @@ def _read(
         problems += error.problems
     if args.model:
         try:
-            model, settings = read_model_file(args.model)
+            model, settings = read_model_file(args.model, robot)
         except InputError as error:
             problems += error.problems
     try:

@@ -232,6 +232,8 @@ class Effect:
     separating_experiment: str = ""
     parameters: tuple[Parameter, ...] = ()
     exact_derivatives: bool = True
+    #: Whether it acts at disks or at the holes in them.
+    needs_disks: bool = False
     #: Effects that may have to be there before data can show this one.
     after: tuple[str, ...] = ()
 
@@ -242,7 +244,7 @@ class Effect:
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """What a search tries along a whole robot: the effect itself, or with other numbers of parameters."""
-        return (self,)
+        return () if self.needs_disks and robot.without_disks else (self,)
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
         """Values at which it changes nothing in ``experiment``."""
@@ -299,6 +301,10 @@ class Effect:
         unknown = sorted(set(values) - set(known))
         if unknown:
             raise ValueError(f"effect {self.name}: no parameter {unknown[0]!r}; it has {', '.join(known)}")
+        if self.needs_disks and robot is not None and robot.without_disks:
+            raise ValueError(
+                f"effect {self.name}: the robot has no disks and no holes in them; massless [disks] are guides"
+            )
         for name, value in values.items():
             p = known[name]
             if math.isnan(value) or not p.lower <= value <= p.upper:

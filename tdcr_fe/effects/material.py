@@ -159,6 +159,7 @@ class RigidDisks(Effect):
     """Disks stiffen the length they occupy."""
 
     name = "rigid_disks"
+    needs_disks = True
     description = (
         "Glued or clamped disks keep the backbone straight over the length they occupy; less of it bends."
     )

@@ -98,7 +98,11 @@ def _tendon_schema() -> dict[str, Any]:
 DISKS: dict[str, Field] = {
     "count": field_from("count", DiskCount, None),
     **fields_of(Disks),
-    "positions": replace(fields_of(Disks)["positions"], default=None),
+    "positions": replace(
+        fields_of(Disks)["positions"],
+        default=None,
+        quantity=replace(fields_of(Disks)["positions"].quantity, min_items=1),
+    ),
 }
 
 _BACKBONE_SCHEMA = table_schema(fields_of(Backbone))
@@ -122,7 +126,13 @@ ROBOT: dict[str, Field] = {
         "the elastic rod",
         " with length, radius, youngs_modulus, poisson_ratio",
     ),
-    "disks": _table("disks", _DISKS_SCHEMA, "the rigid disks on it", " with count or positions"),
+    "disks": _table(
+        "disks",
+        _DISKS_SCHEMA,
+        "the rigid disks on it; without it tendons follow the backbone",
+        " with count or positions",
+        default=None,
+    ),
     "tip_mass": all_fields_of(Robot)["tip_mass"],
     "tendons": _tables("tendons", _tendon_schema(), "one table a tendon"),
     "springs": all_fields_of(Robot)["springs"],

@@ -132,9 +132,11 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
         robot = read_robot(folder / "robot.toml")
     except InputError as error:
         problems += error.problems
+    if robot is not None:
+        model = Model.default_for(robot)
     if (folder / "model.toml").exists():
         try:
-            model, settings = read_model_file(folder / "model.toml")
+            model, settings = read_model_file(folder / "model.toml", robot)
         except InputError as error:
             problems += error.problems
     loading = _table(folder / "loading.csv", problems)

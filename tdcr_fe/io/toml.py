@@ -12,7 +12,7 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from tdcr_fe.model.checks import (
     ARC_TOLERANCE,
     Contradiction,
     backbone_contradictions,
+    course_contradictions,
     disk_contradictions,
     model_contradictions,
     name_contradictions,
@@ -106,7 +107,9 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
         if not wrong and isinstance(top["backbone"], dict):
             backbone = Backbone(**values, taper=taper)
             reporter.contradictions(backbone_contradictions(backbone))
-    found = _build_disks(top["disks"], length, reporter) if "disks" in top else _Discs()
+    found = _Discs()
+    if "disks" in top:
+        found = _Discs(Disks()) if top["disks"] is None else _build_disks(top["disks"], length, reporter)
     tables = top.get("tendons", ())
     built = [_build_tendon(i, table, found, length, reporter) for i, table in enumerate(tables)]
     tendons = tuple(tendon for tendon, _ in built if tendon is not None)
@@ -192,13 +195,15 @@ def _build_tendon(
         return None, name
     end = length if values["end"] is None else values["end"]
     arcs = (0.0, *(s for s in disks.positions if s <= end + ARC_TOLERANCE))
+    if not disks.positions:
+        arcs = _course_arc_lengths(values.get("holes", ()), end)
     fields = {k: v for k, v in values.items() if k in fields_of(Tendon)}
     try:
         # An invalid name is replaced, so that the rest can still be checked.
         built = routing.from_table({k: values[k] for k in own if k in values}, arcs)
         tendon = Tendon(**{"name": "?", **fields, "routing": built})
     except FieldError as error:
-        on_disk = any(abs(s - end) <= ARC_TOLERANCE for s in disks.positions)
+        on_disk = not disks.positions or any(abs(s - end) <= ARC_TOLERANCE for s in disks.positions)
         if on_disk:
             reporter(f"{key}.{error.field}", error.value, error.allowed)
             return None, name
@@ -206,6 +211,12 @@ def _build_tendon(
     contradictions = tendon_contradictions(i, tendon, disks, length)
     reporter.contradictions(contradictions)
     return (None if bad or contradictions else tendon), name
+
+
+def _course_arc_lengths(points: Sequence[Any], end: float) -> tuple[float, ...]:
+    """Arc lengths of the points of a tendon that follows a backbone without disks: equally spaced up to its end [m]."""
+    last = max(len(points), 2) - 1
+    return (*(end * k / last for k in range(last)), end)
 
 
 def _check_offsets(
@@ -221,7 +232,13 @@ def _check_offsets(
 # ---------------------------------------------------------------------------------------- model and loading
 
 
-def _build_model(data: Any, reporter: Reporter) -> Model | None:
+def _build_model(data: Any, reporter: Reporter, robot: Robot | None = None) -> Model | None:
+    """The model; what a table leaves out has the defaults of the robot's."""
+    if robot is not None and robot.without_disks and isinstance(data, dict):
+        default = Model.default_for(robot)
+        data = {"tendon_path": default.tendon_path, **data}
+        if data["tendon_path"] == default.tendon_path:
+            data = {"friction": default.friction, **data}
     values, bad = take_table(fields_of(Model), data, "model", reporter.mistake)
     found = model_contradictions(values.get("tendon_path"), values.get("friction", "none"))
     for c in found:
@@ -329,19 +346,33 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
     return robot
 
 
-def read_model(path: str | os.PathLike[str]) -> Model:
+def read_model(path: str | os.PathLike[str], robot: Robot | None = None) -> Model:
     """Read the model of a `model.toml`; `read_model_file` gives its solver settings, too.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    robot
+        Whose model it is; one without disks has other defaults.
 
     Raises
     ------
     InputError
         With every mistake in the file.
     """
-    return read_model_file(path)[0]
+    return read_model_file(path, robot)[0]
 
 
-def read_model_file(path: str | os.PathLike[str]) -> tuple[Model, SolverSettings]:
+def read_model_file(path: str | os.PathLike[str], robot: Robot | None = None) -> tuple[Model, SolverSettings]:
     """Read `model.toml`, which contains only the tables `[model]` and `[solver]`.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    robot
+        Whose model it is; one without disks has other defaults.
 
     Returns
     -------
@@ -360,8 +391,10 @@ def read_model_file(path: str | os.PathLike[str]) -> tuple[Model, SolverSettings
     if data is not None:
         reporter = Reporter(str(path), problems)
         top, _ = take_table(MODEL_FILE, data, "", reporter.mistake)
-        model = _build_model(top["model"], reporter) if "model" in top else None
+        model = _build_model(top["model"], reporter, robot) if "model" in top else None
         settings = _build_settings(top["solver"], reporter) if "solver" in top else None
+        if robot is not None and model is not None:
+            reporter.contradictions(course_contradictions(robot, model))
     if problems or model is None or settings is None:
         raise InputError(problems)
     return model, settings
@@ -482,7 +515,7 @@ def build_scenario(
     if tables.robot is not None:
         parts = _build_robot(tables.robot, Reporter(str(tables.robot_path), problems))
 
-    model = _build_model(top["model"], reporter) if "model" in top else None
+    model = _build_model(top["model"], reporter, parts.robot) if "model" in top else None
     settings = _build_settings(top["solver"], reporter) if "solver" in top else None
     given = top.get("steps", ())
     steps = [_build_step(i, table, parts, reporter) for i, table in enumerate(given)]
@@ -491,6 +524,8 @@ def build_scenario(
 
     robot = parts.robot
     sound = tuple(s for s in steps if s is not None)
+    if robot is not None and model is not None:
+        reporter.contradictions(course_contradictions(robot, model))
     if not problems and robot is not None and model is not None:
         for name in readers.keys() & data.keys():
             robot, model, sound = readers[name](data[name], robot, model, sound, reporter)

@@ -75,12 +75,14 @@ def robot_to_toml(robot: Robot) -> str:
     if robot.backbone.taper:
         backbone["radius"] = robot.backbone.taper
     count = len(robot.disks.positions)
-    if Disks.equally_spaced(count, robot.backbone.length).positions == robot.disks.positions:
+    if count and Disks.equally_spaced(count, robot.backbone.length).positions == robot.disks.positions:
         disks = {"count": count, **{k: v for k, v in disks.items() if k != "positions"}}
     lines = _lines(
         {"name": robot.name, "tip_mass": robot.tip_mass or None, "base_stiffness": robot.base_stiffness}
     )
-    lines += ["", "[backbone]", *_lines(backbone), "", "[disks]", *_lines(disks)]
+    lines += ["", "[backbone]", *_lines(backbone)]
+    if count:
+        lines += ["", "[disks]", *_lines(disks)]
     for spring in robot.springs:
         lines += ["", "[[springs]]", *_lines(_table(spring))]
     for tendon in robot.tendons:

@@ -100,6 +100,12 @@ def _taper_contradictions(backbone: Backbone) -> list[Contradiction]:
 def disk_contradictions(disks: Disks, length: float) -> list[Contradiction]:
     """What is wrong with the disks on a backbone of that length [m]."""
     s = np.asarray(disks.positions, dtype=float)
+    if not s.size:
+        return [
+            Contradiction(f"disks.{name}", f"{getattr(disks, name):g}", "there are no disks; leave it out")
+            for name in ("mass", "thickness")
+            if getattr(disks, name) > 0.0
+        ]
     if np.any(np.diff(s) <= ARC_TOLERANCE) or s[0] <= ARC_TOLERANCE:
         return [
             Contradiction(
@@ -160,6 +166,8 @@ def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: floa
         found.append(Contradiction(f"{key}.pretension", f"{tendon.pretension:g}", sentence))
     s = np.asarray(disks.positions, dtype=float)
     end = length if tendon.end is None else tendon.end
+    if not s.size:
+        return found + _course_contradictions(key, tendon, end, length)
     if not np.min(np.abs(s - end)) <= ARC_TOLERANCE:
         near = np.sort(s[np.argsort(np.abs(s - end))[:2]])
         value = f"{end:.9g}" if tendon.end is not None else f"not given, so the tip at {end:.9g}"
@@ -199,6 +207,24 @@ def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: floa
     return found
 
 
+def _course_contradictions(key: str, tendon: Tendon, end: float, length: float) -> list[Contradiction]:
+    """What is wrong with a tendon that follows a backbone without disks to an arc length [m]."""
+    found = []
+    if end > length + ARC_TOLERANCE:
+        found.append(Contradiction(f"{key}.end", f"{end:.9g}", f"beyond the tip; at most {length:.9g} m"))
+    arcs = tendon.routing.fixed_arc_lengths
+    if arcs is not None and (abs(arcs[0]) > ARC_TOLERANCE or abs(arcs[-1] - end) > ARC_TOLERANCE):
+        sentence = f"points must lead from the base plate to the tendon's end, 0 to {end:.9g} m"
+        found.append(Contradiction(f"{key}.holes", f"{arcs[0]:.9g} to {arcs[-1]:.9g} m", sentence))
+    of_holes = {
+        "clearance": tendon.clearance > 0.0,
+        "tight_holes": bool(tendon.tight_holes),
+    }
+    sentence = "a robot without disks has no holes; give [disks], which may be massless, or leave it out"
+    found += [Contradiction(f"{key}.{name}", "given", sentence) for name, there in of_holes.items() if there]
+    return found
+
+
 def robot_contradictions(robot: Robot) -> list[Contradiction]:
     """Every contradiction between the parts of a robot."""
     found = backbone_contradictions(robot.backbone)
@@ -220,6 +246,17 @@ def model_contradictions(tendon_path: Any, friction: Any) -> list[Contradiction]
         'tendon_path = "continuous" is the classical model, which has no friction; set friction = "none"'
     )
     return [Contradiction("model.friction", shown(friction), sentence)]
+
+
+def course_contradictions(robot: Robot, model: Model) -> list[Contradiction]:
+    """Tendons that should run straight from hole to hole in a robot that has no disks."""
+    if not robot.without_disks or not robot.tendons or model.tendon_path == "continuous":
+        return []
+    sentence = (
+        'a robot without disks has no holes, its tendons follow the backbone; must be "continuous", with '
+        'friction = "none". For friction along the tendons give massless [disks] as guides'
+    )
+    return [Contradiction("model.tendon_path", shown(model.tendon_path), sentence)]
 
 
 def step_contradictions(
@@ -268,8 +305,8 @@ def backbone_elements(robot: Robot, model: Model) -> int:
     if isinstance(model.elements_per_bay, tuple):
         return sum(model.elements_per_bay)
     if model.elements_per_bay == "auto":
-        return len(robot.disks.positions)
-    return len(robot.disks.positions) * model.starting_elements_per_bay
+        return len(robot.bay_ends)
+    return len(robot.bay_ends) * model.starting_elements_per_bay
 
 
 def size_contradictions(robot: Robot, model: Model, steps: int = 1) -> list[Contradiction]:
@@ -285,7 +322,7 @@ def size_contradictions(robot: Robot, model: Model, steps: int = 1) -> list[Cont
     steps
         Number of load steps.
     """
-    given, bays = model.elements_per_bay, len(robot.disks.positions) + 1
+    given, bays = model.elements_per_bay, len(robot.bay_ends) + 1
     if isinstance(given, tuple) and len(given) != bays:
         sentence = (
             f"{bays} numbers are needed: one for every bay, and one for the stretch beyond the last disk"
@@ -295,7 +332,7 @@ def size_contradictions(robot: Robot, model: Model, steps: int = 1) -> list[Cont
     nodes = elements + 1
     most = int(math.sqrt(MEMORY_LIMIT / (6 * 8)) / 6) - 1
     if elements > most:
-        disks, per_bay = len(robot.disks.positions), model.starting_elements_per_bay
+        disks, per_bay = len(robot.bay_ends), model.starting_elements_per_bay
         sentence = (
             f"{disks} disks with {per_bay} elements a bay are {elements} elements; at most {most} fit into "
             f"{MEMORY_LIMIT / 1e9:g} GB"

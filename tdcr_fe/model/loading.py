@@ -106,12 +106,13 @@ class Model:
     Attributes
     ----------
     tendon_path : "straight" or "continuous"
-        From hole to hole, or along the backbone (the classical model, paper Eq. 9).
+        From hole to hole, or along the backbone (the classical model, paper Eq. 9), as always without disks.
     friction : "none", "per-tendon" or "per-hole"
         One sign per tendon from the rate of its length (paper, Eqs. 15-31), or a state at each hole.
     elements_per_bay : int, tuple of int or "auto"
         Beam elements between neighbouring disks: one number, or one for every bay from the base plate on, the stretch
-        beyond the last disk included. "auto" lets the solver choose by the estimated error.
+        beyond the last disk included. "auto" lets the solver choose by the estimated error. Without disks a bay is a
+        twentieth of the backbone.
     gravity : (float, float, float)
         [m/s^2].
     """
@@ -133,6 +134,11 @@ class Model:
         check_fields(self)
         for c in model_contradictions(self.tendon_path, self.friction):
             raise ValueError(f"Model.{c.key.removeprefix('model.')} = {c.value}: {c.allowed}")
+
+    @classmethod
+    def default_for(cls, robot: Robot) -> Model:
+        """The default model of a robot: of one without disks, tendons that follow the backbone without friction."""
+        return cls(tendon_path="continuous", friction="none") if robot.without_disks else cls()
 
     @property
     def starting_elements_per_bay(self) -> int:

@@ -55,8 +55,10 @@ def robot_warnings(robot: Robot) -> list[str]:
             f"backbone.length = {b.length:g} m: longer than {LONGEST:g} m"
             + _meant(b.length, _LENGTHS, 0.01, LONGEST)
         )
-    usual_radius = (b.length / SLENDERNESS[1], min(d.radius, b.length / SLENDERNESS[0]))
-    if b.radius >= d.radius:
+    usual_radius = (b.length / SLENDERNESS[1], b.length / SLENDERNESS[0])
+    if not robot.without_disks:
+        usual_radius = (usual_radius[0], min(d.radius, usual_radius[1]))
+    if not robot.without_disks and b.radius >= d.radius:
         found.append(
             f"backbone.radius = {b.radius:g} m: not thinner than its disks (radius {d.radius:g} m)"
             + _meant(b.radius, _LENGTHS, *usual_radius)
@@ -82,11 +84,37 @@ def robot_warnings(robot: Robot) -> list[str]:
             f"backbone.density = {b.density:g} kg/m^3: outside {DENSITY[0]:g} to {DENSITY[1]:g} kg/m^3"
             + _meant(b.density, _DENSITIES, *DENSITY)
         )
-    if d.radius > 0.5 * b.length:
+    if robot.without_disks:
+        found += _course_warnings(robot)
+    elif d.radius > 0.5 * b.length:
         found.append(
             f"disks.radius = {d.radius:g} m: larger than half the length"
             + _meant(d.radius, _LENGTHS, b.radius, 0.5 * b.length)
         )
+    return found
+
+
+def _course_warnings(robot: Robot) -> list[str]:
+    """Tendons that follow a backbone without disks outside of its body, or with friction, which has no effect."""
+    found = []
+    for i, tendon in enumerate(robot.tendons):
+        s = np.linspace(0.0, robot.end(tendon), 101)
+        offset = np.linalg.norm(tendon.routing.position(s, robot.end(tendon)), axis=1)
+        outside = np.flatnonzero(offset > robot.backbone.radius_at(s) * (1.0 + 1e-9))
+        if outside.size:
+            k = int(outside[0])
+            radius = float(robot.backbone.radius_at(s[k : k + 1])[0])
+            found.append(
+                f"tendons[{i}]: {offset[k]:g} m from the axis at {s[k]:g} m, outside of the backbone of radius "
+                f"{radius:g} m" + _meant(float(offset[k]), _LENGTHS, 0.0, radius)
+            )
+        if tendon.friction_coefficient > 0.0 or tendon.adhesion > 0.0 or tendon.friction is not None:
+            name = "friction_coefficient" if tendon.friction_coefficient > 0.0 else "adhesion"
+            name = "friction" if tendon.friction is not None else name
+            found.append(
+                f"tendons[{i}].{name} is given: it has no effect in a robot without disks, whose tendons follow the "
+                "backbone without friction; massless [disks] are guides with friction"
+            )
     return found
 
 
@@ -185,11 +213,13 @@ def strain_warnings(robot: Robot, steps: Sequence[StepResult]) -> list[str]:
         One sentence for the step with the largest strain, or nothing.
     """
     unloaded = math.hypot(*robot.backbone.precurvature)
+    backbone = robot.backbone
     worst, number, where = 0.0, 0, 0.0
     for step in steps:
         tangents = step.rotations[:, :, 2]
         turn = np.arccos(np.clip(np.einsum("ij,ij->i", tangents[1:], tangents[:-1]), -1.0, 1.0))
-        strain = (turn / np.diff(step.s) - unloaded) * robot.backbone.radius
+        radius = backbone.radius_at(0.5 * (step.s[1:] + step.s[:-1]))
+        strain = (turn / np.diff(step.s) - unloaded) * radius
         k = int(np.argmax(strain))
         if strain[k] > worst:
             worst, number, where = float(strain[k]), step.step, float(0.5 * (step.s[k] + step.s[k + 1]))

@@ -246,6 +246,10 @@ class Backbone:
 DiskCount = Annotated[int, Quantity("disks at equal distances, the last at the tip", ge=1, le=10_000)]
 
 
+#: Bays of a robot without disks: stretches of equal length, for its mesh and for effects at one place.
+BAYS_WITHOUT_DISKS = 20
+
+
 @dataclass(frozen=True)
 class Disks:
     """Rigid disks on the backbone; the base plate at s = 0 is not one of them.
@@ -253,7 +257,7 @@ class Disks:
     Attributes
     ----------
     positions : tuple of float
-        Arc lengths, ascending [m].
+        Arc lengths, ascending [m]. Empty: a robot without disks, whose tendons follow the backbone.
     mass : float
         Of each disk [kg].
     thickness : float
@@ -268,10 +272,9 @@ class Disks:
             "arc lengths of the disks",
             unit="m",
             gt=0.0,
-            min_items=1,
             allowed="arc lengths of the disks [m], at least one, ascending from above 0 to at most the length",
         ),
-    ]
+    ] = ()
     mass: Annotated[float, Quantity("of each disk", unit="kg", ge=0.0)] = 0.0
     thickness: Annotated[
         float, Quantity("length of backbone made rigid, centred on the disk", unit="m", ge=0.0)
@@ -313,6 +316,8 @@ class TightHole:
 class Tendon:
     """A cable through one hole in the base plate and in every disk up to the one it is anchored to.
 
+    In a robot without disks it follows the backbone, in a channel of the body, up to its anchor.
+
     Attributes
     ----------
     name : str
@@ -342,7 +347,12 @@ class Tendon:
     friction_coefficient: Annotated[float, Quantity("mu of tendon and hole", ge=0.0)] = 0.0
     end: Annotated[
         float | None,
-        Quantity("arc length of the disk it is anchored to", unit="m", gt=0.0, note="where a disk is"),
+        Quantity(
+            "arc length of the disk it is anchored to; any arc length without disks",
+            unit="m",
+            gt=0.0,
+            note="where a disk is",
+        ),
     ] = None
     axial_stiffness: Annotated[float | None, Quantity("EA of the tendon", unit="N", gt=0.0)] = None
     adhesion: Annotated[
@@ -404,6 +414,7 @@ class Robot:
     ----------
     backbone : Backbone
     disks : Disks
+        None by default: a robot without disks.
     tendons : tuple of Tendon
     name : str
     tip_mass : float
@@ -420,7 +431,7 @@ class Robot:
     """
 
     backbone: Annotated[Backbone, Quantity("the elastic rod")]
-    disks: Annotated[Disks, Quantity("the rigid disks on it")]
+    disks: Annotated[Disks, Quantity("the rigid disks on it")] = Disks()
     tendons: Annotated[tuple[Tendon, ...], Quantity("one table a tendon", in_file=False)] = ()
     name: Annotated[str, Quantity("of the robot", name=True)] = "robot"
     tip_mass: Annotated[float, Quantity("point mass at the tip besides the disk", unit="kg", ge=0.0)] = 0.0
@@ -450,9 +461,27 @@ class Robot:
         raise KeyError(f"no tendon {name!r}; the robot has {', '.join(self.tendon_names) or 'none'}")
 
     @property
+    def without_disks(self) -> bool:
+        """Whether there are no disks, so that tendons follow the backbone."""
+        return not self.disks.positions
+
+    @property
+    def plate_radius(self) -> float:
+        """Radius of disks and base plate, as it is drawn; without disks that of the backbone at its base [m]."""
+        return self.backbone.radius if self.without_disks else self.disks.radius
+
+    @property
+    def bay_ends(self) -> tuple[float, ...]:
+        """Arc lengths where bays end: disks; without disks a twentieth of the backbone after the other [m]."""
+        if self.disks.positions:
+            return self.disks.positions
+        n = BAYS_WITHOUT_DISKS
+        return tuple(self.backbone.length * k / n for k in range(1, n + 1))
+
+    @property
     def bay_edges(self) -> Array:
-        """Arc lengths of base plate, disks and, where it lies beyond the last disk, tip [m], shape (n_bays + 1,)."""
-        edges = [0.0, *self.disks.positions]
+        """Arc lengths of base plate, ends of bays and, where it lies beyond the last disk, tip [m], (n_bays + 1,)."""
+        edges = [0.0, *self.bay_ends]
         if self.backbone.length - edges[-1] > ARC_TOLERANCE:
             edges.append(self.backbone.length)
         return np.array(edges)
@@ -462,7 +491,12 @@ class Robot:
         return self.backbone.length if tendon.end is None else tendon.end
 
     def hole_arc_lengths(self, tendon: Tendon) -> Array:
-        """Arc lengths of the tendon's holes, base plate first, anchor last [m], shape (n + 1,)."""
+        """Arc lengths of the tendon's holes, base plate first, anchor last [m], shape (n + 1,).
+
+        Without disks, those of base plate and anchor.
+        """
+        if self.without_disks:
+            return np.array([0.0, self.end(tendon)])
         positions = np.asarray(self.disks.positions, dtype=float)
         return np.concatenate(([0.0], positions[positions <= self.end(tendon) + ARC_TOLERANCE]))
 

@@ -47,7 +47,7 @@ def poses(step: StepResult, s: Array) -> tuple[Array, Array]:
 
 def backbone(result: SequenceResult, step: StepResult, per_bay: int = 8) -> Array:
     """A smooth curve along the backbone [m], shape (m, 3)."""
-    n = max(per_bay * len(result.robot.disks.positions), 60)
+    n = max(per_bay * len(result.robot.bay_ends), 60)
     return step.position_at(np.linspace(step.s[0], step.s[-1], n))
 
 
@@ -55,7 +55,7 @@ def rims(result: SequenceResult, step: StepResult, points: int = 25) -> Array:
     """Rims of base plate and disks [m], shape (n_disks + 1, points, 3)."""
     position, rotation = poses(step, np.array([0.0, *result.robot.disks.positions]))
     around = np.linspace(0.0, 2.0 * np.pi, points)
-    rim = result.robot.disks.radius * np.stack((np.cos(around), np.sin(around)), axis=-1)
+    rim = result.robot.plate_radius * np.stack((np.cos(around), np.sin(around)), axis=-1)
     return np.asarray(position[:, None, :] + np.einsum("nij,pj->npi", rotation[:, :, :2], rim))
 
 
@@ -74,7 +74,7 @@ def tendon_line(result: SequenceResult, step: StepResult, tendon: Tendon) -> Arr
 def box(result: SequenceResult, drawn: Sequence[int]) -> Array:
     """World box around everything drawn, none of its sides slim [m], shape (3, 2)."""
     points = np.concatenate([backbone(result, result.steps[k]) for k in drawn])
-    around = 2.0 * result.robot.disks.radius
+    around = 2.0 * result.robot.plate_radius
     low = np.minimum(points.min(axis=0), 0.0) - around
     high = np.maximum(points.max(axis=0), 0.0) + around
     slim = np.maximum(0.45 * (high - low).max() - (high - low), 0.0) / 2.0

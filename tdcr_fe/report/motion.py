@@ -206,7 +206,7 @@ def geometry(result: SequenceResult) -> dict[str, Any]:
         "backbone_radius": _radii(robot.backbone),
         "disks": {
             "s": list(robot.disks.positions),
-            "radius": robot.disks.radius,
+            "radius": robot.plate_radius,
             "thickness": robot.disks.thickness,
         },
         "tendons": [_tendon_geometry(robot, j, continuous) for j in range(len(robot.tendons))],

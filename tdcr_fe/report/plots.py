@@ -143,7 +143,7 @@ def _planar(
             axes.plot(line[:, i], line[:, j], color=colour, lw=0.9, alpha=0.85, zorder=3)
         curve, look = shape.curve, {"color": shape.colour, "lw": shape.width, "alpha": shape.alpha}
         axes.plot(curve[:, i], curve[:, j], zorder=4, **look)
-    plate = 1.6 * result.robot.disks.radius * _MM
+    plate = 1.6 * result.robot.plate_radius * _MM
     axes.plot([-plate, plate], [0.0, 0.0], color=_PLATE, lw=4, solid_capstyle="butt", zorder=5)
     if _path_is_drawn(result):
         tips = result.tips * _MM

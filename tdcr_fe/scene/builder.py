@@ -17,7 +17,7 @@ from tdcr_fe.elements.history import HistoryNodes
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.elements.material_damping import MaterialDamping
 from tdcr_fe.model import arguments
-from tdcr_fe.model.checks import size_contradictions
+from tdcr_fe.model.checks import course_contradictions, size_contradictions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.dynamics import add_material_damping
@@ -94,9 +94,9 @@ def CreateTDCR(
         The model needs too much memory, two robots have one name, an argument is no rotation, a load lies beyond
         the tip, or the pose of ``baseMarker`` is another than the one given.
     """
-    model = Model() if model is None else model
     check_system("CreateTDCR", mbs)
     arguments.check_robot("CreateTDCR", robot)
+    model = Model.default_for(robot) if model is None else model
     arguments.check_model("CreateTDCR", model)
     _check_placement(name, basePosition, loadPositions, presliding)
     check_size(robot, model)
@@ -115,7 +115,7 @@ def CreateTDCR(
     with_mass = [*backbone.beams, *bodies] if robot.backbone.density > 0.0 else bodies
     gravity = add_gravity(mbs, with_mass, model.gravity, name)
     base = section_marker(mbs, backbone.nodes[0], f"{name}.mBase")
-    carrier = add_ground(mbs, pose, robot.disks.radius, name) if baseMarker is None else baseMarker
+    carrier = add_ground(mbs, pose, robot.plate_radius, name) if baseMarker is None else baseMarker
     joint = add_base_joint(mbs, carrier, base, name)
     clamp = Clamp(joint, pose.position, pose.rotation @ BEAM_TO_SECTION) if baseMarker is None else None
     tendons = add_tendons(mbs, robot, mesh, backbone.beams[0], disks, name, show)
@@ -171,7 +171,7 @@ def check_size(robot: Robot, model: Model) -> None:
     ValueError
         Names the field, its value and what is allowed.
     """
-    for c in size_contradictions(robot, model):
+    for c in course_contradictions(robot, model) + size_contradictions(robot, model):
         raise ValueError(f"{c.key} = {c.value}: {c.allowed}")
 
 

@@ -35,7 +35,8 @@ def force_model(
     base
         Pose of the base plate in the world; None is that of the world.
     """
-    hole_nodes = np.array([0, *(mesh.node_at(s) for s in robot.disks.positions)])
+    # Nodes of base plate and disks; without disks the tip in place of them.
+    hole_nodes = np.array([0, *(mesh.node_at(s) for s in robot.disks.positions or (robot.backbone.length,))])
     section = section_forces(robot, model, mesh, rigid)
     # Without tendons the two tendon paths are the same.
     continuous = model.tendon_path == "continuous" and bool(robot.tendons)

@@ -290,7 +290,7 @@ class TDCR:
     def hole_states(self) -> dict[str, tuple[str, ...]]:
         """By tendon, state of the hole at the distal end of every segment: stick, pull, release, anchor."""
         if self.actuation.geometry is None:  # the continuous path has one tension and no friction
-            holes = np.zeros((len(self.robot.tendons), len(self.robot.disks.positions)))
+            holes = np.zeros((len(self.robot.tendons), max(1, len(self.robot.disks.positions))))
         else:
             holes = self.actuation.law.at_holes(self._field().mobilisation)
         return {t.name: hole_states(holes[i], self._count(i)) for i, t in enumerate(self.robot.tendons)}

@@ -36,7 +36,7 @@ def elements_of_bays(robot: Robot, model: Model) -> tuple[int, ...]:
         Not one number per bay, or a number below 1.
     """
     given, length = model.elements_per_bay, robot.backbone.length
-    edges = np.array([0.0, *robot.disks.positions, length])
+    edges = np.array([0.0, *robot.bay_ends, length])
     bays = len(edges) - 1
     if given == "auto":
         wanted = np.clip(
@@ -82,8 +82,10 @@ def build_mesh(
     edges = [x for p in b.patches for x in (p.start, p.end) if 0.0 < x < b.length]
     edges += [s for s, _ in b.taper if 0.0 < s < b.length]
     edges += [spring.at for spring in robot.springs]
+    if robot.without_disks:
+        edges += [robot.end(t) for t in robot.tendons]
     counts = elements_of_bays(robot, model)
-    arc, rigid = subdivide(b.length, d.positions, counts, d.thickness, [*extra, *edges])
+    arc, rigid = subdivide(b.length, robot.bay_ends, counts, d.thickness, [*extra, *edges])
     if robot.base_stiffness is not None:
         arc, rigid = np.insert(arc, 1, hinge_length(b.length)), np.insert(rigid, 0, False)
     middle = 0.5 * (arc[1:] + arc[:-1])

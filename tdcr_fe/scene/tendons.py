@@ -16,6 +16,7 @@ from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, reference_p
 from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
 from tdcr_fe.elements.section import ContinuousTendons
 from tdcr_fe.elements.tendons import CableGeometry
+from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.robot import Robot, Tendon
 
 Array = NDArray[np.float64]
@@ -59,7 +60,10 @@ def add_tendons(
     for i, tendon in enumerate(robot.tendons):
         prefix = f"{name}.{tendon.name}"
         color = TENDON_COLORS[i % len(TENDON_COLORS)]
-        holes = _hole_markers(mbs, robot.hole_points(tendon), mesh, first_beam, disks, prefix)
+        if robot.without_disks:
+            holes = _course_markers(mbs, robot, tendon, mesh, first_beam, prefix)
+        else:
+            holes = _hole_markers(mbs, robot.hole_points(tendon), mesh, first_beam, disks, prefix)
         items.holes.append(holes)
         items.segments.append(_segments(mbs, holes, prefix, color, show))
     return items
@@ -81,6 +85,29 @@ def _hole_markers(
             )
         )
         for k, (body, x, hole) in enumerate(zip(carriers, along, holes, strict=True))
+    ]
+
+
+def _course_markers(
+    mbs: exu.MainSystem, robot: Robot, tendon: Tendon, mesh: BackboneMesh, first_beam: Any, prefix: str
+) -> list[Any]:
+    """Markers along a tendon that follows the backbone, one at every node up to its end, on the beam before it."""
+    end = robot.end(tendon)
+    s = mesh.arc_lengths[mesh.arc_lengths <= end + ARC_TOLERANCE]
+    offsets = tendon.routing.position(np.minimum(s, end), end)
+    return [
+        mbs.AddMarker(
+            eii.MarkerBodyRigid(
+                name=f"{prefix}.mHole{k}",
+                bodyNumber=first_beam + max(k - 1, 0),
+                localPosition=[
+                    float((-0.5 if k == 0 else 0.5) * mesh.lengths[max(k - 1, 0)]),
+                    *map(float, offset),
+                ],
+                visualization={"show": False},
+            )
+        )
+        for k, offset in enumerate(offsets)
     ]
 
 
@@ -119,7 +146,7 @@ def cable_geometry(robot: Robot) -> CableGeometry:
         nodes[i] = np.minimum(np.arange(n + 1), count)
         mask[i, :count] = True
     clearance = np.array([t.clearance for t in robot.tendons])
-    return CableGeometry(nodes, offsets, mask, 1 + len(robot.disks.positions), clearance)
+    return CableGeometry(nodes, offsets, mask, 1 + max(1, len(robot.disks.positions)), clearance)
 
 
 def cable_lengths(geometry: CableGeometry, mesh: BackboneMesh, hole_nodes: NDArray[np.int_]) -> Array:

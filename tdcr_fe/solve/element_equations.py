@@ -60,8 +60,8 @@ class ElementModel:
         Own weight of the elements per length, world axes [N/m].
     bays : ndarray of int, shape (E,)
         Number of the bay that an element lies in, from 0.
-    cantilever : bool
-        Whether the last bay ends at a free tip without a disk.
+    buckling_lengths : ndarray, shape (B,)
+        Length ``a`` of the load ``pi^2 EI / a^2`` at which a bay buckles [m].
     """
 
     lengths: Array
@@ -71,7 +71,7 @@ class ElementModel:
     section: SectionForces | None
     weight: Array
     bays: NDArray[np.int_]
-    cantilever: bool = False
+    buckling_lengths: Array
 
     @classmethod
     def of(cls, handle: TDCR) -> ElementModel:
@@ -84,7 +84,12 @@ class ElementModel:
             stiffness[:, 3:] /= growth
             stiffness[handle.rigid] = mesh.stiffness[handle.rigid]
         middle = 0.5 * (mesh.arc_lengths[1:] + mesh.arc_lengths[:-1])
-        disks = np.asarray(robot.disks.positions, dtype=float)
+        bays = np.searchsorted(np.asarray(robot.bay_ends, dtype=float), middle)
+        free = np.bincount(bays, mesh.lengths * ~handle.rigid)
+        if robot.without_disks:
+            free[:] = 2.0 * free.sum()
+        elif robot.disks.positions[-1] < mesh.arc_lengths[-1] - 1e-9:
+            free[-1] *= 2.0
         return cls(
             mesh.lengths,
             stiffness,
@@ -92,8 +97,8 @@ class ElementModel:
             ~handle.rigid,
             handle.actuation.section,
             mesh.mass_per_length[:, None] * np.asarray(handle.model.gravity, dtype=float),
-            np.searchsorted(disks, middle),
-            not disks.size or disks[-1] < mesh.arc_lengths[-1] - 1e-9,
+            bays,
+            free,
         )
 
     @property

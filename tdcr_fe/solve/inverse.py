@@ -183,7 +183,7 @@ class _Task:
     def scale(self) -> float:
         """Tension that bends the backbone by about 1 rad [N]."""
         backbone = self.robot.backbone
-        return backbone.EI / (backbone.length * self.robot.disks.radius)
+        return backbone.EI / (backbone.length * self.robot.plate_radius)
 
 
 def _refined_runs(

@@ -143,7 +143,7 @@ def mesh_warnings(
     if near:
         worst = max(near, key=lambda k: estimates[k - 1].bay_loads.max())
         bay = int(np.argmax(estimates[worst - 1].bay_loads))
-        edges = np.concatenate(([0.0], handle.robot.disks.positions, [length]))
+        edges = np.concatenate(([0.0], handle.robot.bay_ends, [length]))
         found.append(
             f"{_steps_named(near)}: bay {bay + 1} ({edges[bay]:g} to {edges[bay + 1]:g} m) is near or beyond its "
             f"buckling load: axial compression {estimates[worst - 1].bay_loads[bay]:.2f} times pi^2 EI / a^2 in step "

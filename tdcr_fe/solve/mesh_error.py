@@ -251,9 +251,9 @@ def bay_loads(model: ElementModel, twists: Array, tensions: Array) -> Array:
 
     ``a`` is the free length of the bay between two disks. The load is that of a bay whose ends cannot rotate relative
     to each other but are free to sway (clamped-clamped with sway): tendons restrain the orientation of the disks, not
-    their position. A last bay without a disk at its end is a cantilever, ``pi^2 EI / (4 a^2)``. EI is the tangent
-    stiffness where the section is superelastic. Tendons that follow the backbone do not compress the bays between
-    disks; there the value is zero.
+    their position. A last bay without a disk at its end is a cantilever, ``pi^2 EI / (4 a^2)``, and so is a whole
+    backbone without disks. EI is the tangent stiffness where the section is superelastic. Tendons that follow the
+    backbone do not compress the bays between disks; there the value is zero.
 
     Parameters
     ----------
@@ -274,13 +274,10 @@ def bay_loads(model: ElementModel, twists: Array, tensions: Array) -> Array:
         slope = 0.5 * (1.0 + np.tanh(0.5 * (bend - law.threshold) / (law.threshold / 40.0)))
         bending = bending - (1.0 - law.ratio) * slope * law.bending_stiffness
     share = np.where(model.flexible, compression / bending, 0.0)
-    free = np.bincount(model.bays, model.lengths * model.flexible, bays)
     for bay in range(bays):
         inside = model.bays == bay
         if inside.any():
             found[:, bay] = share[:, inside].max(axis=1)
     np.maximum(found, 0.0, out=found)
-    found *= free**2 / np.pi**2
-    if model.cantilever:
-        found[:, -1] *= 4.0
+    found *= model.buckling_lengths**2 / np.pi**2
     return found

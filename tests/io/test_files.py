@@ -161,7 +161,6 @@ ROBOT_MISTAKES = [
     ({"backbone.bending_stiffness": 0.0}, "backbone.bending_stiffness", "0.0", ["positive", "N m^2"]),
     ({"backbone": REMOVED}, "backbone", "", ["missing", "[backbone]"]),
     ({"backbone": 3}, "backbone", "3", ["table [backbone]"]),
-    ({"disks": REMOVED}, "disks", "", ["missing", "[disks]"]),
     ({"disks.count": REMOVED}, "disks", "", ["exactly one of count and positions"]),
     ({"disks.positions": [0.25]}, "disks.count", "5", ["both given"]),
     ({"disks.count": 2.0}, "disks.count", "2.0", ["whole number"]),

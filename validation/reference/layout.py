@@ -85,10 +85,11 @@ def lay_out(robot: Robot, load_points: Iterable[float], max_interval: float) -> 
     inserts = [(max(0.0, d - half), min(length, d + half)) for d in disks.positions] if half > 0.0 else []
     edges = [e for insert in inserts for e in insert]
     hinge = max(1e-5 * length, 5e-6)
-    # The section is constant within an interval, so the radius changes by at most 3 % there.
+    # The section is constant within an interval, so the radius changes by at most 1 % there.
     for (start, before), (end, after) in itertools.pairwise(backbone.taper):
-        count = 1 + int(np.ceil(abs(np.log(after / before)) / 0.03))
+        count = 1 + int(np.ceil(abs(np.log(after / before)) / 0.01))
         edges += list(np.linspace(start, end, count + 1))
+    edges += [robot.end(t) for t in robot.tendons] if robot.without_disks else []
     edges += [hinge] if robot.base_stiffness is not None else []
     edges += [min(max(e, 0.0), length) for p in backbone.patches for e in (p.start, p.end)]
     cuts = np.array(sorted(_merge([*reported, *edges])))

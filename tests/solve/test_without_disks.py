@@ -1,0 +1,176 @@
+"""Robots without disks: tendons follow the backbone. Closed forms, the reference, guides, scenes and mistakes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import exudyn as exu
+import numpy as np
+import pytest
+
+from tdcr_fe import CreateTDCR, SolveTDCR
+from tdcr_fe.effects import effect
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.plausibility import robot_warnings, strain_warnings
+from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting
+from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.validation.reference import solve_reference
+
+L = 0.3
+SOFT = Backbone(L, 12e-3, 0.4e6, 0.45, density=1100.0)
+CONE = replace(SOFT, taper=((0.0, 12e-3), (0.25, 6e-3), (L, 5e-3)))
+FOLLOWS = Model("continuous", "none")
+
+
+def converging(name, angle, end=0.25):
+    return Tendon(name, ConvergingRouting(9e-3, 3e-3, angle), end=end)
+
+
+TENTACLE = Robot(CONE, tendons=(converging("a", -60.0), converging("b", 60.0, 0.18)))
+WINDING = Robot(SOFT, tendons=(Tendon("a", HelicalRouting(8e-3, 0.7, 20.0)),))
+STEPS = [LoadStep(tensions={"a": 1.0}), LoadStep(tensions={"a": 3.0, "b": 1.5})]
+
+
+def test_a_parallel_tendon_bends_the_bare_rod_to_a_circular_arc():
+    """Without weight: strain and curvature are constant, ``EI k = T a (1 + e - a k)/|...|``: pure bending about y.
+
+    The tendon at ``x = a`` has the stretch ``1 + e - a k`` along the tangent, so its pull is along the tangent and
+    ``EA e = -T``, ``EI k = T a``.
+    """
+    a, tension = 5e-3, 2.0
+    rod = Robot(SOFT, tendons=(Tendon("t", ParallelRouting(a)),))
+    result = simulate(rod, FOLLOWS, [LoadStep(tensions={"t": tension})])
+    assert result.converged, result.message
+    curvature, stretch = tension * a / SOFT.EI, 1.0 - tension / SOFT.EA
+    radius, angle = stretch / curvature, curvature * L
+    expected = [radius * (1.0 - np.cos(angle)), 0.0, radius * np.sin(angle)]
+    np.testing.assert_allclose(result.tips[0], expected, atol=1e-9)
+    assert result.steps[0].displacements[0] == pytest.approx(L * (1.0 - (stretch - a * curvature)), rel=1e-9)
+
+
+@pytest.mark.parametrize("backbone", [SOFT, CONE])
+def test_a_hanging_rod_without_tendons_stretches_by_its_weight(backbone):
+    result = simulate(Robot(backbone), Model(gravity=(0.0, 0.0, 9.81), elements_per_bay=4), [LoadStep()])
+    assert result.converged, result.message
+    s = np.linspace(0.0, L, 40001)
+    area = np.pi * backbone.radius_at(s) ** 2
+    mass = np.concatenate(([0.0], np.cumsum(0.5 * (area[1:] + area[:-1]) * np.diff(s)))) * backbone.density
+    strain = 9.81 * (mass[-1] - mass) / (backbone.youngs_modulus * area)
+    expected = float(np.sum(0.5 * (strain[1:] + strain[:-1]) * np.diff(s)))
+    assert result.tips[0][2] - L == pytest.approx(expected, rel=2e-4)
+
+
+def test_a_tapered_cantilever_bends_under_a_small_tip_force_as_in_the_integral():
+    """``w = F int (L - s)^2 / EI(s) ds`` and the shear ``F int ds / GA(s)``, by Gauss's rule on both stretches."""
+    force = 1e-5
+    model = Model(elements_per_bay=6)
+    result = simulate(Robot(CONE), model, [LoadStep(loads={"tip": Load(L, (force, 0.0, 0.0))})])
+    points, weights = np.polynomial.legendre.leggauss(40)
+    expected = 0.0
+    for start, end in ((0.0, 0.25), (0.25, L)):
+        s = start + 0.5 * (end - start) * (points + 1.0)
+        ratio = CONE.radius_at(s) / CONE.radius
+        by_area = (L - s) ** 2 / (CONE.EI * ratio**4) + 1.0 / (CONE.GA * ratio**2)
+        expected += force * 0.5 * (end - start) * float(weights @ by_area)
+    assert result.tips[0][0] == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("robot", [TENTACLE, WINDING], ids=["tapered, two ends", "helix"])
+def test_finite_elements_agree_with_the_reference(robot):
+    model = replace(FOLLOWS, gravity=(0.0, 0.0, 9.81))
+    steps = [
+        LoadStep(tensions={k: v for k, v in s.tensions.items() if k in robot.tendon_names}) for s in STEPS
+    ]
+    exact = solve_reference(robot, model, steps)
+    found = simulate(robot, model, steps)
+    assert exact.converged and found.converged, (exact.message, found.message)
+    np.testing.assert_allclose(found.tips, exact.tips, atol=1e-4 * L)
+    for a, b in zip(found.steps, exact.steps, strict=True):
+        np.testing.assert_allclose(a.displacements, b.displacements, atol=1e-4 * L)
+        assert [len(t) for t in a.tensions] == [1] * len(robot.tendons)
+
+
+def test_many_massless_guides_have_the_same_shape():
+    """The tendon that runs straight between guides tends to the one that follows the backbone, with order two."""
+    model, exact = replace(FOLLOWS, gravity=(0.0, 0.0, 9.81)), []
+    for count in (25, 50):
+        guided = replace(TENTACLE, disks=Disks.equally_spaced(count * 6 // 5, L, radius=12e-3))
+        straight = Model("straight", "none", gravity=(0.0, 0.0, 9.81), elements_per_bay=2)
+        exact.append(simulate(guided, straight, STEPS).tips)
+    follows = simulate(TENTACLE, model, STEPS).tips
+    errors = [float(np.abs(x - follows).max()) for x in exact]
+    assert errors[1] < 2.5e-3 * L and 3.0 < errors[0] / errors[1] < 5.0
+
+
+def test_bays_are_twentieths_and_every_end_of_a_tendon_has_a_node():
+    result = simulate(TENTACLE, replace(FOLLOWS, elements_per_bay=1), STEPS[:1])
+    expected = sorted({*np.round(L * np.arange(21) / 20, 9), 0.25, 0.18})
+    np.testing.assert_allclose(result.steps[0].s, expected, atol=1e-12)
+    assert len(TENTACLE.bay_edges) == 21
+
+
+def test_it_is_solved_in_a_scene_too():
+    mbs = exu.SystemContainer().AddSystem()
+    arm = CreateTDCR(mbs, TENTACLE, show=False)
+    assert arm.model.tendon_path == "continuous" and arm.model.friction == "none"
+    mbs.Assemble()
+    arm.set_tensions({"a": 1.0})
+    SolveTDCR(mbs)
+    alone = simulate(TENTACLE, replace(FOLLOWS, elements_per_bay="auto"), STEPS[:1])
+    np.testing.assert_allclose(arm.shape()[0][-1], alone.tips[0], atol=2e-4 * L)
+    assert arm.tensions()["a"].tolist() == [1.0]
+    assert arm.hole_states() == {"a": ("anchor",), "b": ("anchor",)}
+
+
+def test_tendons_through_free_points_follow_their_spline():
+    """Points of a parallel course give what the parallel routing gives."""
+    points = PointsRouting(tuple(L * k / 4 for k in range(5)), ((5e-3, 0.0),) * 5)
+    a = simulate(Robot(SOFT, tendons=(Tendon("a", points),)), FOLLOWS, STEPS[:1]).tips
+    b = simulate(Robot(SOFT, tendons=(Tendon("a", ParallelRouting(5e-3)),)), FOLLOWS, STEPS[:1]).tips
+    np.testing.assert_allclose(a, b, atol=1e-12)
+
+
+def test_a_straight_path_without_disks_is_refused_by_name():
+    with pytest.raises(ValueError, match=r'model\.tendon_path = "straight".*follow the backbone'):
+        simulate(TENTACLE, Model(), STEPS)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"end": 0.31}, r"tendons\[0\]\.end: 0\.31; beyond the tip"),
+        ({"clearance": 1e-3}, r"tendons\[0\]\.clearance: given; a robot without disks has no holes"),
+    ],
+)
+def test_what_needs_holes_is_refused_by_name(change, text):
+    with pytest.raises(ValueError, match=text):
+        TENTACLE.with_tendons(["a"], **change)
+
+
+def test_disks_without_positions_have_no_mass():
+    with pytest.raises(ValueError, match=r"disks\.mass: 0\.001; there are no disks"):
+        replace(TENTACLE, disks=Disks(mass=1e-3))
+
+
+def test_friction_and_tendons_outside_of_the_body_are_warned_of():
+    found = robot_warnings(TENTACLE.with_tendons(["a"], friction_coefficient=0.3))
+    assert any("tendons[0].friction_coefficient" in w and "no effect" in w for w in found)
+    out = replace(TENTACLE, tendons=(Tendon("a", ParallelRouting(9.0)),))
+    assert any("outside of the backbone" in w and "mm?" in w for w in robot_warnings(out))
+    assert robot_warnings(TENTACLE) == []
+
+
+def test_strains_are_those_at_the_local_radius():
+    """Version 0.1 knew one radius: the tip of a tapered robot was warned of as if it were as thick as its base."""
+    result = simulate(TENTACLE, FOLLOWS, [LoadStep(tensions={"a": 3.0})])
+    found = strain_warnings(TENTACLE, result.steps)
+    thick = strain_warnings(replace(TENTACLE, backbone=replace(CONE, taper=())), result.steps)
+    assert thick and not found
+
+
+@pytest.mark.parametrize("name", ["friction_coefficient", "hole_adhesion", "hole_clearance", "rigid_disks"])
+def test_effects_of_holes_and_disks_are_not_tried(name):
+    assert effect(name).forms(TENTACLE) == ()
+    with pytest.raises(ValueError, match="has no disks"):
+        effect(name).check({}, TENTACLE)
