@@ -85,7 +85,7 @@ class ElementModel:
             stiffness[handle.rigid] = mesh.stiffness[handle.rigid]
         middle = 0.5 * (mesh.arc_lengths[1:] + mesh.arc_lengths[:-1])
         bays = np.searchsorted(np.asarray(robot.bay_ends, dtype=float), middle)
-        free = np.bincount(bays, mesh.lengths * ~handle.rigid)
+        free = np.bincount(bays, mesh.lengths * ~handle.rigid).astype(float)
         if robot.without_disks:
             free[:] = 2.0 * free.sum()
         elif robot.disks.positions[-1] < mesh.arc_lengths[-1] - 1e-9:
