@@ -244,7 +244,7 @@ class Effect:
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """What a search tries along a whole robot: the effect itself, or with other numbers of parameters."""
-        return () if self.needs_disks and robot.without_disks else (self,)
+        return () if self.needs_disks and experiment.robot.without_disks else (self,)
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
         """Values at which it changes nothing in ``experiment``."""
@@ -301,7 +301,7 @@ class Effect:
         unknown = sorted(set(values) - set(known))
         if unknown:
             raise ValueError(f"effect {self.name}: no parameter {unknown[0]!r}; it has {', '.join(known)}")
-        if self.needs_disks and robot is not None and robot.without_disks:
+        if self.needs_disks and experiment is not None and experiment.robot.without_disks:
             raise ValueError(
                 f"effect {self.name}: the robot has no disks and no holes in them; massless [disks] are guides"
             )

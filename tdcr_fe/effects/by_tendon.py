@@ -55,6 +55,8 @@ class TendonNumber(Effect):
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """The same for all tendons, one for each segment, and one for each."""
+        if self.needs_disks and experiment.robot.without_disks:
+            return ()
         names = experiment.robot.tendon_names
         groups = self._groups(experiment.robot)
         found: tuple[Effect, ...] = (self,)

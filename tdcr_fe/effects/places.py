@@ -61,7 +61,7 @@ class PlaceEffect(Effect):
 
     place_names: tuple[str, ...] = ("s",)
 
-    def forms(self, robot: Robot) -> tuple[Effect, ...]:
+    def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """None along the whole robot."""
         return ()
 

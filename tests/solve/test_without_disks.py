@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tdcr_fe import CreateTDCR, SolveTDCR
-from tdcr_fe.effects import effect
+from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.plausibility import robot_warnings, strain_warnings
 from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
@@ -171,6 +171,7 @@ def test_strains_are_those_at_the_local_radius():
 
 @pytest.mark.parametrize("name", ["friction_coefficient", "hole_adhesion", "hole_clearance", "rigid_disks"])
 def test_effects_of_holes_and_disks_are_not_tried(name):
-    assert effect(name).forms(TENTACLE) == ()
+    experiment = Experiment(TENTACLE, FOLLOWS)
+    assert effect(name).forms(experiment) == ()
     with pytest.raises(ValueError, match="has no disks"):
-        effect(name).check({}, TENTACLE)
+        effect(name).check({}, experiment)
