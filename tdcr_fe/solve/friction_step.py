@@ -44,6 +44,26 @@ def slips_after(numbering: Numbering, forces: Sequence[TendonForces], step: Arra
     return slips
 
 
+def slip_changes(
+    numbering: Numbering, forces: Sequence[TendonForces], step: Array, inputs: Sequence[Array]
+) -> Array:
+    """Linear changes of the slips with a step at fixed friction [m], shape (k,).
+
+    Parameters
+    ----------
+    numbering, forces, step
+        As in `slip_residual`.
+    inputs
+        By robot, changes of the inputs in the step, shape (m,).
+    """
+    found = []
+    for part in numbering.robots:
+        base = inputs[part.robot].copy()
+        base[part.driven] = step[part.tensions]
+        found.append(forces[part.robot].slip_change(step[part.nodes], base))
+    return numbering.at_frictional_holes(found)
+
+
 def slip_residual(
     numbering: Numbering, forces: Sequence[TendonForces], state: SolverState, step: Array, presliding: float
 ) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from tdcr_fe.elements.complementarity import solve_nonnegative
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.factors import BorderedFactors, Factors
 from tdcr_fe.solve.numbering import Numbering
+from tdcr_fe.solve.solved_step import SolvedStep
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -28,11 +30,17 @@ class Linearization(NamedTuple):
         The elements in whose frames its steps are.
     numbering : Numbering
         Of the unknowns.
+    forces : tuple of TendonForces
+        By robot, where it was linearised.
+    solved : SolvedStep or None
+        The step that ended here, where the next one may be predicted from it.
     """
 
     factorisation: Factors
     chains: tuple[ElementChain, ...]
     numbering: Numbering
+    forces: tuple[TendonForces, ...]
+    solved: SolvedStep | None = None
 
     @property
     def slack(self) -> tuple[Flags, ...]:
@@ -62,6 +70,28 @@ class Linearization(NamedTuple):
             return factors.solve(-unbalanced)
         gap, tension = self._gaps(forces, inputs)
         return factors.solve(-np.concatenate((unbalanced, np.where(factors.slack, tension, gap))))
+
+    def response(self, changes: tuple[Array, ...], clamped: Sequence[slice]) -> Array:
+        """Change of the unknowns with the inputs, shape (linear,); the same tendons stay slack.
+
+        Parameters
+        ----------
+        changes
+            By robot, of the tensions [N] and displacements [m], shape (m,).
+        clamped
+            Unknowns of clamped bases.
+        """
+        right = np.zeros(self.numbering.linear)
+        for part in self.numbering.robots:
+            free = changes[part.robot]
+            if part.driven.size:
+                right[part.tensions] = np.where(self.slack[part.robot], 0.0, free[part.driven])
+                free = free.copy()
+                free[part.driven] = 0.0
+            right[part.nodes] = -(self.forces[part.robot].base_tension_columns() @ free)
+        for base in clamped:
+            right[base] = 0.0
+        return self.factorisation.solve(right)
 
     def complementarity_step(
         self, unbalanced: Array, forces: tuple[TendonForces, ...], inputs: tuple[Array, ...]

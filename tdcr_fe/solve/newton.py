@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from math import isfinite
 from typing import NamedTuple
 
@@ -45,8 +44,7 @@ MOST_CONTACT_UPDATES = 20
 MOST_DAMPING = 1e9
 
 
-@dataclass(frozen=True, eq=False)
-class NewtonResult:
+class NewtonResult(NamedTuple):
     """Result of one Newton solve.
 
     Attributes
@@ -205,13 +203,12 @@ def _with_contact(
         if residual.size <= max(settings.tolerance, 2.0 * result.residual):
             return result
         later = _iterate(system, numbering, residual, settings, presliding, damped, None)
-        result = replace(
-            later,
+        result = later._replace(
             residuals=result.residuals + later.residuals,
             iterations=result.iterations + later.iterations,
             predicted_slips=None,
         )
-    return replace(result, status=NewtonStatus.NO_CONTACT_STATE) if result.converged else result
+    return result._replace(status=NewtonStatus.NO_CONTACT_STATE) if result.converged else result
 
 
 def _usable(
@@ -270,7 +267,8 @@ def _iterate(
         if len(residuals) > limit:
             return end(NewtonStatus.CONVERGED if unmet is None else unmet.status, unmet)
         # Where little is left to do, the tangent at hand does it; should it not, the next step has its own.
-        chord = chord_allowed and residual.size * CHORD_CONTRACTION * turn < settings.tolerance
+        left = CHORD_CONTRACTION * turn * residual.size
+        chord = chord_allowed and left < MARGIN * settings.tolerance
         try:
             if step is not None and (chord or unmet is None):
                 step = _chord_step(step, numbering, residual)

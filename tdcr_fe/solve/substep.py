@@ -5,15 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.convergence import NewtonStatus
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.load_path import Path, StepFailed, one_substep
 from tdcr_fe.solve.newton import NewtonResult, newton
+from tdcr_fe.solve.prediction import predict
 from tdcr_fe.solve.ramp import Ramp
-from tdcr_fe.solve.state import SolverState
+from tdcr_fe.solve.solved_step import SolvedStep
+from tdcr_fe.solve.state import SolverState, Target
 from tdcr_fe.solve.system import SceneSystem
+
+Array = NDArray[np.float64]
 
 #: A jump of a node by more than this fraction of the length in a damped solve is a snap-through [1].
 SNAP = 0.02
@@ -55,8 +60,31 @@ class SubstepSolver:
     ) -> NewtonResult:
         """Solve at a load factor, from a guess, a substep that begins in the state `start`."""
         target = self.ramp.apply(self.system, load_factor)
-        result = newton(self.system, state, target, self.settings, linearization=linearization)
+        result, slope = self._solved(state, target, linearization)
+        line = result.linearization
+        if result.converged and line is not None:
+            solved = SolvedStep.of(start, result.state, target, line.numbering, slope)
+            result = result._replace(linearization=line._replace(solved=solved))
         return self._unless_contact_passed(result, start)
+
+    def _solved(
+        self, state: SolverState, target: Target, line: Linearization | None
+    ) -> tuple[NewtonResult, Array | None]:
+        """A solve from a prediction, where there is one that leads to a solution, else from a state.
+
+        With the slope at the beginning of the step, see `SolvedStep`; None where it is unknown.
+        """
+        spent = 0
+        first = None if line is None else predict(self.system, state, target, line, self.settings)
+        if first is not None:
+            result = newton(self.system, first.state, target, self.settings)
+            if result.converged:
+                # Without any iteration, the linearisation is that of the step before.
+                near = result.linearization or line
+                return result._replace(linearization=near, predicted_slips=first.slips), first.slope
+            spent = result.iterations
+        result = newton(self.system, state, target, self.settings, linearization=line)
+        return result._replace(iterations=result.iterations + spent), None
 
     def _unless_contact_passed(self, result: NewtonResult, start: SolverState) -> NewtonResult:
         """A solve, not converged where a node may have jumped over a contact since the beginning of its substep."""
@@ -65,7 +93,7 @@ class SubstepSolver:
         moved = result.state.configuration.positions - start.configuration.positions
         if float(np.linalg.norm(moved, axis=1).max()) <= self.system.contact_room(start):
             return result
-        return replace(result, status=NewtonStatus.CONTACT_PASSED, unmet=None)
+        return result._replace(status=NewtonStatus.CONTACT_PASSED, unmet=None)
 
     def may_be_halved(self, length: float, status: NewtonStatus) -> bool:
         """Whether a substep of this length that did not converge is divided."""

@@ -300,7 +300,7 @@ class SceneSystem:
             factors = self._dense_factors(residual, numbering, damping)
         if numbering.any_driven:
             factors = BorderedFactors.of(factors, *border(residual, numbering, layout.clamped))
-        return Linearization(factors, residual.state.configuration.chains, numbering)
+        return Linearization(factors, residual.state.configuration.chains, numbering, residual.forces)
 
     def _dense_factors(self, residual: Residual, numbering: Numbering, damping: float) -> Factors:
         """Factors of the tangent at fixed tensions, as a full matrix."""

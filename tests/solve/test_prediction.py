@@ -1,0 +1,133 @@
+"""Prediction of the next solution from the last step: its order, when it is made, and that results stay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import LENGTH, paper, pull, solve, three
+
+from tdcr_fe.model.loading import LoadStep, Model, resolve
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.prediction import predict
+from tdcr_fe.solve.simulation import Simulation
+from tdcr_fe.solve.solved_step import SolvedStep, unknowns
+from tdcr_fe.solve.state import Target
+
+MODEL = Model(friction="per-hole", elements_per_bay=1)
+
+
+def simulation(robot, steps, settings=None):
+    """A robot that has gone through load steps."""
+    found = Simulation(robot, MODEL, resolve(robot, steps), settings)
+    for target in resolve(robot, steps):
+        found.advance(target)
+    return found
+
+
+def predicted(arm, *inputs, loads=()):
+    """Prediction for further inputs."""
+    goal = Target((np.array(inputs, dtype=float),), loads, arm.state.time)
+    return predict(arm.system, arm.state, goal, arm.linearization(), arm.settings)
+
+
+@pytest.mark.parametrize("length", [0.5, 1.0, 2.0])
+def test_the_polynomial_is_exact_for_cubic_curves(length):
+    """And, without the slope at its start, for quadratic ones."""
+
+    def x(t):
+        return np.array([1.0 + 2.0 * t + 3.0 * t**2 + 4.0 * t**3, -t + t**3])
+
+    def slope(t):
+        return np.array([2.0 + 6.0 * t + 12.0 * t**2, -1.0 + 3.0 * t**2])
+
+    last = SolvedStep(np.array([length]), x(-length), x(0.0), length * slope(-length))
+    assert slope(0.0) + last.curvature(length, slope(0.0)) == pytest.approx(x(1.0) - x(0.0), rel=1e-12)
+    square = SolvedStep(np.array([length]), np.array([length**2]), np.zeros(1), None)
+    assert square.curvature(length, np.zeros(1)) == pytest.approx([1.0], rel=1e-12)
+
+
+def test_error_of_a_prediction_falls_with_nearly_the_fourth_power_of_the_step():
+    """Pull from 1 N in steps of 0.2, 0.1 and 0.05 N; the fourth solution is predicted from two before it."""
+    errors = []
+    for size in (0.2, 0.1, 0.05):
+        arm = simulation(paper(0.3), pull(*(1.0 + size * np.arange(3))), SolverSettings(tolerance=1e-11))
+        goal = 1.0 + 3.0 * size
+        guess = predicted(arm, goal).state.configuration.twists[0]
+        arm.advance(resolve(paper(0.3), pull(goal))[0])
+        errors.append(np.abs(guess - arm.state.configuration.twists[0]).max())
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(slopes > 3.3), (errors, slopes)
+    assert errors[-1] < 1e-6
+
+
+def test_a_pull_that_goes_on_takes_one_iteration_a_step():
+    """Version 0.1 takes three."""
+    result = solve(paper(0.3), pull(0.5, 1.0, 1.5, 2.0, 2.5))
+    assert [s.iterations for s in result.steps[2:]] == [1, 1, 1]
+    assert max(s.residual for s in result.steps) < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("robot", "driven", "full"),
+    [
+        (paper(0.3), "tensions", (2.0,)),
+        (paper(0.3), "displacements", (4e-3,)),
+        (three(0.3), "tensions", (2.0, 0.0, 0.0)),
+        (three(0.3, axial_stiffness=3000.0), "tensions", (2.0, 0.0, 0.0)),
+        (three(0.3, axial_stiffness=3000.0), "displacements", (4e-3, -2e-3, -2e-3)),
+    ],
+)
+def test_predictions_do_not_change_results(robot, driven, full):
+    """The same history, each step from the state alone, without the step before it."""
+    inputs = dict(zip(robot.tendon_names, full, strict=True))
+    factors = [0.2, 0.4, 0.6, 0.8, 1.0, 0.9, 0.8, 0.7]
+    steps = [LoadStep(**{driven: {name: f * x for name, x in inputs.items()}}) for f in factors]
+    settings = SolverSettings(tolerance=1e-11, path_tolerance=1e-9)
+    targets = resolve(robot, steps)
+    following, alone = (Simulation(robot, MODEL, targets, settings) for _ in range(2))
+    made = 0
+    for target in targets:
+        line = following.linearization()
+        goal = Target((target.values,), (), 0.0)
+        made += predict(following.system, following.state, goal, line, settings) is not None
+        following.advance(target)
+        alone.restore(alone.state)
+        alone.advance(target)
+        a, b = following.state, alone.state
+        assert np.abs(a.configuration.positions - b.configuration.positions).max() < 1e-10 * LENGTH
+        assert a.base_tension[0] == pytest.approx(b.base_tension[0], abs=1e-8)
+    assert made >= 4
+
+
+def test_no_prediction_where_the_last_step_is_no_guide():
+    arm = simulation(three(0.3), pull(0.5, 1.0))
+    assert predicted(arm, 1.5, 0.0, 0.0) is not None
+    assert predicted(arm, 0.5, 0.0, 0.0) is None, "reversal"
+    assert predicted(arm, 1.5, 0.1, 0.0) is None, "another direction"
+    assert predicted(arm, 3.0, 0.0, 0.0) is None, "too long"
+    assert predicted(arm, 1.0, 0.0, 0.0) is None, "no change"
+    line, goal = arm.linearization(), Target((np.array([1.5, 0.0, 0.0]),), (), 0.0)
+    elsewhere = line._replace(solved=line.solved._replace(end=line.solved.end + 1e-6))
+    assert predict(arm.system, arm.state, goal, elsewhere, arm.settings) is None, "another state"
+    alone = line._replace(solved=None)
+    assert predict(arm.system, arm.state, goal, alone, arm.settings) is None, "no step before"
+    short = replace(arm.settings, max_turn=1e-3)
+    assert predict(arm.system, arm.state, goal, line, short) is None, "large turn"
+
+
+def test_no_prediction_after_holes_changed_between_stick_and_slip():
+    arm = simulation(paper(0.3), pull(1.0, 2.0, 1.9))
+    assert arm.linearization().solved is None
+
+
+def test_predicted_state_keeps_history_and_meets_the_prescribed_tensions():
+    arm = simulation(paper(0.3), pull(0.5, 1.0, 1.5))
+    found = predicted(arm, 2.0)
+    assert found.state.friction is arm.state.friction
+    assert np.array_equal(found.state.mobilisation[0], arm.state.mobilisation[0])
+    assert np.all(found.slips > 0.0)
+    numbering = arm.system.numbering()
+    change = unknowns(found.state, numbering) - unknowns(arm.state, numbering)
+    assert np.abs(change - found.slope).max() < 0.2 * np.abs(found.slope).max()
