@@ -19,11 +19,20 @@ from tdcr_fe.validation.blind import OFF_LIST, Answer, Recipe, make_blind, plan,
 from tdcr_fe.validation.blind.benchmark import run_benchmark
 from tdcr_fe.validation.blind.loading import draw_loading
 from tdcr_fe.validation.blind.readings import read
-from tdcr_fe.validation.blind.recipes import BY_DISPLACEMENT, LATER, LISTED_AS, PLACES, ROBOTS, plan_of
+from tdcr_fe.validation.blind.recipes import (
+    BY_DISPLACEMENT,
+    FORMS,
+    LATER,
+    LISTED_AS,
+    OF_SEGMENTS,
+    PLACES,
+    ROBOTS,
+    plan_of,
+)
 from tdcr_fe.validation.blind.report import BEGIN, END, to_markdown, write_into_page, write_report
 from tdcr_fe.validation.blind.robots import draw_robot
 from tdcr_fe.validation.blind.scoring import score, summarise
-from tdcr_fe.validation.blind.values import DRAW
+from tdcr_fe.validation.blind.values import DRAW, DRAW_FORMS
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 
@@ -78,6 +87,24 @@ def test_recipes_that_cannot_be_are_refused():
         Recipe(1, "parallel", BY_DISPLACEMENT[:1])
     with pytest.raises(ValueError, match="no robot"):
         Recipe(1, "snake")
+    with pytest.raises(ValueError, match="need 'two-segment'"):
+        Recipe(1, "parallel", ("stretch_by_segment",), drive="displacement")
+    with pytest.raises(ValueError, match="need several"):
+        Recipe(1, "single", ("friction_of_each",))
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_forms_of_effects_have_a_plan_of_their_own(name, tmp_path):
+    """The hidden numbers are those of segments, tendons and markers that the robot has, and the data show them."""
+    (recipe,) = plan_of([name], 1)
+    assert recipe.listed == (FORMS[name],) and (recipe.robot == "two-segment" or name not in OF_SEGMENTS)
+    answer = make_blind(tmp_path, replace(recipe, sigma=2e-4), substeps=1)
+    data = read_measured(tmp_path, strict=True)
+    known = next(e for e in EFFECTS if e.name == FORMS[name])
+    of_robot = known.parameters_of(Experiment(data.robot, data.model, data.steps, data.observation))
+    assert set(answer.effects[FORMS[name]]) <= {p.name for p in of_robot}
+    assert len(answer.effects[FORMS[name]]) > (0 if name in OF_SEGMENTS else 1)
+    assert answer.detectable
 
 
 @pytest.mark.parametrize("kind", ROBOTS)
@@ -303,6 +330,7 @@ def test_every_listed_effect_has_random_values(made):
     """By the maker's own table; an effect added to the list must get an entry there."""
     assert set(DRAW) | set(LISTED_AS.values()) == {e.name for e in EFFECTS}
     assert set(LISTED_AS) == set(PLACES) == set(unlisted._DRAW)
+    assert set(FORMS) == set(DRAW_FORMS)
 
 
 def test_a_benchmark_resumes_where_it_stopped(made, tmp_path):

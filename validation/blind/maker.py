@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import channel
@@ -115,6 +115,7 @@ def _make(recipe: Recipe, rng: np.random.Generator, substeps: int) -> tuple[Meas
     """One set from one series of random numbers. The order of the draws fixes what a seed gives."""
     declared, branches = _draw_declared(recipe, rng)
     plan = _draw_measurement(recipe, declared, rng)
+    declared = replace(declared, observation=Observation(markers=plan.arc_lengths))
     coarse = min(2, substeps)
     base = _solve(declared, Extras(), plan.arc_lengths, coarse)
     start = read(base, declared, plan.marks)
@@ -157,7 +158,7 @@ def _make(recipe: Recipe, rng: np.random.Generator, substeps: int) -> tuple[Meas
 def _draw_declared(recipe: Recipe, rng: np.random.Generator) -> tuple[Experiment, tuple[str, ...]]:
     """The declared robot with its loading sequence, and the branches of the steps."""
     robot = draw_robot(recipe.robot, rng)
-    if "pretension" in recipe.effects:
+    if "pretension" in recipe.listed:
         # Tendons that stretch by a fifth of the largest displacement at the tension that bends the robot by 1 rad.
         largest = {d: min(largest_commands(robot, d, 1.0).values()) for d in DRIVES}
         stiffness = 5.0 * robot.backbone.length * largest["tension"] / largest["displacement"]

@@ -22,9 +22,30 @@ PLACES = (*OFF_LIST, "kink")
 #: Name of the effect in the list of `identify` that each of them is.
 LISTED_AS = {"soft_spot": "soft_bay", **{name: name for name in PLACES[1:]}}
 
+#: Forms of listed effects with other parameters, and the name of the effect in the list.
+FORMS = {
+    "stretch_by_segment": "tendon_stretch",
+    "stretch_of_each": "tendon_stretch",
+    "pretension_by_segment": "pretension",
+    "friction_of_each": "friction_coefficient",
+    "marker_beyond_tip": "marker_offset",
+    "markers_each": "marker_offset",
+    "frame_elsewhere": "frame_misalignment",
+}
+#: Those that need two segments, and those that need several tendons.
+OF_SEGMENTS = ("stretch_by_segment", "pretension_by_segment")
+OF_SEVERAL = ("stretch_of_each", "friction_of_each")
+
 #: Effects detectable only in data driven by tension, and only in data driven by displacement.
-BY_TENSION = ("actuator_loss", "friction_coefficient", "hole_adhesion", "stuck_hole")
-BY_DISPLACEMENT = ("actuator_backlash", "tendon_stretch", "pretension")
+BY_TENSION = ("actuator_loss", "friction_coefficient", "friction_of_each", "hole_adhesion", "stuck_hole")
+BY_DISPLACEMENT = (
+    "actuator_backlash",
+    "tendon_stretch",
+    "pretension",
+    "stretch_by_segment",
+    "stretch_of_each",
+    "pretension_by_segment",
+)
 
 #: Effects that `plan` leaves out, so that its sets stay those of version 0.1; `plan_of` has them.
 LATER = ("time_lag", "base_compliance", "pretension", "soft_bay", "kink", "side_spring", "stuck_hole")
@@ -55,7 +76,7 @@ class Recipe:
     robot : str
         A member of `ROBOTS`.
     effects : tuple of str
-        Hidden effects: names of the list, or one of `PLACES`.
+        Hidden effects: names of the list, of `FORMS`, or one of `PLACES`.
     sigma : float
         Standard deviation of the noise on positions [m].
     drive : "tension" or "displacement"
@@ -71,7 +92,7 @@ class Recipe:
     weak: bool = False
 
     def __post_init__(self) -> None:
-        known = {e.name for e in EFFECTS if e.name != "soft_bay"} | set(PLACES)
+        known = {e.name for e in EFFECTS if e.name != "soft_bay"} | set(PLACES) | set(FORMS)
         unknown = sorted(set(self.effects) - known)
         if unknown:
             raise ValueError(f"no effect {unknown[0]!r}; there are {', '.join(sorted(known))}")
@@ -80,6 +101,10 @@ class Recipe:
         if not self.sigma > 0.0:
             raise ValueError(f"sigma = {self.sigma}; must be positive")
         wrong = set(self.effects) & set(BY_TENSION if self.drive == "displacement" else BY_DISPLACEMENT)
+        if self.robot != "two-segment" and set(self.effects) & set(OF_SEGMENTS):
+            raise ValueError(f"robot = {self.robot!r}; numbers of segments need 'two-segment'")
+        if self.robot == "single" and set(self.effects) & set(OF_SEVERAL):
+            raise ValueError("robot = 'single'; numbers of each tendon need several")
         if wrong:
             raise ValueError(f"{sorted(wrong)[0]} does not show in data driven by {self.drive}")
 
@@ -91,6 +116,11 @@ class Recipe:
         if set(self.effects) & set(PLACES):
             return "off-list"
         return ("clean", "single", "pair")[min(len(self.effects), 2)]
+
+    @property
+    def listed(self) -> tuple[str, ...]:
+        """Hidden effects by the name that `identify` has for them, without those at a place."""
+        return tuple(FORMS.get(n, n) for n in self.effects if n not in PLACES)
 
     @property
     def label(self) -> str:
@@ -163,5 +193,6 @@ def plan_of(effects: Sequence[str], count: int, seed: int = 0) -> list[Recipe]:
         name = effects[k % len(effects)]
         drive: Drive = "displacement" if name in BY_DISPLACEMENT else "tension"
         robots = ROBOTS[:-1] if drive == "displacement" else ROBOTS
+        robots = ROBOTS[-1:] if name in OF_SEGMENTS else robots[name in OF_SEVERAL :]
         recipes.append(Recipe(10000 * (seed + 1) + 5000 + k, str(rng.choice(robots)), (name,), 1e-4, drive))
     return recipes

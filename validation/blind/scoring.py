@@ -11,7 +11,7 @@ import numpy as np
 
 from tdcr_fe.identify import IdentificationResult
 from tdcr_fe.validation.blind.maker import Answer
-from tdcr_fe.validation.blind.recipes import LISTED_AS, PLACES
+from tdcr_fe.validation.blind.recipes import LISTED_AS
 
 Score = dict[str, Any]
 
@@ -44,7 +44,7 @@ def score(answer: Answer, result: IdentificationResult) -> Score:
     recipe = answer.recipe
     named = [e.name for e in result.effects]
     rivals = {e.name: list(e.indistinguishable_from) for e in result.effects}
-    hidden = [n for n in recipe.effects if n not in PLACES]
+    hidden = list(recipe.listed)
     off_list = bool(answer.off_list)
     if off_list:
         if result.verdict == "explained" and _at_the_place(answer, result):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.validation.blind.loading import largest_commands
-from tdcr_fe.validation.blind.recipes import PLACES, Recipe
+from tdcr_fe.validation.blind.recipes import FORMS, PLACES, Recipe
 
 #: By effect, the value of every parameter.
 Values = dict[str, dict[str, float]]
@@ -45,6 +45,10 @@ class _Sizes:
         Largest bending strain of the solution [1].
     duration : float
         Time of the last step [s]; zero without times.
+    tendons : tuple of str
+        Names.
+    markers : int
+        Number of markers.
     """
 
     length: float
@@ -57,6 +61,8 @@ class _Sizes:
     displacement: float
     strain: float
     duration: float
+    tendons: tuple[str, ...]
+    markers: int
 
     @classmethod
     def of(cls, declared: Experiment, solution: SequenceResult) -> _Sizes:
@@ -73,6 +79,8 @@ class _Sizes:
             displacement=max(largest_commands(robot, "displacement", 1.0).values()),
             strain=backbone.radius * max(_largest_curvature(step) for step in solution.steps),
             duration=max(s.time or 0.0 for s in declared.steps),
+            tendons=robot.tendon_names,
+            markers=len(declared.observation.markers),
         )
 
 
@@ -159,6 +167,44 @@ DRAW: dict[str, Callable[[_Sizes, np.random.Generator], dict[str, float]]] = {
 }
 
 
+def _several(name: str, parts: Iterable[str], draw: Callable[[], float]) -> dict[str, float]:
+    """A number of its own for each part."""
+    return {f"{name}_{part}": draw() for part in parts}
+
+
+#: The two segments of a robot, as parameters name them.
+_SEGMENTS = ("segment_1", "segment_2")
+
+#: The same as `DRAW` for the forms of effects.
+DRAW_FORMS: dict[str, Callable[[_Sizes, np.random.Generator], dict[str, float]]] = {
+    "stretch_by_segment": lambda sizes, rng: _several(
+        "axial_stiffness", _SEGMENTS, lambda: DRAW["tendon_stretch"](sizes, rng)["axial_stiffness"]
+    ),
+    "stretch_of_each": lambda sizes, rng: _several(
+        "axial_stiffness", sizes.tendons, lambda: DRAW["tendon_stretch"](sizes, rng)["axial_stiffness"]
+    ),
+    "pretension_by_segment": lambda sizes, rng: _several(
+        "tension", _SEGMENTS, lambda: DRAW["pretension"](sizes, rng)["tension"]
+    ),
+    "friction_of_each": lambda sizes, rng: _several(
+        "mu", sizes.tendons, lambda: float(rng.uniform(0.0, 0.4))
+    ),
+    "marker_beyond_tip": lambda sizes, rng: {
+        **DRAW["marker_offset"](sizes, rng),
+        "offset_z": _either(rng, 1e-3, 6e-3),
+    },
+    "markers_each": lambda sizes, rng: {
+        f"offset_{axis}_marker_{k}": _either(rng, 5e-4, 2.5e-3)
+        for k in range(1, sizes.markers + 1)
+        for axis in "xyz"
+    },
+    "frame_elsewhere": lambda sizes, rng: {
+        **DRAW["frame_misalignment"](sizes, rng),
+        **{f"shift_{axis}": _either(rng, 5e-4, 4e-3) for axis in "xyz"},
+    },
+}
+
+
 def draw_values(
     recipe: Recipe, declared: Experiment, solution: SequenceResult, rng: np.random.Generator
 ) -> Values:
@@ -173,9 +219,10 @@ def draw_values(
     rng
         Draws the values, in the order of the recipe's effects.
     """
-    listed = [name for name in recipe.effects if name not in PLACES]
+    names = [name for name in recipe.effects if name not in PLACES]
     sizes = _Sizes.of(declared, solution)
-    return {name: _rounded(DRAW[name](sizes, rng)) for name in listed}
+    draw = {**DRAW, **DRAW_FORMS}
+    return {FORMS.get(name, name): _rounded(draw[name](sizes, rng)) for name in names}
 
 
 def _rounded(values: dict[str, float]) -> dict[str, float]:
@@ -187,14 +234,14 @@ def _stronger(declared: Experiment, values: Values, factor: float) -> Values:
     result: Values = {}
     for name, own in values.items():
         e = effect(name)
-        null, bounds = e.null_values(declared), e.bounds(declared)
+        bounds = e.bounds(declared)
         new = dict(own)
-        for p in e.parameters:
+        for p in (p for p in e.parameters_of(declared) if p.name in own):
             if name == "superelastic" and p.name == "threshold_strain":
                 new[p.name] = own[p.name] / (factor if factor > 1.0 else 1.0)
                 continue
-            here, zero = p.coordinate(own[p.name]), p.coordinate(null[p.name])
-            low, high = sorted(p.coordinate(x) for x in bounds[p.name])
+            here, zero = p.coordinate(own[p.name]), p.coordinate(e.null_value(declared, p.name))
+            low, high = sorted(p.coordinate(x) for x in bounds.get(p.name, (p.lower, p.upper)))
             new[p.name] = p.value(float(np.clip(zero + factor * (here - zero), low, high)))
         result[name] = _rounded(new)
     return result
