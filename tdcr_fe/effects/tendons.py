@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from tdcr_fe.effects.base import ExcitationRange, Experiment, Parameter
+from tdcr_fe.effects.base import ExcitationRange, Experiment, Parameter, Values
 from tdcr_fe.effects.by_tendon import TendonNumber
 from tdcr_fe.model.robot import Tendon
 
@@ -67,9 +67,29 @@ class Pretension(TendonNumber):
         """Its pretension."""
         return tendon.pretension
 
+    def applies_to(self, tendon: Tendon) -> bool:
+        """Where there are elastic tendons, to those: the tension of one that does not stretch follows from them."""
+        return tendon.axial_stiffness is not None
+
     def with_number(self, tendon: Tendon, value: float) -> Tendon:
         """With another pretension."""
         return replace(tendon, pretension=value)
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`.
+
+        Raises
+        ------
+        ValueError
+            No tendon is elastic.
+        """
+        tendons = experiment.robot.tendons
+        given = any(x != self.null_value(experiment, name) for name, x in values.items())
+        if given and tendons and not any(self.applies_to(t) for t in tendons):
+            raise ValueError(
+                "effect pretension: no tendon is elastic; give their axial_stiffness, or tendon_stretch"
+            )
+        return super().apply(experiment, values)
 
     def probe_points(
         self, experiment: Experiment, excitation: ExcitationRange

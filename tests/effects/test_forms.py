@@ -97,6 +97,20 @@ def test_friction_of_one_tendon_is_that_of_the_robot_that_declares_it():
     assert [t.friction_coefficient for t in changed.robot.tendons] == [0.0, 0.4, 0.0, 0.0]
 
 
+def test_pretension_is_that_of_the_elastic_tendons():
+    """A fit may make one segment inextensible while another has pretension; without any elastic tendon it cannot be."""
+    stiff = with_effect(SETUP, "tendon_stretch", axial_stiffness_segment_1=np.inf)
+    changed = with_effect(stiff, "pretension", tension=1.5).robot
+    assert {t.name: t.pretension for t in changed.tendons} == {
+        "tip": 1.5,
+        "near": 0.0,
+        "far": 1.5,
+        "next": 0.0,
+    }
+    with pytest.raises(ValueError, match="no tendon is elastic"):
+        with_effect(Experiment(three(), MODEL, STEPS), "pretension", tension=1.5)
+
+
 def test_stretch_of_one_segment_leaves_the_other_tendons_alone():
     softer = with_effect(SETUP, "tendon_stretch", axial_stiffness_segment_1=50.0)
     by_hand = TWO.with_tendons(["near", "next"], axial_stiffness=50.0)

@@ -1,0 +1,85 @@
+"""Effects that are given by name: fitted in their order, and what each takes away."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import LENGTH, three
+
+from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.io.measured import MeasuredData, write_measured
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.validation.given_effects import chosen_form, every_nth_step, fit_in_order
+from tdcr_fe.validation.given_effects.__main__ import main
+
+HIDDEN = {
+    "tendon_stretch": {"axial_stiffness": 300.0},
+    "marker_offset": {"offset_x": 1e-3, "offset_y": -5e-4, "offset_z": 3e-3},
+}
+
+
+@pytest.fixture(scope="module")
+def data() -> MeasuredData:
+    """Three tendons pulled in by displacement one after another; the tip without noise."""
+    steps, branches = [], []
+    for name in ("t1", "t2", "t3"):
+        for share in (0.25, 0.5, 0.75, 1.0, 0.5):
+            values = {n: (4e-3 if n == name else -2e-3) * share for n in ("t1", "t2", "t3")}
+            steps.append(LoadStep(displacements=values))
+            branches.append(f"pull_{name}")
+    ids = tuple(range(1, len(steps) + 1))
+    readings = tuple(Reading(n, f"position_{a}", LENGTH, 0.0, 2e-4) for n in ids for a in "xyz")
+    empty = MeasuredData(
+        "three", three(0.0), Model(friction="none"), ids, tuple(steps), tuple(branches), readings
+    )
+    model = replace(empty.model, elements_per_bay=1)
+    true = with_effects(Experiment(empty.robot, model, empty.steps, empty.observation), HIDDEN)
+    run = simulate_experiment(Task(true, run_settings(SolverSettings(), 5e-4)))
+    values = Reader(readings, ids, empty.robot.tendon_names).read(run, true)
+    return replace(
+        empty, readings=tuple(replace(r, value=float(x)) for r, x in zip(readings, values, strict=True))
+    )
+
+
+NAMES = ["tendon_stretch", "marker_offset (along the tangent, too)"]
+
+
+def test_hidden_values_are_found_and_held_out_branches_predicted(data):
+    with ForwardModel() as forward:
+        declared, first, last = fit_in_order(data, NAMES, ["pull_t3"], forward)
+    assert [s.added for s in (declared, first, last)] == ["", *NAMES]
+    assert declared.held_out > first.held_out > 2e-3 and last.held_out < 2e-5
+    found = last.fit.values
+    assert found["tendon_stretch"]["axial_stiffness"] == pytest.approx(300.0, rel=2e-2)
+    for key, value in HIDDEN["marker_offset"].items():
+        assert found[NAMES[1]][key] == pytest.approx(value, abs=5e-5)
+
+
+def test_every_nth_step_keeps_the_first_of_each_branch(data):
+    part = every_nth_step(data, 2)
+    assert part.step_ids == (1, 3, 5, 6, 8, 10, 11, 13, 15)
+    assert {r.step for r in part.readings} == set(part.step_ids)
+
+
+def test_the_command_prints_and_writes_what_each_takes_away(data, tmp_path, capsys):
+    write_measured(every_nth_step(data, 2), tmp_path / "set")
+    out = tmp_path / "found.json"
+    arguments = [str(tmp_path / "set"), "--hold-out", "pull_t3", "-o", str(out), "--effects"]
+    assert main([*arguments, NAMES[0]]) == 0
+    assert "+ tendon_stretch" in capsys.readouterr().out
+    declared, found = json.loads(out.read_text())
+    assert found["held_out"] < declared["held_out"]
+    assert set(found["by_branch"]) == {"pull_t1", "pull_t2", "pull_t3"}
+    assert np.mean([found["by_branch"][f"pull_t{k}"] for k in (1, 2)]) == pytest.approx(
+        found["fitted"], rel=1e-6
+    )
+    assert main([*arguments, "tendon_stretch (by segment)"]) == 2
+    assert "no form 'tendon_stretch (by segment)'; there are tendon_stretch," in capsys.readouterr().err
+    with pytest.raises(KeyError, match="no effect"):
+        chosen_form("wind", Experiment(data.robot, data.model))
