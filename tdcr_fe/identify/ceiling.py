@@ -10,6 +10,7 @@ depends on something else. Kernel and noise are chosen by cross-validation over 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,14 +66,25 @@ class StepFeatures:
         clock = clock / max(float(clock.max(initial=0.0)), 1e-300)
         return cls((table, before, directions(data).astype(float), clock[:, None]))
 
-    def kernel(self, scales: tuple[float, ...]) -> Array:
+    def among(self, steps: NDArray[np.int_]) -> StepFeatures:
+        """Of some of the steps."""
+        return StepFeatures(tuple(g[steps] for g in self.groups))
+
+    def distances(self) -> list[Array]:
+        """Squared distances between all steps by group, each of shape (K, K)."""
+        found = []
+        for group in self.groups:
+            square = np.sum(group**2, axis=1)
+            found.append(np.maximum(square[:, None] + square[None, :] - 2.0 * group @ group.T, 0.0))
+        return found
+
+    def kernel(self, scales: tuple[float, ...], distances: Sequence[Array] | None = None) -> Array:
         """Covariance of all steps: constant, linear in the inputs, and squared exponential, shape (K, K)."""
-        distance = np.zeros((len(self.groups[0]),) * 2)
-        for group, scale in zip(self.groups, scales, strict=True):
+        known = self.distances() if distances is None else distances
+        distance = np.zeros_like(known[0])
+        for own, scale in zip(known, scales, strict=True):
             if np.isfinite(scale):
-                square = np.sum(group**2, axis=1)
-                gap = square[:, None] + square[None, :] - 2.0 * group @ group.T
-                distance += np.maximum(gap, 0.0) / scale**2
+                distance += own / scale**2
         table = self.groups[0]
         return np.asarray(np.exp(-0.5 * distance) + table @ table.T + 1.0)
 
@@ -100,50 +112,80 @@ def held_out_ceiling(problem: FitProblem, declared: Fit, best: Fit) -> Misfit | 
     if not np.any(problem.held_out) or fitted.size < FEWEST_STEPS or not (declared.solved and best.solved):
         return None
     features = StepFeatures.of(problem.data)
-    left = [best.residual]
-    for fit in (declared, best):
-        left.append(fit.residual - predicted_residual(problem, features, fit.residual))
+    residuals = [declared.residual, best.residual]
+    predicted = predicted_residuals(problem, features, residuals)
+    left = [best.residual, *(r - p for r, p in zip(residuals, predicted, strict=True))]
     cost = [float(np.sum(r[problem.held_out] ** 2)) for r in left]
     return problem.misfit(left[int(np.argmin(cost))], problem.held_out)
 
 
-def predicted_residual(problem: FitProblem, features: StepFeatures, residual: Array) -> Array:
-    """Residual over sigma that the regression predicts from the fitted readings, shape (n,)."""
+def predicted_residuals(
+    problem: FitProblem, features: StepFeatures, residuals: Sequence[Array]
+) -> list[Array]:
+    """Residuals over sigma that the regression predicts from the fitted readings, each by a kernel of its own.
+
+    Parameters
+    ----------
+    problem
+        Readings, and which are held out.
+    features
+        Of the steps.
+    residuals
+        Over sigma, each of shape (n,).
+    """
     steps = problem.readings.reader.step
     fitted = np.unique(steps[problem.fitted])
-    series = _series(problem, residual)
-    best: tuple[float, Array, float] | None = None
-    folds = _folds(problem, fitted)
-    every = max(1, int(np.ceil(fitted.size / MOST_STEPS)))
+    tables, index = _series(problem, residuals)
+    chosen = _chosen_kernels(problem, features, fitted, tables)
+    found = []
+    for table, (scales, noise) in zip(np.moveaxis(tables, 2, 0), chosen, strict=True):
+        kernel, out = features.kernel(scales), np.zeros(problem.count)
+        for columns in _patterns(table[fitted]):
+            known = fitted[np.isfinite(table[fitted][:, columns[0]])]
+            if known.size:
+                predicted = _regress(
+                    kernel, noise, known, table[np.ix_(known, columns)], np.arange(len(table))
+                )
+                for j, column in enumerate(columns):
+                    there = index[:, column] >= 0
+                    out[index[there, column]] = predicted[there, j]
+        found.append(out)
+    return found
+
+
+def _chosen_kernels(
+    problem: FitProblem, features: StepFeatures, fitted: NDArray[np.int_], tables: Array
+) -> list[tuple[tuple[float, ...], float]]:
+    """Length scales and noise of each of several residuals by cross-validation; all share the factors."""
+    tried = fitted[:: max(1, int(np.ceil(fitted.size / MOST_STEPS)))]
+    among = features.among(tried)
+    distances = among.distances()
+    folds = [np.array([int(k) in fold for k in tried]) for fold in _folds(problem, fitted)]
+    best: list[tuple[float, tuple[float, ...], float]] = [(np.inf, SCALES[0], NOISE[0])] * tables.shape[2]
     for scales in SCALES:
-        kernel = features.kernel(scales)
+        kernel = among.kernel(scales, distances)
         for noise in NOISE:
-            error = sum(_fold_error(kernel, noise, series, fitted[::every], fold) for fold in folds)
-            if best is None or error < best[0]:
-                best = (error, kernel, noise)
-    assert best is not None
-    _, kernel, noise = best
-    out = np.zeros(problem.count)
-    table, index = series
-    for columns in _patterns(table[fitted]):
-        known = fitted[np.isfinite(table[fitted][:, columns[0]])]
-        if known.size:
-            predicted = _regress(kernel, noise, known, table[np.ix_(known, columns)], np.arange(len(table)))
-            for j, column in enumerate(columns):
-                there = index[:, column] >= 0
-                out[index[there, column]] = predicted[there, j]
-    return out
+            errors = sum(_fold_errors(kernel, noise, tables[tried], fold) for fold in folds)
+            for j, error in enumerate(np.atleast_1d(errors)):
+                if error < best[j][0]:
+                    best[j] = (float(error), scales, noise)
+    return [(scales, noise) for _, scales, noise in best]
 
 
-def _series(problem: FitProblem, residual: Array) -> tuple[Array, NDArray[np.int_]]:
-    """Residuals and numbers of the readings by step and series; NaN and -1 where there is none, shape (K, S)."""
+def _series(problem: FitProblem, residuals: Sequence[Array]) -> tuple[Array, NDArray[np.int_]]:
+    """Residuals by step and series, and numbers of the readings; NaN and -1 where there is none.
+
+    Returns
+    -------
+    tables : ndarray, shape (K, S, R)
+    index : ndarray of int, shape (K, S)
+    """
     series: dict[tuple[str, object], int] = {}
     columns = [series.setdefault((r.quantity, r.location), len(series)) for r in problem.data.readings]
-    table = np.full((len(problem.data.steps), len(series)), np.nan)
-    index = np.full(table.shape, -1)
-    for i, (k, column) in enumerate(zip(problem.readings.reader.step, columns, strict=True)):
-        table[k, column], index[k, column] = residual[i], i
-    return table, index
+    index = np.full((len(problem.data.steps), len(series)), -1)
+    index[problem.readings.reader.step, columns] = np.arange(problem.count)
+    tables = np.stack([np.where(index >= 0, r[index], np.nan) for r in residuals], axis=2)
+    return tables, index
 
 
 def _folds(problem: FitProblem, fitted: NDArray[np.int_]) -> list[set[int]]:
@@ -171,21 +213,30 @@ def _regress(
     return np.asarray(kernel[np.ix_(wanted, known)] @ cho_solve(factor, values))
 
 
-def _fold_error(
-    kernel: Array, noise: float, series: tuple[Array, NDArray[np.int_]], fitted: NDArray[np.int_], fold: set[int]
-) -> float:  # fmt: skip
-    """Sum of squares on the steps of a fold, predicted from the other fitted steps."""
-    table = series[0]
-    inside = np.array([int(k) in fold for k in fitted])
-    error = 0.0
-    for columns in _patterns(table[fitted]):
-        there = np.isfinite(table[fitted][:, columns[0]])
-        known, wanted = fitted[there & ~inside], fitted[there & inside]
+def _fold_errors(kernel: Array, noise: float, tables: Array, inside: NDArray[np.bool_]) -> Array:
+    """Sums of squares on the steps of a fold, predicted from the others, by residual, shape (R,).
+
+    Parameters
+    ----------
+    kernel
+        Of the steps, shape (K, K).
+    noise
+        Over the signal variance [1].
+    tables
+        Residuals of these steps, shape (K, S, R).
+    inside
+        The steps of the fold, shape (K,).
+    """
+    error = np.zeros(tables.shape[2])
+    for columns in _patterns(tables[..., 0]):
+        there = np.isfinite(tables[:, columns[0], 0])
+        known, wanted = np.flatnonzero(there & ~inside), np.flatnonzero(there & inside)
         if not wanted.size:
             continue
-        truth = table[np.ix_(wanted, columns)]
+        truth = tables[np.ix_(wanted, columns)]
         predicted = np.zeros_like(truth)
         if known.size:
-            predicted = _regress(kernel, noise, known, table[np.ix_(known, columns)], wanted)
-        error += float(np.sum((truth - predicted) ** 2))
+            values = tables[np.ix_(known, columns)].reshape(known.size, -1)
+            predicted = _regress(kernel, noise, known, values, wanted).reshape(truth.shape)
+        error += np.sum((truth - predicted) ** 2, axis=(0, 1))
     return error

@@ -7,12 +7,15 @@ import math
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from tdcr_fe.effects import EFFECTS
+from tdcr_fe.effects import EFFECTS, Effect
 from tdcr_fe.identify.noise import chi_square_z_score, is_noise, lag1_autocorrelation, structure
 from tdcr_fe.identify.problem import Fit, FitProblem
 
 #: Smallest difference of BIC that separates two models (odds of about 20 to 1).
 BIC_DIFFERENCE = 6.0
+
+#: A model with a parameter at a bound ranks as if its misfit were larger by this share.
+BOUND_PENALTY = 0.3
 
 #: The sum of squares of the held-out readings must fall by this much, in units of the reduced chi-square.
 HELD_OUT_DROP = 4.0
@@ -24,6 +27,26 @@ NOISE_Z_SCORE = 4.0
 def bic(problem: FitProblem, fit: Fit) -> float:
     """Bayesian information criterion over all readings: sum of squares plus log(n) per parameter; smaller is better."""
     return fit.cost + fit.held_cost + len(fit.free) * math.log(problem.count)
+
+
+def at_bound(problem: FitProblem, fit: Fit, effect: Effect | None = None) -> bool:
+    """Whether a free parameter (of one effect) has come to a bound other than its null value, and so is no estimate."""
+    null = {e.name: e.null_values(problem.experiment) for e in fit.effects}
+    for e in fit.effects if effect is None else (effect,):
+        for p in e.parameters:
+            low, high = problem.bounds(e, p.name)
+            z, start = p.coordinate(fit.values[e.name][p.name]), p.coordinate(null[e.name][p.name])
+            near = 1e-6 * max(abs(high - low), 1e-300)
+            at = [x for x in (low, high) if abs(z - x) <= near and abs(start - x) > near]
+            if at and (e.name, p.name) in fit.free:
+                return True
+    return False
+
+
+def rank(problem: FitProblem, fit: Fit) -> float:
+    """BIC by which models are ordered and exchanged, larger where a parameter is at a bound."""
+    penalty = BOUND_PENALTY * (fit.cost + fit.held_cost) if fit.solved and at_bound(problem, fit) else 0.0
+    return bic(problem, fit) + penalty
 
 
 def reduced_chi_square(problem: FitProblem, fit: Fit) -> float:

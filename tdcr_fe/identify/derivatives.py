@@ -100,10 +100,18 @@ class Linear(NamedTuple):
 
 def linearize(problem: FitProblem, requests: Sequence[Request]) -> list[Linear]:
     """Linearise several models, all runs at a time."""
-    parts = [_Part(problem, r) for r in requests]
-    runs = problem.forward.run_jobs([p.job for p in parts], problem.path_tolerance)
+    return linearize_each([(problem, request) for request in requests])
+
+
+def linearize_each(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
+    """Linearise several models, each of a problem of its own; forward model and path tolerance must be the same."""
+    if not pairs:
+        return []
+    forward, path_tolerance = pairs[0][0].forward, pairs[0][0].path_tolerance
+    parts = [_Part(problem, request) for problem, request in pairs]
+    runs = forward.run_jobs([p.job for p in parts], path_tolerance)
     beside = [p.differences(run) for p, run in zip(parts, runs, strict=True)]
-    found = iter(problem.forward.run_jobs([job for jobs in beside for job in jobs], problem.path_tolerance))
+    found = iter(forward.run_jobs([job for jobs in beside for job in jobs], path_tolerance))
     return [
         part.linear(run, [next(found) for _ in jobs])
         for part, run, jobs in zip(parts, runs, beside, strict=True)

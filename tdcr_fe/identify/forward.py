@@ -20,8 +20,8 @@ from tdcr_fe.model.settings import SolverSettings
 if TYPE_CHECKING:
     from tdcr_fe.solve.parameters import ModelParameter
 
-#: Runs kept in memory.
-CACHE = 400
+#: Runs kept in memory, with their paths: those without a reference path, which alone are asked for again.
+CACHE = 24
 
 
 class Job(NamedTuple):
@@ -65,7 +65,6 @@ class ForwardModel:
         self.settings = settings or SolverSettings()
         self.runs = 0
         self._cache: dict[str, Run] = {}
-        self._references: dict[int, Run] = {}
         self._pool: ProcessPoolExecutor | None = None
         self._stack = ExitStack()
 
@@ -107,7 +106,7 @@ class ForwardModel:
         return self.run_jobs([Job(e, reference, record) for e in experiments], path_tolerance)
 
     def run_jobs(self, jobs: Sequence[Job], path_tolerance: float) -> list[Run]:
-        """Simulate jobs at a time; those without derivatives that were simulated before from memory.
+        """Simulate jobs at a time; those without derivatives and reference that were simulated before from memory.
 
         Parameters
         ----------
@@ -118,16 +117,14 @@ class ForwardModel:
         """
         keys = []
         for job in jobs:
-            if job.reference is not None:
-                self._references[id(job.reference)] = job.reference  # while it is kept, its id is unique
-            key = _key(job.experiment, job.reference, job.record)
+            key = _key(job.experiment, job.record)
             if not job.record:  # a recorded run can be used too
-                recorded = _key(job.experiment, job.reference, True)
+                recorded = _key(job.experiment, True)
                 key = recorded if recorded in self._cache else key
             keys.append(key)
         todo: dict[int | str, Job] = {}
         for number, (key, job) in enumerate(zip(keys, jobs, strict=True)):
-            if job.parameters:
+            if job.parameters or job.reference is not None:
                 todo[number] = job
             elif key not in self._cache:
                 todo[key] = job
@@ -137,8 +134,8 @@ class ForwardModel:
         made = dict(zip(todo, runs, strict=True))
         found: list[Run] = []
         for number, (key, job) in enumerate(zip(keys, jobs, strict=True)):
-            run = made.get(number if job.parameters else key)
-            if run is not None:
+            run = made.get(number, made.get(key))
+            if run is not None and job.reference is None:
                 self._cache[key] = replace(run, derivatives=None)
             found.append(self._cache[key] if run is None else run)
         while len(self._cache) > CACHE:
@@ -155,9 +152,8 @@ class ForwardModel:
             return [simulate_experiment(t) for t in tasks]
 
 
-def _key(experiment: Experiment, reference: Run | None, record: bool) -> str:
+def _key(experiment: Experiment, record: bool) -> str:
     text = pickle.dumps(
         (experiment.robot, experiment.model, experiment.steps, experiment.ends, experiment.restarts)
     )
-    path = "free" if reference is None else str(id(reference))
-    return f"{hashlib.sha256(text).hexdigest()} {path} {record}"
+    return f"{hashlib.sha256(text).hexdigest()} {record}"

@@ -13,7 +13,7 @@ from tdcr_fe.identify.criteria import BIC_DIFFERENCE, bic, effective_noise, resi
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.information import lacks_test
 from tdcr_fe.identify.law_fit import LawFit
-from tdcr_fe.identify.law_search import LOWER, LawSearch, law_bic, search_law
+from tdcr_fe.identify.law_search import LOWER, Budget, LawSearch, law_bic, search_law
 from tdcr_fe.identify.law_state import run_with_action
 from tdcr_fe.identify.law_terms import CURVATURE, Term
 from tdcr_fe.identify.outcome import Estimate, FoundLaw, LawTerm
@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 
 #: Time that a search for a law may always take [s], and how many times its first run must fit into it [1].
 LEAST_SECONDS, RUNS = 60.0, 40
+
+#: Runs after which no further fit of a law begins.
+MOST_RUNS = 120
 
 
 def find_law(
@@ -55,16 +58,19 @@ def find_law(
         return None, state
     if residual_is_noise(problem, best, search.significance):
         return None, state
-    deadline = time.perf_counter() + seconds
+    budget = Budget(problem.forward, problem.forward.runs + MOST_RUNS, time.perf_counter() + seconds)
     found: LawFit | None = None
     alternatives: tuple[Term, ...] = ()
     for base in _bases(state):
+        if budget.spent:
+            state = state.with_history(f"no search for a law {_beside(base)}: too many runs before it")
+            continue
         search.report("reading the missing moment from the shapes", 0.9)
         ready = LawSearch.of(problem, base, seconds / RUNS)
         if ready is None:
             state = state.with_history(f"no search for a law {_beside(base)}: too slow, or not solved")
             continue
-        law, others = search_law(ready, search.significance, lambda text: search.report(text, 0.92), deadline)
+        law, others = search_law(ready, search.significance, lambda text: search.report(text, 0.92), budget)
         if law is not None and (found is None or law_bic(problem, law) < law_bic(problem, found)):
             found, alternatives = law, others
         if found is not None and residual_is_noise(problem, found.as_fit(), search.significance):

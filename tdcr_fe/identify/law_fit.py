@@ -121,7 +121,7 @@ def balance(
     backbone = experiment.robot.backbone
     scale = np.array([backbone.EI / backbone.length] * 2 + [backbone.EI / backbone.length**2] * 3)
     here, before = start, np.inf
-    for _ in range(ITERATIONS):
+    for left in range(ITERATIONS, 0, -1):
         gap = law_action(terms, coefficients, here) - here.action
         shape = gap.shape
         size = float(np.max(np.abs(gap) / scale))
@@ -129,6 +129,9 @@ def balance(
             return here
         if not np.isfinite(size) or size > 10.0 * before:
             return None
+        rate = size / before
+        if left < ITERATIONS - 2 and size * min(rate, 1.0) ** left > TOLERANCE:
+            return None  # at this rate it does not converge
         before = min(before, size)
         matrix = _coupling(terms, coefficients, here, response)
         change = np.linalg.solve(matrix, gap.reshape(len(gap), -1, 1)).reshape(shape)

@@ -23,6 +23,7 @@ from tdcr_fe.identify.criteria import (
     effective_noise,
     residual_is_noise,
 )
+from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.law_fit import LawFit, fit_law, readings_of
 from tdcr_fe.identify.law_state import (
     COMPONENTS,
@@ -50,6 +51,30 @@ ALIKE, PARALLEL = 0.999999, 0.999
 
 #: A further term must lower the held-out misfit at least by this factor.
 LOWER = 0.95
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a search may cost.
+
+    Attributes
+    ----------
+    forward : ForwardModel
+        Which counts the runs.
+    runs : int
+        Count at which the budget is spent.
+    deadline : float
+        Reading of `time.perf_counter` at which it is spent [s].
+    """
+
+    forward: ForwardModel
+    runs: int
+    deadline: float
+
+    @property
+    def spent(self) -> bool:
+        """Whether nothing further may begin."""
+        return self.forward.runs >= self.runs or time.perf_counter() > self.deadline
 
 
 @dataclass(frozen=True)
@@ -211,7 +236,7 @@ def law_bic(problem: FitProblem, fit: LawFit) -> float:
 
 
 def search_law(
-    search: LawSearch, significance: float, report: Callable[[str], None], deadline: float = math.inf
+    search: LawSearch, significance: float, report: Callable[[str], None], budget: Budget | None = None
 ) -> tuple[LawFit | None, tuple[Term, ...]]:
     """The law beside one base that the held-out steps support; and terms that explain as much in its place.
 
@@ -223,8 +248,8 @@ def search_law(
         Chance of adding an effect to data that miss nothing [1].
     report
         Called with a sentence on what is done.
-    deadline
-        Reading of `time.perf_counter` after which no further fit begins [s].
+    budget
+        No further fit begins where it is spent; None for no limit.
     """
     problem, base = search.problem, search.base
     columns = Columns.of(search)
@@ -235,7 +260,7 @@ def search_law(
     known: tuple[int, ...] = ()
     for number in range(1, MOST_TERMS + 1):
         sets = columns.best_sets(number, known)
-        fits = _fitted(search, columns, sets, significance, report, deadline)
+        fits = _fitted(search, columns, sets, significance, report, budget)
         if not fits:
             break
         fits.sort(key=lambda f: law_bic(problem, f[1]))
@@ -258,7 +283,7 @@ def _fitted(
     sets: Sequence[tuple[int, ...]],
     significance: float,
     report: Callable[[str], None],
-    deadline: float,
+    budget: Budget | None,
 ) -> list[tuple[tuple[int, ...], LawFit]]:
     """Fits of the best sets of terms that differ from each other; where one leaves noise, only of those near it."""
     fits: list[tuple[tuple[int, ...], LawFit]] = []
@@ -267,7 +292,7 @@ def _fitted(
     limit = 4.0 * least + 0.05 * float(np.sum(columns.rest**2))
     for which in sets:
         left = columns.left(which)
-        if len(taken) >= FITTED or left > limit or time.perf_counter() > deadline:
+        if len(taken) >= FITTED or left > limit or (budget is not None and budget.spent):
             break
         predicted = columns.free[:, list(which)] @ (columns.coefficients(which) / columns.size[list(which)])
         direction = predicted / max(float(np.linalg.norm(predicted)), 1e-300)

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.identify.criteria import BIC_DIFFERENCE, bic, effective_noise
+from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize_each
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.outcome import NextExperiment
-from tdcr_fe.identify.problem import Fit, FitProblem, Point
-from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.problem import Fit, FitProblem, Readings
 from tdcr_fe.identify.selection import Search, SearchState
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep, resolve
@@ -28,7 +28,7 @@ from tdcr_fe.model.loading import Load, LoadStep, resolve
 Array = NDArray[np.float64]
 
 #: Rivals, tip forces, candidates, and candidates that are looked at with the uncertainty of the parameters, at most.
-RIVALS, FORCES, CANDIDATES, CLOSER = 3, 3, 40, 6
+RIVALS, FORCES, CANDIDATES, CLOSER = 3, 3, 16, 4
 
 
 @dataclass(frozen=True)
@@ -58,16 +58,14 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
     search.report("the next experiment", 0.96)
     rivals = leading_rivals(search, state)
     models = [_Model(f, covariance(problem, f)) for f in (best, *rivals)]
-    sequences = candidate_sequences(problem)
-    readings = [_planned(problem, len(s)) for s in sequences]
-    central = [_predictions(problem, m.fit, sequences, readings) for m in models]
-    usable = [i for i in range(len(sequences)) if all(np.isfinite(c[i]).all() for c in central)]
-    if not usable:
-        return None
+    planned = [_planned(problem, steps) for steps in candidate_sequences(problem)]
     if rivals:
+        central = [_predictions(planned, m.fit) for m in models]
+        usable = [i for i in range(len(planned)) if all(np.isfinite(c[i]).all() for c in central)]
         rough = [min(float(np.linalg.norm(central[0][i] - c[i])) for c in central[1:]) for i in usable]
-        return _parting(problem, models, sequences, readings, central, _best_of(usable, rough))
-    return _shrinking(problem, models[0], sequences, readings, central[0], usable)
+        near = [usable[int(i)] for i in np.argsort(-np.array(rough))[:CLOSER]]
+        return _parting(models, [planned[i] for i in near]) if near else None
+    return _shrinking(models[0], planned)
 
 
 def leading_rivals(search: Search, state: SearchState) -> list[Fit]:
@@ -97,8 +95,9 @@ def candidate_sequences(problem: FitProblem) -> list[tuple[LoadStep, ...]]:
     commands = np.array([a.values for a in actions]).reshape(len(actions), -1)
     driven = actions[0].by_displacement
     rest = commands[int(np.argmin(np.abs(commands).sum(axis=1)))]
-    extremes = [commands[int(np.argmax(commands[:, i]))] for i in range(commands.shape[1])]
-    points = _distinct([*extremes, *(0.5 * (a + b) for a, b in combinations(_distinct(extremes), 2))])
+    ends = [*np.argmax(commands, axis=0), *np.argmin(commands, axis=0)[np.min(commands, axis=0) < 0.0]]
+    extremes = _distinct([commands[int(k)] for k in ends if not np.array_equal(commands[int(k)], rest)])
+    points = _distinct([*extremes, *(0.5 * (a + b) for a, b in combinations(extremes, 2))])
     measured = np.array([a.loads["tip"].force if "tip" in a.loads else (0.0,) * 3 for a in actions])
     forces = _distinct([f for f in measured if np.linalg.norm(f) > 0.0])
     forces = sorted(forces, key=lambda f: -float(np.linalg.norm(f)))[:FORCES]
@@ -115,10 +114,9 @@ def candidate_sequences(problem: FitProblem) -> list[tuple[LoadStep, ...]]:
         return LoadStep(tensions=tensions, displacements=displacements, loads=loads, time=time)
 
     none = np.zeros(3)
-    found = []
+    found = [(rest, force) for force in forces]
     for force in forces or [none]:
         found += [(p, force) for p in points]
-    found += [(rest, force) for force in forces]
     return [
         tuple(step(v, f, k) for k, (v, f) in enumerate(((p, none), (p, force), (0.5 * (p + rest), none))))
         for p, force in found[:CANDIDATES]
@@ -129,144 +127,107 @@ def _distinct(values: Sequence[Array]) -> list[Array]:
     """Values that differ, in their order."""
     found: list[Array] = []
     for v in values:
-        if not any(np.allclose(v, f) for f in found):
+        if not any(np.allclose(v, f, atol=0.0) for f in found):
             found.append(v)
     return found
 
 
-def _planned(problem: FitProblem, steps: int) -> tuple[list[Reading], Array]:
-    """What would be read in every step, as in the data, and its sigma."""
+def _planned(problem: FitProblem, steps: tuple[LoadStep, ...]) -> FitProblem:
+    """The problem with a loading sequence in place of its own: in every step, all that was measured would be read."""
     data = problem.data
     series: dict[tuple[str, float | str | None], list[float]] = {}
     for r, sigma in zip(data.readings, problem.sigma, strict=True):
         series.setdefault((r.quantity, r.location), []).append(float(sigma))
-    rows = [
-        (Reading(k + 1, quantity, location, 0.0), float(np.median(sigma)))
-        for k in range(steps)
+    readings = tuple(
+        Reading(k + 1, quantity, location, 0.0, float(np.median(sigma)))
+        for k in range(len(steps))
         for (quantity, location), sigma in series.items()
-    ]
-    return [r for r, _ in rows], np.array([s for _, s in rows])
+    )
+    ids, branches = tuple(range(1, len(steps) + 1)), ("next",) * len(steps)
+    fresh = replace(data, step_ids=ids, steps=steps, branches=branches, readings=readings, parts=())
+    return replace(
+        problem,
+        data=fresh,
+        readings=Readings.of(fresh),
+        experiment=replace(problem.experiment, steps=steps, ends=None, restarts=()),
+        sigma=np.array([r.sigma for r in readings]),
+        held_out=np.zeros(len(readings), dtype=bool),
+        correction=np.zeros(len(readings)),
+    )
 
 
 # ----------------------------------------------------------------------------------------------- predictions
 
 
-def _predictions(
-    problem: FitProblem,
-    fit: Fit,
-    sequences: Sequence[tuple[LoadStep, ...]],
-    readings: Sequence[tuple[list[Reading], Array]],
-    values: Point | None = None,
-) -> list[Array]:
+def _predictions(planned: Sequence[FitProblem], fit: Fit) -> list[Array]:
     """Predicted readings over sigma of every sequence, each from the unloaded robot."""
-    experiments = []
-    for steps in sequences:
-        fresh = replace(problem, experiment=replace(problem.experiment, steps=steps, ends=None, restarts=()))
-        experiments.append(fresh.with_effects(fit.effects, fit.values if values is None else values))
-    runs = problem.solve(experiments)
-    found = []
-    for experiment, run, steps, (planned, sigma) in zip(experiments, runs, sequences, readings, strict=True):
-        reader = Reader(planned, range(1, len(steps) + 1), problem.data.robot.tendon_names)
-        found.append(reader.read(run, experiment) / sigma)
-    return found
+    experiments = [p.with_effects(fit.effects, fit.values) for p in planned]
+    runs = planned[0].solve(experiments) if planned else []
+    return [-p.residual(e, run) for p, e, run in zip(planned, experiments, runs, strict=True)]
 
 
-def _sensitivities(
-    problem: FitProblem,
-    model: _Model,
-    sequences: Sequence[tuple[LoadStep, ...]],
-    readings: Sequence[tuple[list[Reading], Array]],
-    central: Sequence[Array],
-) -> list[Array]:
-    """Derivatives of the predictions by the free numbers of a model, by steps of half a standard error."""
-    fit = model.fit
-    by_name = {e.name: e for e in fit.effects}
-    z = problem.coordinates(fit.effects, fit.values, fit.free)
-    columns: list[list[Array]] = [[] for _ in sequences]
-    for j, (effect, name) in enumerate(fit.free):
-        low, high = problem.bounds(by_name[effect], name)
-        h = 0.5 * float(np.sqrt(max(model.spread[j, j], 1e-300)))
-        h = min(h, 0.1 * (high - low))
-        h = h if z[j] + h <= high else -h
-        moved = z.copy()
-        moved[j] += h
-        point = problem.point(fit.effects, fit.values, fit.free, moved)
-        for i, x in enumerate(_predictions(problem, fit, sequences, readings, point)):
-            columns[i].append((x - central[i]) / h)
-    return [
-        np.nan_to_num(np.stack(c, axis=1)) if c else np.zeros((len(x), 0))
-        for c, x in zip(columns, central, strict=True)
-    ]
-
-
-def _best_of(usable: Sequence[int], value: Sequence[float]) -> list[int]:
-    order = np.argsort(-np.array(value))[:CLOSER]
-    return [usable[int(i)] for i in order]
+def _linearized(planned: Sequence[FitProblem], models: Sequence[_Model]) -> list[list[Linear]]:
+    """Predictions of every sequence and their derivatives by the free numbers of a model, by model."""
+    pairs = []
+    for model in models:
+        fit, half = model.fit, 0.5 * np.sqrt(np.maximum(np.diag(model.spread), 1e-300))
+        by_name = {e.name: e for e in fit.effects}
+        columns = tuple(
+            Column(by_name[effect], name, fit.values[effect], float(h))
+            for (effect, name), h in zip(fit.free, half, strict=True)
+        )
+        pairs += [(p, Request(fit.effects, fit.values, columns, record=False)) for p in planned]
+    found = linearize_each(pairs)
+    return [found[i * len(planned) : (i + 1) * len(planned)] for i in range(len(models))]
 
 
 # ------------------------------------------------------------------------------------------------ criteria
 
 
-def _parting(
-    problem: FitProblem,
-    models: Sequence[_Model],
-    sequences: Sequence[tuple[LoadStep, ...]],
-    readings: Sequence[tuple[list[Reading], Array]],
-    central: Sequence[Sequence[Array]],
-    near: Sequence[int],
-) -> NextExperiment:
+def _parting(models: Sequence[_Model], planned: Sequence[FitProblem]) -> NextExperiment:
     """The candidate at which the least parted rival differs most from the best model."""
-    chosen = [sequences[i] for i in near]
-    planned = [readings[i] for i in near]
-    slopes = [
-        _sensitivities(problem, m, chosen, planned, [c[i] for i in near])
-        for m, c in zip(models, central, strict=True)
-    ]
-    values = np.zeros((len(near), len(models) - 1))
-    for n, i in enumerate(near):
+    found = _linearized(planned, models)
+    values = np.zeros((len(planned), len(models) - 1))
+    for n in range(len(planned)):
         for r in range(1, len(models)):
-            d = central[0][i] - central[r][i]
+            d = found[r][n].residual - found[0][n].residual
             total = np.eye(len(d))
-            for m, s in ((models[0], slopes[0][n]), (models[r], slopes[r][n])):
-                total += s @ m.spread @ s.T
+            for model, linear in ((models[0], found[0][n]), (models[r], found[r][n])):
+                total += linear.matrix @ model.spread @ linear.matrix.T
             values[n, r - 1] = np.sqrt(max(float(d @ np.linalg.solve(total, d)), 0.0))
     at = int(np.argmax(values.min(axis=1)))
     names = [m.name for m in models[1:]]
     listed = ", ".join(f"{name} ({v:.1f} sigma)" for name, v in zip(names, values[at], strict=True))
     return NextExperiment(
-        steps=chosen[at],
+        steps=planned[at].data.steps,
         purpose=f"separates {models[0].name} from {listed}",
         separated=tuple(names),
         separation=tuple(float(v) for v in values[at]),
     )
 
 
-def _shrinking(
-    problem: FitProblem,
-    model: _Model,
-    sequences: Sequence[tuple[LoadStep, ...]],
-    readings: Sequence[tuple[list[Reading], Array]],
-    central: Sequence[Array],
-    usable: Sequence[int],
-) -> NextExperiment | None:
+def _shrinking(model: _Model, planned: Sequence[FitProblem]) -> NextExperiment | None:
     """The candidate that leaves the smallest standard error of the parameter known worst."""
     fit = model.fit
-    if not fit.free:
+    if not fit.free or not planned:
         return None
-    z = problem.coordinates(fit.effects, fit.values, fit.free)
+    z = planned[0].coordinates(fit.effects, fit.values, fit.free)
     error = np.sqrt(np.maximum(np.diag(model.spread), 0.0))
     widest = int(np.argmax(error / np.maximum(np.abs(z), 1e-300)))
-    chosen = [sequences[i] for i in usable]
-    planned = [readings[i] for i in usable]
-    slopes = _sensitivities(problem, model, chosen, planned, [central[i] for i in usable])
     known = np.linalg.pinv(model.spread, hermitian=True)
-    variance = [np.linalg.pinv(known + s.T @ s, hermitian=True)[widest, widest] for s in slopes]
-    after = np.sqrt(np.array(variance, dtype=float))
+    (found,) = _linearized(planned, [model])
+    after = np.full(len(planned), np.inf)
+    for i, linear in enumerate(found):
+        if np.isfinite(linear.residual).all():
+            s = linear.matrix
+            after[i] = np.sqrt(np.linalg.pinv(known + s.T @ s, hermitian=True)[widest, widest])
     at = int(np.argmin(after))
+    if not np.isfinite(after[at]):
+        return None
     share = float(after[at]) / max(float(error[widest]), 1e-300)
     name = ".".join(fit.free[widest])
     return NextExperiment(
-        steps=chosen[at],
+        steps=planned[at].data.steps,
         purpose=f"reduces the standard error of {name} to {share:.2g} of its present value",
         parameter=name,
         remaining_share=share,

@@ -385,6 +385,10 @@ class SetErrors:
         }
 
 
+#: An experiment helps if it parts explanations by so many sigma, or leaves so much of a standard error at most.
+LEAST_SEPARATION, MOST_REMAINING = 2.0, 0.9
+
+
 @dataclass(frozen=True)
 class NextExperiment:
     """A loading sequence, from the unloaded robot, that would tell most.
@@ -410,6 +414,13 @@ class NextExperiment:
     separation: tuple[float, ...] = ()
     parameter: str = ""
     remaining_share: float = 1.0
+
+    @property
+    def helps(self) -> bool:
+        """Whether it tells anything worth measuring."""
+        if self.separated:
+            return min(self.separation) >= LEAST_SEPARATION
+        return self.remaining_share <= MOST_REMAINING
 
     def to_json(self) -> dict[str, Any]:
         """As in ``result.json``."""

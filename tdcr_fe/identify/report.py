@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 from typing import Any
@@ -154,13 +155,13 @@ def sentences(result: IdentificationResult) -> list[str]:
     if result.verdict == "cannot tell":
         reason = result.remaining.description
         found.insert(0, f"{reason[:1].upper()}{reason[1:]}.")
-    found += _next_sentence(result)
+    found += next_sentence(result)
     if result.interrupted and result.verdict != "unfinished":
         found.append("Unfinished: the search was interrupted, and this is its state at that time.")
     return found
 
 
-def _next_sentence(result: IdentificationResult) -> list[str]:
+def next_sentence(result: IdentificationResult) -> list[str]:
     """What to measure next; nothing where there is no next experiment."""
     planned = result.next_experiment
     if planned is None:
@@ -174,8 +175,15 @@ def _next_sentence(result: IdentificationResult) -> list[str]:
             for load in step.loads.values()
             if any(load.force)
         ]
-        commands.append(", ".join(parts) or "no load")
-    how = "; then ".join(commands)
+        commands.append(", ".join(parts) or "all tendons at zero, no force at the tip")
+    # a step in which nothing changes is no step of the experiment
+    how = "; then ".join(text for text, _ in itertools.groupby(commands))
+    if not planned.helps:
+        return [
+            "No experiment within the inputs measured tells much more. The best one (next/loading.csv) "
+            f"{planned.purpose}: {how}. Measure other quantities (tensions at the base, further markers), or apply "
+            "forces at the tip."
+        ]
     return [f"Next experiment (next/loading.csv), which {planned.purpose}: {how}."]
 
 

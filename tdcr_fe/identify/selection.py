@@ -17,10 +17,13 @@ from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
+    BOUND_PENALTY,
+    at_bound,
     bic,
     chi_square_threshold,
     effective_noise,
     is_improvement,
+    rank,
     reduced_chi_square,
     residual_is_noise,
     robust_threshold,
@@ -328,21 +331,7 @@ def _fit_proposals(
         )
         state = replace(state, candidates=entries)
     solved = [new for _, _, new in raced if new.solved]
-    return state, sorted(solved, key=lambda f: bic(problem, f))
-
-
-def _at_bound(problem: FitProblem, fit: Fit, effect: Effect | None = None) -> bool:
-    """Whether a free parameter (of one effect) has come to a bound other than its null value, and so is no estimate."""
-    null = {e.name: e.null_values(problem.experiment) for e in fit.effects}
-    for e in fit.effects if effect is None else (effect,):
-        for p in e.parameters:
-            low, high = problem.bounds(e, p.name)
-            z, start = p.coordinate(fit.values[e.name][p.name]), p.coordinate(null[e.name][p.name])
-            near = 1e-6 * max(abs(high - low), 1e-300)
-            at = [x for x in (low, high) if abs(z - x) <= near and abs(start - x) > near]
-            if at and (e.name, p.name) in fit.free:
-                return True
-    return False
+    return state, sorted(solved, key=lambda f: rank(problem, f))
 
 
 def _fit_and_rank(
@@ -405,6 +394,8 @@ def _swap_one(search: Search, state: SearchState) -> tuple[SearchState, bool]:
         chosen = [x for i, x in enumerate(scores) if i < 3 or x.cost(state.problem) < margin]
         most = rest.cost - 0.3 * max(1e-9, rest.cost - state.best.cost)
         worth = [x for x in chosen[: search.settings.candidates] if x.cost(state.problem) <= most]
+        if at_bound(state.problem, state.best, e):
+            worth += [x for x in scores if x not in worth and _as_good_alone(state, x.effect.name, e.name)]
         worth = [x for x in worth if identifiable(state.problem, rest, x)]
         # Fitted alone, the rest may have moved far away: the fits may begin beside its values in the best model, too.
         beside = {x.name: state.best.values[x.name] for x in rest.effects}
@@ -415,19 +406,27 @@ def _swap_one(search: Search, state: SearchState) -> tuple[SearchState, bool]:
         for _, x, other in raced:
             if not other.solved:
                 continue
-            difference = bic(problem, other) - bic(problem, best)
+            difference = rank(problem, other) - rank(problem, best)
             if difference / reduced_chi_square(problem, best) < -BIC_DIFFERENCE and is_improvement(
                 problem, other, rest, search.significance
             ):
-                state = state.with_history(f"{x.effect.name} in place of {e.name}: it explains more")
+                yields = at_bound(problem, best) and bic(problem, other) > bic(problem, best)
+                why = "nearly as good, and not at a bound" if yields else "it explains more"
+                state = state.with_history(f"{x.effect.name} in place of {e.name}: {why}")
                 return replace(state, best=other), True
-            alike = difference < BIC_DIFFERENCE * noise
-            if alike and _at_bound(problem, best, e) and not _at_bound(problem, other):
+            alike = bic(problem, other) - bic(problem, best) < BIC_DIFFERENCE * noise
+            if alike and at_bound(problem, best, e) and not at_bound(problem, other):
                 sentence = f"{x.effect.name} in place of {e.name}: as good within noise, and not at a bound"
                 return replace(state.with_history(sentence), best=other), True
             if alike:
                 state = _with_rival(state, e.name, x.effect.name)
     return state, False
+
+
+def _as_good_alone(state: SearchState, name: str, other: str) -> bool:
+    """Whether one effect alone was fitted and explains nearly as much as another one alone."""
+    a, b = (state.fits.get(frozenset({n})) for n in (name, other))
+    return a is not None and b is not None and a.solved and a.cost <= (1.0 + BOUND_PENALTY) * b.cost
 
 
 def _starts_beside(state: SearchState, score: Score, values: Point) -> list[Point]:
@@ -523,7 +522,7 @@ def _parent(state: SearchState, fit: Fit) -> Fit:
 
 def _better(state: SearchState, fit: Fit) -> bool:
     """Whether a model is better than the best so far, which need not be contained in it."""
-    return bic(state.problem, fit) < bic(state.problem, state.best) - BIC_DIFFERENCE
+    return rank(state.problem, fit) < rank(state.problem, state.best) - BIC_DIFFERENCE
 
 
 def _without(state: SearchState, effect: Effect) -> tuple[SearchState, Fit]:

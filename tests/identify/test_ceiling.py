@@ -7,7 +7,7 @@ import pytest
 from identify_data import MODEL, ROBOT, measured
 
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.ceiling import StepFeatures, held_out_ceiling, predicted_residual
+from tdcr_fe.identify.ceiling import StepFeatures, held_out_ceiling, predicted_residuals
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.outcome import IdentifySettings
 from tdcr_fe.identify.problem import Fit, FitProblem
@@ -64,7 +64,7 @@ TIME = np.array([s.time for s in DATA.steps])
 def test_what_depends_on_inputs_direction_or_time_is_removed(cause):
     residual = by_step(cause) + NOISE
     before = np.mean(residual[HELD] ** 2)
-    left = residual - predicted_residual(PROBLEM, StepFeatures.of(DATA), residual)
+    left = residual - predicted_residuals(PROBLEM, StepFeatures.of(DATA), [residual])[0]
     assert np.mean(left[HELD] ** 2) < 0.05 * before
     least = held_out_ceiling(PROBLEM, fit(residual), fit(residual))
     assert least.chi2_per_dof == pytest.approx(np.mean(left[HELD] ** 2))
@@ -74,14 +74,12 @@ def test_the_held_out_readings_are_never_used():
     residual = by_step(40.0 * TENSION**2) + NOISE
     other = np.where(HELD, 1e3, residual)
     features = StepFeatures.of(DATA)
-    np.testing.assert_allclose(
-        predicted_residual(PROBLEM, features, residual), predicted_residual(PROBLEM, features, other)
-    )
+    np.testing.assert_allclose(*predicted_residuals(PROBLEM, features, [residual, other]))
 
 
 def test_noise_has_no_ceiling_below_itself():
     """The regression predicts next to nothing, and the ceiling is never above the final model's own error."""
-    predicted = predicted_residual(PROBLEM, StepFeatures.of(DATA), NOISE)
+    predicted = predicted_residuals(PROBLEM, StepFeatures.of(DATA), [NOISE])[0]
     assert np.mean(predicted[HELD] ** 2) < 0.2
     least = held_out_ceiling(PROBLEM, fit(NOISE), fit(NOISE))
     assert 0.8 * np.mean(NOISE[HELD] ** 2) <= least.chi2_per_dof <= np.mean(NOISE[HELD] ** 2)

@@ -1,0 +1,50 @@
+"""A parameter at its bound is no estimate: a model that is nearly as good, and at no bound, goes before it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from identify_data import measured
+
+from tdcr_fe.effects import effect
+from tdcr_fe.identify.criteria import BOUND_PENALTY, at_bound, bic, rank
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.problem import FitProblem, evaluate
+
+
+@pytest.fixture(scope="module")
+def models():
+    """A model with a stiffness at its upper bound, and one with a gain inside its bounds."""
+    data = measured({})
+    problem = FitProblem.of(
+        data, np.ones(len(data.readings)), np.zeros(len(data.readings), bool), ForwardModel()
+    )
+    declared = evaluate(problem, (), {})
+
+    def model(name, parameter, value):
+        e = effect(name)
+        values = {name: {**e.null_values(problem.experiment), parameter: value}}
+        return replace(declared, effects=(e,), values=values, free=((name, parameter),))
+
+    largest = effect("stiffness_scale").bounds(problem.experiment)["bending"][1]
+    return problem, model("stiffness_scale", "bending", largest), model("actuator_gain", "gain", 0.8)
+
+
+def test_only_a_free_parameter_away_from_its_null_value_is_at_a_bound(models):
+    problem, bounded, inside = models
+    assert at_bound(problem, bounded) and not at_bound(problem, inside)
+    assert not at_bound(problem, replace(bounded, free=()))
+    friction = effect("friction_coefficient")
+    null = {friction.name: friction.null_values(problem.experiment)}
+    at_null = replace(bounded, effects=(friction,), values=null, free=((friction.name, "mu"),))
+    assert null[friction.name]["mu"] == 0.0 and not at_bound(problem, at_null)
+
+
+@pytest.mark.parametrize(("share", "first"), [(0.8, "inside"), (1.2, "bounded")])
+def test_a_model_at_a_bound_yields_to_one_nearly_as_good(models, share, first):
+    """By BIC, the model at the bound is first in both cases; on data of a printed robot it was chosen."""
+    problem, bounded, inside = models
+    bounded = replace(bounded, cost=1000.0, held_cost=500.0)
+    inside = replace(inside, cost=1000.0 + share * BOUND_PENALTY * 1500.0, held_cost=500.0)
+    assert bic(problem, bounded) < bic(problem, inside)
+    assert (rank(problem, inside) < rank(problem, bounded)) == (first == "inside")
