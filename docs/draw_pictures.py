@@ -17,7 +17,13 @@ DOCS = Path(__file__).parent
 #: Pictures of the demo, and their width on the page [pixels].
 OF_THE_DEMO = {"shapes": 1018, "tensions": 680, "hysteresis": 640}
 #: Examples that draw a picture.
-OF_EXAMPLES = ("robot_on_ground", "robot_on_carriage", "sensitivities", "inverse_statics")
+OF_EXAMPLES = (
+    "robot_on_ground",
+    "robot_on_carriage",
+    "robot_and_obstacles",
+    "sensitivities",
+    "inverse_statics",
+)
 
 
 def draw_demo(folder: Path) -> None:

@@ -19,6 +19,14 @@ from tdcr_fe.elements.tension_field import TensionField
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.scene.disk_contact import (
+    ContactLaw,
+    DiskContact,
+    Sphere,
+    add_contact,
+    add_robot_contact,
+    spheres_of,
+)
 from tdcr_fe.scene.dynamics import recommended_settings
 from tdcr_fe.scene.inputs import InputsOverTime, named_inputs
 from tdcr_fe.scene.loads import Frame, PointLoad, add_point_load
@@ -63,6 +71,8 @@ class TDCR:
         Concentrated loads by name.
     sensors : dict of str
         Sensors added by `add_sensors`.
+    contacts : list of DiskContact
+        Contact added by `add_disk_contact`.
     rigid : ndarray of bool, shape (N-1,)
         Which elements are rigid inserts.
     actuation : TendonActuation
@@ -88,9 +98,11 @@ class TDCR:
     mNodes: dict[int, Any] = field(default_factory=dict)
     loads: dict[str, PointLoad] = field(default_factory=dict)
     sensors: dict[str, Any] = field(default_factory=dict)
+    contacts: list[DiskContact] = field(default_factory=list)
     rigid: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     damping: MaterialDamping | None = None
     _compliance: float = 1.0
+    _spheres: dict[bool, list[Sphere]] = field(default_factory=dict)
 
     @property
     def oForces(self) -> Any:
@@ -169,6 +181,85 @@ class TDCR:
             )
         self.sensors.update(made)
         return made
+
+    def add_disk_contact(
+        self,
+        other: TDCR | exu.ObjectIndex | exu.MarkerIndex,
+        contactStiffness: float,
+        *,
+        sphereRadius: float | None = None,
+        quadPoints: Sequence[Sequence[float]] | None = None,
+        localPosition: Sequence[float] = (0.0, 0.0, 0.0),
+        backbone: bool = True,
+        contactDamping: float = 0.0,
+        dynamicFriction: float = 0.0,
+        frictionProportionalZone: float = 1e-3,
+        show: bool = False,
+    ) -> DiskContact:
+        """Add contact with an obstacle, another robot, or this robot itself, before ``mbs.Assemble()``.
+
+        In contact a disk is a sphere of its radius about its centre, and the backbone is one of its own radius at every
+        node between disks. The base plate, and what lies between two nodes, is not in contact.
+
+        Parameters
+        ----------
+        other
+            A body or a rigid marker with a sphere, a body with a quadrangle, another robot, or this robot: then those
+            pairs of spheres that are far enough apart along the backbone.
+        contactStiffness
+            Force over penetration [N/m].
+        sphereRadius, localPosition
+            Of an obstacle that is a sphere: radius, and centre on its body [m].
+        quadPoints
+            Of an obstacle that is a flat quadrangle: its corners in order, on the body [m], shape (4, 3).
+        backbone
+            Whether the backbone between disks is in contact, too; that of a robot without disks always is.
+        contactDamping
+            [N s/m].
+        dynamicFriction, frictionProportionalZone
+            Coefficient of friction [1], and velocity up to which friction is proportional to it [m/s]. Friction acts on
+            velocities: in dynamics, not in ``mbs.SolveTDCR`` and ``mbs.SolveStatic``.
+        show
+            Whether contact is drawn.
+
+        Returns
+        -------
+        DiskContact
+            Exudyn's items, and methods that read gaps and forces.
+
+        Raises
+        ------
+        TypeError
+            An argument is of another type.
+        ValueError
+            Robot and obstacle overlap at first, the obstacle passes between spheres of the robot without touching them,
+            or an argument is not allowed.
+        """
+        if self.mbs.systemIsConsistent:
+            raise ValueError(f"robot {self.name!r}: add_disk_contact must be called before mbs.Assemble()")
+        law = ContactLaw(contactStiffness, contactDamping, dynamicFriction, frictionProportionalZone)
+        own = self._contact_spheres(backbone)
+        if isinstance(other, TDCR):
+            if other.mbs is not self.mbs or sphereRadius is not None or quadPoints is not None:
+                raise ValueError(
+                    "add_disk_contact: another robot is one of the same system, without sphereRadius and quadPoints"
+                )
+            made = add_robot_contact(self.mbs, own, other._contact_spheres(backbone), law, show)
+        else:
+            made = add_contact(
+                self.mbs, own, other, law,
+                radius=sphereRadius, quad=quadPoints, position=localPosition, show=show,
+            )  # fmt: skip
+        self.contacts.append(made)
+        return made
+
+    def _contact_spheres(self, backbone: bool) -> list[Sphere]:
+        """Spheres in contact, added when first used."""
+        if backbone not in self._spheres:
+            self._spheres[backbone] = spheres_of(
+                self.mbs, self.robot, self.mesh, self.nNodes, backbone, self.name
+            )
+        return self._spheres[backbone]
 
     # ------------------------------------------------------------------ actuation
 

@@ -9,19 +9,55 @@ penalty contact itself, as a semismooth equation (L. Qi, J. Sun, Math. Program. 
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Any
+from typing import Any, NamedTuple
 
 import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 Array = NDArray[np.float64]
 
 #: Objects whose states are functions of the present gap alone. Friction of these depends on the slip rate, and is zero
 #: at rest.
 SOLVED = ("ContactSphereSphere", "ContactSphereTriangle", "ContactCoordinate")
-#: Part of the gap and of the size of a contact by which a node may move in one substep, so that none is jumped over.
+#: Part of the gap and of the size of a contact by which its bodies may approach in one substep, so that none is jumped
+#: over.
 ROOM = 0.5
+
+
+class GeneralSpheres(NamedTuple):
+    """Spheres of a ``GeneralContact``.
+
+    Attributes
+    ----------
+    markers : ndarray of int, shape (n,)
+    radii : ndarray, shape (n,)
+        [m].
+    """
+
+    markers: NDArray[np.int_]
+    radii: Array
+
+    @classmethod
+    def of(cls, mbs: exu.MainSystem, number: int) -> GeneralSpheres:
+        """Those of the general contact of a number."""
+        contact = mbs.GetGeneralContact(number)
+        count = contact.GetPythonObject()["numberOfSpheresMarkerBased"]
+        spheres = [contact.GetSphereMarkerBased(i, addData=True) for i in range(count)]
+        return cls(
+            np.array([int(s["markerIndex"]) for s in spheres], dtype=int),
+            np.array([float(s["radius"]) for s in spheres]),
+        )
+
+    def centers_inside(self, mbs: exu.MainSystem, configuration: Any) -> NDArray[np.bool_]:
+        """Which pairs have the centre of one inside the other, shape (n, n), false below the diagonal."""
+        if not len(self.markers):
+            return np.zeros((0, 0), dtype=bool)
+        position = exu.OutputVariableType.Position
+        at = np.array([mbs.GetMarkerOutput(int(m), position, configuration) for m in self.markers])
+        inside = cdist(at, at) < np.maximum(self.radii[:, None], self.radii)
+        return np.triu(inside, 1)
 
 
 class ContactStates:
@@ -47,18 +83,26 @@ class ContactStates:
 
     def __init__(self, mbs: exu.MainSystem, own_data: Collection[int]) -> None:
         data = mbs.systemData
-        items = [i for i in range(data.NumberOfObjects()) if len(data.GetObjectLTGData(i))]
-        for i in items:
-            _check(mbs.GetObject(i))
+        items = {i: mbs.GetObject(i) for i in range(data.NumberOfObjects()) if len(data.GetObjectLTGData(i))}
+        for item in items.values():
+            _check(item)
         self.present = bool(items) or mbs.NumberOfGeneralContacts() > 0
-        sizes = {i: _size(mbs.GetObject(i)) for i in items}
-        self._gaps = np.array(
-            [data.GetObjectLTGData(i)[0] for i in items if np.isfinite(sizes[i])], dtype=int
-        )
-        self._sizes = np.array([size for size in sizes.values() if np.isfinite(size)])
+        sized = {i: item for i, item in items.items() if np.isfinite(_size(item))}
+        self._gaps = np.array([data.GetObjectLTGData(i)[0] for i in sized], dtype=int)
+        self._sizes = np.array([_size(item) for item in sized.values()])
+        self._depths = np.array([_depth(item) for item in sized.values()])
+        self._flat = np.array(["trianglePoints" in item for item in sized.values()], dtype=bool)
+        pairs = np.array([item["markerNumbers"] for item in sized.values()], dtype=int).reshape(-1, 2)
+        self._markers, numbers = np.unique(pairs, return_inverse=True)
+        self._pairs = numbers.reshape(-1, 2)
         self._general_size = min(
             (_general_size(mbs, k) for k in range(mbs.NumberOfGeneralContacts())), default=np.inf
         )
+        # Spheres that lie in each other from the beginning are built so, as those of a wall.
+        self._general_spheres = [
+            (spheres, spheres.centers_inside(mbs, exu.ConfigurationType.Reference))
+            for spheres in (GeneralSpheres.of(mbs, k) for k in range(mbs.NumberOfGeneralContacts()))
+        ]
         self._mbs = mbs
         self._foreign = np.setdiff1d(np.arange(data.DataSize()), np.fromiter(own_data, dtype=int))
         settings = exu.SimulationSettings()
@@ -84,12 +128,45 @@ class ContactStates:
 
     def room(self) -> float:
         """By how much a node may move from the present configuration without jumping over a contact [m]."""
-        room = ROOM * self._general_size
-        if self._gaps.size:
-            data: Array = self._mbs.systemData.GetDataCoordinates(exu.ConfigurationType.Current, copy=False)
-            reach = np.maximum(data[self._gaps], 0.0) + self._sizes
-            room = min(room, ROOM * float(reach.min()))
-        return float(room)
+        return min(self.general_room, 0.5 * float(np.min(self.rooms(), initial=np.inf)))
+
+    def too_deep(self) -> bool:
+        """Whether the centre of a sphere is inside another one in the present configuration."""
+        data: Array = self._mbs.systemData.GetDataCoordinates(exu.ConfigurationType.Current, copy=False)
+        if np.any(data[self._gaps] < -self._depths):
+            return True
+        current = exu.ConfigurationType.Current
+        return any(
+            bool(np.any(spheres.centers_inside(self._mbs, current) & ~built))
+            for spheres, built in self._general_spheres
+        )
+
+    @property
+    def general_room(self) -> float:
+        """By how much a node may move without jumping over one of a ``GeneralContact`` [m]."""
+        return ROOM * self._general_size
+
+    def rooms(self) -> Array:
+        """By how much the bodies of every pair may approach without jumping over each other [m], shape (n_pairs,)."""
+        data: Array = self._mbs.systemData.GetDataCoordinates(exu.ConfigurationType.Current, copy=False)
+        return ROOM * (np.maximum(data[self._gaps], 0.0) + self._sizes)
+
+    def relative_positions(self) -> Array:
+        """Position of the first body of every pair, seen from the second [m], shape (n_pairs, 3).
+
+        In the axes of the world or, where the second one is a triangle, in its own.
+        """
+        if not self._pairs.size:
+            return np.zeros((0, 3))
+        variable = exu.OutputVariableType
+        at = np.array([self._mbs.GetMarkerOutput(int(m), variable.Position) for m in self._markers])
+        first, second = self._pairs.T
+        relative: Array = at[first] - at[second]
+        for carrier in np.unique(second[self._flat]):
+            turn = self._mbs.GetMarkerOutput(int(self._markers[carrier]), variable.RotationMatrix)
+            on_it = self._flat & (second == carrier)
+            relative[on_it] = relative[on_it] @ np.reshape(turn, (3, 3))
+        return relative
 
     def keep(self) -> None:
         """Make the states of the present configuration those of the initial one, too."""
@@ -109,6 +186,11 @@ def _size(item: dict[str, Any]) -> float:
     if "spheresRadii" in item and not item["isHollowSphere1"]:
         return float(sum(item["spheresRadii"]))
     return float("inf")
+
+
+def _depth(item: dict[str, Any]) -> float:
+    """Penetration at which the centre of a sphere is on the surface of another one [m]; none for triangles."""
+    return float("inf") if "trianglePoints" in item else float(min(item["spheresRadii"]))
 
 
 def _general_size(mbs: exu.MainSystem, number: int) -> float:

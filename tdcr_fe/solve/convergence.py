@@ -117,6 +117,7 @@ class NewtonStatus(Enum):
     NO_FRICTION_STATE = "the stick-slip iteration did not converge"
     NO_CONTACT_STATE = "contact goes on opening and closing"
     CONTACT_PASSED = "nodes move by more than half the size of a contact, which they might jump over"
+    CONTACT_TOO_DEEP = "contact is too soft: the centre of one body is inside another"
     SINGULAR = "the tangent is singular: something in the scene moves freely"
     NOT_FINITE = "the residual is not a number"
 

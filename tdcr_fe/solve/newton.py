@@ -286,7 +286,8 @@ def _iterate(
             predicted = step.slips
         last = stalled(residual.size, step.change, system.layout.scales, settings)
         trial, turn = _advance(system, residual.state, step, numbering, settings.max_turn)
-        residual = system.residual(trial, residual.target, numbering, len(residuals), hold_contact=True)
+        # Newton's steps are taken with the contact of their start, a damped motion opens and closes it on its way.
+        residual = system.residual(trial, residual.target, numbering, len(residuals), hold_contact=not damped)
         iterate = _iterate_of(system, residual, step, presliding)
         if last and first_unmet(iterate, settings, balance=False) is None:
             residuals.append(residual.size)
@@ -356,18 +357,21 @@ def _damped_step(
     presliding: float,
     damping: float,
 ) -> NewtonStep:
-    """A step of the damped motion, limited in rotation, and never towards a saddle point.
+    """A step of the damped motion, limited in rotation, never towards a saddle point, nor over a contact.
 
     The damping it returns is that for the next step.
     """
     nodes = 6 * system.layout.reduction.nodes
     scale = system.layout.scales.elastic_force * system.length
     least, most = 1e-6 * scale, MOST_DAMPING * scale
+    room = system.contact_room(residual.state)
     for _ in range(20):
         step = _full_step(system, residual, numbering, presliding, damping)
-        turn = float(np.max(np.abs(step.change[:nodes].reshape(-1, 6)[:, 3:])))
+        change = step.change[:nodes].reshape(-1, 6)
+        turn = float(np.max(np.abs(change[:, 3:])))
+        moved = float(np.max(np.linalg.norm(change[:, :3], axis=1)))
         climbs = step.linearization.factorisation.sign * residual.state.tangent_sign < 0
-        if (turn <= DAMPED_TURN and not climbs) or damping >= most:
+        if (turn <= DAMPED_TURN and moved <= room and not climbs) or damping >= most:
             break
         damping = min(max(4.0 * damping, least), most)
     return step._replace(damping=0.2 * damping if turn < 0.2 * DAMPED_TURN else damping)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.convergence import NewtonStatus
+from tdcr_fe.solve.free_motion import freely_moving
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.load_path import Path, StepFailed, one_substep
 from tdcr_fe.solve.newton import NewtonResult, newton
@@ -87,11 +88,12 @@ class SubstepSolver:
         return result._replace(iterations=result.iterations + spent), None
 
     def _unless_contact_passed(self, result: NewtonResult, start: SolverState) -> NewtonResult:
-        """A solve, not converged where a node may have jumped over a contact since the beginning of its substep."""
+        """A solve, not converged where bodies may have jumped over each other since the beginning of its substep."""
         if not (self.system.has_contact and result.converged):
             return result
-        moved = result.state.configuration.positions - start.configuration.positions
-        if float(np.linalg.norm(moved, axis=1).max()) <= self.system.contact_room(start):
+        if self.system.contact_too_deep(result.state):
+            return replace(result, status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
+        if not self.system.may_jump_over_contact(start, result.state):
             return result
         return result._replace(status=NewtonStatus.CONTACT_PASSED, unmet=None)
 
@@ -124,7 +126,8 @@ class SubstepSolver:
                 damped=True,
                 presliding=factor * self.settings.presliding,
             )
-            result = self._unless_contact_passed(result, state)
+            if result.converged and self.system.has_contact and self.system.contact_too_deep(result.state):
+                result = replace(result, status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
             if result.converged:
                 return replace(
                     one_substep(result, end),
@@ -142,6 +145,9 @@ class SubstepSolver:
             f"{failed.reason(self.settings)}, between load factors {start:.4f} and {end:.4f} of the step, the "
             f"smallest substep allowed. {advice(failed.status)}"
         )
+        if failed.status is NewtonStatus.SINGULAR:
+            free = freely_moving(self.system, state)
+            message += f" What moves freely: {', '.join(map(repr, free))}." if free else ""
         return StepFailed(message, start, failed.residual, state, iterations)
 
 
@@ -149,6 +155,8 @@ def advice(status: NewtonStatus) -> str:
     """What to try where a step fails."""
     if status is NewtonStatus.SINGULAR:
         return "Fix or support what moves freely."
+    if status is NewtonStatus.CONTACT_TOO_DEEP:
+        return "Give contact a larger stiffness, or the robot a smaller load."
     if status is NewtonStatus.CONTACT_PASSED:
         return "No equilibrium in contact was found near the last one; try smaller load steps."
     if status is NewtonStatus.NO_CONTACT_STATE:

@@ -221,6 +221,20 @@ class SceneSystem:
         self._kernel.contact.follow()
         return self._kernel.contact.room()
 
+    def may_jump_over_contact(self, before: SolverState, after: SolverState) -> bool:
+        """Whether bodies may have jumped over each other from one state to another, which is left in the scene."""
+        contact = self._kernel.contact
+        moved = after.configuration.positions - before.configuration.positions
+        if float(np.linalg.norm(moved, axis=1).max()) > contact.general_room:
+            return True
+        self.layout.space.write(before.configuration)
+        contact.follow()
+        rooms, start = contact.rooms(), contact.relative_positions()
+        self.layout.space.write(after.configuration)
+        contact.follow()
+        approach = np.linalg.norm(contact.relative_positions() - start, axis=1)
+        return bool(np.any(approach > rooms))
+
     def scene_tangent(self, residual: Residual) -> SceneTangent:
         """Exudyn's Jacobian: everything but the forces of the tendons and inside the sections.
 
@@ -239,6 +253,16 @@ class SceneSystem:
         # Contact and the user's additions may couple further nodes.
         changing = extra is not None or self.mbs.NumberOfGeneralContacts() > 0
         return layout.reduction.tangent(j, frames, search_couplings=changing)
+
+    def contact_too_deep(self, state: SolverState) -> bool:
+        """Whether a body is so deep in another one that contact no longer separates them; leaves it in the scene."""
+        self.layout.space.write(state.configuration)
+        self._kernel.contact.follow()
+        return self._kernel.contact.too_deep()
+
+    def whole_tangent(self) -> Array:
+        """Exudyn's Jacobian of the scene as it is, tendons left out, joints included, shape (size, size)."""
+        return self._kernel.jacobian(loads=True)
 
     def tangent_follows_from_elements(self) -> bool:
         """Whether the tangent follows from the elements' stiffness alone, without Exudyn's Jacobian."""

@@ -1,0 +1,282 @@
+"""`TDCR.add_disk_contact` against Exudyn's static solver and closed forms; what cannot be solved is refused by name."""
+
+from __future__ import annotations
+
+import exudyn as exu
+import numpy as np
+import pytest
+from contacts import CENTRE, SPHERE, STIFFNESS, WALL
+from native_solvers import dynamic_settings, static_settings
+from robots import BACKBONE, LENGTH, distance, scene, three
+
+from tdcr_fe.model.loading import Model
+from tdcr_fe.model.robot import Disks
+from tdcr_fe.native import register
+from tdcr_fe.scene import TDCR, CreateTDCR
+from tdcr_fe.solve.load_path import StepFailed
+from tdcr_fe.solve.statics import SolveTDCR
+
+register()
+QUAD = [[WALL, -0.2, 0.0], [WALL, -0.2, 0.4], [WALL, 0.2, 0.4], [WALL, 0.2, 0.0]]
+#: Disks of 9 mm radius: a robot whose tip comes back to its first disk.
+LARGE = Disks.equally_spaced(13, LENGTH, mass=0.17e-3, radius=9e-3)
+
+
+def ball(mbs: exu.MainSystem, handle: TDCR):
+    """A fixed sphere, against disks and backbone."""
+    ground = mbs.CreateGround(referencePosition=list(CENTRE))
+    return handle.add_disk_contact(ground, STIFFNESS, sphereRadius=SPHERE)
+
+
+def wall(mbs: exu.MainSystem, handle: TDCR):
+    """A wall across x."""
+    return handle.add_disk_contact(mbs.CreateGround(), STIFFNESS, quadPoints=QUAD)
+
+
+def itself(mbs: exu.MainSystem, handle: TDCR):
+    """The robot against itself."""
+    return handle.add_disk_contact(handle, STIFFNESS)
+
+
+def pulled(robot, add, tensions, **model):
+    """A robot taken through tensions of its first tendon by SolveTDCR, and what its last step reports."""
+    keep, mbs, handle = scene(robot, assemble=False, **model)
+    contact = add(mbs, handle)
+    mbs.Assemble()
+    for tension in tensions:
+        handle.set_tensions({"t1": float(tension)})
+        report = mbs.SolveTDCR()
+        assert report["iterations"] <= 30
+    return keep, mbs, handle, contact
+
+
+@pytest.mark.parametrize(
+    ("add", "mu", "elements"), [(ball, 0.0, 1), (ball, 0.3, 2), (wall, 0.0, 1), (wall, 0.3, 1)]
+)
+def test_an_obstacle_gives_the_shape_of_the_static_solver_of_exudyn(add, mu, elements):
+    """A pull to 2 N in ten steps, in contact from the fourth on; 1e-8 of the length were seen.
+
+    e3bbe5d went through the obstacle: 10.7 mm inside the sphere, "solved" with a residual of 1e-8.
+    """
+    keep, mbs, handle, contact = pulled(three(mu), add, np.linspace(0.2, 2.0, 10), elements_per_bay=elements)
+    _keep, other, compared = scene(three(mu), assemble=False, elements_per_bay=elements)
+    forces = add(other, compared)
+    other.Assemble()
+    compared.set_inputs_over_time(lambda t: [2.0 * t, 0.0, 0.0])
+    assert other.SolveStatic(static_settings(80))
+    assert distance(handle.shape()[0], compared.shape()[0]) < (1e-3 if mu else 1e-4)
+    assert contact.normal_forces().max() > 0.03
+    assert contact.normal_forces() == pytest.approx(forces.normal_forces(), abs=1e-4)
+    assert contact.gaps().min() > -1e-4
+    assert keep and mbs.systemIsConsistent
+
+
+@pytest.mark.parametrize(("mu", "begin", "most", "steps"), [(0.0, 7.0, 9.0, 60), (0.05, 10.0, 10.5, 300)])
+def test_a_robot_bent_to_a_ring_touches_itself(mu, begin, most, steps):
+    """Its tip against its first disk, with the shape of the static solver of Exudyn from shortly before on."""
+    keep, _mbs, handle, contact = pulled(three(mu, disks=LARGE), itself, np.arange(0.5, most + 0.1, 0.5))
+    touching = np.flatnonzero(contact.normal_forces())
+    assert [contact.names[k] for k in touching] == [("disk 1 of 'three'", "disk 13 of 'three'")]
+    _keep, other, compared, _ = pulled(three(mu, disks=LARGE), itself, np.arange(0.5, begin + 0.1, 0.5))
+    compared.set_inputs_over_time(lambda t: [begin + (most - begin) * t, 0.0, 0.0])
+    assert other.SolveStatic(static_settings(steps))
+    assert distance(handle.shape()[0], compared.shape()[0]) < (1e-3 if mu else 1e-4)
+    p = handle.shape()[0]
+    assert np.linalg.norm(p[-1] - p[1]) == pytest.approx(
+        2 * LARGE.radius + contact.gaps()[touching][0], abs=1e-9
+    )
+    _keep_free, free_mbs, free = scene(three(mu, disks=LARGE))
+    for tension in np.arange(0.5, most + 0.1, 0.5):
+        free.set_tensions({"t1": float(tension)})
+        free_mbs.SolveTDCR()
+    assert distance(p, free.shape()[0]) > 0.02
+    assert keep
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_two_robots_push_each_other_as_in_the_static_solver_of_exudyn(mu):
+    """One bends towards the other, which is pulled less."""
+
+    def both():
+        keep = exu.SystemContainer()
+        mbs = keep.AddSystem()
+        model = Model(friction="per-hole", elements_per_bay=1)
+        turned = np.diag([-1.0, -1.0, 1.0])
+        a = CreateTDCR(mbs, three(mu, disks=LARGE), model, name="a")
+        b = CreateTDCR(
+            mbs,
+            three(mu, disks=LARGE),
+            model,
+            name="b",
+            basePosition=[0.09, 0.0, 0.0],
+            baseRotationMatrix=turned,
+        )
+        contact = a.add_disk_contact(b, STIFFNESS)
+        mbs.Assemble()
+        return keep, mbs, a, b, contact
+
+    _keep, mbs, a, b, contact = both()
+    for share in np.linspace(0.1, 1.0, 10):
+        a.set_tensions({"t1": 0.9 * share})
+        b.set_tensions({"t1": 0.7 * share})
+        assert mbs.SolveTDCR()["iterations"] <= 30
+    _keep_other, other, c, d, _ = both()
+    c.set_inputs_over_time(lambda t: [0.9 * t, 0.0, 0.0])
+    d.set_inputs_over_time(lambda t: [0.7 * t, 0.0, 0.0])
+    assert other.SolveStatic(static_settings(25))
+    assert contact.normal_forces().max() > 5e-3
+    for one, compared in ((a, c), (b, d)):
+        assert distance(one.shape()[0], compared.shape()[0]) < (1e-3 if mu else 1e-4)
+
+
+def test_a_robot_lifts_a_hanging_ball():
+    """A mass on a string: across the string the force of the contact is ``m g sin(phi)``."""
+    weight, radius, string = 0.02, 0.01, 0.1
+    keep, mbs, handle = scene(three(0.0), assemble=False)
+    mass = mbs.CreateMassPoint(
+        referencePosition=[0.03, 0.0, 0.24], mass=weight, gravity=[0.0, 0.0, -9.81], name="ball"
+    )
+    ground = mbs.CreateGround(referencePosition=[0.03, 0.0, 0.24 + string])
+    # An elastic string, taut by the weight from the beginning.
+    mbs.CreateSpringDamper(
+        itemNumbers=[ground, mass], referenceLength=string - weight * 9.81 / STIFFNESS, stiffness=STIFFNESS
+    )
+    contact = handle.add_disk_contact(mass, STIFFNESS, sphereRadius=radius)
+    mbs.Assemble()
+    for tension in np.linspace(0.1, 1.5, 15):
+        handle.set_tensions({"t1": float(tension)})
+        assert mbs.SolveTDCR()["iterations"] <= 30
+    at = mbs.GetObjectOutputBody(mass, exu.OutputVariableType.Position)
+    along = (at - [0.03, 0.0, 0.24 + string]) / np.linalg.norm(at - [0.03, 0.0, 0.24 + string])
+    across = np.array([-along[2], 0.0, along[0]])
+    pressed = np.flatnonzero(contact.normal_forces())
+    assert len(pressed) == 1 and contact.names[pressed[0]] == ("disk 13 of 'three'", "body 'ball'")
+    normal = (at - handle.tip_position) / np.linalg.norm(at - handle.tip_position)
+    push = contact.normal_forces()[pressed[0]] * normal @ across
+    assert along[0] > 0.05
+    assert push == pytest.approx(weight * 9.81 * along[0], rel=1e-6)
+    assert keep
+
+
+def test_a_wall_carries_what_a_cantilever_does_not():
+    """A force at the tip against a wall 1 mm away: the wall takes what is beyond the force for that deflection.
+
+    ``w = F L^3 / (3 EI) + F L / GA`` (S. P. Timoshenko, Strength of Materials I, sec. 40).
+    """
+    robot = three(0.0).with_disks(mass=0.0)
+    keep, mbs, handle = scene(robot, assemble=False, elements_per_bay=2)
+    load = handle.add_load("tip", LENGTH)
+    ground = mbs.CreateGround()
+    w = 0.001 + robot.disks.radius
+    corners = [[w, -0.2, 0.0], [w, -0.2, 0.4], [w, 0.2, 0.4], [w, 0.2, 0.0]]
+    contact = handle.add_disk_contact(ground, 1e5, quadPoints=corners)
+    mbs.Assemble()
+    load.set([0.005, 0.0, 0.0])
+    SolveTDCR(mbs)
+    free = 0.005 * LENGTH**3 / (3 * BACKBONE.EI) + 0.005 * LENGTH / BACKBONE.GA
+    carried = 0.005 * (1.0 - handle.tip_position[0] / free)
+    assert contact.normal_forces().max() == pytest.approx(carried, rel=1e-3)
+    assert keep
+
+
+def test_dynamics_begin_at_rest_in_contact_and_friction_acts_there():
+    """The gaps are handed over; with friction the same start."""
+    keep, mbs, handle = scene(three(0.3), assemble=False)
+    contact = handle.add_disk_contact(
+        mbs.CreateGround(referencePosition=list(CENTRE)), STIFFNESS, sphereRadius=SPHERE, dynamicFriction=0.2
+    )
+    mbs.Assemble()
+    handle.set_tensions({"t1": 1.5})
+    mbs.SolveTDCR()
+    start, force = handle.shape()[0], contact.normal_forces().max()
+    assert mbs.SolveDynamic(dynamic_settings(0.02, 1e-3))
+    assert distance(handle.shape()[0], start) < 1e-6
+    assert contact.normal_forces().max() == pytest.approx(force, rel=1e-3)
+    assert keep
+
+
+def test_a_load_too_large_for_the_stiffness_of_the_contact_is_refused_by_name():
+    """50 N at the tip against a ball of 2000 N/m: disks would be inside it."""
+    keep, mbs, handle = scene(three(0.0), assemble=False)
+    load = handle.add_load("push", LENGTH)
+    ball(mbs, handle)
+    mbs.Assemble()
+    load.set([50.0, 0.0, 0.0])
+    with pytest.raises(StepFailed, match="contact is too soft"):
+        mbs.SolveTDCR()
+    assert np.linalg.norm(handle.shape()[0] - CENTRE, axis=1).min() > SPHERE
+    assert keep
+
+
+def test_two_tips_slip_past_each_other():
+    """Tip against tip: pulled on, they slip off each other, which is found by damped relaxation and said."""
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    model = Model(friction="per-hole", elements_per_bay=2)
+    a = CreateTDCR(mbs, three(0.0), model, name="a")
+    turned = np.diag([-1.0, -1.0, 1.0])
+    b = CreateTDCR(mbs, three(0.0), model, name="b", basePosition=[0.08, 0.0, 0.0], baseRotationMatrix=turned)
+    contact = a.add_disk_contact(b, STIFFNESS)
+    mbs.Assemble()
+    snapped = []
+    for share in np.linspace(0.1, 0.7, 7):
+        a.set_tensions({"t1": 1.5 * share})
+        b.set_tensions({"t1": 1.2 * share})
+        snapped.append(mbs.SolveTDCR()["snapped"])
+        assert contact.gaps().min() > -1e-4
+    assert snapped == [False] * 6 + [True]
+    assert a.tip_position[0] > b.tip_position[0]
+
+
+def test_a_body_that_moves_freely_is_refused_by_name():
+    """Nothing holds the ball at rest."""
+    keep, mbs, handle = scene(three(0.0), assemble=False)
+    mass = mbs.CreateMassPoint(referencePosition=[0.05, 0.0, 0.24], mass=0.02, name="loose")
+    handle.add_disk_contact(mass, STIFFNESS, sphereRadius=0.01)
+    mbs.Assemble()
+    handle.set_tensions({"t1": 1.0})
+    with pytest.raises(StepFailed, match=r"What moves freely: .*loose"):
+        mbs.SolveTDCR()
+    assert keep
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda m, h: h.add_disk_contact(m.CreateGround(), -1.0, sphereRadius=0.01), "contactStiffness"),
+        (lambda m, h: h.add_disk_contact(m.CreateGround(), 1.0), "sphereRadius or quadPoints"),
+        (lambda m, h: h.add_disk_contact(m.CreateGround(), 1.0, sphereRadius=0.1), "overlap by .* mm"),
+        (
+            lambda m, h: h.add_disk_contact(
+                m.CreateGround(), 1.0, sphereRadius=0.002, localPosition=[0.1, 0.0, 0.1], backbone=False
+            ),
+            "get through the backbone between disk 1 of 'three' and disk 2 of 'three'",
+        ),
+        (lambda m, h: h.add_disk_contact(m.CreateGround(), 1.0, quadPoints=QUAD[:3]), "four points"),
+        (
+            lambda m, h: h.add_disk_contact(m.CreateGround(), 1.0, quadPoints=[*QUAD[:3], [0.1, 0.2, 0.0]]),
+            "not in one plane",
+        ),
+        (lambda m, h: h.add_disk_contact(h, 1.0, sphereRadius=0.1), "without sphereRadius"),
+        (
+            lambda m, h: h.add_disk_contact(
+                m.CreateGround(), 1.0, sphereRadius=0.01, localPosition=[0.1, 0, 0], dynamicFriction=-0.1
+            ),
+            "dynamicFriction = -0.1",
+        ),
+    ],
+)
+def test_contact_that_cannot_be_solved_is_refused_by_name(make, message):
+    _keep, mbs, handle = scene(three(0.0), assemble=False)
+    with pytest.raises((ValueError, TypeError), match=message):
+        make(mbs, handle)
+
+
+def test_contact_needs_a_body_and_comes_before_assembly():
+    _keep, mbs, handle = scene(three(0.0))
+    with pytest.raises(ValueError, match=r"before mbs.Assemble\(\)"):
+        handle.add_disk_contact(handle, 1.0)
+    _keep, mbs, handle = scene(three(0.0), assemble=False)
+    with pytest.raises(TypeError, match="other is of type int"):
+        handle.add_disk_contact(3, 1.0, sphereRadius=0.1)
+    assert mbs.systemData.NumberOfObjects() > 0
