@@ -15,6 +15,8 @@ segments that begin there.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +34,46 @@ _EYE6 = np.eye(6)
 WIDEST = 0.2
 
 
-class BandLayout(NamedTuple):
+class BandParts(NamedTuple):
+    """Where the parts of the tangent lie in a band; all are views of `data`.
+
+    Attributes
+    ----------
+    data : ndarray
+        The band, column by column.
+    itself : ndarray, shape (N, 6, 6)
+        Every node by itself.
+    after, before : ndarray, shape (N-1, 6, 6)
+        Every node by the next one, the next one by it.
+    disk : ndarray, shape (n+1, 6, 6)
+        Every node with holes by itself.
+    next_disk, previous_disk : ndarray, shape (n, 6, 6)
+        Every node with holes by the next one, the next one by it.
+    pulled : ndarray, shape (n, 2, 6, m)
+        Both ends of every segment by its tension.
+    tensions : ndarray, shape (N, m)
+        Tensions by themselves.
+    turned : ndarray, shape (n-1, m, 3, 6)
+        Transfer at the holes by the nodes before, at and behind them.
+    passed : ndarray, shape (n-1, m)
+        Transfer at the holes by the tension before them.
+    """
+
+    data: Array
+    itself: Array
+    after: Array
+    before: Array
+    disk: Array
+    next_disk: Array
+    previous_disk: Array
+    pulled: Array
+    tensions: Array
+    turned: Array
+    passed: Array
+
+
+@dataclass(frozen=True)
+class BandLayout:
     """Order of the unknowns in the band.
 
     Attributes
@@ -64,20 +105,58 @@ class BandLayout(NamedTuple):
         found = cls(model.mesh.arc_lengths.size, m, n, int(spacing[0]))
         return found if found.lower <= WIDEST * 6 * found.nodes else None
 
-    @property
+    @cached_property
     def block(self) -> int:
         """Unknowns of one node."""
         return 6 + self.tendons
 
-    @property
+    @cached_property
     def lower(self) -> int:
         """Diagonals below the main one: from the last tension at a disk to the disk before."""
         return self.block * self.spacing + 5 + self.tendons
 
-    @property
+    @cached_property
     def upper(self) -> int:
         """Diagonals above the main one: from a disk to the next."""
         return self.block * self.spacing + 5
+
+    @property
+    def leading(self) -> int:
+        """Numbers of a column, those that elimination fills included."""
+        return 2 * self.lower + self.upper + 1
+
+    @cached_property
+    def parts(self) -> BandParts:
+        """A band to assemble in."""
+        n, m, nodes, size = self.segments, self.tendons, self.nodes, self.block
+        disk, origin = size * self.spacing, self.lower + self.upper
+        data = np.zeros(size * nodes * self.leading)
+
+        def view(row: int, column: int, shape: tuple[int, ...], *axes: tuple[int, int]) -> Array:
+            """Entries from (row, column) on; every axis moves by so many rows and columns.
+
+            In LAPACK's band, one row further is the next number, and one column further is ``leading - 1`` numbers on.
+            """
+            strides = [8 * (i + j * (self.leading - 1)) for i, j in axes]
+            offset = 8 * (origin + row + column * (self.leading - 1))
+            return np.ndarray(shape, float, data, offset, strides)
+
+        def blocks(row: int, column: int, count: int, spacing: int) -> Array:
+            return view(row, column, (count, 6, 6), (spacing, spacing), (1, 0), (0, 1))
+
+        return BandParts(
+            data,
+            itself=blocks(0, 0, nodes, size),
+            after=blocks(0, size, nodes - 1, size),
+            before=blocks(size, 0, nodes - 1, size),
+            disk=blocks(0, 0, n + 1, disk),
+            next_disk=blocks(0, disk, n, disk),
+            previous_disk=blocks(disk, 0, n, disk),
+            pulled=view(0, 6, (n, 2, 6, m), (disk, disk), (disk, 0), (1, 0), (0, 1)),
+            tensions=view(6, 6, (nodes, m), (size, size), (1, 1)),
+            turned=view(disk + 6, 0, (n - 1, m, 3, 6), (disk, disk), (1, 0), (0, disk), (0, 1)),
+            passed=view(disk + 6, 6, (n - 1, m), (disk, disk), (1, 1)),
+        )
 
     def assemble(self, backbone: NodeStiffness, forces: TendonForces, clamped: bool) -> Array:
         """The tangent in LAPACK's form of a band, shape (2 lower + upper + 1, unknowns).
@@ -91,46 +170,31 @@ class BandLayout(NamedTuple):
         clamped
             Whether the base is clamped: its equations become zero increments.
         """
-        n, m, size, disk = self.segments, self.tendons, self.block, self.block * self.spacing
-        leading = 2 * self.lower + self.upper + 1
-        data = np.zeros(size * self.nodes * leading)
-        origin = self.lower + self.upper
+        n, m, to = self.segments, self.tendons, self.parts
+        to.data.fill(0.0)
+        to.itself[...] = backbone.itself
+        to.after[...] = backbone.after
+        to.before[...] = backbone.after.swapaxes(1, 2)
 
-        def view(row: int, column: int, shape: tuple[int, ...], *axes: tuple[int, int]) -> Array:
-            """Entries from (row, column) on; every axis moves by so many rows and columns.
-
-            In LAPACK's band, one row further is the next number, and one column further is ``leading - 1`` numbers on.
-            """
-            strides = [8 * (i + j * (leading - 1)) for i, j in axes]
-            return np.ndarray(shape, float, data, 8 * (origin + row + column * (leading - 1)), strides)
-
-        entries, along = ((1, 0), (0, 1)), (size, size)
-        itself = view(0, 0, (self.nodes, 6, 6), along, *entries)
-        after = view(0, size, (self.nodes - 1, 6, 6), along, *entries)
-        itself[...] = backbone.itself
-        after[...] = backbone.after
-        view(size, 0, after.shape, along, *entries)[...] = backbone.after.swapaxes(1, 2)
-
-        holes, along = forces.geometric_stiffness(), (disk, disk)
-        next_disk = view(0, disk, (n, 6, 6), along, *entries)
-        disks, previous = (view(k, 0, (n + 1 - bool(k), 6, 6), along, *entries) for k in (0, disk))
-        disks += holes.itself
-        next_disk += holes.after
-        previous += holes.after.swapaxes(1, 2)
+        holes = forces.geometric_stiffness()
+        for part, change in (
+            (to.disk, holes.itself),
+            (to.next_disk, holes.after),
+            (to.previous_disk, holes.after.swapaxes(1, 2)),
+        ):
+            np.add(part, change, out=part)
 
         lines, at_hole = forces.measured.shape, forces.hole_slopes()
-        pulled = view(0, 6, (n, 2, 6, m), along, (disk, 0), *entries)
-        np.negative(lines.lines.segments[:, :, 3].reshape(n, m, 2, 6).transpose(0, 2, 3, 1), out=pulled)
-        view(6, 6, (self.nodes, m), (size, size), (1, 1))[...] = 1.0
+        rows = lines.lines.segments[:, :, 3].reshape(n, m, 2, 6)
+        np.negative(rows.transpose(0, 2, 3, 1), out=to.pulled)
+        to.tensions[...] = 1.0
         if n > 1:
-            turned = view(disk + 6, 0, (n - 1, m, 3, 6), along, (1, 0), (0, disk), (0, 1))
-            np.multiply(
-                -at_hole.by_angle.T[:, :, None, None], lines.turns.reshape(n - 1, m, 3, 6), out=turned
-            )
-            view(disk + 6, 6, (n - 1, m), along, (1, 1))[...] = -at_hole.by_tension.T
+            by_angle = -at_hole.by_angle.T[:, :, None, None]
+            np.multiply(by_angle, lines.turns.reshape(n - 1, m, 3, 6), out=to.turned)
+            np.negative(at_hole.by_tension.T, out=to.passed)
         if clamped:
-            itself[0], after[0], next_disk[0], pulled[0, 0] = _EYE6, 0.0, 0.0, 0.0
-        return data.reshape(-1, leading).T
+            to.itself[0], to.after[0], to.next_disk[0], to.pulled[0, 0] = _EYE6, 0.0, 0.0, 0.0
+        return to.data.copy().reshape(len(to.data) // self.leading, self.leading).T
 
 
 class BandFactors(NamedTuple):

@@ -22,6 +22,7 @@ from tdcr_fe.solve.reduction import BodyFrameReduction
 Array = NDArray[np.float64]
 
 _ONES4 = np.ones(4)
+_CURRENT, _INITIAL = exu.ConfigurationType.Current, exu.ConfigurationType.Initial
 
 
 class Unknowns(NamedTuple):
@@ -233,15 +234,13 @@ class ConfigurationSpace:
 
     def write(self, configuration: Configuration, initial: bool = False) -> None:
         """Make this the current configuration of Exudyn's scene; with ``initial`` the initial one, too."""
+        kinds = (_CURRENT, _INITIAL) if initial else (_CURRENT,)
         data, unknowns = self.mbs.systemData, configuration.unknowns
-        data.SetODE2Coordinates(unknowns.coordinates)
-        if unknowns.multipliers.size:
-            data.SetAECoordinates(unknowns.multipliers)
-        if not initial:
-            return
-        data.SetODE2Coordinates(unknowns.coordinates, exu.ConfigurationType.Initial)
-        if unknowns.multipliers.size:
-            data.SetAECoordinates(unknowns.multipliers, exu.ConfigurationType.Initial)
+        for kind in kinds:
+            # Into Exudyn's memory: a third of the time of its functions that set coordinates.
+            data.GetODE2Coordinates(kind, copy=False)[:] = unknowns.coordinates
+            if unknowns.multipliers.size:
+                data.GetAECoordinates(kind, copy=False)[:] = unknowns.multipliers
 
     def fits(self, unknowns: Unknowns) -> bool:
         """Whether unknowns fit this scene: the same numbers of coordinates and the same meshes."""

@@ -132,6 +132,8 @@ class Progress(NamedTuple):
 
     def with_rejected(self, iterations: int) -> Progress:
         """The same after an attempt that was not accepted."""
+        if iterations == 0:
+            return self
         return self._replace(path=replace(self.path, rejected=self.path.rejected + iterations))
 
 

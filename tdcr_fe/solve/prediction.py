@@ -18,7 +18,7 @@ from tdcr_fe.solve.configuration import Unknowns
 from tdcr_fe.solve.friction_step import mobilisations, slip_changes
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.numbering import Numbering
-from tdcr_fe.solve.solved_step import SolvedStep, input_changes, same_loads, unknowns
+from tdcr_fe.solve.solved_step import SolvedStep, same_loads, unknowns
 from tdcr_fe.solve.state import SolverState, Target
 from tdcr_fe.solve.system import SceneSystem
 
@@ -30,8 +30,6 @@ SAME_DIRECTION = 1e-6
 LONGEST = 2.5
 #: Nor where the polynomial adds more than this fraction of the linear change [1].
 MOST_CURVED = 0.5
-#: Nor with a linearisation from which an element has turned by more than this since [rad].
-FARTHEST = 0.01
 
 
 class Prediction(NamedTuple):
@@ -53,7 +51,12 @@ class Prediction(NamedTuple):
 
 
 def predict(
-    system: SceneSystem, state: SolverState, target: Target, line: Linearization, settings: SolverSettings
+    system: SceneSystem,
+    state: SolverState,
+    target: Target,
+    changes: tuple[Array, ...],
+    line: Linearization,
+    settings: SolverSettings,
 ) -> Prediction | None:
     """Predict the solution of a step.
 
@@ -64,7 +67,9 @@ def predict(
     state
         Solution at the beginning of the step.
     target
-        Inputs at its end.
+        Inputs and loads at its end.
+    changes
+        By robot, changes of the inputs in it, see `input_changes`.
     line
         Linearisation at the end of the last step, or near it.
     settings
@@ -75,34 +80,28 @@ def predict(
     Prediction or None
         None where the last step says nothing about this one, or not enough.
     """
-    numbering, last = system.numbering(), line.solved
-    if (
-        last is None
-        or not line.numbering.same_unknowns(numbering)
-        or not system.tangent_follows_from_elements()
-        or not same_loads(state, target)
-        or not np.array_equal(unknowns(state, numbering), last.end)
-        or line.turn_since(state.configuration.twists) > FARTHEST
-    ):
+    last = line.solved
+    if last is None or not system.layout.robots_only or not same_loads(state, target):
         return None
-    changes = input_changes(state, target)
+    numbering = system.numbering()
     length = _length_of(last, np.concatenate(changes))
-    if length is None:
+    if (
+        length is None
+        or not line.numbering.same_unknowns(numbering)
+        or not np.array_equal(unknowns(state, numbering), last.end)
+    ):
         return None
     step = line.response(changes, system.layout.clamped)
     slips = np.zeros(0)
     if numbering.has_friction:
-        slips, mobilised = (
-            slip_changes(numbering, line.forces, step, changes),
-            mobilisations(numbering, state),
-        )
-        if min((np.abs(mobilised) - 1.0).min(), (mobilised * slips).min()) < 0.0:
+        slips = slip_changes(numbering, line.forces, step, changes)
+        if not _all_keep_slipping(state, slips, numbering):
             return None
     slope = _slope(line, step)
-    change = slope + last.curvature(length, slope)
-    if float(np.abs(change - slope).max()) > MOST_CURVED * float(np.abs(slope).max()):
+    bend = last.curvature(length, slope)
+    if float(np.abs(bend).max()) > MOST_CURVED * float(np.abs(slope).max()):
         return None
-    moved = _moved(system, state, change, settings.max_turn)
+    moved = _moved(system, state, slope + bend, settings.max_turn)
     return None if moved is None else Prediction(moved, slope, slips)
 
 
@@ -112,21 +111,22 @@ def _length_of(last: SolvedStep, loading: Array) -> float | None:
     if size == 0.0:
         return None
     length = float(last.loading @ loading) / size
-    off = np.abs(last.loading - length * loading).max()
-    if length * LONGEST < 1.0 or off > SAME_DIRECTION * np.abs(last.loading).max():
+    if length * LONGEST < 1.0:
         return None
-    return length
+    off = float(np.abs(last.loading - length * loading).max())
+    return length if off <= SAME_DIRECTION * float(np.abs(last.loading).max()) else None
 
 
 def _all_keep_slipping(state: SolverState, slips: Array, numbering: Numbering) -> bool:
     """Whether all holes of tendons under tension slip, and continue in the same direction."""
-    tension = [
-        np.repeat(t[:, None], s.shape[1], axis=1)
-        for t, s in zip(state.base_tension, state.mobilisation, strict=True)
-    ]
-    loose = numbering.at_frictional_holes(tension) <= 0.0
     mobilised = mobilisations(numbering, state)
-    return bool((loose | ((np.abs(mobilised) >= 1.0) & (mobilised * slips >= 0.0))).all())
+    if np.minimum(np.abs(mobilised) - 1.0, mobilised * slips).min() >= 0.0:
+        return True
+    tension = [
+        t[:, None] + np.zeros(s.shape) for t, s in zip(state.base_tension, state.mobilisation, strict=True)
+    ]
+    tense = numbering.at_frictional_holes(tension) > 0.0
+    return not ((np.abs(mobilised) < 1.0) | (mobilised * slips < 0.0))[tense].any()
 
 
 def _slope(line: Linearization, step: Array) -> Array:

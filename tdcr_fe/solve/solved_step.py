@@ -36,15 +36,26 @@ class SolvedStep(NamedTuple):
         cls,
         before: SolverState,
         after: SolverState,
-        target: Target,
+        changes: tuple[Array, ...],
         numbering: Numbering,
         slope: Array | None = None,
     ) -> SolvedStep | None:
-        """The step between two solutions; None where loads changed, or the friction of a tendon under tension."""
-        if not _friction_kept(before, after) or not same_loads(before, target):
+        """The step between two solutions under the same loads; None where friction changed in a tendon under tension.
+
+        Parameters
+        ----------
+        before, after
+            The solutions.
+        changes
+            By robot, changes of the inputs, see `input_changes`.
+        numbering
+            Of the unknowns.
+        slope
+            See `SolvedStep`.
+        """
+        if not _friction_kept(before, after):
             return None
-        loading = np.concatenate(input_changes(before, target))
-        return cls(loading, unknowns(before, numbering), unknowns(after, numbering), slope)
+        return cls(np.concatenate(changes), unknowns(before, numbering), unknowns(after, numbering), slope)
 
     def curvature(self, length: float, slope: Array) -> Array:
         """What a cubic polynomial adds to the linear change of the unknowns in a further step.
@@ -87,9 +98,8 @@ def same_loads(before: SolverState, target: Target) -> bool:
 
 def _friction_kept(before: SolverState, after: SolverState) -> bool:
     """Whether no mobilisation of a tendon under tension changed."""
-    return all(
-        bool(((old == new) | (tension <= 0.0)[:, None]).all())
-        for old, new, tension in zip(
-            before.mobilisation, after.mobilisation, before.base_tension, strict=True
-        )
-    )
+    for old, new, tension in zip(before.mobilisation, after.mobilisation, before.base_tension, strict=True):
+        changed = old != new
+        if changed.any() and changed[tension > 0.0].any():
+            return False
+    return True

@@ -15,7 +15,7 @@ from tdcr_fe.solve.load_path import Path, StepFailed, one_substep
 from tdcr_fe.solve.newton import NewtonResult, newton
 from tdcr_fe.solve.prediction import predict
 from tdcr_fe.solve.ramp import Ramp
-from tdcr_fe.solve.solved_step import SolvedStep
+from tdcr_fe.solve.solved_step import SolvedStep, input_changes, same_loads
 from tdcr_fe.solve.state import SolverState, Target
 from tdcr_fe.solve.system import SceneSystem
 
@@ -61,22 +61,29 @@ class SubstepSolver:
     ) -> NewtonResult:
         """Solve at a load factor, from a guess, a substep that begins in the state `start`."""
         target = self.ramp.apply(self.system, load_factor)
-        result, slope = self._solved(state, target, linearization)
+        changes = input_changes(start, target)
+        result, slope = self._solved(state, target, changes, linearization)
         line = result.linearization
-        if result.converged and line is not None:
-            solved = SolvedStep.of(start, result.state, target, line.numbering, slope)
+        if line is not None:
+            solved = None
+            if result.converged and same_loads(start, target):
+                solved = SolvedStep.of(start, result.state, changes, line.numbering, slope)
             result = result._replace(linearization=line._replace(solved=solved))
         return self._unless_contact_passed(result, start)
 
     def _solved(
-        self, state: SolverState, target: Target, line: Linearization | None
+        self,
+        state: SolverState,
+        target: Target,
+        changes: tuple[Array, ...],
+        line: Linearization | None,
     ) -> tuple[NewtonResult, Array | None]:
         """A solve from a prediction, where there is one that leads to a solution, else from a state.
 
         With the slope at the beginning of the step, see `SolvedStep`; None where it is unknown.
         """
         spent = 0
-        first = None if line is None else predict(self.system, state, target, line, self.settings)
+        first = None if line is None else predict(self.system, state, target, changes, line, self.settings)
         if first is not None:
             result = newton(self.system, first.state, target, self.settings)
             if result.converged:

@@ -12,7 +12,7 @@ from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.prediction import predict
 from tdcr_fe.solve.simulation import Simulation
-from tdcr_fe.solve.solved_step import SolvedStep, unknowns
+from tdcr_fe.solve.solved_step import SolvedStep, input_changes, unknowns
 from tdcr_fe.solve.state import Target
 
 MODEL = Model(friction="per-hole", elements_per_bay=1)
@@ -29,7 +29,13 @@ def simulation(robot, steps, settings=None):
 def predicted(arm, *inputs, loads=()):
     """Prediction for further inputs."""
     goal = Target((np.array(inputs, dtype=float),), loads, arm.state.time)
-    return predict(arm.system, arm.state, goal, arm.linearization(), arm.settings)
+    return predict_from(arm, goal, arm.linearization())
+
+
+def predict_from(arm, goal, line, settings=None):
+    """Prediction from the state of a simulation."""
+    changes = input_changes(arm.state, goal)
+    return predict(arm.system, arm.state, goal, changes, line, settings or arm.settings)
 
 
 @pytest.mark.parametrize("length", [0.5, 1.0, 2.0])
@@ -91,7 +97,7 @@ def test_predictions_do_not_change_results(robot, driven, full):
     for target in targets:
         line = following.linearization()
         goal = Target((target.values,), (), 0.0)
-        made += predict(following.system, following.state, goal, line, settings) is not None
+        made += predict_from(following, goal, line) is not None
         following.advance(target)
         alone.restore(alone.state)
         alone.advance(target)
@@ -110,11 +116,11 @@ def test_no_prediction_where_the_last_step_is_no_guide():
     assert predicted(arm, 1.0, 0.0, 0.0) is None, "no change"
     line, goal = arm.linearization(), Target((np.array([1.5, 0.0, 0.0]),), (), 0.0)
     elsewhere = line._replace(solved=line.solved._replace(end=line.solved.end + 1e-6))
-    assert predict(arm.system, arm.state, goal, elsewhere, arm.settings) is None, "another state"
+    assert predict_from(arm, goal, elsewhere) is None, "another state"
     alone = line._replace(solved=None)
-    assert predict(arm.system, arm.state, goal, alone, arm.settings) is None, "no step before"
+    assert predict_from(arm, goal, alone) is None, "no step before"
     short = replace(arm.settings, max_turn=1e-3)
-    assert predict(arm.system, arm.state, goal, line, short) is None, "large turn"
+    assert predict_from(arm, goal, line, short) is None, "large turn"
 
 
 def test_no_prediction_after_holes_changed_between_stick_and_slip():
