@@ -38,6 +38,14 @@ class PointLoadItem(Protocol):
         ...
 
 
+class StepObserver(Protocol):
+    """What is to see every solved step before its history is committed."""
+
+    def observe(self, t: float) -> None:
+        """See the step that ended at a time [s]."""
+        ...
+
+
 class SceneHooks:
     """Robots of one system, and the functions that Exudyn calls for them.
 
@@ -54,12 +62,15 @@ class SceneHooks:
         The robots in the system.
     point_loads : list of PointLoadItem
         The concentrated loads on them.
+    observers : list of StepObserver
+        What sees every step of Exudyn's own solvers before the history is committed.
     """
 
     def __init__(self, mbs: exu.MainSystem) -> None:
         self.system = SystemReference(mbs)
         self.actuations: list[TendonActuation] = []
         self.point_loads: list[PointLoadItem] = []
+        self.observers: list[StepObserver] = []
         self._users_post_step: Callable[..., Any] | None = None
         # One bound method: each access to the attribute makes another.
         self._own_post_step = self._after_step
@@ -76,6 +87,7 @@ class SceneHooks:
             # The system was reset, which leaves mbs.variables as they are.
             hooks.actuations.clear()
             hooks.point_loads.clear()
+            hooks.observers.clear()
         hooks.adopt(mbs)
         return hooks
 
@@ -92,7 +104,9 @@ class SceneHooks:
 
         def forces(mbs: exu.MainSystem, t: float, item: int, q: Sequence[float], q_t: Sequence[float]) -> Any:
             self.adopt(mbs)
-            return actuation.forces_on_coordinates(q, t)
+            # An iteration that diverges may overflow; the solver sees the result and takes a smaller step.
+            with np.errstate(all="ignore"):
+                return actuation.forces_on_coordinates(q, t)
 
         def jacobian(
             mbs: exu.MainSystem,
@@ -103,7 +117,8 @@ class SceneHooks:
             by_position: float,
             by_velocity: float,
         ) -> Any:
-            return actuation.jacobian_on_coordinates(q, t, by_position, by_velocity)
+            with np.errstate(all="ignore"):
+                return actuation.jacobian_on_coordinates(q, t, by_position, by_velocity)
 
         actuation.attach(forces, jacobian)
         if damping is not None:
@@ -114,7 +129,8 @@ class SceneHooks:
         """Give the item of the material damping its functions; the stiffness is the present one of the robot."""
 
         def forces(mbs: exu.MainSystem, t: float, item: int, q: Sequence[float], q_t: Sequence[float]) -> Any:
-            return damping.forces(actuation.mesh.twist_stiffness, np.array(q), np.array(q_t))
+            with np.errstate(all="ignore"):
+                return damping.forces(actuation.mesh.twist_stiffness, np.array(q), np.array(q_t))
 
         def jacobian(
             mbs: exu.MainSystem,
@@ -126,7 +142,8 @@ class SceneHooks:
             by_velocity: float,
         ) -> Any:
             stiffness = actuation.mesh.twist_stiffness
-            return damping.jacobian(stiffness, np.array(q), np.array(q_t), by_position, by_velocity)
+            with np.errstate(all="ignore"):
+                return damping.jacobian(stiffness, np.array(q), np.array(q_t), by_position, by_velocity)
 
         mbs = self.system.mbs
         mbs.SetObjectParameter(damping.item, "forceUserFunction", forces)
@@ -168,6 +185,8 @@ class SceneHooks:
         return np.asarray(user(self.system.mbs, t, 1.0, 0.0, 1.0).Convert2DenseMatrix(), dtype=float)
 
     def _after_step(self, mbs: exu.MainSystem, t: float) -> bool:
+        for observer in self.observers:
+            observer.observe(t)
         for actuation in self.actuations:
             actuation.commit_scene(t)
         for load in self.point_loads:

@@ -38,7 +38,7 @@ def dynamic_settings(end: float, step: float) -> exu.SimulationSettings:
 
 
 def damped(
-    robot: Robot, damping: float = 0.03, **rest: Any
+    robot: Robot, damping: float = 0.03, *, assemble: bool = True, **rest: Any
 ) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR]:
     """A robot whose tip is damped against ground [N s/m]; by default near critical damping."""
     keep, mbs, handle = scene(robot, assemble=False, **rest)
@@ -48,5 +48,6 @@ def damped(
             markerNumbers=[ground, handle.mTip], stiffness=[0.0] * 3, damping=[damping] * 3
         )
     )
-    mbs.Assemble()
+    if assemble:
+        mbs.Assemble()
     return keep, mbs, handle

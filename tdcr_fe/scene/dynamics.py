@@ -71,6 +71,10 @@ def recommended_settings(mesh: BackboneMesh, end_time: float, step_size: float) 
     integration.numberOfSteps = round(end_time / step_size)
     integration.generalizedAlpha.spectralRadius = 0.8
     integration.newton.relativeTolerance = 1e-6
+    # Otherwise a first iteration that diverges sets the scale, and what follows counts as converged.
+    integration.newton.adaptInitialResidual = False
+    # A Jacobian left over from another step size, or from an iteration that diverged, costs more than a new one.
+    integration.newton.modifiedNewtonJacUpdatePerStep = True
     stiffest = float(np.max(mesh.stiffness[:, 0] / mesh.lengths))
     integration.newton.absoluteTolerance = max(1e-8, ROUND_OFF * float(mesh.arc_lengths[-1]) * stiffest)
     return settings

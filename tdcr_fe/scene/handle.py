@@ -28,11 +28,12 @@ from tdcr_fe.scene.disk_contact import (
     spheres_of,
 )
 from tdcr_fe.scene.dynamics import recommended_settings
+from tdcr_fe.scene.energy import EnergyBalance, energy_sensor
 from tdcr_fe.scene.inputs import InputsOverTime, named_inputs
 from tdcr_fe.scene.loads import Frame, PointLoad, add_point_load
 from tdcr_fe.scene.mesh import softened_stiffness
 from tdcr_fe.scene.parts import section_marker
-from tdcr_fe.scene.sensors import add_tendon_sensors, add_tip_sensors
+from tdcr_fe.scene.sensors import add_tendon_sensors, add_tip_sensors, sensor_output
 
 Array = NDArray[np.float64]
 
@@ -260,6 +261,31 @@ class TDCR:
                 self.mbs, self.robot, self.mesh, self.nNodes, backbone, self.name
             )
         return self._spheres[backbone]
+
+    def add_energy_sensor(self, fileName: str = "", storeInternal: bool = True) -> Any:
+        """Add a sensor of the robot's energy in Exudyn's own solvers, before ``mbs.Assemble()``; return its number.
+
+        Its columns, all in J and listed in `tdcr_fe.scene.energy.ENERGY_COLUMNS`, are the kinetic, elastic and
+        gravitational energy; then sums over the steps: work of the tendons at the base plate, work of the loads of
+        `add_load`, dissipation by friction and by the material; and the balance: works less dissipation less what the
+        stored energy has grown. The balance is what goes to other items of the scene, and the error of the integration
+        in time. Elastic energy includes elastic tendons and springs to ground.
+
+        Parameters
+        ----------
+        fileName
+            Prefix of the sensor file; empty writes none.
+        storeInternal
+            Keep the values in memory.
+        """
+        hooks = SceneHooks.of(self.mbs)
+        balance = EnergyBalance(
+            hooks.system, self.robot, self.name, self.actuation, self.damping, self.model.gravity, self.loads
+        )
+        hooks.observers.append(balance)
+        sensor = energy_sensor(balance, self.name, sensor_output(fileName, "energy", storeInternal))
+        self.sensors["energy"] = sensor
+        return sensor
 
     # ------------------------------------------------------------------ actuation
 

@@ -32,6 +32,8 @@ class PointLoad:
     frame : "world" or "section"
     applied : ndarray, shape (6,)
         Force [N] and moment [N m] in the last solved state, in the load's frame.
+    node
+        Number of the backbone node that it acts on.
     """
 
     system: SystemReference
@@ -39,6 +41,7 @@ class PointLoad:
     lTorque: Any
     frame: Frame
     applied: Array = field(default_factory=lambda: np.zeros(6))
+    node: Any = None
 
     def set(self, force: Sequence[float] | Array, moment: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> None:
         """Set force [N] and moment [N m], each of shape (3,), in the load's frame."""
@@ -91,4 +94,4 @@ def add_point_load(system: SystemReference, node: Any, robot: str, name: str, fr
     torque = eii.Torque(
         name=f"{robot}.torque.{name}", markerNumber=marker, loadVector=zero, bodyFixed=follows
     )
-    return PointLoad(system, mbs.AddLoad(force), mbs.AddLoad(torque), frame)
+    return PointLoad(system, mbs.AddLoad(force), mbs.AddLoad(torque), frame, node=node)

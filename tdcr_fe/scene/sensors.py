@@ -10,7 +10,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 
-def _output(fileName: str, key: str, storeInternal: bool) -> dict[str, Any]:
+def sensor_output(fileName: str, key: str, storeInternal: bool) -> dict[str, Any]:
     """Arguments for a sensor's output: a file of its own if a prefix is given, and memory if requested."""
     file = f"{fileName}_{key}.txt" if fileName else ""
     return {"storeInternal": storeInternal, "fileName": file, "writeToFile": bool(fileName)}
@@ -28,7 +28,7 @@ def add_tip_sensors(
                 name=f"{robot}.{key}",
                 nodeNumber=tip_node,
                 outputVariableType=variable,
-                **_output(fileName, key, storeInternal),
+                **sensor_output(fileName, key, storeInternal),
             )
         )
         for key, variable in variables.items()
@@ -74,7 +74,7 @@ def add_tendon_sensors(
                 sensorNumbers=[node],
                 factors=[float(which.start), float(which.stop)],
                 sensorUserFunction=_part,
-                **_output(fileName, f"{quantity}_{tendon}", storeInternal),
+                **sensor_output(fileName, f"{quantity}_{tendon}", storeInternal),
             )
         )
         for quantity, which in quantities.items()

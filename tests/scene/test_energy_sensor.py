@@ -1,0 +1,238 @@
+"""The energy balance of a robot in Exudyn's own solvers, by `TDCR.add_energy_sensor`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import exudyn as exu
+import exudyn.itemInterface as eii
+import numpy as np
+import pytest
+from native_solvers import damped, static_settings
+from robots import BACKBONE, DISKS, LENGTH, Robot, scene, tendon, three
+from scipy.integrate import quad
+
+from tdcr_fe.elements.section import SuperelasticSection
+from tdcr_fe.model.robot import Disks
+from tdcr_fe.native import register
+from tdcr_fe.scene.energy import ENERGY_COLUMNS, superelastic_energy
+from tdcr_fe.solve.statics import SolveTDCR
+
+register()
+
+
+def columns(mbs, sensor) -> dict[str, np.ndarray]:
+    """Time and columns of the sensor."""
+    data = np.array(mbs.GetSensorStoredData(sensor))
+    return dict(zip(("time", *ENERGY_COLUMNS), data.T, strict=True))
+
+
+def present(mbs, sensor) -> dict[str, float]:
+    """Values of the sensor in the current configuration."""
+    return dict(zip(ENERGY_COLUMNS, mbs.GetSensorValues(sensor), strict=True))
+
+
+def run(mbs, handle, end, step=1e-3, rho=1.0):
+    settings = handle.recommended_settings(end, step)
+    settings.timeIntegration.generalizedAlpha.spectralRadius = rho
+    settings.timeIntegration.verboseMode = 0
+    settings.solution.file.write = False
+    settings.solution.sensors.writePeriod = step
+    assert mbs.SolveDynamic(settings)
+
+
+# ---------------------------------------------------------------- what is stored
+
+
+def test_elastic_and_gravitational_energy_are_those_of_closed_forms():
+    """A moment ``M`` at the tip stores ``M^2 L / (2 EI)``; a straight robot weighs on the middle and on its disks."""
+    m, g = 3e-3, 9.81
+    _keep, mbs, handle = scene(three(0.0), assemble=False, gravity=(0.0, 0.0, -g))
+    load, sensor = handle.add_load("tip", LENGTH), handle.add_energy_sensor()
+    mbs.Assemble()
+    disks = sum(DISKS.mass * s for s in DISKS.positions)
+    height = BACKBONE.mass_per_length * LENGTH**2 / 2.0 + disks
+    assert present(mbs, sensor)["gravity"] == pytest.approx(g * height, rel=1e-12)
+    assert present(mbs, sensor)["elastic"] == pytest.approx(0.0, abs=1e-18)
+    _keep, mbs, handle = scene(three(0.0), assemble=False)
+    load, sensor = handle.add_load("tip", LENGTH), handle.add_energy_sensor()
+    mbs.Assemble()
+    load.set([0.0, 0.0, 0.0], [0.0, m, 0.0])
+    SolveTDCR(mbs)
+    assert present(mbs, sensor)["elastic"] == pytest.approx(m**2 * LENGTH / (2.0 * BACKBONE.EI), rel=1e-9)
+    assert present(mbs, sensor)["kinetic"] == 0.0
+
+
+def test_kinetic_energy_is_that_of_exudyns_bodies():
+    """Of beams and disks, in a fast swing with all inertias at work: each has an output variable for it."""
+    disks = Disks.equally_spaced(6, LENGTH, mass=2e-3, radius=8e-3, thickness=2e-3)
+    _keep, mbs, handle = scene(three(0.0, disks=disks), assemble=False)
+    load, sensor = handle.add_load("tip", LENGTH), handle.add_energy_sensor()
+    mbs.Assemble()
+    load.set([0.02, 0.0, 0.0], [0.0, 0.0, 2e-3])
+    SolveTDCR(mbs)
+    load.set([0.0, 0.0, 0.0])
+    run(mbs, handle, 0.02, rho=0.8)
+    bodies = [*handle.oBeams, *handle.bDisks]
+    expected = sum(
+        mbs.GetObjectOutputBody(b, exu.OutputVariableType.KineticEnergy, [0.0] * 3) for b in bodies
+    )
+    assert present(mbs, sensor)["kinetic"] > 1e-5
+    assert present(mbs, sensor)["kinetic"] == pytest.approx(expected, rel=1e-9)
+
+
+def test_energy_of_a_superelastic_section_is_the_integral_of_its_moment():
+    stiffness, lengths = np.array([2e-3, 3e-3]), np.array([0.02, 0.03])
+    law = SuperelasticSection(stiffness, 15.0, 0.3, np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]))
+    bend = np.array([[0.0, 9.0, 4.0], [0.0, 30.0, -40.0]])
+    twists = np.zeros((2, 6))
+    twists[:, 3:] = lengths[:, None] * bend
+    expected = 0.0
+    for e in range(2):
+        way = bend[e] - law.precurvature[e]
+
+        def slope(share, e=e, way=way):
+            at = np.zeros((2, 6))
+            at[e, 3:] = lengths[e] * (law.precurvature[e] + share * way)
+            return law.gradient(at, lengths)[e, 3:] @ (lengths[e] * way)
+
+        expected += quad(slope, 0.0, 1.0, limit=200, epsabs=1e-15)[0]
+    assert superelastic_energy(law, twists, lengths) == pytest.approx(expected, rel=1e-9)
+
+
+# ---------------------------------------------------------------- balance
+
+
+def random_run(seed: int, end: float) -> tuple[float, float, dict[str, np.ndarray]]:
+    """A random robot under random tensions, and a force at the tip from the beginning on, at 1 ms up to a time [s].
+
+    Returns
+    -------
+    balance, work : float
+        Largest balance at any time; sum of all exchanges, by their size, with tendons and loads [J].
+    columns : dict
+    """
+    rng = np.random.default_rng(seed)
+    count, mu = int(rng.integers(1, 4)), float(rng.choice([0.0, rng.uniform(0.05, 0.4)]))
+    elastic = {} if rng.random() < 0.6 else {"axial_stiffness": float(rng.uniform(300.0, 3000.0))}
+    tendons = tuple(tendon(f"t{i}", rng.uniform(0.0, 360.0), mu, **elastic) for i in range(count))
+    backbone = replace(BACKBONE, retardation_time=float(rng.choice([0.0, 10 ** rng.uniform(-4.0, -2.3)])))
+    disks = Disks.equally_spaced(int(rng.integers(6, 14)), LENGTH, mass=0.17e-3, radius=5e-3)
+    gravity = tuple((9.81 * rng.uniform(-1.0, 1.0, 3) * (rng.random() < 0.6)).tolist())
+    _keep, mbs, handle = scene(
+        Robot(backbone, disks, tendons, name="random"), assemble=False, gravity=gravity
+    )
+    sensor, load = handle.add_energy_sensor(), handle.add_load("tip", LENGTH)
+    mbs.Assemble()
+    load.set(rng.uniform(-0.02, 0.02, 3))
+    high, rates, phases = (
+        rng.uniform(0.3, 2.0, count),
+        rng.uniform(0.5, 4.0, count),
+        rng.uniform(0.0, 6.0, count),
+    )
+    rise = rng.uniform(0.05, 0.3)
+
+    def tensions(t):
+        share = 0.5 * (1.0 - np.cos(np.pi * min(t / rise, 1.0)))
+        return share * high * (1.0 + 0.5 * np.sin(2.0 * np.pi * rates * t + phases))
+
+    handle.set_inputs_over_time(tensions)
+    run(mbs, handle, end)
+    found = columns(mbs, sensor)
+    exchanged = sum(np.abs(np.diff(found[k])).sum() for k in ("tendon_work", "load_work"))
+    return float(np.abs(found["balance"]).max()), float(exchanged), found
+
+
+def check(seed, end):
+    balance, work, found = random_run(seed, end)
+    assert work > 1e-4
+    assert balance < 1e-4 * work
+    for kind in ("friction_dissipation", "material_dissipation"):
+        assert np.diff(found[kind]).min() > -1e-3 * work
+        assert found[kind][-1] >= 0.0
+    stored = sum(found[k] for k in ("kinetic", "elastic", "gravity"))
+    into = found["tendon_work"] + found["load_work"]
+    out = found["friction_dissipation"] + found["material_dissipation"] + found["balance"]
+    assert stored - stored[0] == pytest.approx(into - out, abs=1e-9 * work)
+    return balance / work
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_the_energy_of_a_random_motion_is_balanced(seed):
+    """To 1e-4 of the work at all times of a tenth of a second."""
+    check(seed, 0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20))
+def test_the_energy_of_random_motions_is_balanced_for_half_a_second(seed):
+    """20 random robots: 1 to 3 tendons, friction, elasticity, gravity, damping by the material."""
+    check(seed, 0.5)
+
+
+def test_a_damper_of_the_scene_gets_what_the_balance_shows():
+    """A dashpot at the tip: the balance is what it dissipates, the integral of ``c v^2``."""
+    _keep, mbs, handle = damped(three(0.0), damping=0.02, assemble=False)
+    sensor = handle.add_energy_sensor()
+    velocity = mbs.AddSensor(
+        eii.SensorNode(
+            nodeNumber=handle.nNodes[-1],
+            outputVariableType=exu.OutputVariableType.Velocity,
+            storeInternal=True,
+            writeToFile=False,
+        )
+    )
+    mbs.Assemble()
+    handle.set_inputs_over_time(lambda t: [0.5 * (1 - np.cos(np.pi * min(t / 0.1, 1.0))), 0.0, 0.0])
+    run(mbs, handle, 0.2)
+    found, v = columns(mbs, sensor), np.array(mbs.GetSensorStoredData(velocity))
+    power = 0.02 * np.sum(v[:, 1:] ** 2, axis=1)
+    expected = float(np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(v[:, 0])))
+    assert found["balance"][-1] == pytest.approx(expected, rel=1e-2)
+    assert expected > 0.1 * found["tendon_work"][-1]
+
+
+def test_a_swing_loses_what_the_material_dissipates():
+    robot = replace(three(0.0), backbone=replace(BACKBONE, retardation_time=3e-3))
+    _keep, mbs, handle = scene(robot, assemble=False)
+    load, sensor = handle.add_load("tip", LENGTH), handle.add_energy_sensor()
+    mbs.Assemble()
+    load.set([0.05, 0.0, 0.0])
+    SolveTDCR(mbs)
+    load.set([0.0, 0.0, 0.0])
+    before = present(mbs, sensor)["elastic"]
+    run(mbs, handle, 0.3)
+    found = columns(mbs, sensor)
+    assert found["elastic"][0] == pytest.approx(before, rel=1e-12)
+    lost = before - found["elastic"][-1] - found["kinetic"][-1]
+    assert lost > 0.1 * before
+    assert found["material_dissipation"][-1] == pytest.approx(lost, rel=3e-3)
+
+
+def test_the_sums_are_restored_with_the_state():
+    """A second run from the initial configuration, and a state that was stored, have the sums of then."""
+    _keep, mbs, handle = scene(three(0.3), assemble=False)
+    sensor = handle.add_energy_sensor()
+    mbs.Assemble()
+    handle.set_inputs_over_time(lambda t: [1.0 - np.cos(10.0 * t), 0.0, 0.0])
+    run(mbs, handle, 0.05)
+    first, stored = present(mbs, sensor), mbs.systemData.GetSystemState()
+    run(mbs, handle, 0.05)
+    assert present(mbs, sensor) == pytest.approx(first, rel=1e-9, abs=1e-15)
+    run(mbs, handle, 0.08)
+    assert present(mbs, sensor)["tendon_work"] > 1.5 * first["tendon_work"]
+    mbs.systemData.SetSystemState(stored)
+    assert present(mbs, sensor) == pytest.approx(first, rel=1e-9, abs=1e-15)
+
+
+def test_a_slow_pull_by_exudyns_statics_is_balanced_too():
+    """To 1.2 N in 60 load steps with friction: work of the tendon, elastic energy and friction."""
+    _keep, mbs, handle = scene(three(0.3), assemble=False)
+    sensor = handle.add_energy_sensor()
+    mbs.Assemble()
+    handle.set_inputs_over_time(lambda t: [1.2 * t, 0.0, 0.0])
+    assert mbs.SolveStatic(static_settings(60))
+    found = present(mbs, sensor)
+    assert found["kinetic"] == 0.0
+    assert found["friction_dissipation"] > 0.05 * found["tendon_work"]
+    assert abs(found["balance"]) < 1e-4 * found["tendon_work"]
