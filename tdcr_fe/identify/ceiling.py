@@ -233,10 +233,10 @@ def _fold_errors(kernel: Array, noise: float, tables: Array, inside: NDArray[np.
         known, wanted = np.flatnonzero(there & ~inside), np.flatnonzero(there & inside)
         if not wanted.size:
             continue
-        truth = tables[np.ix_(wanted, columns)]
+        truth = tables[wanted][:, columns]
         predicted = np.zeros_like(truth)
         if known.size:
-            values = tables[np.ix_(known, columns)].reshape(known.size, -1)
+            values = tables[known][:, columns].reshape(known.size, -1)
             predicted = _regress(kernel, noise, known, values, wanted).reshape(truth.shape)
         error += np.sum((truth - predicted) ** 2, axis=(0, 1))
     return error

@@ -29,6 +29,7 @@ from tdcr_fe.identify.outcome import (
     Verdict,
 )
 from tdcr_fe.identify.problem import Fit, FitProblem
+from tdcr_fe.identify.rows import RowChoice
 from tdcr_fe.identify.run import run_settings
 from tdcr_fe.identify.selection import Search, SearchState
 from tdcr_fe.identify.unlisted import describe_moment, missing_moment
@@ -43,6 +44,7 @@ def conclude(
     wall_time: float,
     law: FoundLaw | None = None,
     next_experiment: NextExperiment | None = None,
+    rows: RowChoice | None = None,
 ) -> IdentificationResult:
     """What a search has found.
 
@@ -58,6 +60,8 @@ def conclude(
         On no list, and part of the state's best model.
     next_experiment
         That would tell most.
+    rows
+        Load steps that the search used; None for all.
     """
     problem, best, declared = state.problem, state.best, state.declared
     data, held_out, fitted = problem.data, problem.held_out, problem.fitted
@@ -103,6 +107,7 @@ def conclude(
         catalogue=problem.catalogue,
         law=law,
         next_experiment=next_experiment,
+        searched=None if rows is None else rows.described(data),
         by_set=_by_set(problem, declared, best),
         ceiling=None if insufficient or state.interrupted else held_out_ceiling(problem, declared, best),
     )

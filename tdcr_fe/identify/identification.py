@@ -19,6 +19,7 @@ from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma
 from tdcr_fe.identify.outcome import FoundLaw, IdentificationResult, IdentifySettings, NextExperiment
 from tdcr_fe.identify.problem import FitProblem, evaluate, refine
+from tdcr_fe.identify.rows import RowChoice, choose_rows, fit_to_all_rows, problem_of_rows
 from tdcr_fe.identify.selection import (
     Progress,
     Search,
@@ -83,13 +84,42 @@ def identify(
     search.report("the declared model", 0.0)
     try:
         with ForwardModel(settings.processes, data.settings) as forward:
-            problem, estimated = _build_problem(without_unread_steps(data), settings, forward)
-            found = _search(search, _declared(problem), estimated)
+            prepared = _prepare(without_unread_steps(data), settings, forward)
+            found = _search(search, _declared(prepared.searched), prepared)
             search.report("conclusions", 0.97)
     except _Interrupted as interruption:  # the workers have ended
-        found, estimated = _Found(interruption.state), interruption.sigma_estimated
+        found, prepared = _Found(interruption.state), interruption.prepared
     duration = time.perf_counter() - begun
-    return conclude(search, found.state, estimated, duration, found.law, found.next_experiment)
+    return conclude(
+        search,
+        found.state,
+        prepared.sigma_estimated,
+        duration,
+        found.law,
+        found.next_experiment,
+        prepared.rows,
+    )
+
+
+class _Prepared(NamedTuple):
+    """What a search begins with.
+
+    Attributes
+    ----------
+    problem : FitProblem
+        Of all load steps.
+    searched : FitProblem
+        Of those that the search uses, with mesh and path fine enough; the same readings where it uses all.
+    rows : RowChoice or None
+        Load steps that the search uses; None for all.
+    sigma_estimated : bool
+        Whether any sigma was not given.
+    """
+
+    problem: FitProblem
+    searched: FitProblem
+    rows: RowChoice | None
+    sigma_estimated: bool
 
 
 class _Found(NamedTuple):
@@ -103,13 +133,16 @@ class _Found(NamedTuple):
 class _Interrupted(KeyboardInterrupt):
     """The search was interrupted; carries its last complete state out of the block that owns the workers."""
 
-    def __init__(self, state: SearchState, sigma_estimated: bool) -> None:
+    def __init__(self, state: SearchState, prepared: _Prepared) -> None:
         super().__init__()
-        self.state, self.sigma_estimated = state, sigma_estimated
+        self.state, self.prepared = state, prepared
 
 
-def _search(search: Search, state: SearchState, sigma_estimated: bool) -> _Found:
-    """Run the search to its end, with a law where effects do not suffice; an interruption carries the last state."""
+def _search(search: Search, state: SearchState, prepared: _Prepared) -> _Found:
+    """Run the search to its end, with a law where effects do not suffice; an interruption carries the last state.
+
+    A search on some of the load steps ends with a fit to all of them.
+    """
     begun = time.perf_counter()
     try:
         if unusable_data(state.problem, state.declared):
@@ -117,19 +150,20 @@ def _search(search: Search, state: SearchState, sigma_estimated: bool) -> _Found
         for latest in search_effects(search, state):
             state = latest
         state = with_intermediate_models(state)
+        if prepared.rows is not None:
+            planned = choose_next(search, state)
+            return _Found(fit_to_all_rows(search, state, prepared.problem), None, planned)
         # A law may take as long to find as the listed effects took.
         law, state = find_law(search, state, max(LEAST_SECONDS, time.perf_counter() - begun))
         return _Found(state, law, choose_next(search, state))
     except KeyboardInterrupt:
         last = replace(state, interrupted=True)
         last = last.with_history("interrupted; what was found until then is reported")
-        raise _Interrupted(last, sigma_estimated) from None
+        raise _Interrupted(last, prepared) from None
 
 
-def _build_problem(
-    data: MeasuredData, settings: IdentifySettings, forward: ForwardModel
-) -> tuple[FitProblem, bool]:
-    """The problem with sigma known, steps held out, mesh and path fine enough; and whether sigma was estimated."""
+def _prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> _Prepared:
+    """The problem with sigma known and steps held out; and that of the search, with mesh and path fine enough."""
     if settings.hold_out_branches:
         positions = set(held_out_branches(data, settings.hold_out_branches))
     else:
@@ -138,7 +172,9 @@ def _build_problem(
     held_out = np.array([at[r.step] in positions for r in data.readings])
     problem = FitProblem.of(data, np.ones(len(data.readings)), held_out, forward, settings.path_tolerance)
     problem = replace(problem, catalogue=settings.catalogue)
-    (residual,), _ = problem.residuals((), [{}], record=True)
+    residual = np.full(problem.count, np.nan)
+    if any(r.sigma is None for r in data.readings):
+        (residual,), _ = problem.residuals((), [{}], record=True)
     sigma, estimated = estimate_sigma(data, residual)
     problem = replace(problem, sigma=sigma)
     is_position = problem.readings.is_position
@@ -146,8 +182,9 @@ def _build_problem(
         share = PATH_SHARE * float(np.median(sigma[is_position])) / data.robot.backbone.length
         tolerance = float(np.clip(share, problem.path_tolerance, LOOSEST))
         problem = replace(problem, path_tolerance=tolerance)
-    problem, _ = refine(problem, (), {})
-    return problem, estimated
+    rows = choose_rows(data, sorted(positions))
+    searched, _ = refine(problem if rows is None else problem_of_rows(problem, rows), (), {})
+    return _Prepared(problem, searched, rows, estimated)
 
 
 def _declared(problem: FitProblem) -> SearchState:

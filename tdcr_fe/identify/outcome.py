@@ -431,6 +431,33 @@ class NextExperiment:
 
 
 @dataclass(frozen=True)
+class SearchedSteps:
+    """Load steps that the search used, where that are not all.
+
+    Attributes
+    ----------
+    steps : tuple of int
+        Numbers of the load steps.
+    total : int
+        Load steps of the data.
+    fitted_to_all : bool
+        Whether the final fit and all errors are of all load steps; else they are of these.
+    """
+
+    steps: tuple[int, ...]
+    total: int
+    fitted_to_all: bool
+
+    @property
+    def sentence(self) -> str:
+        """For the report."""
+        rest = "the final fit and all errors are of all load steps"
+        if not self.fitted_to_all:
+            rest = "so do all errors: there is no fit to all load steps"
+        return f"The search used {len(self.steps)} of {self.total} load steps; {rest}."
+
+
+@dataclass(frozen=True)
 class IdentificationResult:
     """Everything that an identification found.
 
@@ -490,6 +517,8 @@ class IdentificationResult:
         None where nothing is to be told apart or refined.
     by_set : tuple of SetErrors
         Of every data set, where several were given.
+    searched : SearchedSteps or None
+        Load steps that the search used; None for all.
     """
 
     data: MeasuredData
@@ -526,6 +555,7 @@ class IdentificationResult:
     ceiling: Misfit | None = None
     next_experiment: NextExperiment | None = None
     by_set: tuple[SetErrors, ...] = ()
+    searched: SearchedSteps | None = None
 
     def next_loading(self) -> str | None:
         """The next experiment as the text of a ``loading.csv``; None where there is none."""
@@ -587,6 +617,7 @@ class IdentificationResult:
             "mesh_error_over_sigma": self.mesh_error,
             "parameters": list(self.parameter_names),
             "correlation": self.correlation.tolist(),
+            **({} if self.searched is None else {"searched_steps": list(self.searched.steps)}),
             "simulations": self.runs,
             "wall_time": self.wall_time,
             "interrupted": self.interrupted,

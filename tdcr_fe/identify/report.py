@@ -124,6 +124,8 @@ def sentences(result: IdentificationResult) -> list[str]:
                 else "."
             )
         )
+    if result.searched is not None:
+        found.append(result.searched.sentence)
     found += _ceiling_sentence(result)
     for s in result.by_set:
         held = (

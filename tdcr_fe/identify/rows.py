@@ -1,0 +1,264 @@
+"""Choice of load steps (rows of ``loading.csv``) for the search on long data, and the final fit to all of them.
+
+A search simulates the loading sequence hundreds of times. On long data it takes a part of the steps that covers the
+inputs. With friction the history matters, so that steps are not left out one by one at random:
+
+- Whole branches are chosen, those whose inputs differ most from the ones chosen before (farthest-point sampling). A
+  robot that returns to the same inputs between two branches brings little history from one to the next.
+- Within a branch, steps are left out where the path of the inputs is nearly straight between its neighbours that stay
+  (Ramer, Douglas and Peucker): friction that does not depend on the rate has the same history on the same path, in
+  however many steps it is commanded. Turning points always stay.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import Effect
+from tdcr_fe.identify import fitting
+from tdcr_fe.identify.criteria import robust_threshold
+from tdcr_fe.identify.holdout import blocks, inputs
+from tdcr_fe.identify.outcome import SearchedSteps
+from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate
+from tdcr_fe.identify.selection import Search, SearchState
+from tdcr_fe.io.measured import MeasuredData
+
+Array = NDArray[np.float64]
+
+#: A path whose inputs deviate by less than this from a straight one, over their range, is straight.
+STRAIGHT = 0.02
+
+#: Iterations of the final fit to all load steps at most.
+FINAL_ITERATIONS = 4
+
+#: Data with more steps than this are long; about how many steps a search then takes, and in a branch at most.
+LONG, SEARCHED, IN_BRANCH = 200, 72, 6
+
+#: Share of the chosen steps that are held out, where there are enough of them.
+HELD_OUT = 0.33
+
+
+@dataclass(frozen=True)
+class RowChoice:
+    """The load steps that a search takes.
+
+    Attributes
+    ----------
+    steps : tuple of int
+        Positions in the loading sequence, ascending.
+    readings : tuple of int
+        Indices of their readings.
+    total : int
+        Steps of the loading sequence.
+    """
+
+    steps: tuple[int, ...]
+    readings: tuple[int, ...]
+    total: int
+
+    def of(self, data: MeasuredData) -> MeasuredData:
+        """The data of the chosen steps."""
+        return replace(
+            data,
+            step_ids=tuple(data.step_ids[k] for k in self.steps),
+            steps=tuple(data.steps[k] for k in self.steps),
+            branches=tuple(data.branches[k] for k in self.steps),
+            readings=tuple(data.readings[i] for i in self.readings),
+        )
+
+    def described(self, data: MeasuredData) -> SearchedSteps:
+        """For the result; ``data`` are those of the final model, which has all load steps or the chosen ones."""
+        every = len(data.step_ids) == self.total
+        numbers = tuple(data.step_ids[k] for k in self.steps) if every else data.step_ids
+        return SearchedSteps(numbers, self.total, every)
+
+
+def choose_rows(data: MeasuredData, held_out: Sequence[int]) -> RowChoice | None:
+    """The load steps that a search takes; None where it takes all, which is so for data that are not long.
+
+    Parameters
+    ----------
+    data
+        Measured data of one loading sequence.
+    held_out
+        Positions of the steps that are held out, whole branches.
+
+    Returns
+    -------
+    RowChoice or None
+    """
+    if len(data.steps) <= LONG or data.parts:
+        return None
+    read = {r.step for r in data.readings}
+    with_readings = {k for k, n in enumerate(data.step_ids) if n in read}
+    table = inputs(data)
+    branches = [[k for k in b if k in with_readings] for b in blocks(data)]
+    branches = [_simplified(table, b) for b in branches if b]
+    held = set(held_out)
+    groups = ([b for b in branches if b[0] in held], [b for b in branches if b[0] not in held])
+    share = round(HELD_OUT * SEARCHED)
+    rows = sorted(
+        k
+        for group, most in zip(groups, (share, SEARCHED - share), strict=True)
+        for k in _spread(table, group, most)
+    )
+    if len(rows) == len(data.steps):
+        return None
+    chosen = {data.step_ids[k] for k in rows}
+    readings = tuple(i for i, r in enumerate(data.readings) if r.step in chosen)
+    return RowChoice(tuple(rows), readings, len(data.steps))
+
+
+def _simplified(table: Array, branch: Sequence[int]) -> list[int]:
+    """Steps of a branch that describe the path of its inputs best, `IN_BRANCH` at most, ascending.
+
+    The first, the last, and then always the step farthest from the straight path between its neighbours; where the path
+    is straight, that in the middle of the longest part.
+    """
+    x = table[list(branch)]
+    kept = {0, len(branch) - 1}
+    parts: list[tuple[float, float, int, int, int]] = []
+
+    def add(first: int, last: int) -> None:
+        if last - first < 2:
+            return
+        chord = x[last] - x[first]
+        along = (x[first + 1 : last] - x[first]) @ chord / max(float(chord @ chord), 1e-300)
+        on = x[first] + np.clip(along, 0.0, 1.0)[:, None] * chord
+        gap = np.max(np.abs(x[first + 1 : last] - on), axis=1)
+        at = first + 1 + int(np.argmax(gap))
+        far = float(np.max(gap))
+        if far < STRAIGHT:
+            at, far = first + 1 + int(np.argmin(np.abs(along - 0.5))), 0.0
+        heapq.heappush(parts, (-far, -float(np.max(np.abs(chord))), first, at, last))
+
+    add(0, len(branch) - 1)
+    while parts and len(kept) < IN_BRANCH:
+        _, _, first, at, last = heapq.heappop(parts)
+        kept.add(at)
+        add(first, at)
+        add(at, last)
+    return [branch[i] for i in sorted(kept)]
+
+
+def _spread(table: Array, branches: Sequence[Sequence[int]], most: int) -> list[int]:
+    """Steps of branches whose inputs differ most from each other, up to about so many; at least one branch."""
+    if not branches:
+        return []
+    far = np.array([table[b[int(np.argmax(np.abs(table[list(b)]).max(axis=1)))]] for b in branches])
+    chosen, distance = [0], np.max(np.abs(far - far[0]), axis=1)
+    count = len(branches[0])
+    while len(chosen) < len(branches):
+        nearest = int(np.argmax(distance))
+        if distance[nearest] <= 0.0 or count + len(branches[nearest]) > most:
+            break
+        chosen.append(nearest)
+        count += len(branches[nearest])
+        distance = np.minimum(distance, np.max(np.abs(far - far[nearest]), axis=1))
+    return [k for i in chosen for k in branches[i]]
+
+
+# ---------------------------------------------------------------------------------------------- the final fit
+
+
+def problem_of_rows(problem: FitProblem, rows: RowChoice) -> FitProblem:
+    """The same problem on chosen load steps."""
+    index = np.array(rows.readings)
+    fresh = FitProblem.of(
+        rows.of(problem.data),
+        problem.sigma[index],
+        problem.held_out[index],
+        problem.forward,
+        problem.path_tolerance,
+    )
+    return replace(fresh, catalogue=problem.catalogue)
+
+
+def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> SearchState:
+    """The best model of a search on chosen load steps, fitted to all of them.
+
+    The mesh is that of the search. Smaller models, on the way to the best one, are evaluated on all load steps with the
+    parameters that the search has found.
+
+    Parameters
+    ----------
+    search, state
+        The search and its last state.
+    problem
+        Of all load steps.
+
+    Returns
+    -------
+    SearchState
+        Of all load steps; the state of the search where a model is not solved on all of them.
+    """
+    search.report("the final fit to all load steps", 0.8)
+    mesh = state.problem.experiment.model.elements_per_bay
+    experiment = replace(problem.experiment, model=replace(problem.experiment.model, elements_per_bay=mesh))
+    problem = replace(
+        problem, experiment=experiment, scales=state.problem.scales, mesh_error=state.problem.mesh_error
+    )
+    declared = evaluate(problem, (), {})
+    threshold = robust_threshold(declared.residual) if declared.solved else problem.robust_threshold
+    problem = replace(problem, robust_threshold=threshold)
+    effects = state.best.effects
+    parts = [effects[:i] for i in range(1, len(effects))]
+    cost, held_cost = problem.cost(declared.residual)
+    found = [replace(declared, cost=cost, held_cost=held_cost)]
+    if effects:
+        fits = [_evaluated(problem, part, _known_values(state, part)) for part in parts]
+        found += fitting.run_fits(problem, [_final(problem, state.best), *fits])
+    unsolved = [f for f in found if not f.solved]
+    if unsolved:
+        model = " + ".join(unsolved[0].names) or "the declared model"
+        return state.with_history(f"no fit to all load steps: {model}: {unsolved[0].run.message}")
+    best = found[1] if effects else found[0]
+    return replace(
+        state,
+        problem=problem,
+        declared=found[0],
+        best=best,
+        fits={frozenset(f.names): f for f in found},
+        scores={},
+        local_scores={},
+    )
+
+
+def _known_values(state: SearchState, part: Sequence[Effect]) -> Point:
+    """Parameters of a smaller model that the search has fitted; of the best model where it has not."""
+    names = [e.name for e in part]
+    known = state.fits.get(frozenset(names))
+    return {n: (known or state.best).values[n] for n in names}
+
+
+def _evaluated(problem: FitProblem, effects: Sequence[Effect], values: Point) -> fitting.Fitting:
+    """A model at given values, within the bounds of a problem."""
+    return (yield from fitting.evaluated(problem, effects, _within(problem, effects, values), ()))
+
+
+def _final(problem: FitProblem, best: Fit) -> fitting.Fitting:
+    """The best model from the parameters that the search has found."""
+    start = _within(problem, best.effects, best.values)
+    now = yield from fitting.begin(problem, best.effects, [start], fitting.Race())
+    if not now.solved:
+        return now
+    return (yield from fitting.finish(problem, now, fitting.Race(), FINAL_ITERATIONS))
+
+
+def _within(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Point:
+    """Values within the bounds of a problem, which may depend on its load steps."""
+    found: Point = {}
+    for e in effects:
+        found[e.name] = {}
+        for p in e.parameters:
+            low, high = problem.bounds(e, p.name)
+            z = p.coordinate(values[e.name][p.name])
+            found[e.name][p.name] = (
+                values[e.name][p.name] if low <= z <= high else p.value(min(max(z, low), high))
+            )
+    return found

@@ -1,0 +1,114 @@
+"""Rows of long data: a search takes whole branches with their turning points, and the final fit takes all rows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from identify_data import MODEL, ROBOT
+
+from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.identify import identify, rows
+from tdcr_fe.identify.outcome import IdentifySettings
+from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.report import sentences
+from tdcr_fe.identify.rows import IN_BRANCH, LONG, SEARCHED, choose_rows
+from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.model.settings import SolverSettings
+
+SIGMA = 1e-4
+
+
+def long_data(branches=24, model=MODEL, truth=None):
+    """Pulls and releases of two tendons in ten small steps each, as branches; readings of a robot with effects."""
+    steps, names = [], []
+    for n in range(branches):
+        turn = 0.4 * n
+        top = np.maximum(0.0, np.array([np.cos(turn), np.sin(turn)]) * (0.5 + 0.02 * n))
+        for x in (*np.linspace(0.1, 1.0, 10), *np.linspace(0.9, 0.0, 10)):
+            steps.append(LoadStep(tensions=dict(zip(("t1", "t2"), (x * top).tolist(), strict=True))))
+            names.append(f"branch {n}")
+    ids = tuple(range(1, len(steps) + 1))
+    readings = [Reading(n, f"position_{a}", s, 0.0, SIGMA) for n in ids for s in (0.1, 0.2) for a in "xyz"]
+    if truth:
+        true = with_effects(Experiment(ROBOT, replace(model, elements_per_bay=3), tuple(steps)), truth)
+        run = simulate_experiment(Task(true, run_settings(SolverSettings(), 1e-4)))
+        values = Reader(readings, ids, ROBOT.tendon_names).read(run, true)
+        values = values + np.random.default_rng(1).normal(0.0, SIGMA, values.size)
+        readings = [replace(r, value=float(v)) for r, v in zip(readings, values, strict=True)]
+    return MeasuredData("long", ROBOT, model, ids, tuple(steps), tuple(names), tuple(readings))
+
+
+@pytest.fixture(scope="module")
+def chosen():
+    data = long_data()
+    held = [k for k, b in enumerate(data.branches) if int(b.split()[1]) % 3 == 0]
+    return data, set(held), choose_rows(data, held)
+
+
+def test_short_data_are_searched_whole():
+    assert choose_rows(long_data(LONG // 20), range(20)) is None
+    assert choose_rows(long_data(LONG // 20 + 1), range(20)) is not None
+
+
+def test_the_choice_is_small_and_has_fitted_and_held_out_branches(chosen):
+    data, held, found = chosen
+    assert len(found.steps) <= SEARCHED and list(found.steps) == sorted(set(found.steps))
+    share = np.mean([k in held for k in found.steps])
+    assert 0.2 < share < 0.45
+    names = [data.branches[k] for k in found.steps]
+    assert all(names.count(n) == IN_BRANCH for n in set(names))
+
+
+def test_the_turning_point_of_every_chosen_branch_stays(chosen):
+    """Between pull and release, friction changes its sign: without that step, the history would be another."""
+    data, _, found = chosen
+    for name in {data.branches[k] for k in found.steps}:
+        own = [k for k in found.steps if data.branches[k] == name]
+        largest = max(
+            (k for k, b in enumerate(data.branches) if b == name),
+            key=lambda k: max(data.steps[k].tensions.values()),
+        )
+        assert largest in own
+
+
+def test_friction_has_the_same_history_on_the_chosen_steps_of_a_branch():
+    """All branches, of which each has 6 of 20 steps: within 2e-5 of the length of the run over all steps."""
+    model = replace(MODEL, friction="per-hole")
+    robot = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.2) for t in ROBOT.tendons))
+    data = replace(long_data(4), robot=robot, model=model)
+    table = rows.inputs(data)
+    kept = [k for b in rows.blocks(data) for k in rows._simplified(table, b)]
+    assert len(kept) == 4 * IN_BRANCH
+
+    def tips(steps):
+        experiment = Experiment(robot, model, tuple(data.steps[k] for k in steps))
+        return simulate_experiment(Task(experiment, run_settings(SolverSettings(), 2e-5))).positions[:, -1]
+
+    every = tips(range(len(data.steps)))
+    free = simulate_experiment(
+        Task(Experiment(robot, MODEL, data.steps), run_settings(SolverSettings(), 2e-5))
+    )
+    assert np.max(np.abs(free.positions[:, -1] - every)) > 3e-4
+    np.testing.assert_allclose(tips(kept), every[kept], atol=4e-6)
+
+
+def test_the_final_fit_and_all_errors_are_of_all_rows():
+    """220 load steps, of which the search uses at most 72; the errors are those of all readings, and near the noise."""
+    truth = {"gravity": {"g_x": 0.0, "g_y": -6.0, "g_z": -7.0}}
+    data = long_data(11, truth=truth)
+    result = identify(data, IdentifySettings(max_effects=1, candidates=2))
+    assert [e.name for e in result.effects] == ["gravity"] and result.verdict == "explained"
+    assert len(result.searched.steps) <= SEARCHED and result.searched.fitted_to_all
+    assert result.before_fit.count + result.before_held_out.count == len(data.readings)
+    assert result.after_fit.count + result.after_held_out.count == len(data.readings)
+    assert 0.85 < result.after_held_out.chi2_per_dof < 1.15
+    e = result.effects[0].parameters["g_y"]
+    assert abs(e.value + 6.0) < 4.0 * e.std_error
+    assert result.to_json()["searched_steps"] == list(result.searched.steps)
+    (text,) = [s for s in sentences(result) if s.startswith("The search used")]
+    assert text.startswith(
+        f"The search used {len(result.searched.steps)} of 220 load steps; the final fit and all"
+    )
