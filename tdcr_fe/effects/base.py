@@ -254,6 +254,11 @@ class Effect:
         """All parameters that may be given for an experiment, such as one for each tendon."""
         return self.parameters
 
+    @property
+    def further_parameters(self) -> Mapping[str, Parameter]:
+        """Parameters besides `parameters` whose names depend on the experiment, by regular expression of the name."""
+        return {}
+
     def null_value(self, experiment: Experiment, name: str) -> float:
         """Value at which one parameter of `parameters_of` changes nothing."""
         return self.null_values(experiment)[name]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Form, Parameter, Values
@@ -79,6 +79,11 @@ class TendonNumber(Effect):
             replace(one, name=f"{self._name}_{t}", meaning=f"{one.meaning}: {t}") for t in robot.tendon_names
         )
         return (*self.parameters, *by_segment, *each)
+
+    @property
+    def further_parameters(self) -> Mapping[str, Parameter]:
+        """See `Effect.further_parameters`."""
+        return {f"^{self._name}_.+$": self.parameters[0]}
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
         """The declared number; where tendons differ, their mean."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -42,6 +43,11 @@ class FrameMisalignment(Effect):
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
         """Of the rotation and of the shift."""
         return (*self.parameters, *self._shift)
+
+    @property
+    def further_parameters(self) -> Mapping[str, Parameter]:
+        """See `Effect.further_parameters`."""
+        return {"^shift_[xyz]$": self._shift[0]}
 
     def null_value(self, experiment: Experiment, name: str) -> float:
         """Zero."""
@@ -93,6 +99,11 @@ class MarkerOffset(Effect):
             for k, s in enumerate(experiment.observation.markers, 1)
             for p in (*self.parameters, self._along)
         )
+
+    @property
+    def further_parameters(self) -> Mapping[str, Parameter]:
+        """See `Effect.further_parameters`."""
+        return {"^offset_z$": self._along, "^offset_[xyz]_marker_[1-9][0-9]*$": self.parameters[0]}
 
     def null_value(self, experiment: Experiment, name: str) -> float:
         """Zero."""

@@ -16,7 +16,7 @@ Table = Mapping[str, Mapping[str, float]]
 def observation_effects(result: IdentificationResult) -> list[str]:
     """Effects that act on the measurement only; a scenario cannot have them."""
     data = result.data
-    declared = Experiment(data.robot, data.model, data.steps, data.observation)
+    declared = data.experiment
     found = []
     for name, values in result.effects_table.items():
         e = effect(name, result.catalogue)

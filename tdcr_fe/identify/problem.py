@@ -127,20 +127,15 @@ class FitProblem:
         forward: ForwardModel,
         path_tolerance: float = 5e-5,
     ) -> FitProblem:
-        """Of a data set, with one element per bay and all steps whole."""
+        """Of a data set, with one element per bay and all steps whole, but where declared effects divide them."""
+        declared = data.experiment
         return cls(
             data=data,
             readings=Readings.of(data),
             forward=forward,
             sigma=sigma,
             held_out=held_out,
-            experiment=Experiment(
-                data.robot,
-                replace(data.model, elements_per_bay=1),
-                data.steps,
-                data.observation,
-                restarts=data.restarts,
-            ),
+            experiment=replace(declared, model=replace(declared.model, elements_per_bay=1)),
             path_tolerance=path_tolerance,
             robust_threshold=ROBUST,
             correction=np.zeros(len(data.readings)),

@@ -34,9 +34,41 @@ def read_effects(
         The effects that there are.
     """
     experiment = Experiment(robot, model, steps)
+    sound = checked_effects(table, experiment, report, catalogue)
+    try:
+        changed = with_effects(experiment, sound, catalogue)
+    except ValueError as error:  # a robot that cannot be
+        report("effects", "", str(error))
+        return robot, model, steps
+    if changed.observation != experiment.observation:
+        names = " and ".join(n for n in sound if n in ("frame_misalignment", "marker_offset"))
+        report(
+            "effects",
+            names,
+            "acts on the measurement only; the results of a run are those of the robot itself",
+        )
+    return changed.robot, changed.model, changed.steps
+
+
+def checked_effects(
+    table: Any, experiment: Experiment, report: Report, catalogue: Sequence[Effect] = EFFECTS
+) -> dict[str, dict[str, float]]:
+    """Values of a table of effects, by effect and parameter; what is wrong is reported and left out.
+
+    Parameters
+    ----------
+    table
+        By name of the effect, a table of its parameters.
+    experiment
+        Whose tendons and markers parameters may name.
+    report
+        Takes every mistake: key, value, what is allowed.
+    catalogue
+        The effects that there are.
+    """
     if not isinstance(table, dict):
         report("effects", str(table), "must be a table of effects by name, each a table of numbers")
-        return robot, model, steps
+        return {}
     sound: dict[str, dict[str, float]] = {}
     for name, values in table.items():
         known = [e.name for e in catalogue]
@@ -69,19 +101,7 @@ def read_effects(
             else:
                 numbers[key] = float(value)
         sound[name] = numbers
-    try:
-        changed = with_effects(experiment, sound, catalogue)
-    except ValueError as error:  # a robot that cannot be
-        report("effects", "", str(error))
-        return robot, model, steps
-    if changed.observation != experiment.observation:
-        names = " and ".join(n for n in sound if n in ("frame_misalignment", "marker_offset"))
-        report(
-            "effects",
-            names,
-            "acts on the measurement only; the results of a run are those of the robot itself",
-        )
-    return changed.robot, changed.model, changed.steps
+    return sound
 
 
 def effects_reader(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from tdcr_fe.effects import EFFECTS
+from tdcr_fe.effects import EFFECTS, Parameter
 from tdcr_fe.io.keys import MODEL_FILE, ROBOT, SCENARIO
 from tdcr_fe.model.schema import table_schema
 
@@ -15,26 +15,29 @@ def _effects_schema() -> dict[str, Any]:
     """Of the table ``[effects]``: by name of the effect, a table of its parameters."""
     properties: dict[str, dict[str, Any]] = {}
     for effect in EFFECTS:
-        numbers = {}
-        for p in effect.parameters:
-            bounds = {"minimum": p.lower, "maximum": p.upper}
-            finite = {k: v for k, v in bounds.items() if abs(v) != float("inf")}
-            numbers[p.name] = {"type": "number", "description": f"{p.meaning} [{p.unit}]", **finite}
         properties[effect.name] = {
             "type": "object",
             "description": effect.description,
-            "properties": numbers,
+            "properties": {p.name: _number_schema(p) for p in effect.parameters},
             "additionalProperties": False,
         }
-    # One pretension for each tendon, whose names the schema does not know.
-    tension = properties["pretension"]["properties"]["tension"]
-    properties["pretension"]["patternProperties"] = {"^tension_": tension}
+        # Numbers of single tendons or markers, whose names the schema does not know.
+        further = {name: _number_schema(p) for name, p in effect.further_parameters.items()}
+        if further:
+            properties[effect.name]["patternProperties"] = further
     return {
         "type": "object",
         "description": "effects that the model includes, by name",
         "properties": properties,
         "additionalProperties": False,
     }
+
+
+def _number_schema(p: Parameter) -> dict[str, Any]:
+    """Of one parameter."""
+    bounds = {"minimum": p.lower, "maximum": p.upper}
+    finite = {k: v for k, v in bounds.items() if abs(v) != float("inf")}
+    return {"type": "number", "description": f"{p.meaning} [{p.unit}]", **finite}
 
 
 def json_schema(file: Literal["robot", "scenario", "model"]) -> dict[str, Any]:
@@ -51,6 +54,6 @@ def json_schema(file: Literal["robot", "scenario", "model"]) -> dict[str, Any]:
     if file not in keys:
         raise ValueError(f"no schema of {file!r}; there are {', '.join(keys)}")
     schema = {"$schema": _DIALECT, "title": f"{file}.toml of tdcr_fe", **table_schema(keys[file])}
-    if file == "scenario":
+    if file in ("scenario", "model"):
         schema["properties"]["effects"] = _effects_schema()
     return schema

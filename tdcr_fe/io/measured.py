@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from tdcr_fe.effects import Observation
+from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.atomic import write_text
+from tdcr_fe.io.effects import checked_effects
 from tdcr_fe.io.loading_table import loading_table, read_loading
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.readings import (
@@ -23,7 +24,7 @@ from tdcr_fe.io.readings import (
     refuse_if_doubtful,
 )
 from tdcr_fe.io.spreadsheet import read_table
-from tdcr_fe.io.toml import digest, read_model_file, read_robot
+from tdcr_fe.io.toml import digest, read_model_file, read_robot, read_toml
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.robot import Robot
@@ -55,6 +56,9 @@ class MeasuredData:
         The ``[solver]`` table of ``model.toml``.
     parts : tuple of (str, int)
         Of data sets joined by `join_measured`: the name of each, and its number of steps.
+    effects : mapping
+        Declared effects on commands and on the measurement, by effect and parameter: the table ``[effects]`` of
+        ``model.toml``. Those on robot and model are in ``robot`` and ``model`` already.
     """
 
     name: str
@@ -68,6 +72,7 @@ class MeasuredData:
     digests: Mapping[str, str] | None = None
     settings: SolverSettings = field(default_factory=SolverSettings)
     parts: tuple[tuple[str, int], ...] = ()
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not len(self.step_ids) == len(self.steps) == len(self.branches):
@@ -83,9 +88,15 @@ class MeasuredData:
 
     @property
     def observation(self) -> Observation:
-        """Straight on, with markers where positions were read."""
+        """Markers where positions were read."""
         at = {float(r.location or 0.0) for r in self.readings if r.channel.family == "position"}
         return Observation(markers=tuple(sorted(at)))
+
+    @property
+    def experiment(self) -> Experiment:
+        """The declared experiment: what arrives of the commands, and how the robot is observed."""
+        plain = Experiment(self.robot, self.model, self.steps, self.observation, restarts=self.restarts)
+        return plain.with_sequences(lambda own: with_effects(own, self.effects)) if self.effects else plain
 
     @property
     def driven_by_displacement(self) -> bool:
@@ -136,7 +147,7 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
         model = Model.default_for(robot)
     if (folder / "model.toml").exists():
         try:
-            model, settings = read_model_file(folder / "model.toml", robot)
+            model, settings = read_model_file(folder / "model.toml", robot, apart=["effects"])
         except InputError as error:
             problems += error.problems
     loading = _table(folder / "loading.csv", problems)
@@ -163,7 +174,7 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
     names = [
         n for n in ("robot.toml", "model.toml", "loading.csv", "observations.csv") if (folder / n).exists()
     ]
-    return MeasuredData(
+    data = MeasuredData(
         folder.resolve().name,
         robot,
         model,
@@ -175,6 +186,45 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
         {n: digest(folder / n) for n in names},
         settings,
     )
+    table = read_toml(folder / "model.toml")[0].get("effects") if "model.toml" in names else None
+    return data if table is None else _with_declared_effects(data, table, str(folder / "model.toml"))
+
+
+def _with_declared_effects(data: MeasuredData, table: object, file: str) -> MeasuredData:
+    """Data with the table ``[effects]`` of ``model.toml``.
+
+    Raises
+    ------
+    InputError
+        An unknown effect or parameter, a value out of bounds, or a robot that cannot be.
+    """
+    problems: list[Problem] = []
+
+    def report(key: str, value: str, allowed: str) -> None:
+        problems.append(Problem(file, key, value, allowed))
+
+    declared = data.experiment
+    sound = checked_effects(table, declared, report)
+    changed = declared
+    if not problems:
+        try:
+            changed = with_effects(declared, sound)
+        except ValueError as error:
+            report("effects", "", str(error))
+    if problems:
+        raise InputError(problems)
+    # What is left for the commands and the measurement once robot and model are as declared.
+    rest = {
+        name: values
+        for name, values in sound.items()
+        if not _is_of_robot(declared, with_effects(declared, {name: values}))
+    }
+    return replace(data, robot=changed.robot, model=changed.model, effects=rest)
+
+
+def _is_of_robot(before: Experiment, after: Experiment) -> bool:
+    """Whether an effect leaves commands and measurement as they are."""
+    return (before.steps, before.ends, before.observation) == (after.steps, after.ends, after.observation)
 
 
 def _table(path: Path, problems: list[Problem]) -> pd.DataFrame | None:
@@ -194,7 +244,7 @@ def write_measured(data: MeasuredData, folder: str | os.PathLike[str]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     settings = None if data.settings == SolverSettings() else data.settings
     write_text(robot_to_toml(data.robot), folder / "robot.toml")
-    write_text(model_to_toml(data.model, settings), folder / "model.toml")
+    write_text(model_to_toml(data.model, settings, data.effects), folder / "model.toml")
     loading_table(data.step_ids, data.steps, data.branches).to_csv(folder / "loading.csv", index=False)
     observations_table(data.readings).to_csv(folder / "observations.csv", index=False)
 
@@ -221,7 +271,7 @@ def join_measured(sets: Sequence[MeasuredData]) -> MeasuredData:
     Parameters
     ----------
     sets
-        With the same declared robot, model and solver settings, and different names.
+        With the same declared robot, model, effects and solver settings, and different names.
 
     Raises
     ------
@@ -239,6 +289,8 @@ def join_measured(sets: Sequence[MeasuredData]) -> MeasuredData:
             if differing:
                 allowed = f"must be as in {first.name}; several folders are of one robot with one model"
                 problems.append(Problem(other.name, f"{what}: {', '.join(differing)}", "differs", allowed))
+        if other.effects != first.effects:
+            problems.append(Problem(other.name, "effects", "differs", f"must be as in {first.name}"))
     names = [s.name for s in sets]
     if len(set(names)) < len(names):
         repeated = next(n for n in names if names.count(n) > 1)
@@ -269,4 +321,5 @@ def join_measured(sets: Sequence[MeasuredData]) -> MeasuredData:
         digests,
         first.settings,
         tuple(parts),
+        first.effects,
     )

@@ -364,7 +364,9 @@ def read_model(path: str | os.PathLike[str], robot: Robot | None = None) -> Mode
     return read_model_file(path, robot)[0]
 
 
-def read_model_file(path: str | os.PathLike[str], robot: Robot | None = None) -> tuple[Model, SolverSettings]:
+def read_model_file(
+    path: str | os.PathLike[str], robot: Robot | None = None, apart: Sequence[str] = ()
+) -> tuple[Model, SolverSettings]:
     """Read `model.toml`, which contains only the tables `[model]` and `[solver]`.
 
     Parameters
@@ -373,6 +375,8 @@ def read_model_file(path: str | os.PathLike[str], robot: Robot | None = None) ->
         Of the file.
     robot
         Whose model it is; one without disks has other defaults.
+    apart
+        Further tables that may be there, and are read elsewhere.
 
     Returns
     -------
@@ -390,7 +394,8 @@ def read_model_file(path: str | os.PathLike[str], robot: Robot | None = None) ->
     model = settings = None
     if data is not None:
         reporter = Reporter(str(path), problems)
-        top, _ = take_table(MODEL_FILE, data, "", reporter.mistake)
+        own = {key: table for key, table in data.items() if key not in apart}
+        top, _ = take_table(MODEL_FILE, own, "", reporter.mistake)
         model = _build_model(top["model"], reporter, robot) if "model" in top else None
         settings = _build_settings(top["solver"], reporter) if "solver" in top else None
         if robot is not None and model is not None:

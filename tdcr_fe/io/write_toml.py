@@ -92,19 +92,25 @@ def robot_to_toml(robot: Robot) -> str:
     return "\n".join(lines) + "\n"
 
 
-def model_to_toml(model: Model, settings: SolverSettings | None = None) -> str:
+def model_to_toml(
+    model: Model,
+    settings: SolverSettings | None = None,
+    effects: Mapping[str, Mapping[str, float]] | None = None,
+) -> str:
     """A model, and solver settings, as the text of a `model.toml`; `tdcr_fe.io.toml.read_model` gives equal ones.
 
     Parameters
     ----------
-    model, settings
-        Description to write; None leaves out the table `[solver]`.
+    model, settings, effects
+        Description to write; None leaves out the tables `[solver]` and `[effects]`.
     """
     arguments.check_model("model_to_toml", model)
     arguments.check_settings("model_to_toml", settings)
     lines = ["[model]", *_lines(_table(model))]
     if settings is not None:
         lines += ["", "[solver]", *_lines(_table(settings))]
+    if effects:
+        lines += ["", "[effects]", *_lines(effects)]
     return "\n".join(lines) + "\n"
 
 
