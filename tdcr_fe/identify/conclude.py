@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.identify.ceiling import held_out_ceiling
 from tdcr_fe.identify.criteria import chi_square_threshold, reduced_chi_square, residual_is_noise
+from tdcr_fe.identify.data_faults import wrong_sigma
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.information import insufficient_data
 from tdcr_fe.identify.noise import outliers, structure
 from tdcr_fe.identify.outcome import (
+    THE_DATA,
     AddedEffect,
     Estimate,
     FoundLaw,
@@ -67,6 +69,7 @@ def conclude(
     data, held_out, fitted = problem.data, problem.held_out, problem.fitted
     explained = residual_is_noise(problem, best, search.significance)
     insufficient = insufficient_data(problem, state.declared, best, explained)
+    faulty = state.data_fault or ("" if insufficient or best.effects or law else wrong_sigma(problem, best))
     tests = structure(data, best.residual, len(best.free))
     spread = covariance(problem, best)
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
@@ -76,14 +79,14 @@ def conclude(
     declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
     return IdentificationResult(
         data=data,
-        verdict=_verdict(state, explained, insufficient, law),
+        verdict=_verdict(state, explained, insufficient or faulty, law),
         effects=_added(search, state, deviation),
         before_fit=problem.misfit(declared.residual, fitted),
         before_held_out=problem.misfit(declared.residual, held_out),
         after_fit=problem.misfit(best.residual, fitted, len(best.free)),
         after_held_out=problem.misfit(best.residual, held_out),
         held_out_steps=tuple(held_ids),
-        remaining=_remaining(state, explained, insufficient, tests, moment, edges),
+        remaining=_remaining(state, explained, insufficient, faulty, tests, moment, edges),
         candidates=state.candidates,
         structure=tests[:12],
         residual_before=declared.residual * problem.sigma,
@@ -109,7 +112,9 @@ def conclude(
         next_experiment=next_experiment,
         searched=None if rows is None else rows.described(data),
         by_set=_by_set(problem, declared, best),
-        ceiling=None if insufficient or state.interrupted else held_out_ceiling(problem, declared, best),
+        ceiling=None
+        if insufficient or faulty or state.interrupted
+        else held_out_ceiling(problem, declared, best),
     )
 
 
@@ -247,12 +252,15 @@ def _remaining(
     state: SearchState,
     explained: bool,
     insufficient: str,
+    faulty: str,
     tests: Sequence[Structure],
     moment: Array,
     edges: Array,
 ) -> Remainder:
     """Location and kind of the remaining error, as texts."""
     problem = state.problem
+    if faulty:
+        return Remainder(THE_DATA, faulty, moment, edges)
     if insufficient:
         return Remainder("not known", insufficient, moment, edges)
     if explained:

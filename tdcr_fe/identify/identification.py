@@ -11,6 +11,7 @@ import numpy as np
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.conclude import conclude
 from tdcr_fe.identify.criteria import robust_threshold
+from tdcr_fe.identify.data_faults import data_fault
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.holdout import choose_held_out, held_out_branches
 from tdcr_fe.identify.information import unusable_data
@@ -147,6 +148,9 @@ def _search(search: Search, state: SearchState, prepared: _Prepared) -> _Found:
     try:
         if unusable_data(state.problem, state.declared):
             return _Found(state)
+        fault = data_fault(state.problem, state.declared)
+        if fault:
+            return _Found(replace(state, data_fault=fault))
         for latest in search_effects(search, state):
             state = latest
         state = with_intermediate_models(state)

@@ -11,6 +11,9 @@ from tdcr_fe.io.measured import MeasuredData
 #: Smallest number of readings from which models are compared.
 FEWEST = 4
 
+#: Smallest number of steps with readings, and largest share of faulty readings, with which nothing may be missing.
+FEWEST_STEPS, MOST_FAULTY = 4, 0.3
+
 #: Degrees of freedom needed for a verdict where no steps could be held out.
 TO_SPARE = 10
 
@@ -30,6 +33,15 @@ def insufficient_data(problem: FitProblem, declared: Fit, best: Fit, explained: 
     unusable = unusable_data(problem, declared)
     if unusable:
         return unusable
+    steps = len({r.step for r in problem.data.readings})
+    if explained and steps < FEWEST_STEPS:
+        return f"readings of {steps} steps, too few: at least {FEWEST_STEPS} are needed to say that nothing is missing"
+    faulty = len(problem.data.left_out)
+    if explained and faulty > MOST_FAULTY * (faulty + problem.count):
+        return (
+            f"{faulty} of {faulty + problem.count} readings are faulty and were left out: too many to trust the "
+            "others, although these agree with the model"
+        )
     if explained and lacks_test(problem, best):
         found = "what was added follows" if best.effects else "the declared model follows"
         return (

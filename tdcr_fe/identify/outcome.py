@@ -258,6 +258,10 @@ class Structure:
     p_value: float
 
 
+#: Where the error remains if the data have a fault.
+THE_DATA = "the data"
+
+
 @dataclass(frozen=True)
 class Remainder:
     """What is left.

@@ -10,7 +10,7 @@ from typing import Any
 from tdcr_fe.effects import effect
 from tdcr_fe.identify import figures
 from tdcr_fe.identify.corrected import corrected_files, effects_block, observation_effects
-from tdcr_fe.identify.outcome import IdentificationResult, Misfit
+from tdcr_fe.identify.outcome import THE_DATA, IdentificationResult, Misfit
 from tdcr_fe.identify.remarks import half_width, remarks
 from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.summary import versions
@@ -62,6 +62,8 @@ def headline(result: IdentificationResult) -> str:
     if verdict == "unexplained":
         return "Unexplained: the model lacks something that no listed effect explains."
     found = f" Found so far: {names}." if names else ""
+    if verdict == "cannot tell" and result.remaining.where == THE_DATA:
+        return "Cannot tell: the readings have a fault. Mend them, and run this again."
     if verdict == "cannot tell":
         return f"Cannot tell: these readings are too few or too noisy to decide what the model lacks.{found}"
     if verdict == "unfinished":

@@ -87,6 +87,8 @@ class SearchState:
         By effect of the best model, those that explain the data as well.
     history : tuple of str
     interrupted : bool
+    data_fault : str
+        The fault of the data that explains the misfit of the declared model; empty where there is none.
     """
 
     problem: FitProblem
@@ -100,6 +102,7 @@ class SearchState:
     rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     history: tuple[str, ...] = ()
     interrupted: bool = False
+    data_fault: str = ""
 
     @classmethod
     def start(cls, problem: FitProblem, declared: Fit) -> SearchState:

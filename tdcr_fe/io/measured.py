@@ -168,7 +168,7 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
         raise InputError(
             [Problem(b.file, f"line {b.line}, {b.column}", b.value or "empty", b.allowed) for b in bad]
         )
-    refuse_if_doubtful(bad, len(readings) + len(bad), robot, file)
+    refuse_if_doubtful(bad, readings, robot, file)
     if not readings:
         raise InputError([Problem(file, "", "", "has no readings")])
     names = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ OBSERVATION_COLUMNS = ("step", "quantity", "location", "value", "sigma")
 #: Largest fraction of rows that may be left out before the data set is refused [1].
 MOST_LEFT_OUT = 0.5
 
-#: Largest fraction of values that look like another unit before the data set is refused [1].
+#: Largest fraction of values of a quantity that look like another unit before the data set is refused [1].
 MANY_IN_ANOTHER_UNIT = 0.1
 
 
@@ -78,6 +79,8 @@ class BadRow:
         What is allowed there.
     unit : str
         The unit in which the value would be plausible, where it is not in the right one: "mm", "degrees".
+    quantity : str
+        Of the reading, as the file has it.
     """
 
     file: str
@@ -86,6 +89,7 @@ class BadRow:
     value: str
     allowed: str
     unit: str = ""
+    quantity: str = ""
 
     def __str__(self) -> str:
         """One line."""
@@ -135,7 +139,10 @@ def read_observations(
                 seen[key] = line
                 readings.append(reading)
         if fault is not None:
-            bad.append(BadRow(name, line, fault.column, str(row[fault.column]), fault.allowed, fault.unit))
+            found = str(row[fault.column])
+            bad.append(
+                BadRow(name, line, fault.column, found, fault.allowed, fault.unit, str(row["quantity"]))
+            )
     return readings, bad
 
 
@@ -224,8 +231,8 @@ def _sigma_fault(known: Channel, sigma: float, length: float) -> _Fault | None:
     )
 
 
-def refuse_if_doubtful(bad: Sequence[BadRow], total: int, robot: Robot, file: str) -> None:
-    """Refuse the data set if too many rows were left out.
+def refuse_if_doubtful(bad: Sequence[BadRow], sound: Sequence[Reading], robot: Robot, file: str) -> None:
+    """Refuse the data set if too many rows were left out, or many of one quantity look like another unit.
 
     Raises
     ------
@@ -233,7 +240,10 @@ def refuse_if_doubtful(bad: Sequence[BadRow], total: int, robot: Robot, file: st
         Names the number of rows, the reasons, and the unit that was probably meant.
     """
     in_unit = [b for b in bad if b.unit and b.column == "value"]
-    several_units = len(in_unit) > MANY_IN_ANOTHER_UNIT * total and len(in_unit) > 2
+    total = len(sound) + len(bad)
+    counts = Counter([b.quantity for b in bad] + [r.quantity for r in sound])
+    doubtful = Counter(b.quantity for b in in_unit)
+    several_units = any(n > MANY_IN_ANOTHER_UNIT * counts[q] and n > 2 for q, n in doubtful.items())
     if len(bad) <= MOST_LEFT_OUT * total and not several_units:
         return
     problems = []

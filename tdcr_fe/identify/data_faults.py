@@ -1,0 +1,338 @@
+"""Faults of measured data: what is seen in the readings, and what would make the declared model fit them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.special import gammaln
+
+from tdcr_fe.effects import Experiment
+from tdcr_fe.identify.noise import series
+from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
+from tdcr_fe.model.loading import LoadStep
+
+Array = NDArray[np.float64]
+
+#: A fault explains the data where their mean square over sigma falls to this, from `MISFIT` times as much or more [1].
+#: A positional residual of pure noise has 1; a robust sum is a little less.
+EXPLAINED, MISFIT = 1.5, 4.0
+#: Price of a fitted number or a chosen step, in the sum of squares, over the logarithm of the number of readings [1].
+PRICE = 2.0
+#: Equal readings in so many successive steps are a fault where the model moves by so many sigma meanwhile.
+EQUAL_STEPS, MOVES = 4, 10.0
+#: A noise of sigma changes every reading where the readings differ by less than this share of sigma.
+RESOLVED = 0.2
+#: Readings are rounded where they are multiples of more than so many sigma.
+ROUNDED = 3.0
+#: Sigma is wrong where the scatter of the residual is larger or smaller by this factor [1].
+WRONG_SIGMA = 3.0
+#: Largest number of load steps that are simulated to try exchanged tendons.
+MOST_STEPS = 1500
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Readings of positions by step, marker and axis; NaN where there is none.
+
+    Attributes
+    ----------
+    measured, predicted, sigma : ndarray, shape (n_steps, n_markers, 3)
+        By the declared model [m].
+    steps : tuple of int
+        Numbers of the steps.
+    markers : tuple of float
+        Arc lengths [m].
+    """
+
+    measured: Array
+    predicted: Array
+    sigma: Array
+    steps: tuple[int, ...]
+    markers: tuple[float, ...]
+
+    @classmethod
+    def of(cls, problem: FitProblem, declared: Fit) -> _Grid:
+        """Of the problem's readings and the declared model's predictions."""
+        readings = problem.data.readings
+        chosen = [
+            i
+            for i, r in enumerate(readings)
+            if r.channel.family == "position" and isinstance(r.location, float)
+        ]
+        steps = tuple(n for n in problem.data.step_ids if any(readings[i].step == n for i in chosen))
+        markers = tuple(sorted({float(readings[i].location or 0.0) for i in chosen}))
+        row, column = {n: k for k, n in enumerate(steps)}, {s: k for k, s in enumerate(markers)}
+        grids = np.full((3, len(steps), len(markers), 3), np.nan)
+        predicted = problem.readings.values - declared.residual * problem.sigma
+        for i in chosen:
+            r = readings[i]
+            at = row[r.step], column[float(r.location or 0.0)], "xyz".index(r.quantity[-1])
+            grids[(slice(None), *at)] = r.value, predicted[i], problem.sigma[i]
+        return cls(*grids, steps, markers)
+
+    @property
+    def count(self) -> int:
+        """Number of readings."""
+        return int(np.count_nonzero(np.isfinite(self.measured)))
+
+    def cost(self, measured: Array) -> float:
+        """Robust mean square over sigma of readings that were changed; infinite where few are left."""
+        r = (measured - self.predicted) / self.sigma
+        known = np.isfinite(r)
+        if np.count_nonzero(known) < 0.8 * self.count:
+            return float("inf")
+        return float(np.mean(huber(r[known], ROBUST)))
+
+
+def data_fault(problem: FitProblem, declared: Fit) -> str:
+    """The fault of the data that explains the declared model's misfit, as a sentence; empty where there is none.
+
+    Tried are axes exchanged or counted the other way, markers exchanged, readings that belong to other steps, a jump or
+    a drift of one coordinate, tendons exchanged or driven the other way. Reported is only what leaves no more than
+    noise, where the declared model does not; and sensors that stand still while the robot moves.
+
+    Parameters
+    ----------
+    problem
+        Readings with their sigma.
+    declared
+        The declared model.
+    """
+    grid = _Grid.of(problem, declared)
+    if len(grid.steps) < EQUAL_STEPS or not grid.markers:
+        return ""
+    seen = _rounded(grid) or _standing_still(problem, declared)
+    if seen:
+        return seen
+    now = grid.cost(grid.measured)
+    if now < MISFIT:
+        return ""
+    limit = min(EXPLAINED, now / MISFIT)
+    price = PRICE * np.log(grid.count) / grid.count
+    found = [(grid.cost(m) + count * price, text) for m, count, text in _mended(grid)]
+    best = min(found, default=(float("inf"), ""))
+    if best[0] > limit:
+        best = min(_other_drives(problem, grid), default=best)
+    return best[1] if best[0] <= limit else ""
+
+
+def wrong_sigma(problem: FitProblem, best: Fit) -> str:
+    """Whether the scatter about the best model contradicts sigma, as a sentence; empty where it does not.
+
+    Larger scatter counts only where it has no structure along the steps: otherwise the model lacks something.
+    """
+    r = best.residual[problem.readings.is_position]
+    if r.size < 20 or not np.all(np.isfinite(r)):
+        return ""
+    scatter = 1.4826 * float(np.median(np.abs(r)))
+    if scatter < 1.0 / WRONG_SIGMA:
+        return (
+            f"the readings scatter about the model by {scatter:.2g} times their sigma: sigma is too large, and may "
+            "hide what the model lacks"
+        )
+    if scatter < WRONG_SIGMA:
+        return ""
+    products = np.concatenate(
+        [best.residual[i][1:] * best.residual[i][:-1] for i in series(problem.data.readings) if i.size >= 3]
+        or [np.zeros(1)]
+    )
+    correlation = float(np.median(products)) / scatter**2
+    if abs(correlation) > 0.1:
+        return ""
+    return (
+        f"the readings scatter about the model by {scatter:.2g} times their sigma, without any order along the steps: "
+        "sigma is too small, or the readings are noisier than assumed"
+    )
+
+
+# --------------------------------------------------------------------------------------- seen in the readings
+
+
+def _rounded(grid: _Grid) -> str:
+    """Readings in steps that are coarser than sigma."""
+    values = np.unique(np.round(grid.measured[np.isfinite(grid.measured)], 9))
+    if values.size < 5 or grid.count < 20:
+        return ""
+    step = float(np.min(np.diff(values)))
+    whole = np.abs(values / step - np.round(values / step)).max() < 1e-3
+    if not whole or step < ROUNDED * float(np.nanmedian(grid.sigma)):
+        return ""
+    return (
+        f"positions are rounded to {1e3 * step:.3g} mm, but their sigma says "
+        f"{1e3 * float(np.nanmedian(grid.sigma)):.2g} mm: give the readings as the sensor has them, or the sigma that "
+        "belongs to the rounding"
+    )
+
+
+def _standing_still(problem: FitProblem, declared: Fit) -> str:
+    """A sensor that reads the same in several steps in which the model moves."""
+    readings = problem.data.readings
+    predicted = problem.readings.values / problem.sigma - declared.residual
+    found: list[tuple[int, str]] = []
+    for i in series(readings):
+        values = problem.readings.values[i]
+        resolution = np.min(np.diff(np.unique(values)), initial=np.inf)
+        if resolution > RESOLVED * float(np.median(problem.sigma[i])):
+            continue  # the noise may leave such readings as they are
+        same = np.concatenate(([0], np.cumsum(np.diff(values) != 0.0)))
+        for group in range(same[-1] + 1):
+            run = i[same == group]
+            moves = float(np.ptp(predicted[run]))
+            if run.size >= EQUAL_STEPS and moves > MOVES:
+                first, last = readings[run[0]], readings[run[-1]]
+                at = "" if first.location is None else f" at {_place(first.location)}"
+                text = (
+                    f"{first.quantity}{at} is constant at {first.value:.6g} {first.unit} from step {first.step} to "
+                    f"{last.step}, where the model moves by {moves:.0f} sigma: the sensor stands still or is at a limit"
+                )
+                found.append((run.size, text))
+    if not found:
+        return ""
+    more = f" ({len(found) - 1} more such stretches)" if len(found) > 1 else ""
+    return max(found)[1] + more
+
+
+def _place(location: float | str) -> str:
+    return location if isinstance(location, str) else f"s = {location:g} m"
+
+
+# --------------------------------------------------------------------------------------- what would mend them
+
+
+def _mended(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
+    """Readings with a fault mended, how many numbers were chosen for it, and what it says."""
+    yield from _axes(grid)
+    yield from _markers(grid)
+    yield from _steps(grid)
+    yield from _jumps(grid)
+    yield from _drifts(grid)
+
+
+def _axes(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            if order == (0, 1, 2) and min(signs) > 0.0:
+                continue
+            read = ", ".join(
+                f"{'xyz'[a]} is {'-' if sign < 0.0 else ''}position_{'xyz'[b]}"
+                for a, b, sign in zip(range(3), order, signs, strict=True)
+                if a != b or sign < 0.0
+            )
+            text = f"the readings fit if their axes are others than declared: {read}"
+            yield grid.measured[..., order] * np.array(signs), 1, text
+
+
+def _markers(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
+    for a, b in itertools.combinations(range(len(grid.markers)), 2):
+        order = np.arange(len(grid.markers))
+        order[[a, b]] = b, a
+        text = f"the readings fit if the marker at s = {grid.markers[a]:g} m and that at s = {grid.markers[b]:g} m are"
+        yield grid.measured[:, order], 1, f"{text} exchanged"
+
+
+def _steps(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
+    """The assignment of readings to predicted steps that fits best."""
+    n = len(grid.steps)
+    r = (grid.measured[:, None] - grid.predicted[None, :]) / grid.sigma[:, None]
+    both = np.isfinite(r)
+    cost = np.sum(huber(np.where(both, r, 0.0), ROBUST) + np.where(both, 0.0, ROBUST), axis=(2, 3))
+    for late in (-2, -1, 1, 2):
+        moved = np.full_like(grid.measured, np.nan)
+        here, there = (
+            (slice(late, n), slice(0, n - late)) if late > 0 else (slice(0, n + late), slice(-late, n))
+        )
+        moved[there] = grid.measured[here]
+        count = "one step" if abs(late) == 1 else "two steps"
+        way = "later" if late > 0 else "earlier"
+        yield (
+            moved,
+            1,
+            f"the readings are shifted: each step has those of {count} {way} in the loading sequence",
+        )
+    rows, columns = linear_sum_assignment(cost)
+    if np.any(columns != rows):
+        moved = np.empty_like(grid.measured)
+        moved[columns] = grid.measured
+        others = int(np.count_nonzero(columns != rows))
+        text = f"the readings of {others} of {n} steps fit other steps: their order is not that of the loading sequence"
+        yield moved, float(gammaln(others + 1)) / np.log(grid.count), text
+
+
+def _jumps(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
+    """One coordinate of one marker, or of all, off by a constant from a step on."""
+    difference = grid.measured - grid.predicted
+    groups: list[tuple[slice | int, str]] = [(slice(None), "all markers")]
+    groups += [(k, f"the marker at s = {s:g} m") for k, s in enumerate(grid.markers)]
+    for (where, name), axis in itertools.product(groups, range(3)):
+        part = difference[:, where, axis].reshape(len(grid.steps), -1)
+        if len(groups) == 2 and name != "all markers":
+            continue
+        best, at, by = float("inf"), 0, 0.0
+        for k in range(2, len(grid.steps) - 2):
+            size = float(np.nanmedian(part[k:]))
+            left = np.nansum(np.abs(part[:k])) + np.nansum(np.abs(part[k:] - size))
+            if left < best:
+                best, at, by = float(left), k, size
+        moved = grid.measured.copy()
+        moved[at:, where, axis] -= by
+        text = (
+            f"the readings jump: from step {grid.steps[at]} on, those of {name} are off by {1e3 * by:.3g} mm along "
+            f"{'xyz'[axis]}"
+        )
+        yield moved, 2, text
+
+
+def _drifts(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
+    """One coordinate of all markers that drifts in proportion to the number of the step."""
+    number = np.arange(len(grid.steps), dtype=float)
+    for axis in range(3):
+        difference = grid.measured[..., axis] - grid.predicted[..., axis]
+        level = np.nanmedian(difference, axis=1)
+        if not np.all(np.isfinite(level)):
+            continue
+        slope, start = np.polyfit(number, level, 1)
+        moved = grid.measured.copy()
+        moved[..., axis] -= (start + slope * number)[:, None]
+        text = f"the readings drift along {'xyz'[axis]} by {1e3 * slope:.3g} mm a step, in the order of the steps"
+        yield moved, 2, text
+
+
+def _other_drives(problem: FitProblem, grid: _Grid) -> Iterator[tuple[float, str]]:
+    """Mean squares with two tendons exchanged, or all displacements counted the other way."""
+    robot, steps = problem.data.robot, problem.experiment.steps
+    changes: list[tuple[Mapping[str, str], float, str]] = []
+    for a, b in itertools.combinations(robot.tendons, 2):
+        if robot.end(a) == robot.end(b):
+            names = {n: n for n in robot.tendon_names} | {a.name: b.name, b.name: a.name}
+            changes.append((names, 1.0, f"tendons {a.name} and {b.name} are exchanged"))
+    if any(s.displacements for s in steps):
+        same = {n: n for n in robot.tendon_names}
+        changes.append((same, -1.0, "displacements are counted with the other sign"))
+    changes = changes[: MOST_STEPS // max(1, len(steps))]
+    experiments = [
+        replace(problem.experiment, steps=_driven(steps, names, sign)) for names, sign, _ in changes
+    ]
+    for experiment, run, (_, _, text) in zip(experiments, problem.solve(experiments), changes, strict=True):
+        yield _cost(problem, experiment, problem.residual(experiment, run)), f"the readings fit if {text}"
+
+
+def _driven(steps: tuple[LoadStep, ...], names: Mapping[str, str], sign: float) -> tuple[LoadStep, ...]:
+    """The steps with the inputs of other tendons."""
+    return tuple(
+        replace(
+            s,
+            tensions={names[n]: t for n, t in s.tensions.items()},
+            displacements={names[n]: sign * d for n, d in s.displacements.items()},
+        )
+        for s in steps
+    )
+
+
+def _cost(problem: FitProblem, experiment: Experiment, residual: Array) -> float:
+    r = residual[problem.readings.is_position]
+    return float(np.mean(huber(r, ROBUST))) if np.all(np.isfinite(r)) else float("inf")

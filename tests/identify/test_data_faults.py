@@ -1,0 +1,107 @@
+"""Faults of the data are named instead of being explained by effects."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from identify_data import measured
+
+from tdcr_fe.identify import identify
+from tdcr_fe.identify.report import headline, sentences
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """Readings of the declared robot, with noise."""
+    return measured()
+
+
+def changed(data, change):
+    """The data with readings replaced; those for which the change gives None are left out."""
+    found = [change(r) for r in data.readings]
+    return replace(data, readings=tuple(r for r in found if r is not None))
+
+
+def exchange_axes(r):
+    names = {"position_x": "position_y", "position_y": "position_x"}
+    return replace(r, quantity=names.get(r.quantity, r.quantity))
+
+
+def one_step_late(r):
+    return replace(r, step=r.step + 1) if r.step < 10 else None
+
+
+def pushed(r):
+    return replace(r, value=r.value + 0.01) if r.quantity == "position_x" and r.step > 5 else r
+
+
+def drifting(r):
+    return replace(r, value=r.value - 2e-3 * r.step) if r.quantity == "position_z" else r
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (exchange_axes, "x is position_y, y is position_x"),
+        (one_step_late, "each step has those of one step later"),
+        (pushed, "from step 6 on, those of all markers are off by 9.96 mm along x"),
+        (drifting, "drift along z by -1.99 mm a step"),
+    ],
+)
+def test_fault_is_named_and_nothing_is_searched(clean, change, words):
+    """Each would leave an error of many sigma that a listed effect removes in part."""
+    result = identify(changed(clean, change))
+    assert (result.verdict, result.effects, result.remaining.where) == ("cannot tell", (), "the data")
+    assert words in result.remaining.description
+    assert headline(result).startswith("Cannot tell: the readings have a fault")
+    assert words in sentences(result)[0] and result.runs < 20
+
+
+def test_exchanged_tendons_are_named(clean):
+    """The loading sequence has the inputs of two tendons exchanged."""
+    a, b = clean.robot.tendon_names[:2]
+    other = {a: b, b: a}
+    steps = tuple(
+        replace(s, tensions={other.get(n, n): t for n, t in s.tensions.items()}) for s in clean.steps
+    )
+    result = identify(replace(clean, steps=steps))
+    assert result.verdict == "cannot tell"
+    assert f"tendons {a} and {b} are exchanged" in result.remaining.description
+
+
+def test_sensor_that_stands_still_is_named(clean):
+    """Equal to the last digit, where noise changes every reading."""
+    values = {}
+
+    def stuck(r):
+        if r.quantity == "position_y" and r.location == 0.2 and r.step >= 4:
+            return replace(r, value=values.setdefault("y", r.value))
+        return r
+
+    result = identify(changed(clean, stuck))
+    assert result.verdict == "cannot tell" and "is constant at" in result.remaining.description
+
+
+def test_missing_effect_is_no_fault_of_the_data():
+    """Data without a fault whose error effects explain are searched."""
+    result = identify(measured({"gravity": {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}}))
+    assert result.verdict == "explained" and result.remaining.where != "the data"
+
+
+@pytest.mark.parametrize(("factor", "words"), [(0.1, "sigma is too small"), (10.0, "sigma is too large")])
+def test_wrong_sigma_is_named(clean, factor, words):
+    """Ten times too small: the scatter has no order. Ten times too large: it may hide what is missing."""
+    wrong = changed(clean, lambda r: replace(r, sigma=factor * r.sigma))
+    result = identify(wrong)
+    assert result.verdict in ("cannot tell", "nothing missing")
+    assert result.verdict == "cannot tell" and words in result.remaining.description
+
+
+def test_rounded_readings_are_named(clean):
+    """To 10 mm, with a sigma below a millimetre."""
+    rounded = changed(
+        clean,
+        lambda r: replace(r, value=float(np.round(r.value, 2))) if r.quantity.startswith("position") else r,
+    )
+    result = identify(rounded)
+    assert result.verdict == "cannot tell" and "rounded to 10 mm" in result.remaining.description

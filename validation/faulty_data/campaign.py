@@ -1,0 +1,151 @@
+"""Run ``tdcr-fe identify`` on every faulty set, and judge what it says."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import re
+import shutil
+from collections.abc import Generator, Sequence
+from concurrent.futures import as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tdcr_fe.commands.status import FAILURE, WRONG_INPUT
+from tdcr_fe.io.atomic import write_json
+from tdcr_fe.io.processes import worker_pool
+from tdcr_fe.validation.blind.maker import make_blind
+from tdcr_fe.validation.blind.recipes import Recipe
+from tdcr_fe.validation.crosscheck.campaign import silence_exudyn
+from tdcr_fe.validation.faulty_data.faults import FAULTS, Fault
+from tdcr_fe.validation.faulty_data.tables import Tables
+
+#: Clean sets, by drive: three parallel tendons, noise of 0.2 mm.
+BASES = {
+    "tension": Recipe(9100, robot="parallel", drive="tension", sigma=2e-4),
+    "displacement": Recipe(9103, robot="parallel", drive="displacement", sigma=2e-4),
+}
+#: Of a clean set so many steps and markers are used.
+STEPS, MARKERS = 24, 3
+
+#: Outcomes that are right.
+RIGHT = ("refused", "named", "cannot tell")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the command says of one faulty set.
+
+    Attributes
+    ----------
+    fault : str
+    outcome : str
+        "refused" (input error that names it), "refused without naming it", "named" (in the report), "cannot tell",
+        "not explained" (no cause is given, but the report says that one is missing), "explained otherwise" (another
+        cause is given), "nothing missing".
+    verdict : str
+        Of the report; empty where the input was refused.
+    effects : tuple of str
+        That were added.
+    text : str
+        First words of the error or of the report.
+    """
+
+    fault: str
+    outcome: str
+    verdict: str
+    effects: tuple[str, ...]
+    text: str
+
+    @property
+    def passed(self) -> bool:
+        """Named, refused, or left open; never "nothing missing" or another cause."""
+        return self.outcome in RIGHT
+
+
+def run_all(faults: Sequence[Fault], out: Path, processes: int) -> Generator[Outcome, None, None]:
+    """Outcomes of all faults, those known first, the others as they are finished.
+
+    Parameters
+    ----------
+    faults
+        See `FAULTS`.
+    out
+        Receives ``base/DRIVE``, ``sets/NUMBER`` (input of the command), ``reports/NUMBER`` and ``NUMBER.json``.
+    processes
+        Number of sets at a time.
+    """
+    for drive, recipe in BASES.items():
+        if not (out / "base" / drive).exists():
+            make_blind(out / "base" / drive, recipe)
+    left = []
+    for fault in faults:
+        known = _known(fault, out)
+        if known is None:
+            left.append(fault.name)
+        else:
+            yield known
+    if not left:
+        return
+    with worker_pool(min(processes, len(left)), silence_exudyn) as pool:
+        for done in as_completed([pool.submit(run_one, name, out) for name in left]):
+            yield done.result()
+
+
+def _known(fault: Fault, out: Path) -> Outcome | None:
+    try:
+        kept = json.loads((out / f"{_number(fault.name)}.json").read_text(encoding="utf-8"))
+        return Outcome(**{**kept, "effects": tuple(kept["effects"])})
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _number(name: str) -> int:
+    return 1 + [f.name for f in FAULTS].index(name)
+
+
+def run_one(name: str, out: Path) -> Outcome:
+    """Make the set with this fault, run the command, judge and keep what it says."""
+    from tdcr_fe.cli import main
+
+    number = _number(name)
+    fault = FAULTS[number - 1]
+    tables = Tables.read(out / "base" / fault.base, STEPS, MARKERS)
+    fault.change(tables, np.random.default_rng([3, number]))
+    tables.write(out / "sets" / str(number))
+    report = out / "reports" / str(number)
+    shutil.rmtree(report, ignore_errors=True)
+    errors, output = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(output):
+        arguments = [str(out / "sets" / str(number)), "-o", str(report), "--processes", "1"]
+        status = main(["identify", *arguments])
+    outcome = judge(fault, status, errors.getvalue(), output.getvalue(), report)
+    write_json(asdict(outcome), out / f"{number}.json")
+    return outcome
+
+
+def judge(fault: Fault, status: int, errors: str, output: str, report: Path) -> Outcome:
+    """What the exit status, the messages and the report of the command amount to."""
+    if status in (WRONG_INPUT, FAILURE):
+        named = any(word in errors.lower() for word in fault.words)
+        outcome = "refused" if named else "refused without naming it"
+        return Outcome(fault.name, outcome, "", (), errors[:400])
+    result = json.loads((report / "result.json").read_text(encoding="utf-8"))
+    verdict, effects = result["verdict"], tuple(e["effect"] for e in result["effects"])
+    said = re.sub(r"\s+", " ", output)
+    # The report's own advice repeats what the errors on the first screen say; candidates are not what is concluded.
+    named = any(w in effects or (w not in _EFFECT_LIKE and w in said.lower()) for w in fault.words if w)
+    if named:
+        outcome = "named"
+    elif verdict == "cannot tell" or verdict == "nothing missing":
+        outcome = verdict
+    else:
+        outcome = "explained otherwise" if verdict.startswith("explained") else "not explained"
+    return Outcome(fault.name, outcome, verdict, effects, said[:400])
+
+
+#: Words of faults that are names of effects, and count only as such.
+_EFFECT_LIKE = ("marker_offset", "frame_misalignment", "stiffness_scale", "actuator_gain")
