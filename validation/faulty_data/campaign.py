@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import json
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Generator, Sequence
 from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass
@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tdcr_fe.commands.status import FAILURE, WRONG_INPUT
 from tdcr_fe.io.atomic import write_json
 from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.validation.blind.maker import make_blind
@@ -31,6 +30,8 @@ BASES = {
 #: Of a clean set so many steps and markers are used.
 STEPS, MARKERS = 24, 3
 
+#: Exit statuses of the command that computes nothing: the declared model does not converge, the input is wrong.
+REFUSED = (1, 2)
 #: Outcomes that are right.
 RIGHT = ("refused", "named", "cannot tell")
 
@@ -109,8 +110,6 @@ def _number(name: str) -> int:
 
 def run_one(name: str, out: Path) -> Outcome:
     """Make the set with this fault, run the command, judge and keep what it says."""
-    from tdcr_fe.cli import main
-
     number = _number(name)
     fault = FAULTS[number - 1]
     tables = Tables.read(out / "base" / fault.base, STEPS, MARKERS)
@@ -118,18 +117,24 @@ def run_one(name: str, out: Path) -> Outcome:
     tables.write(out / "sets" / str(number))
     report = out / "reports" / str(number)
     shutil.rmtree(report, ignore_errors=True)
-    errors, output = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(output):
-        arguments = [str(out / "sets" / str(number)), "-o", str(report), "--processes", "1"]
-        status = main(["identify", *arguments])
-    outcome = judge(fault, status, errors.getvalue(), output.getvalue(), report)
+    command = [
+        sys.executable,
+        "-m",
+        "tdcr_fe",
+        "identify",
+        str(out / "sets" / str(number)),
+        "-o",
+        str(report),
+    ]
+    done = subprocess.run([*command, "--processes", "1"], capture_output=True, text=True, check=False)
+    outcome = judge(fault, done.returncode, done.stderr, done.stdout, report)
     write_json(asdict(outcome), out / f"{number}.json")
     return outcome
 
 
 def judge(fault: Fault, status: int, errors: str, output: str, report: Path) -> Outcome:
     """What the exit status, the messages and the report of the command amount to."""
-    if status in (WRONG_INPUT, FAILURE):
+    if status in REFUSED:
         named = any(word in errors.lower() for word in fault.words)
         outcome = "refused" if named else "refused without naming it"
         return Outcome(fault.name, outcome, "", (), errors[:400])
