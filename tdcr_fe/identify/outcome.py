@@ -455,10 +455,10 @@ class SearchedSteps:
     @property
     def sentence(self) -> str:
         """For the report."""
-        rest = "the final fit and all errors are of all load steps"
-        if not self.fitted_to_all:
-            rest = "so do all errors: there is no fit to all load steps"
-        return f"The search used {len(self.steps)} of {self.total} load steps; {rest}."
+        count = f"{len(self.steps)} of {self.total} load steps"
+        if self.fitted_to_all:
+            return f"The search used {count}; the final fit and all errors are of all load steps."
+        return f"The search used {count}, and all errors are of these: there is no fit to all load steps."
 
 
 @dataclass(frozen=True)

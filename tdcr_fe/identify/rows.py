@@ -33,6 +33,9 @@ Array = NDArray[np.float64]
 #: A path whose inputs deviate by less than this from a straight one, over their range, is straight.
 STRAIGHT = 0.02
 
+#: Branches of fewer steps on average are joined to pieces of so many.
+SHORT, PIECE = 4, 12
+
 #: Iterations of the final fit to all load steps at most.
 FINAL_ITERATIONS = 4
 
@@ -96,10 +99,12 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int]) -> RowChoice | None
         return None
     read = {r.step for r in data.readings}
     with_readings = {k for k, n in enumerate(data.step_ids) if n in read}
-    table = inputs(data)
-    branches = [[k for k in b if k in with_readings] for b in blocks(data)]
-    branches = [_simplified(table, b) for b in branches if b]
-    held = set(held_out)
+    table, held = inputs(data), set(held_out)
+    branches = [own for b in blocks(data) if (own := [k for k in b if k in with_readings])]
+    if len(with_readings) < SHORT * len(branches):
+        branches = _joined(branches, held)
+    else:
+        branches = [_simplified(table, b) for b in branches]
     groups = ([b for b in branches if b[0] in held], [b for b in branches if b[0] not in held])
     share = round(HELD_OUT * SEARCHED)
     rows = sorted(
@@ -112,6 +117,21 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int]) -> RowChoice | None
     chosen = {data.step_ids[k] for k in rows}
     readings = tuple(i for i, r in enumerate(data.readings) if r.step in chosen)
     return RowChoice(tuple(rows), readings, len(data.steps))
+
+
+def _joined(branches: Sequence[Sequence[int]], held: set[int]) -> list[list[int]]:
+    """Neighbouring short branches as pieces of the sequence, each fitted or held out, of `PIECE` steps or a few more.
+
+    Where the inputs turn at every other step, nothing can be left out between.
+    """
+    found: list[list[int]] = []
+    for branch in branches:
+        joins = found and len(found[-1]) < PIECE and (found[-1][0] in held) == (branch[0] in held)
+        if joins and branch[0] == found[-1][-1] + 1:
+            found[-1].extend(branch)
+        else:
+            found.append(list(branch))
+    return found
 
 
 def _simplified(table: Array, branch: Sequence[int]) -> list[int]:

@@ -11,7 +11,7 @@ from tdcr_fe.identify import identify, rows
 from tdcr_fe.identify.outcome import IdentifySettings
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.report import sentences
-from tdcr_fe.identify.rows import IN_BRANCH, LONG, SEARCHED, choose_rows
+from tdcr_fe.identify.rows import IN_BRANCH, LONG, PIECE, SEARCHED, choose_rows
 from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
@@ -72,6 +72,28 @@ def test_the_turning_point_of_every_chosen_branch_stays(chosen):
             key=lambda k: max(data.steps[k].tensions.values()),
         )
         assert largest in own
+
+
+def test_data_that_turn_at_every_step_keep_pieces_without_gaps():
+    """Random tensions without branches: the choice is of consecutive steps, since no history is shorter."""
+    data = long_data(11)
+    draw = np.random.default_rng(0).uniform(0.0, 1.0, (len(data.steps), 2))
+    steps = tuple(LoadStep(tensions={"t1": a, "t2": b}) for a, b in draw.tolist())
+    data = replace(data, steps=steps, branches=("",) * len(steps))
+    found = choose_rows(data, range(60, 120))
+    gaps = np.flatnonzero(np.diff(found.steps) > 1)
+    pieces = np.diff([-1, *gaps, len(found.steps) - 1])
+    assert len(found.steps) > 40 and np.median(pieces) >= PIECE
+    assert {k in range(60, 120) for k in found.steps} == {True, False}
+
+
+def test_the_report_says_when_all_errors_are_of_the_chosen_rows(chosen):
+    """As after an interruption, where there is no fit to all rows."""
+    data, _, found = chosen
+    described = found.described(found.of(data))
+    assert not described.fitted_to_all and described.total == len(data.steps)
+    assert described.steps == tuple(data.step_ids[k] for k in found.steps) == found.described(data).steps
+    assert "all errors are of these" in described.sentence
 
 
 def test_friction_has_the_same_history_on_the_chosen_steps_of_a_branch():
