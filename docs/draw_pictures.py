@@ -66,7 +66,25 @@ def draw_examples(folder: Path) -> None:
         subprocess.run([sys.executable, str(example), str(folder / f"{name}.png")], check=True)
 
 
+def draw_sweeps(folder: Path) -> None:
+    """Run the sweeps of the page "Sweeps" and keep the pictures of their reports."""
+    kept = {
+        "uncertainty": {"sobol_indices": "sweep_sobol", "distributions": "sweep_distributions"},
+        "workspace": {"workspace": "sweep_workspace"},
+    }
+    for name, pictures in kept.items():
+        with TemporaryDirectory() as out:
+            if cli.main(["sweep", str(DOCS / "examples" / "sweeps" / f"{name}.toml"), "-o", out, "-q"]) != 0:
+                raise SystemExit(f"a case of {name}.toml did not converge")
+            for source, target in pictures.items():
+                with Image.open(Path(out) / f"{source}.png") as picture:
+                    size = (1018, round(1018 * picture.height / picture.width))
+                    page = picture.convert("RGB").resize(size, Image.Resampling.LANCZOS)
+                page.quantize(128).save(folder / f"{target}.png")
+
+
 if __name__ == "__main__":
     draw_demo(DOCS / "pictures")
     draw_viewer(DOCS / "pictures")
     draw_examples(DOCS / "pictures")
+    draw_sweeps(DOCS / "pictures")

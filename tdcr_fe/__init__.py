@@ -68,6 +68,10 @@ if TYPE_CHECKING:
     from tdcr_fe.solve.stability import stability as stability
     from tdcr_fe.solve.statics import SolveTDCR as SolveTDCR
     from tdcr_fe.solve.statics import track_sensitivities as track_sensitivities
+    from tdcr_fe.sweeps.read import read_sweep as read_sweep
+    from tdcr_fe.sweeps.result import SweepResult as SweepResult
+    from tdcr_fe.sweeps.run import sweep as sweep
+    from tdcr_fe.sweeps.variation import parameter_function as parameter_function
 
 __version__ = "0.2.0.dev0"
 
@@ -109,6 +113,10 @@ _PUBLIC = {
     "tdcr_fe.scene.modes": ("TDCREigenvalues",),
     "tdcr_fe.solve.statics": ("SolveTDCR", "track_sensitivities"),
     "tdcr_fe.solve.load_path": ("StepFailed",),
+    "tdcr_fe.sweeps.read": ("read_sweep",),
+    "tdcr_fe.sweeps.result": ("SweepResult",),
+    "tdcr_fe.sweeps.run": ("sweep",),
+    "tdcr_fe.sweeps.variation": ("parameter_function",),
 }
 _MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
 

@@ -21,6 +21,7 @@ from tdcr_fe.io.processes import sigterm_as_interrupt
 COMMANDS = (
     "tdcr_fe.commands.run:add_run_parser",
     "tdcr_fe.commands.follow:add_follow_parser",
+    "tdcr_fe.commands.sweep:add_sweep_parser",
     "tdcr_fe.commands.view:add_view_parser",
     "tdcr_fe.commands.demo:add_demo_parser",
     "tdcr_fe.commands.identify:add_identify_parser",

@@ -24,6 +24,7 @@ LAYERS = (
     "native",
     "report",
     "io",
+    "sweeps",
     "identify",
     "validation",
     "commands",
@@ -33,13 +34,15 @@ LAYERS = (
 
 #: Packages and modules that read, write, draw or print; all others are numerics.
 WITH_FILES = {"io", "report", "commands", "cli", "__main__"}
+#: Modules of other packages that do.
+MODULES_WITH_FILES = {"report", "journal", "files"}
 NUMERICS = [
     *ELEMENTS,
     *(
         p
         for p in PRODUCT
         if p.relative_to(ROOT / "tdcr_fe").parts[0].removesuffix(".py") not in WITH_FILES
-        and p.stem != "report"
+        and p.stem not in MODULES_WITH_FILES
     ),
     *REFERENCE,
 ]

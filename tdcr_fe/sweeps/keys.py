@@ -1,0 +1,187 @@
+"""Keys of a sweep: which value of a robot, a scenario or an effect they name, and tables with another value there."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from tdcr_fe.io.keys import ROBOT, SCENARIO
+from tdcr_fe.io.toml import ScenarioTables
+from tdcr_fe.model.loading import Load, Model
+from tdcr_fe.model.robot import Backbone, StiffnessPatch
+from tdcr_fe.model.schema import all_fields_of
+from tdcr_fe.model.wording import join, meant, quoted
+
+#: Tables and keys at the top of the two files.
+IN_SCENARIO = (*SCENARIO, "effects")
+IN_ROBOT = (*ROBOT,)
+
+_PART = re.compile(r'"((?:[^"\\]|\\.)*)"|([A-Za-z0-9_-]+)|\[(-?\d+)\]')
+
+#: From the value that stands in a file, None where there is none, to the one that replaces it.
+Change = Callable[[Any], Any]
+
+
+class KeyProblem(ValueError):
+    """A key that names nothing, or whose value cannot be changed as asked; the message is what is allowed."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """Where a value stands.
+
+    Attributes
+    ----------
+    text : str
+        As the user wrote it.
+    path : tuple of str or int
+        Names of tables and keys, and numbers of list items, from the top of the file.
+    """
+
+    text: str
+    path: tuple[str | int, ...]
+
+    @property
+    def in_robot(self) -> bool:
+        """Whether it stands in `robot.toml`, not in `scenario.toml`."""
+        return self.path[0] in IN_ROBOT
+
+    @property
+    def names_robot(self) -> bool:
+        """Whether its value is the path of a `robot.toml`."""
+        return self.path == ("robot",)
+
+
+def parse_key(text: str) -> Key:
+    """A key such as ``backbone.radius``, ``tendons.t1.offset``, ``steps[0].tensions.t1`` or ``effects.gravity.g_z``.
+
+    Raises
+    ------
+    KeyProblem
+        It is not a dotted key, or begins with no table of the files.
+    """
+    path: list[str | int] = []
+    rest = text
+    while rest:
+        if path and not rest.startswith("["):
+            if not rest.startswith("."):
+                break
+            rest = rest[1:]
+        found = _PART.match(rest)
+        if found is None or (not path and found[3] is not None):
+            break
+        escaped, name, number = found.groups()
+        path.append(int(number) if number is not None else name or re.sub(r"\\(.)", r"\1", escaped))
+        rest = rest[found.end() :]
+    else:
+        if path:
+            options = [*IN_ROBOT, *IN_SCENARIO]
+            if path[0] not in options:
+                raise KeyProblem(
+                    f"unknown key{meant(path[0], options)}; must begin with one of {', '.join(options)}"
+                )
+            return Key(text, tuple(path))
+    raise KeyProblem(
+        "must be a dotted key, such as backbone.radius, tendons.t1.offset or steps[0].tensions.t1"
+    )
+
+
+def set_value(tables: ScenarioTables, key: Key, change: Change) -> ScenarioTables:
+    """Tables in which the value at a key is changed; the given ones stay as they are.
+
+    Parameters
+    ----------
+    tables
+        Of scenario and robot.
+    key
+        Any but the path of the robot.
+    change
+        From the present value to the new one.
+
+    Raises
+    ------
+    KeyProblem
+        There is no such place.
+    """
+    if key.in_robot:
+        return replace(tables, robot=_changed(tables.robot or {}, key.path, change, ""))
+    return replace(tables, scenario=_changed(tables.scenario, key.path, change, ""))
+
+
+def _changed(node: Any, path: Sequence[str | int], change: Change, where: str) -> Any:
+    """A copy of ``node`` with the value at ``path`` below it changed."""
+    if not path:
+        return change(node)
+    head, rest = path[0], path[1:]
+    if isinstance(head, int):
+        return _changed_item(_default_list(where) if node is None else node, head, rest, change, where)
+    if isinstance(node, list) and _of_tables(node):
+        return _changed_tables(node, head, path, change, where)
+    if node is not None and not isinstance(node, Mapping):
+        raise KeyProblem(f"{where} is no table; there is nothing named {quoted(head)} in it")
+    table = dict(node or {})
+    table[head] = _changed(table.get(head), rest, change, join(where, head))
+    return table
+
+
+def _changed_item(node: Any, number: int, rest: Sequence[str | int], change: Change, where: str) -> list[Any]:
+    if not isinstance(node, list):
+        raise KeyProblem(f"{where} is no list in the file; there is no {where}[{number}]")
+    if not -len(node) <= number < len(node):
+        raise KeyProblem(
+            f"there are {len(node)} {where}; must be from {where}[0] to {where}[{len(node) - 1}]"
+        )
+    items = list(node)
+    items[number] = _changed(items[number], rest, change, join(where, number % len(node)))
+    return items
+
+
+def _of_tables(node: list[Any]) -> bool:
+    return bool(node) and all(isinstance(x, Mapping) for x in node)
+
+
+def _changed_tables(
+    node: list[Any], head: str, path: Sequence[str | int], change: Change, where: str
+) -> list[Any]:
+    """A list of tables: the one of that name; else, in all of them, or in all load steps that have it, a key."""
+    names = [x.get("name") for x in node]
+    if head in names:
+        at = names.index(head)
+        return [
+            _changed(x, path[1:], change, join(where, head)) if k == at else x for k, x in enumerate(node)
+        ]
+    if where != "steps":
+        if len(path) > 1 and where == "tendons" and not any(head in x for x in node):
+            known = [n for n in names if isinstance(n, str)]
+            raise KeyProblem(
+                f"there is no tendon {quoted(head)}{meant(head, known)}; there are {', '.join(known)}"
+            )
+        return [_changed(x, path, change, join(where, k)) for k, x in enumerate(node)]
+    having = [_has(x, path) for x in node]
+    if not any(having):
+        raise KeyProblem(
+            f"no load step has {join('', *path)}; steps[0].{join('', *path)} sets it in the first one"
+        )
+    return [_changed(x, path, change, join(where, k)) if having[k] else x for k, x in enumerate(node)]
+
+
+def _has(node: Any, path: Sequence[str | int]) -> bool:
+    """Whether a value stands at a path."""
+    for part in path:
+        at = range(-len(node), len(node)) if isinstance(node, list) else node
+        if not isinstance(node, Mapping | list) or part not in at:
+            return False
+        node = node[part]  # type: ignore[index]
+    return True
+
+
+def _default_list(where: str) -> list[Any] | None:
+    """Default of a list that a file may leave out, such as gravity; None where there is none."""
+    name = where.rpartition(".")[2]
+    for cls in (Backbone, Model, Load, StiffnessPatch):
+        found = all_fields_of(cls).get(name)
+        if found is not None and isinstance(found.default, tuple) and found.default:
+            return list(found.default)
+    return None

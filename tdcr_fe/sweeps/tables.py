@@ -1,0 +1,156 @@
+"""The tables of `sweep.toml` as data: how cases are chosen, what varies, and what is kept."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+from tdcr_fe.io.keys import Raw
+from tdcr_fe.io.problems import Reporter
+from tdcr_fe.io.toml import Scenario
+from tdcr_fe.model.quantity import Quantity
+from tdcr_fe.model.schema import Choice, Field, Items, Kind, Note, Table, Text, fields_of, take_table
+from tdcr_fe.model.wording import meant, quoted, shown
+from tdcr_fe.sweeps.columns import columns_of_steps
+from tdcr_fe.sweeps.description import Output, Range, Sampling, Variation
+from tdcr_fe.sweeps.distributions import DISTRIBUTIONS, Distribution
+from tdcr_fe.sweeps.keys import KeyProblem, parse_key
+from tdcr_fe.sweeps.sampling import SAMPLED
+
+#: Keys of ``[[vary]]`` that give its values; exactly one is given.
+VALUES = ("values", "range", *DISTRIBUTIONS)
+
+
+class Anything(Kind):
+    """A value that a function of its own reads."""
+
+    def take(self, value: Any, key: str, q: Quantity, note: Note, from_file: bool) -> Any:
+        """See `Kind.take`."""
+        return value
+
+
+def raw_field(name: str, type_: Any, allowed: str, default: Any, least: int = 0) -> Field:
+    """A key whose contents a function of its own reads."""
+    return Field(name, Raw(type_, {}), Quantity(name, allowed=allowed, min_items=least), default)
+
+
+_TEXTS = "a list of keys in quotes, at least one"
+_MODES = Quantity("how the value acts on the declared one")
+#: Keys of ``[[vary]]``.
+VARY: dict[str, Field] = {
+    "key": Field("key", Text(), Quantity("key", allowed="the key of a value, in quotes"), None),
+    "keys": Field("keys", Items(Text()), Quantity("keys", allowed=_TEXTS, min_items=1), None),
+    "name": Field("name", Text(), Quantity("of the column", name=True), None),
+    "mode": Field("mode", Choice(("value", "factor", "offset")), _MODES, "value"),
+    "values": raw_field("values", list, "a list of values, at least one", None, least=1),
+    "range": Field("range", Table(Range), Quantity("values at equal distances"), None),
+    **{n: Field(n, Table(cls), Quantity(n), None) for n, cls in DISTRIBUTIONS.items()},
+}
+
+_STEPS = 'one of "last", "all", or a list of the numbers of load steps, from 1'
+#: Keys of ``[output]``.
+OUTPUT: dict[str, Field] = {
+    "steps": Field("steps", Anything(), Quantity("steps", allowed=_STEPS), "last"),
+    "quantities": Field(
+        "quantities",
+        Items(Text()),
+        Quantity("columns", allowed="a list of columns of steps.csv, in quotes"),
+        (),
+    ),
+}
+
+
+def read_sampling(table: Any, report: Reporter) -> Sampling | None:
+    """The table ``[sampling]``; None where it has mistakes."""
+    values, bad = take_table(fields_of(Sampling), table, "sampling", report.mistake)
+    if bad or not isinstance(table, dict):
+        return None
+    sampling = Sampling(**values)
+    if sampling.method not in SAMPLED and sampling.samples is not None:
+        text = f"only for method = {', '.join(map(quoted, SAMPLED))}; {quoted(sampling.method)} takes all values given"
+        report("sampling.samples", str(sampling.samples), text)
+    if sampling.method in SAMPLED and sampling.samples is None:
+        report(
+            "sampling.samples", "", f"missing; method = {quoted(sampling.method)} needs a number of points"
+        )
+    if sampling.method in ("sobol", "saltelli") and (sampling.samples or 1).bit_count() != 1:
+        text = f"must be a power of two for method = {quoted(sampling.method)}, such as 256, 512 or 1024"
+        report("sampling.samples", str(sampling.samples), text)
+    return sampling
+
+
+def read_variation(i: int, table: Any, report: Reporter) -> Variation | None:
+    """One table ``[[vary]]``; None where it has mistakes."""
+    before, where = len(report.problems), f"vary[{i}]"
+    values, _ = take_table(VARY, table, where, report.mistake)
+    if not isinstance(table, dict):
+        return None
+    if ("key" in table) == ("keys" in table):
+        both = "key" in table
+        text = (
+            "key and keys are both given; exactly one is allowed"
+            if both
+            else "missing; must be the key of a value"
+        )
+        report(f"{where}.key", shown(table["key"]) if both else "", text)
+    keys = []
+    for text in [values["key"]] if values.get("key") else values.get("keys") or ():
+        try:
+            keys.append(parse_key(text))
+        except KeyProblem as error:
+            report(f"{where}.key", shown(text), str(error))
+    given = [name for name in VALUES if name in table]
+    if len(given) != 1:
+        text = f"must have exactly one of {', '.join(VALUES)}" + (
+            f"; it has {' and '.join(given)}" if given else ""
+        )
+        report(where, "", text)
+    if len(report.problems) > before:
+        return None
+    options, distribution = _values(given[0], values[given[0]])
+    name = values["name"] or keys[0].text
+    if values["mode"] != "value" and not all(is_number(x) for x in options):
+        report(f"{where}.mode", quoted(values["mode"]), "only for values that are numbers")
+    if any(k.names_robot for k in keys) and not all(
+        isinstance(x, str) for x in (*options, *(["?"] if options else [0]))
+    ):
+        report(f"{where}.values", "", 'must be paths of robot.toml files, in quotes, for key = "robot"')
+    if len(report.problems) > before:
+        return None
+    return Variation(name, tuple(keys), values["mode"], options, distribution)
+
+
+def _values(kind: str, given: Any) -> tuple[tuple[Any, ...], Distribution | None]:
+    if kind == "values":
+        return tuple(given), None
+    if kind == "range":
+        return cast(Range, given).values(), None
+    return (), cast(Distribution, given)
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a number, and no truth value."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def read_output(table: Any, scenario: Scenario | None, report: Reporter) -> Output:
+    """The table ``[output]``, checked against the load steps and the tendons of the scenario."""
+    values, bad = take_table(OUTPUT, table, "output", report.mistake)
+    if bad or not isinstance(table, dict) or scenario is None:
+        return Output()
+    count, steps = len(scenario.steps), values["steps"]
+    chosen: tuple[int, ...] = ()
+    if steps == "all":
+        chosen = tuple(range(1, count + 1))
+    elif isinstance(steps, list) and steps and all(type(k) is int and 1 <= k <= count for k in steps):
+        chosen = tuple(dict.fromkeys(steps))
+    elif steps != "last":
+        report("output.steps", shown(steps), f"must be {_STEPS} to {count}")
+    known = columns_of_steps(scenario.robot.tendon_names)
+    for i, name in enumerate(values["quantities"]):
+        if name not in known:
+            report(
+                f"output.quantities[{i}]",
+                shown(name),
+                f"unknown{meant(name, known)}; there are {', '.join(known)}",
+            )
+    return Output(chosen, tuple(dict.fromkeys(values["quantities"])))

@@ -1,0 +1,138 @@
+"""``tdcr-fe sweep``: files, exit statuses, and what is kept where it is interrupted or killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+
+import pandas as pd
+import pytest
+from interrupts import start_python
+from sweep_files import SCENARIO, InProcess, write_files
+
+import tdcr_fe as tdcr
+from tdcr_fe import cli
+
+#: Enough cases that a signal meets the run under way.
+MANY = """
+scenario = "scenario.toml"
+[sampling]
+method = "latin-hypercube"
+samples = 60
+seed = 2
+[[vary]]
+key = "steps[0].tensions.t1"
+uniform = { lower = 0.2, upper = 1.0 }
+[[vary]]
+key = "tendons.friction_coefficient"
+uniform = { lower = 0.0, upper = 0.3 }
+"""
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """Cases are solved in this process, in batches of one."""
+    monkeypatch.setattr("tdcr_fe.sweeps.run.local_outcomes", lambda job, cases, count: in_process(job, cases))
+
+
+def in_process(job, cases):
+    from tdcr_fe.sweeps.execution import outcomes
+
+    yield from outcomes(job, cases, InProcess(), 1)
+
+
+def test_table_summary_report_and_pictures(tmp_path, capsys, here):
+    path = write_files(tmp_path, MANY.replace("60", "24"))
+    out = tmp_path / "out"
+    assert cli.main(["sweep", str(path), "-o", str(out)]) == 0
+    names = {p.name for p in out.iterdir()}
+    pictures = {"distributions.png", "main_effects.png", "workspace.png"}
+    assert names == {"cases.csv", "cases.jsonl", "summary.json", "report.html", *pictures}
+    printed = capsys.readouterr().out
+    assert "24 converged" in printed and "bending_angle_deg: mean" in printed
+    page = (out / "report.html").read_text()
+    assert "All 24 cases converged." in page
+    for text in ("Main effects", "Workspace", "What was varied", "95 % of the cases"):
+        assert text in page
+    assert "http://www.w3.org" not in page.replace("data:image", "") and "<script src" not in page
+    frame = pd.read_csv(out / "cases.csv")
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["sampling"] == {"method": "latin-hypercube", "samples": 24, "seed": 2}
+    assert summary["statistics"]["tip_x"]["mean"] == pytest.approx(frame["tip_x"].mean(), rel=1e-12)
+    assert summary["statistics"]["tip_x"]["std"] == pytest.approx(frame["tip_x"].std(), rel=1e-12)
+
+
+def test_a_case_that_does_not_converge_gives_status_1_and_a_row_of_the_report(tmp_path, capsys, here):
+    text = 'scenario = "scenario.toml"\n[[vary]]\nkey = "steps[0].tensions.t1"\nvalues = [1.0, 20.0]\n'
+    scenario = SCENARIO.replace("[solver]", "[solver]\nmax_iterations = 6\nmin_substep = 1.0")
+    path = write_files(tmp_path, text, scenario=scenario)
+    assert cli.main(["sweep", str(path), "-o", str(tmp_path / "out"), "-q"]) == 1
+    printed = capsys.readouterr()
+    assert (
+        printed.out == "" and "1 case not converged, case 2 the first: step 1 did not converge" in printed.err
+    )
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "1 of 2 cases converged." in page and "Cases that did not converge" in page
+
+
+def test_check_prints_the_cases_and_solves_nothing(tmp_path, capsys):
+    path = write_files(tmp_path)
+    assert cli.main(["sweep", str(path), "--check"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("6 cases") and "steps[0].tensions.t1" in printed
+    assert {p.name for p in tmp_path.iterdir()} == {"robot.toml", "scenario.toml", "sweep.toml"}
+
+
+def wait_for_lines(process, journal, count):
+    """Wait until a journal has as many outcomes."""
+    end = time.monotonic() + 120.0
+    while time.monotonic() < end and process.poll() is None:
+        if journal.exists() and journal.read_bytes().count(b"\n") > count:
+            return
+        time.sleep(0.02)
+    raise AssertionError("the sweep ended, or nothing was solved")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=["INT", "TERM", "KILL"]
+)
+def test_a_sweep_that_was_stopped_continues(tmp_path, number):
+    path, out = write_files(tmp_path, MANY), tmp_path / "out"
+    command = ["-m", "tdcr_fe", "sweep", str(path), "-o", str(out), "--processes", "1", "-q", "--no-pictures"]
+    process = start_python(*command)
+    wait_for_lines(process, out / "cases.jsonl", 3)
+    process.send_signal(number)
+    status = process.wait(60)
+    process.stdout.close()
+    if number == signal.SIGKILL:
+        assert status == -signal.SIGKILL
+    else:
+        assert status == {signal.SIGINT: 130, signal.SIGTERM: 143}[number]
+        states = pd.read_csv(out / "cases.csv")["status"].value_counts()
+        assert states["not run"] > 0 and states["converged"] >= 3
+    kept = (out / "cases.jsonl").read_bytes().count(b"\n") - 1
+    assert 3 <= kept < 60
+    result = tdcr.sweep(path, out, executor=InProcess(), report=False)
+    assert result.solved_now <= 60 - kept + 1 and result.converged
+    tdcr.sweep(path, tmp_path / "whole", executor=InProcess(), report=False)
+    assert (out / "cases.csv").read_bytes() == (tmp_path / "whole" / "cases.csv").read_bytes()
+
+
+def test_a_parquet_table_has_the_same_rows(tmp_path):
+    pytest.importorskip("pyarrow")
+    path = write_files(tmp_path)
+    result = tdcr.sweep(path, tmp_path / "out", executor=InProcess(), table="parquet", report=False)
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"cases.parquet", "cases.jsonl", "summary.json"}
+    read = pd.read_parquet(tmp_path / "out" / "cases.parquet")
+    pd.testing.assert_frame_equal(read, result.cases, check_dtype=False)
+
+
+def test_parquet_without_pyarrow_is_refused_before_anything_is_solved(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    path = write_files(tmp_path)
+    assert cli.main(["sweep", str(path), "-o", str(tmp_path / "out"), "--table", "parquet"]) == 2
+    assert "pip install 'tdcr-fe[parquet]'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,74 @@
+"""Small sweeps for tests, and executors that solve in this process."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, Future
+from pathlib import Path
+from typing import Any
+
+ROBOT = """
+name = "small"
+[backbone]
+length = 0.2
+radius = 0.4e-3
+youngs_modulus = 85e9
+poisson_ratio = 0.3
+[disks]
+count = 2
+[[tendons]]
+name = "t1"
+routing = "parallel"
+offset = 4.5e-3
+friction_coefficient = 0.1
+[[tendons]]
+name = "t2"
+routing = "parallel"
+offset = 4.5e-3
+angle_deg = 120.0
+friction_coefficient = 0.2
+"""
+SCENARIO = """
+robot = "robot.toml"
+[model]
+elements_per_bay = 1
+[solver]
+mesh_tolerance = inf
+[[steps]]
+tensions = { t1 = 1.0 }
+"""
+#: Six cases.
+SWEEP = """
+scenario = "scenario.toml"
+[[vary]]
+key = "steps[0].tensions.t1"
+values = [0.5, 1.0, 1.5]
+[[vary]]
+key = "backbone.youngs_modulus"
+mode = "factor"
+values = [1.0, 1.2]
+"""
+
+
+def write_files(folder: Path, sweep: str = SWEEP, scenario: str = SCENARIO, robot: str = ROBOT) -> Path:
+    """Write the three files; the path of the sweep."""
+    for name, text in (("robot", robot), ("scenario", scenario), ("sweep", sweep)):
+        (folder / f"{name}.toml").write_text(text)
+    return folder / "sweep.toml"
+
+
+class InProcess(Executor):
+    """Solves in this process, at once; ``stop_after`` calls it raises KeyboardInterrupt, as Ctrl-C does."""
+
+    def __init__(self, stop_after: int | None = None) -> None:
+        self.stop_after, self.calls = stop_after, 0
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        if self.calls == self.stop_after:
+            raise KeyboardInterrupt
+        self.calls += 1
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future

@@ -1,0 +1,172 @@
+"""Mistakes in a sweep are found before anything is solved, all of them, with file, key, value and what is allowed."""
+
+from __future__ import annotations
+
+import pytest
+from sweep_files import InProcess, write_files
+
+import tdcr_fe as tdcr
+from tdcr_fe import cli
+from tdcr_fe.io.problems import InputError
+
+
+def problems_of(folder, text, **files):
+    with pytest.raises(InputError) as caught:
+        tdcr.read_sweep(write_files(folder, text, **files))
+    return [str(p).replace(f"{folder}/", "") for p in caught.value.problems]
+
+
+HEAD = 'scenario = "scenario.toml"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('[[vary]]\nkey = "tip_mass"\nvalues = [0.0]', "sweep.toml: scenario: missing"),
+        ('scenario = "other.toml"', 'sweep.toml: scenario = "other.toml": there is no file'),
+        ("scenario = 3", "sweep.toml: scenario = 3: must be the path of a scenario.toml"),
+        (HEAD + "[model]\n", "sweep.toml: model = {}: unknown key"),
+        (HEAD, "sweep.toml: vary: nothing is varied"),
+        (HEAD + "[[vary]]\nvalues = [1.0]", "sweep.toml: vary[0].key: missing"),
+        (
+            HEAD + '[[vary]]\nkey = "backbon.radius"\nvalues = [1.0]',
+            'sweep.toml: vary[0].key = "backbon.radius": unknown key; did you mean backbone',
+        ),
+        (
+            HEAD + '[[vary]]\nkey = "backbone.raduis"\nvalues = [1e-3]',
+            'sweep.toml: vary[0].key = "backbone.raduis": unknown key; did you mean radius',
+        ),
+        (
+            HEAD + '[[vary]]\nkey = "effects.gravity.g_q"\nvalues = [1.0]',
+            'sweep.toml: vary[0].key = "effects.gravity.g_q": unknown parameter; there are g_x',
+        ),
+        (
+            HEAD + '[[vary]]\nkey = "effects.gravty.g_z"\nvalues = [1.0]',
+            'sweep.toml: vary[0].key = "effects.gravty.g_z": unknown effect; did you mean gravity',
+        ),
+        (
+            HEAD + '[[vary]]\nkey = "steps[0].tensions.t3"\nvalues = [1.0]',
+            'sweep.toml: vary[0].key = "steps[0].tensions.t3": unknown tendon',
+        ),
+        (
+            HEAD + '[[vary]]\nkey = "backbone.radius"\nvalues = [1e-3, -1e-3]',
+            "sweep.toml: vary[0].values = -0.001: backbone.radius: must be a positive number [m]",
+        ),
+        (
+            HEAD + '[[vary]]\nkey = "model.friction"\nvalues = ["none", "coulomb"]',
+            'sweep.toml: vary[0].values = "coulomb": model.friction: must be "none"',
+        ),
+        (HEAD + '[[vary]]\nkey = "tip_mass"', "sweep.toml: vary[0]: must have exactly one of values, range"),
+        (
+            HEAD + '[[vary]]\nkey = "tip_mass"\nvalues = [0]\nuniform = { lower = 0.0, upper = 1.0 }',
+            "normal, lognormal, triangular; it has values and uniform",
+        ),
+        (
+            HEAD + '[[vary]]\nkey = "tip_mass"\nuniform = { lower = 1.0, upper = 0.5 }',
+            "lower must be below upper",
+        ),
+        (
+            HEAD + '[[vary]]\nkey = "tip_mass"\nuniform = { lower = 0.1, upper = 0.5 }',
+            'sweep.toml: vary[0] = "tip_mass": a distribution needs sampling.method = "latin-hypercube"',
+        ),
+        (
+            HEAD + '[sampling]\nmethod = "sobol"\nsamples = 100\n'
+            '[[vary]]\nkey = "tip_mass"\nuniform = { lower = 0.1, upper = 0.5 }',
+            'sweep.toml: sampling.samples = 100: must be a power of two for method = "sobol"',
+        ),
+        (HEAD + '[sampling]\nmethod = "sobol"', "sweep.toml: sampling.samples: missing"),
+        (HEAD + '[sampling]\nmethod = "grod"', 'sweep.toml: sampling.method = "grod": must be "grid"'),
+        (HEAD + "[sampling]\nsamples = 4", 'sweep.toml: sampling.samples = 4: only for method = "latin'),
+        (
+            HEAD + '[sampling]\nmethod = "latin-hypercube"\nsamples = 64\n'
+            '[[vary]]\nkey = "tendons.friction_coefficient"\nnormal = { mean = 0.05, std = 0.05 }',
+            "bounds (lower, upper) leave such values out",
+        ),
+        (
+            HEAD + '[[vary]]\nkey = "backbone.density"\nmode = "factor"\nvalues = [0.9, 1.1]',
+            'backbone.density is not in the file; mode = "factor" needs a number there',
+        ),
+        (
+            HEAD + '[[vary]]\nkey = "model.friction"\nmode = "offset"\nvalues = ["none"]',
+            'sweep.toml: vary[0].mode = "offset": only for values that are numbers',
+        ),
+        (
+            HEAD + '[[vary]]\nkey = "tip_mass"\nvalues = [0.0, 0.1]\n[[vary]]\nkey = "tip_mass"\nvalues = [0.2]',
+            'sweep.toml: vary = "tip_mass": is varied twice',
+        ),
+        (
+            HEAD + '[sampling]\nmethod = "list"\n[[vary]]\nkey = "tip_mass"\nvalues = [0.0, 0.1]\n'
+            '[[vary]]\nkey = "backbone.density"\nvalues = [0.2]',
+            'method = "list" needs as many values of each; there are 2 of tip_mass, 1 of backbone.density',
+        ),
+        (
+            HEAD + '[[vary]]\nkey = "tip_mass"\nrange = { start = 0.0, stop = 1.0, count = 2000 }\n'
+            '[[vary]]\nkey = "backbone.density"\nrange = { start = 0.0, stop = 1.0, count = 2000 }',
+            'sweep.toml: sampling.method = "grid": gives 4000000 cases; must be at most 1000000',
+        ),
+        (
+            HEAD + '[output]\nquantities = ["tipx"]',
+            'sweep.toml: output.quantities[0] = "tipx": unknown; did you mean tip_x',
+        ),
+        (HEAD + "[output]\nsteps = [2]", "sweep.toml: output.steps = [2]: must be one of"),
+        (HEAD + "[workspace]\nlargest = -1.0", "sweep.toml: workspace.largest = -1.0: must be a tension"),
+        (HEAD + "[workspace]\nlargest = 2.0", "sweep.toml: workspace.count: missing"),
+        (
+            HEAD + "[workspace]\nlargest = { t1 = 2.0, t9 = 1.0 }\ncount = 3",
+            'sweep.toml: workspace.largest.t9 = 1.0: unknown tendon',
+        ),
+        (
+            HEAD + '[[vary]]\nkey = "robot"\nvalues = ["robot.toml", "robt.toml"]',
+            'sweep.toml: robot = "robt.toml": there is no file robt.toml; did you mean robot.toml',
+        ),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_named(tmp_path, text, expected):
+    found = problems_of(tmp_path, text)
+    assert any(expected in line for line in found), found
+
+
+def test_all_mistakes_of_all_files_come_at_once(tmp_path, capsys):
+    text = HEAD + (
+        '[sampling]\nmethod = "sobol"\nsamples = 3\n[[vary]]\nkey = "nonsense"\nvalues = [1]\n'
+        '[[vary]]\nkey = "tip_mass"\nuniform = { lower = 0.0 }\n'
+    )
+    robot = "[backbone]\nlength = -1.0\nradius = 1e-3\nyoungs_modulus = 1e9\npoisson_ratio = 0.3\n[disks]\ncount = 1\n"
+    write_files(tmp_path, text, robot=robot)
+    status = cli.main(["sweep", str(tmp_path / "sweep.toml"), "-o", str(tmp_path / "out")])
+    printed = capsys.readouterr().err
+    assert status == 2
+    for key in ("sampling.samples", "vary[0].key", "vary[1].uniform.upper", "robot.toml: backbone.length"):
+        assert key in printed, key
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_value_that_is_wrong_only_alone_is_no_mistake(tmp_path):
+    """Holes outside the declared disks are inside the larger ones of the same cases."""
+    text = HEAD + (
+        '[sampling]\nmethod = "list"\n[[vary]]\nkey = "tendons.offset"\nvalues = [4e-3, 9e-3]\n'
+        '[[vary]]\nkey = "disks.radius"\nvalues = [5e-3, 10e-3]\n'
+    )
+    result = tdcr.sweep(write_files(tmp_path, text), executor=InProcess())
+    assert result.counts == {"converged": 2}
+
+
+def test_a_scenario_may_stand_in_the_sweep(tmp_path):
+    text = (
+        'robot = "robot.toml"\n[model]\nelements_per_bay = 1\n[[steps]]\ntensions = { t1 = 1.0 }\n'
+        '[[vary]]\nkey = "tip_mass"\nvalues = [0.0]\n'
+    )
+    described = tdcr.read_sweep(write_files(tmp_path, text))
+    assert described.tables.scenario["steps"] == [{"tensions": {"t1": 1.0}}]
+
+
+def test_the_workspace_varies_every_tension_of_the_last_step(tmp_path):
+    text = 'robot = "robot.toml"\n[sampling]\nmethod = "sobol"\nsamples = 16\nseed = 1\n[workspace]\nlargest = 2.0\n'
+    described = tdcr.read_sweep(write_files(tmp_path, text))
+    assert [v.keys[0].text for v in described.variations] == [
+        "steps[-1].tensions.t1",
+        "steps[-1].tensions.t2",
+    ]
+    design = described.design()
+    numbers = [design.case(k) for k in range(16)]
+    assert len(set(numbers)) == 16 and all(0.0 <= x <= 2.0 for case in numbers for x in case)

@@ -1,0 +1,99 @@
+"""Sobol indices against closed forms and SciPy's; main effects of an additive function."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from tdcr_fe.sweeps.sampling import unit_points
+from tdcr_fe.sweeps.statistics import bins, main_effect, sobol_indices, summarise, varies
+
+A, B = 7.0, 0.1
+#: Indices of Ishigami's function (Ishigami and Homma 1990; Saltelli et al., Sensitivity Analysis, 2000, section 2.9.3).
+_V1 = 0.5 * (1.0 + B * np.pi**4 / 5.0) ** 2
+_V2 = A**2 / 8.0
+_V13 = B**2 * np.pi**8 * (1.0 / 18.0 - 1.0 / 50.0)
+FIRST = np.array([_V1, _V2, 0.0]) / (_V1 + _V2 + _V13)
+TOTAL = np.array([_V1 + _V13, _V2, _V13]) / (_V1 + _V2 + _V13)
+
+
+def ishigami(x):
+    return np.sin(x[:, 0]) + A * np.sin(x[:, 1]) ** 2 + B * x[:, 2] ** 4 * np.sin(x[:, 0])
+
+
+def ishigami_sample(n, seed=1):
+    return ishigami(np.pi * (2.0 * unit_points("saltelli", n, 3, seed) - 1.0))
+
+
+def test_sobol_indices_of_ishigamis_function():
+    found = sobol_indices(ishigami_sample(4096), 3)
+    assert found.samples == 4096
+    assert np.allclose(found.first, FIRST, atol=0.015)
+    assert np.allclose(found.total, TOTAL, atol=0.015)
+    for interval, exact in ((found.first_interval, FIRST), (found.total_interval, TOTAL)):
+        assert (interval[:, 0] < exact + 0.005).all() and (exact < interval[:, 1] + 0.005).all()
+        assert (np.ptp(interval, axis=1) < 0.12).all()
+
+
+def test_the_error_falls_with_the_number_of_samples():
+    errors = [
+        np.mean([np.abs(sobol_indices(ishigami_sample(n, s), 3).total - TOTAL).max() for s in range(4)])
+        for n in (64, 4096)
+    ]
+    assert errors[1] < errors[0] / 8.0  # 1 / sqrt(64) for random points; Sobol points are better
+
+
+def test_indices_are_those_of_scipy():
+    rows = ishigami_sample(256).reshape(-1, 5)
+    theirs = stats.sobol_indices(
+        func={"f_A": rows[:, 0][None], "f_B": rows[:, 1][None], "f_AB": rows[:, 2:].T[:, None, :]}, n=256
+    )
+    mine = sobol_indices(rows.ravel(), 3)
+    assert np.allclose(mine.first, theirs.first_order, atol=1e-9)
+    assert np.allclose(mine.total, theirs.total_order, atol=1e-9)
+
+
+def test_base_samples_with_a_case_missing_are_left_out():
+    values = ishigami_sample(512)
+    without = values.copy()
+    without[7 * 5 + 2] = np.nan
+    expected = sobol_indices(np.delete(values.reshape(-1, 5), 7, axis=0).ravel(), 3)
+    found = sobol_indices(without, 3)
+    assert found.samples == 511
+    assert np.array_equal(found.first, expected.first) and np.array_equal(found.total, expected.total)
+
+
+def test_a_constant_has_no_indices():
+    assert sobol_indices(np.full(50, 3.0), 3) is None
+    assert sobol_indices(np.full(50, np.nan), 3) is None
+
+
+def test_main_effects_of_an_additive_function():
+    """Over a full grid the mean at a level is the function of that input plus the mean of the others."""
+    x, y = np.meshgrid(np.arange(4), np.arange(5), indexing="ij")
+    values = (x**2 + 10.0 * y).ravel()
+    mean, error = main_effect(x.ravel(), values, 4)
+    assert np.allclose(mean, np.arange(4) ** 2 + 20.0)
+    assert np.allclose(error, np.std(10.0 * np.arange(5), ddof=1) / np.sqrt(5.0))
+
+
+def test_bins_have_as_many_cases_each():
+    values = np.random.default_rng(2).exponential(size=240)
+    number, means = bins(values)
+    assert np.bincount(number).tolist() == [20] * 12
+    assert (np.diff(means) > 0.0).all()
+    assert values[number == 3].max() < values[number == 4].min()
+
+
+def test_statistics_leave_out_what_did_not_converge():
+    found = summarise(np.array([1.0, np.nan, 3.0, 5.0]))
+    assert (found.count, found.mean, found.std, found.smallest, found.largest) == (3, 3.0, 2.0, 1.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "answer"),
+    [([1.0, 1.0 + 1e-12], False), ([1e-17, -3e-16], False), ([0.0, 1e-6], True), ([np.nan, 1.0], False)],
+)
+def test_rounding_is_no_variation(values, answer):
+    assert varies(np.array(values)) is answer

@@ -1,0 +1,295 @@
+"""A sweep gives what single runs give, in the order of cases, whatever happens on the way."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from concurrent.futures import Executor, Future
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from sweep_files import SCENARIO, SWEEP, InProcess, write_files
+
+import tdcr_fe as tdcr
+from tdcr_fe.io.problems import InputError
+from tdcr_fe.sweeps.cases import Outcome
+from tdcr_fe.sweeps.collected import Collected
+from tdcr_fe.sweeps.columns import columns_of_steps
+
+
+def table(folder):
+    return (folder / "cases.csv").read_bytes()
+
+
+def test_every_row_is_the_result_of_its_scenario(tmp_path):
+    path = write_files(tmp_path)
+    result = tdcr.sweep(path, executor=InProcess())
+    cases = result.cases
+    assert cases["case"].tolist() == [1, 2, 3, 4, 5, 6]
+    assert cases["steps[0].tensions.t1"].tolist() == [0.5, 0.5, 1.0, 1.0, 1.5, 1.5]
+    assert cases["backbone.youngs_modulus"].tolist() == [1.0, 1.2] * 3
+    assert set(cases["status"]) == {"converged"}
+    scenario = tdcr.read_scenario(tmp_path / "scenario.toml")
+    for _, row in cases.iterrows():
+        robot = scenario.robot.with_backbone(youngs_modulus=85e9 * row["backbone.youngs_modulus"])
+        steps = [tdcr.LoadStep(tensions={"t1": row["steps[0].tensions.t1"]})]
+        expected = tdcr.simulate(robot, scenario.model, steps, scenario.settings).to_frame().iloc[-1]
+        for name in ("tip_x", "tip_z", "bending_angle_deg", "tension_t2", "displacement_t1"):
+            assert row[name] == expected[name]
+
+
+def test_processes_give_the_same_file_as_this_process(tmp_path):
+    path = write_files(tmp_path)
+    tdcr.sweep(path, tmp_path / "one", executor=InProcess(), report=False)
+    tdcr.sweep(path, tmp_path / "two", processes=2, report=False)
+    assert table(tmp_path / "one") == table(tmp_path / "two")
+    summary = json.loads((tmp_path / "two" / "summary.json").read_text())
+    assert summary["status"] == {"converged": 6} and summary["sampling"]["seed"] == 0
+    assert len(summary["input"]) == 3
+
+
+def test_rows_are_in_the_order_of_cases_whatever_the_order_of_completion(tmp_path):
+    described = tdcr.read_sweep(write_files(tmp_path))
+    design = described.design()
+    outcomes = [
+        Outcome(k, "converged", numbers={"tip_x": k / 10.0}, warnings=(f"step {k} is odd",))
+        for k in range(1, 7)
+    ]
+    frames = []
+    for order in ([1, 2, 3, 4, 5, 6], [5, 1, 6, 3, 2, 4]):
+        collected = Collected(design.count)
+        for k in order:
+            collected.add(outcomes[k - 1])
+        frames.append(collected.frame(described, design, columns_of_steps(("t1", "t2"))))
+        (message,) = collected.messages("warning")
+        assert (message.case, message.count, message.example) == (1, 6, "step 1 is odd")
+    pd.testing.assert_frame_equal(*frames)
+
+
+@pytest.mark.parametrize("torn", [False, True], ids=["whole", "torn last line"])
+def test_an_interrupted_sweep_continues(tmp_path, torn):
+    path = write_files(tmp_path)
+    tdcr.sweep(path, tmp_path / "whole", executor=InProcess(), report=False)
+    out = tmp_path / "out"
+    first = tdcr.sweep(path, out, executor=InProcess(stop_after=1), in_flight=1, report=False)
+    done = first.solved_now
+    assert first.interrupted and 0 < done < 6
+    assert first.counts == {"converged": done, "not run": 6 - done}
+    assert pd.read_csv(out / "cases.csv")["status"].tolist() == ["converged"] * done + ["not run"] * (
+        6 - done
+    )
+    if torn:
+        with (out / "cases.jsonl").open("a") as journal:
+            journal.write('{"case": 4, "status": "conv')
+    second = tdcr.sweep(path, out, executor=InProcess(), report=False)
+    assert second.solved_now == 6 - done and second.converged
+    assert table(out) == table(tmp_path / "whole")
+    third = tdcr.sweep(path, out, executor=InProcess(stop_after=0), report=False)
+    assert third.solved_now == 0 and third.converged
+
+
+def test_a_journal_of_another_sweep_is_refused_and_replaced_on_demand(tmp_path):
+    out = tmp_path / "out"
+    tdcr.sweep(write_files(tmp_path), out, executor=InProcess(), report=False)
+    before = (out / "cases.jsonl").read_bytes()
+    other = write_files(tmp_path, SWEEP.replace("1.2", "1.3"))
+    with pytest.raises(InputError, match="of another sweep: variations, design differ"):
+        tdcr.sweep(other, out, executor=InProcess(), report=False)
+    robot = (tmp_path / "robot.toml").read_text().replace("85e9", "80e9")
+    with pytest.raises(InputError, match="of another sweep: tables differ"):
+        tdcr.sweep(write_files(tmp_path, robot=robot), out, executor=InProcess(), report=False)
+    assert (out / "cases.jsonl").read_bytes() == before
+    assert tdcr.sweep(other, out, executor=InProcess(), fresh=True, report=False).converged
+
+
+def test_a_case_that_fails_keeps_its_reason_and_does_not_stop_the_others(tmp_path):
+    """20 N do not converge within six iterations; an offset beyond the disk is no robot."""
+    text = (
+        'scenario = "scenario.toml"\n[[vary]]\nkey = "steps[0].tensions.t1"\nvalues = [1.0, 20.0]\n'
+        '[[vary]]\nkey = "tendons.offset"\nvalues = [4e-3, 6e-3]\n'
+        '[[vary]]\nkey = "disks.radius"\nvalues = [7e-3, 5e-3]\n'
+    )
+    scenario = SCENARIO.replace("[solver]", "[solver]\nmax_iterations = 6\nmin_substep = 1.0")
+    path = write_files(tmp_path, text, scenario=scenario)
+    result = tdcr.sweep(path, tmp_path / "out", executor=InProcess(), report=False)
+    assert result.cases["status"].tolist() == [
+        *("converged", "converged", "converged", "invalid"),
+        *("not converged", "not converged", "not converged", "invalid"),
+    ]
+    reasons = result.cases["reason"]
+    assert "must not lie outside the disk" in reasons[3]
+    assert "step 1" in reasons[4]
+    assert np.isfinite(result.cases["tip_x"][:3]).all() and result.cases["tip_x"][3:].isna().all()
+    assert sum(m.count for m in result.failures["not converged"]) == 3
+    again = tdcr.sweep(path, tmp_path / "out", executor=InProcess(), retry=True, report=False)
+    assert again.solved_now == 5
+    assert tdcr.sweep(path, tmp_path / "out", executor=InProcess(), report=False).solved_now == 0
+
+
+def curvature(result):
+    """A number of one's own."""
+    return {"chord": float(np.linalg.norm(result.steps[-1].tip)), "steps": len(result.steps)}
+
+
+def unlucky(result):
+    """Ends its process for one case, and raises for another."""
+    tension = result.steps[-1].base_tensions[0]
+    if tension == 1.0:
+        os._exit(3)
+    if tension == 1.5:
+        raise ZeroDivisionError("no luck")
+    return {"tension": tension}
+
+
+def test_a_function_of_ones_own_adds_columns(tmp_path):
+    result = tdcr.sweep(write_files(tmp_path), executor=InProcess(), evaluate=curvature)
+    tips = result.cases[["tip_x", "tip_y", "tip_z"]].to_numpy()
+    assert np.allclose(result.cases["chord"], np.linalg.norm(tips, axis=1), rtol=1e-14)
+    with pytest.raises(TypeError, match="function of a module"):
+        tdcr.sweep(write_files(tmp_path), executor=InProcess(), evaluate=lambda result: {})
+
+
+def test_a_process_that_dies_costs_its_own_case_only(tmp_path):
+    text = 'scenario = "scenario.toml"\n[[vary]]\nkey = "steps[0].tensions.t1"\nvalues = [1.0, 0.5, 1.5]\n'
+    result = tdcr.sweep(write_files(tmp_path, text), processes=2, evaluate=unlucky)
+    assert result.cases["status"].tolist() == ["error", "converged", "error"]
+    assert result.cases["tension"][1] == 0.5
+    assert "ended without a result" in result.cases["reason"][0]
+    assert result.cases["reason"][2] == "ZeroDivisionError: no luck"
+
+
+class Counting(Executor):
+    """Delays what is handed over until four batches wait, and answers the last one first, without solving."""
+
+    def __init__(self):
+        self.waiting, self.order = [], []
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        _, cases = args
+        self.waiting.append((future, cases))
+        assert len(self.waiting) <= 4
+        if len(self.waiting) == 4:
+            while self.waiting:
+                last, cases = self.waiting.pop()
+                self.order += [number for number, _ in cases]
+                last.set_result(
+                    [Outcome(n, "converged", numbers={"tip_x": n}, seconds=1.0) for n, _ in cases]
+                )
+        return future
+
+
+def test_an_executor_is_given_a_few_batches_at_a_time(tmp_path):
+    vary = '[[vary]]\nkey = "steps[0].tensions.t1"\nrange = { start = 0.1, stop = 1.0, count = 8 }\n'
+    executor = Counting()
+    path = write_files(tmp_path, f'scenario = "scenario.toml"\n{vary}')
+    result = tdcr.sweep(path, executor=executor, in_flight=4)
+    assert executor.order == [4, 3, 2, 1, 8, 7, 6, 5]
+    assert result.cases["tip_x"].tolist() == list(range(1, 9))
+
+
+def test_chosen_steps_and_quantities(tmp_path):
+    text = SWEEP + '[output]\nsteps = "all"\nquantities = ["tip_x", "tension_t1"]\n'
+    scenario = SCENARIO + "[[steps]]\ntensions = { t2 = 0.5 }\n"
+    result = tdcr.sweep(write_files(tmp_path, text, scenario=scenario), executor=InProcess())
+    assert result.outputs == ("tension_t1_step1", "tip_x_step1", "tension_t1_step2", "tip_x_step2")
+    assert result.cases["tension_t1_step2"].tolist() == [0.5, 0.5, 1.0, 1.0, 1.5, 1.5]
+
+
+def test_robots_are_exchanged_by_their_files(tmp_path):
+    text = (
+        'scenario = "scenario.toml"\n[[vary]]\nkey = "robot"\nvalues = ["robot.toml", "long.toml"]\n'
+        '[[vary]]\nkey = "tip_mass"\nvalues = [0.0, 0.1]\n'
+    )
+    path = write_files(tmp_path, text, scenario=SCENARIO.replace("1.0", "0.1"))
+    (tmp_path / "long.toml").write_text((tmp_path / "robot.toml").read_text().replace("0.2\n", "0.3\n"))
+    cases = tdcr.sweep(path, executor=InProcess()).cases
+    assert cases["robot"].tolist() == ["robot.toml"] * 2 + ["long.toml"] * 2
+    assert (cases["tip_z"][2:] > cases["tip_z"][:2].max() + 0.05).all()
+
+
+def test_a_sweep_from_objects(tmp_path):
+    path = write_files(tmp_path)
+    from_files = tdcr.sweep(path, executor=InProcess()).cases
+    scenario = tdcr.read_scenario(tmp_path / "scenario.toml")
+    vary = [
+        {"key": "steps[0].tensions.t1", "values": [0.5, 1.0, 1.5]},
+        {"key": "backbone.youngs_modulus", "mode": "factor", "values": [1.0, 1.2]},
+    ]
+    contents = {"robot": scenario.robot, "model": scenario.model, "steps": scenario.steps, "vary": vary}
+    contents["solver"] = scenario.settings
+    pd.testing.assert_frame_equal(tdcr.sweep(contents, executor=InProcess()).cases, from_files)
+
+
+# ------------------------------------------------------------------------------------- uncertainty propagation
+
+CANTILEVER = """
+[backbone]
+length = 0.2
+radius = 1e-3
+youngs_modulus = 1e9
+poisson_ratio = 0.3
+[disks]
+count = 2
+"""
+LOADED = """
+robot = "robot.toml"
+[model]
+friction = "none"
+elements_per_bay = 8
+[solver]
+mesh_tolerance = inf
+[[steps]]
+loads = { tip = { at = 0.2, force = [1e-5, 0.0, 0.0] } }
+"""
+UNCERTAIN = """
+scenario = "scenario.toml"
+[sampling]
+method = "METHOD"
+samples = 128
+seed = 5
+[[vary]]
+key = "backbone.youngs_modulus"
+uniform = { lower = 0.7e9, upper = 1.3e9 }
+[[vary]]
+key = "steps[0].loads.tip.force[0]"
+mode = "factor"
+normal = { mean = 1.0, std = 0.2 }
+"""
+
+
+@pytest.mark.parametrize(("method", "share"), [("sobol", 0.02), ("latin-hypercube", 0.06)])
+def test_variance_of_the_deflection_of_a_cantilever(tmp_path, method, share):
+    """Tip of a cantilever: ``u = F L^3 / (3 EI) = c F / E`` (Euler, Bernoulli; shear adds 2e-5 of it).
+
+    With E uniform on [a, b] and an independent F: ``E(1/E) = ln(b/a) / (b - a)``, ``E(1/E^2) = 1 / (a b)``.
+    """
+    text = UNCERTAIN.replace("METHOD", method)
+    result = tdcr.sweep(write_files(tmp_path, text, LOADED, CANTILEVER), executor=InProcess())
+    assert result.counts == {"converged": 128}
+    c = 1e-5 * 0.2**3 / (3.0 * math.pi * 1e-3**4 / 4.0)
+    a, b, mean_force, std_force = 0.7e9, 1.3e9, 1.0, 0.2
+    mean = c * mean_force * math.log(b / a) / (b - a)
+    variance = c**2 * (mean_force**2 + std_force**2) / (a * b) - mean**2
+    found = result.statistics()["tip_x"]
+    assert found.mean == pytest.approx(mean, rel=0.005)
+    assert found.std**2 == pytest.approx(variance, rel=share)
+
+
+def test_sobol_indices_of_the_deflection_of_a_cantilever(tmp_path):
+    """``V(E(u | E)) = c^2 m^2 V(1/E)``, ``V(E(u | F)) = c^2 s^2 E(1/E)^2``; the rest is their interaction."""
+    text = UNCERTAIN.replace("METHOD", "saltelli").replace("samples = 128", "samples = 64")
+    described = tdcr.read_sweep(write_files(tmp_path, text, LOADED, CANTILEVER))
+    described = replace(described, output=replace(described.output, quantities=("tip_x",)))
+    result = tdcr.sweep(described, executor=InProcess())
+    a, b, s = 0.7e9, 1.3e9, 0.2
+    first, second = math.log(b / a) / (b - a), 1.0 / (a * b)
+    variance = (1.0 + s**2) * second - first**2
+    exact = np.array([second - first**2, s**2 * first**2]) / variance
+    found = result.sobol_indices()["tip_x"]
+    assert found.samples == 64
+    assert np.allclose(found.first, exact, atol=0.06)
+    assert np.allclose(found.total, 1.0 - exact[::-1], atol=0.06)
