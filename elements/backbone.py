@@ -19,14 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.poses import (
-    adjoint_inverse,
-    adjoint_map,
+    adjoint_powers,
     coefficients,
     euler_parameters_of_rotation,
+    even_inverse_tangent,
     exp_matrix,
-    exp_se3,
     exponential_curvature,
-    inverse_tangent_se3,
     log_se3,
     pose_matrix,
     skew,
@@ -331,21 +329,8 @@ class ElementChain:
 
         Shapes (E, 4, 6, 6) and (E, 6, 12).
         """
-        c, count = self._coefficients, len(self.twists)
-        powers = np.empty((count, 4, 6, 6))
-        ad, square, cube, fourth = powers[:, 0], powers[:, 1], powers[:, 2], powers[:, 3]
-        ad[...] = adjoint_map(self.twists)
-        np.matmul(ad, ad, out=square)
-        np.matmul(square, ad, out=cube)
-        np.matmul(square, square, out=fourth)
-        # Inverse tangent times the increment of the far node, its mirror times that of the near one.
-        b = np.empty((count, 6, 12))
-        even = (c[:, None, 4:6] @ powers[:, 1::2].reshape(count, 2, 36)).reshape(count, 6, 6)
-        even += _EYE6
-        odd = 0.5 * ad
-        np.subtract(odd, even, out=b[:, :, :6])
-        np.add(odd, even, out=b[:, :, 6:])
-        return powers, b
+        powers = adjoint_powers(self.twists)
+        return powers, _strain_matrices(powers, self._coefficients)
 
     def _pose_terms(self, wrenches: Array, beyond: Array, b: Array, inner: Array) -> NodeStiffness:
         """Wrenches times second derivatives of the poses.
@@ -385,9 +370,20 @@ def relative_twists(positions: Array, rotations: Array) -> Array:
 
 
 def strain_matrices(twists: Array) -> Array:
-    """Matrices that take the twists of both nodes to the change of the element's twist, shape (..., 6, 12)."""
-    tangent = inverse_tangent_se3(twists)
-    return np.concatenate((-tangent @ adjoint_inverse(*exp_se3(twists)), tangent), axis=-1)
+    """Matrices that take the increments of both nodes to the change of the element's twist, shape (..., 6, 12)."""
+    return _strain_matrices(adjoint_powers(twists), coefficients(twists[..., 3:]))
+
+
+def _strain_matrices(powers: Array, c: Array) -> Array:
+    """The same from `adjoint_powers` and `coefficients`.
+
+    The inverse tangent takes the increment of the far node; its mirror, of the opposite twist, that of the near one.
+    """
+    even, odd = even_inverse_tangent(powers, c), 0.5 * powers[..., 0, :, :]
+    b: Array = np.empty((*powers.shape[:-3], 6, 12))
+    np.subtract(odd, even, out=b[..., :6])
+    np.add(odd, even, out=b[..., 6:])
+    return b
 
 
 @dataclass(frozen=True)

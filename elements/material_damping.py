@@ -17,10 +17,10 @@ import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.backbone import relative_twists
+from tdcr_fe.elements.backbone import relative_twists, strain_matrices
 from tdcr_fe.elements.generalized import generalized_forces, twists_by_coordinates
 from tdcr_fe.elements.node_coordinates import NodeCoordinates
-from tdcr_fe.elements.poses import adjoint_map, coefficients, skew
+from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.section import nodal_sum
 from tdcr_fe.elements.system import SystemReference
 
@@ -29,16 +29,6 @@ Array = NDArray[np.float64]
 _EYE6 = np.eye(6)
 #: Step of the central differences by the relative twists [1].
 _STEP = 1e-5
-
-
-def twist_rate_matrices(twists: Array) -> Array:
-    """``B`` with ``d xi / dt = B V`` for the velocities of both nodes in their own frames, shape (..., 6, 12)."""
-    c = coefficients(twists[..., 3:])
-    ad = adjoint_map(twists)
-    square = ad @ ad
-    even = _EYE6 + c[..., 4, None, None] * square + c[..., 5, None, None] * (square @ square)
-    half = 0.5 * ad
-    return np.concatenate((half - even, half + even), axis=-1)
 
 
 class Motion(NamedTuple):
@@ -123,7 +113,7 @@ class MaterialDamping:
         to_twist = twists_by_coordinates(rotations, parameters)
         moving = (to_twist @ velocities.reshape(-1, 7, 1))[:, :, 0]
         twists = relative_twists(positions, rotations)
-        by_nodes = twist_rate_matrices(twists)
+        by_nodes = strain_matrices(twists)
         both = np.concatenate((moving[:-1], moving[1:]), axis=1)
         rates = (by_nodes @ both[:, :, None])[:, :, 0]
         return Motion(rotations, parameters, moving, twists, by_nodes, rates)
@@ -207,7 +197,7 @@ class MaterialDamping:
         transposed = state.by_nodes.swapaxes(1, 2)
         # By the twists, at fixed velocities in the nodes' frames.
         shifts = np.concatenate((_EYE6, -_EYE6)) * _STEP
-        b = twist_rate_matrices(state.twists + shifts[:, None, :])
+        b = strain_matrices(state.twists + shifts[:, None, :])
         w = -(b.swapaxes(-1, -2) @ (resist[:, :, None] * (b @ both)))[..., 0]
         by_twist = np.moveaxis((w[:6] - w[6:]) / (2.0 * _STEP), 0, -1)
         found = by_twist @ state.by_nodes

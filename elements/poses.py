@@ -111,20 +111,19 @@ _POWERS = np.arange(float(_TERMS))
 
 
 def _series() -> Array:
-    """Taylor coefficients, by power of the squared angle, of the six functions of `coefficients`."""
-    table = np.zeros((_TERMS, 6))
+    """Taylor coefficients, by power of the squared angle, of the five functions of `coefficients`."""
+    table = np.zeros((_TERMS, 5))
     for k in range(_TERMS):
         table[k, :3] = [(-1.0) ** k / factorial(2 * k + j) for j in (1, 2, 3)]
-    table[0, 3] = 0.5
     # Even powers of ad beyond the fourth fall back on the second and fourth: ad^6 = -2 a^2 ad^4 - a^4 ad^2, so
     # ad^2k = (-1)^k ((k - 2) a^(2k-2) ad^2 + (k - 1) a^(2k-4) ad^4).
     even = bernoulli(2 * _TERMS + 4)[2::2]
     for k in range(1, _TERMS + 2):
         share = (-1.0) ** k * even[k - 1] / factorial(2 * k)
         if k <= _TERMS:
-            table[k - 1, 4] = share * (k - 2)
+            table[k - 1, 3] = share * (k - 2)
         if k >= 2:
-            table[k - 2, 5] = share * (k - 1)
+            table[k - 2, 4] = share * (k - 1)
     return table
 
 
@@ -132,10 +131,10 @@ _SERIES = _series()
 
 
 def coefficients(w: Array) -> Array:
-    """Coefficients of the exponential and the inverse tangent for rotation vectors (..., 3) of angle ``a``: (..., 6).
+    """Coefficients of the exponential and the inverse tangent for rotation vectors (..., 3) of angle ``a``: (..., 5).
 
     ``sin a / a``, ``(1 - cos a) / a^2``, ``(a - sin a) / a^3`` for the exponential; for the inverse of its tangent,
-    ``1 + ad / 2 + c ad^2 + d ad^4``, the factors ``1 / 2``, ``c`` and ``d``.
+    ``1 + ad / 2 + c ad^2 + d ad^4``, the factors ``c`` and ``d``.
     """
     angle2 = (w * w).dot(_ONES3)
     if angle2.size == 0 or angle2.max() < 0.5:
@@ -149,7 +148,6 @@ def coefficients(w: Array) -> Array:
         sine / a,
         versed / a**2,
         (a - sine) / a**3,
-        np.full_like(a, 0.5),
         2.0 / a**2 - (a + 3.0 * sine) / (4.0 * a * versed),
         1.0 / a**4 - (a + sine) / (4.0 * a**3 * versed),
     )
@@ -235,12 +233,28 @@ def adjoint_map(xi: Array) -> Array:
     return xi.reshape(-1, 6).dot(_AD).reshape(*xi.shape, 6)
 
 
+def adjoint_powers(xi: Array) -> Array:
+    """``ad``, ``ad^2``, ``ad^3``, ``ad^4`` of twists: (..., 6) to (..., 4, 6, 6)."""
+    powers: Array = np.empty((*xi.shape[:-1], 4, 6, 6))
+    ad, square, cube, fourth = (powers[..., k, :, :] for k in range(4))
+    ad[...] = adjoint_map(xi)
+    np.matmul(ad, ad, out=square)
+    np.matmul(square, ad, out=cube)
+    np.matmul(square, square, out=fourth)
+    return powers
+
+
+def even_inverse_tangent(powers: Array, c: Array) -> Array:
+    """``1 + c ad^2 + d ad^4``: `inverse_tangent_se3` without ``ad / 2``, from `adjoint_powers` and `coefficients`."""
+    shape = powers.shape[:-3]
+    even = c[..., None, 3:5] @ powers[..., 1::2, :, :].reshape(*shape, 2, 36)
+    return np.asarray(even.reshape(*shape, 6, 6) + _EYE6)
+
+
 def inverse_tangent_se3(xi: Array) -> Array:
     """``T`` with ``d(xi) = T (h^-1 dh)`` for ``h = exp(xi)``: (..., 6) to (..., 6, 6); rotations below a full turn."""
-    c = coefficients(xi[..., 3:])
-    ad = adjoint_map(xi)
-    a2 = ad @ ad
-    return _EYE6 + 0.5 * ad + c[..., 4, None, None] * a2 + c[..., 5, None, None] * (a2 @ a2)
+    powers = adjoint_powers(xi)
+    return even_inverse_tangent(powers, coefficients(xi[..., 3:])) + 0.5 * powers[..., 0, :, :]
 
 
 #: ``w @ _COADJOINT`` is, row by row, the matrix ``M`` with ``a^T M b = w^T ad(a) b``.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.solve.numbering import Numbering
+from tdcr_fe.solve.numbering import Numbering, zero_bases
 from tdcr_fe.solve.state import SolverState
 
 Array = NDArray[np.float64]
@@ -150,8 +150,7 @@ class FrictionCoupling(NamedTuple):
                 by_base[slack[part.robot]] = 0.0
                 columns[part.tensions, here] = by_base
                 rows[here, part.tensions] = by_tension[:, part.driven]
-        for base in clamped:
-            columns[base] = 0.0
+        zero_bases(columns, clamped)
         return cls(columns, rows, own)
 
     def response(self, solve: Callable[[Array], Array], which: Index, presliding: float) -> FrictionResponse:

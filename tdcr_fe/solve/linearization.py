@@ -12,7 +12,7 @@ from tdcr_fe.elements.backbone import ElementChain
 from tdcr_fe.elements.complementarity import solve_nonnegative
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.factors import BorderedFactors, Factors
-from tdcr_fe.solve.numbering import Numbering
+from tdcr_fe.solve.numbering import Numbering, zero_bases
 from tdcr_fe.solve.solved_step import SolvedStep
 
 Array = NDArray[np.float64]
@@ -89,8 +89,7 @@ class Linearization(NamedTuple):
                 free = free.copy()
                 free[part.driven] = 0.0
             right[part.nodes] = -(self.forces[part.robot].base_tension_columns() @ free)
-        for base in clamped:
-            right[base] = 0.0
+        zero_bases(right, clamped)
         return self.factorisation.solve(right)
 
     def complementarity_step(

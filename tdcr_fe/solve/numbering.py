@@ -115,3 +115,17 @@ class Numbering(NamedTuple):
         return (self.reduced, self.linear, self.total) == (other.reduced, other.linear, other.total) and all(
             np.array_equal(a.driven, b.driven) for a, b in zip(self.robots, other.robots, strict=True)
         )
+
+
+def zero_bases(rows: Array, clamped: Sequence[slice]) -> None:
+    """Set the rows of clamped bases to zero, in place.
+
+    Parameters
+    ----------
+    rows
+        Shape (n,) or (n, k), beginning with the unknowns of the reduced scene.
+    clamped
+        Unknowns of clamped bases.
+    """
+    for base in clamped:
+        rows[base] = 0.0

@@ -19,7 +19,7 @@ from scipy.linalg import lu_factor, lu_solve
 from tdcr_fe.elements.backbone import INSERT_FACTORS, BackboneMesh, strain_matrices
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.linearization import Linearization
-from tdcr_fe.solve.numbering import Numbering
+from tdcr_fe.solve.numbering import Numbering, zero_bases
 from tdcr_fe.solve.residual import Residual
 from tdcr_fe.solve.system import SceneSystem
 
@@ -86,8 +86,7 @@ def linearize(system: SceneSystem, residual: Residual, numbering: Numbering) -> 
     linear = system.linearize(residual._replace(forces=tuple(relaxed)), numbering)
     to_twists = np.concatenate(rows)
     loads = np.asfortranarray(to_twists.T)
-    for base in system.layout.clamped:
-        loads[base] = 0.0
+    zero_bases(loads, system.layout.clamped)
     by_force = linear.factorisation.solve(loads)
     factors = lu_factor(np.diag(1.0 / np.concatenate(differences)) - to_twists @ by_force)
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import NodeStiffness
-from tdcr_fe.solve.numbering import Numbering
+from tdcr_fe.solve.numbering import Numbering, zero_bases
 from tdcr_fe.solve.reduction import SceneTangent
 from tdcr_fe.solve.residual import Residual
 
@@ -117,8 +117,7 @@ def border(
         rows[here, part.nodes] = at.base_slip_rows()[which]
         own[here] = at.base_slip_by_base()[which]
         slack[here] = at.base_tension[which] <= 0.0
-    for base in clamped:
-        columns[base] = 0.0
+    zero_bases(columns, clamped)
     return columns, rows, own, slack
 
 
