@@ -195,8 +195,8 @@ class TendonActuation:
         history = RobotHistory(
             friction, forces.base_tension, prescribed, stretch(forces, self.inextensible_stiffness)
         )
-        self.history_nodes.write(history, forces.field.tension, forces.field.base_slip, initial=True)
-        self._solved = everything[self.coordinates], self.history, forces
+        kept = self.history_nodes.write(history, forces.field.tension, forces.field.base_slip, initial=True)
+        self._solved = everything[self.coordinates], kept, forces
 
     def reset(self) -> None:
         """Reset the history to that of a robot that was never loaded."""

@@ -27,6 +27,8 @@ class HoleSlopes(NamedTuple):
         Gives the derivative by ``mu_k`` [N], shape (m, n-1).
     chain : callable
         Gives ``dT_k / dT_j`` of all pairs of segments, shape (m, n, n).
+    by_base : ndarray, shape (m, n)
+        By the tension at the base: its first column [1].
     """
 
     by_tension: Array
@@ -34,6 +36,7 @@ class HoleSlopes(NamedTuple):
     by_angle: Array
     by_coefficient: Callable[[], Array]
     chain: Callable[[], Array]
+    by_base: Array
 
 
 #: Gives the derivatives, which are formed on demand.
@@ -88,6 +91,7 @@ def capstan(
             -coefficient * mobilisation * after,
             lambda: -angles * mobilisation * after,
             chain,
+            ratio,
         )
 
     return tension, slopes
@@ -128,4 +132,9 @@ def capstan_with_adhesion(
             every[:, k, k] = 1.0
         return every
 
-    return tension, lambda: HoleSlopes(slope, d_s, -mu * s * after, lambda: -angles * s * after, chain)
+    def slopes() -> HoleSlopes:
+        by_base = np.ones((m, h + 1))
+        slope.cumprod(axis=1, out=by_base[:, 1:])
+        return HoleSlopes(slope, d_s, -mu * s * after, lambda: -angles * s * after, chain, by_base)
+
+    return tension, slopes

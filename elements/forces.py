@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness, relative_twists, strain_matrices
 from tdcr_fe.elements.capstan import HoleSlopes
 from tdcr_fe.elements.friction import FrictionState, TendonLaw
+from tdcr_fe.elements.numbers import as_slice
 from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.section import SectionForces, nodal_sum
 from tdcr_fe.elements.springs import GroundSprings
@@ -85,6 +86,11 @@ class ForceModel:
         if self.geometry is None:
             return self.hole_nodes[:0]
         return self.hole_nodes[: self.geometry.nodes.shape[1]]
+
+    @cached_property
+    def cable_rows(self) -> slice | NDArray[np.int_]:
+        """The same as a slice, where they are evenly spaced."""
+        return as_slice(self.cable_nodes)
 
     def measure(self, positions: Array, rotations: Array, twists: Array | None = None) -> Measurement:
         """Lengths and angles of the tendons in a configuration.
@@ -292,7 +298,7 @@ class TendonForces(NamedTuple):
         total = np.zeros((self.model.mesh.arc_lengths.size, 6))
         if self.model.geometry is not None:
             pulled = self.measured.shape.lines.wrenches(self.field.tension)
-            total[self.model.cable_nodes] = pulled
+            total[self.model.cable_rows] = pulled
         if self.model.section is not None:
             total += self.section_wrenches()
         if self.measured.poses is not None and self.model.springs is not None:
@@ -371,8 +377,9 @@ class TendonForces(NamedTuple):
 
     def hole_slopes(self) -> HoleSlopes:
         """Derivatives of the tensions hole by hole; `has_hole_slopes` tells whether there are any."""
-        assert self.field.at_holes is not None
-        return self.field.at_holes()
+        found = self.field.hole_slopes
+        assert found is not None
+        return found
 
     @property
     def has_hole_slopes(self) -> bool:

@@ -155,7 +155,7 @@ class HistoryNodes:
 
     def write(
         self, history: RobotHistory, tension: Array, displacement: Array, *, initial: bool = False
-    ) -> None:
+    ) -> RobotHistory:
         """Write a history into the current configuration of the scene; nothing happens before ``mbs.Assemble()``.
 
         Parameters
@@ -168,14 +168,20 @@ class HistoryNodes:
             Of every tendon at the base, for sensors [m], shape (m,); where prescribed, the one in the history counts.
         initial
             Whether it becomes that of the initial configuration, too.
+
+        Returns
+        -------
+        RobotHistory
+            What `read` returns from now on.
         """
         if not self._present:
-            return
+            return self._unloaded
         raw = self._encode(history, tension, displacement)
         self._coordinates(_CURRENT)[:] = raw
         if initial:
             self._coordinates(_INITIAL)[:] = raw
         self._raw, self._decoded = raw, history
+        return history
 
     def reset(self) -> None:
         """Write the history of a robot that was never loaded into the current and the initial configuration."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.capstan import Slopes
+from tdcr_fe.elements.capstan import HoleSlopes, Slopes
 
 Array = NDArray[np.float64]
 
@@ -74,6 +74,7 @@ class TensionField:
     derive: Callable[[], TensionDerivatives]
     at_holes: Slopes | None = None
     _derivatives: TensionDerivatives | None = field(default=None, init=False)
+    _hole_slopes: HoleSlopes | None = field(default=None, init=False)
 
     @property
     def base_slip(self) -> Array:
@@ -88,6 +89,13 @@ class TensionField:
         return self._derivatives
 
     @property
+    def hole_slopes(self) -> HoleSlopes | None:
+        """Of the tensions hole by hole; None where `at_holes` is."""
+        if self._hole_slopes is None and self.at_holes is not None:
+            self._hole_slopes = self.at_holes()
+        return self._hole_slopes
+
+    @property
     def d_length(self) -> Array:
         """Of the tensions with respect to the segments' lengths [N/m], shape (m, n, n)."""
         return self.derivatives.d_length
@@ -100,7 +108,8 @@ class TensionField:
     @property
     def d_base(self) -> Array:
         """Of the tensions with respect to the tension at the base [1], shape (m, n)."""
-        return self.derivatives.d_base
+        slopes = self.hole_slopes
+        return self.derivatives.d_base if slopes is None else slopes.by_base
 
     @property
     def by_mobilisation(self) -> Array:

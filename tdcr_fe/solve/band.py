@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -221,21 +222,28 @@ class BandFactors(NamedTuple):
             The matrix is singular.
         """
         lu, pivots, info = dgbtrf(band, layout.lower, layout.upper, overwrite_ab=True)
-        if info != 0 or not np.isfinite(lu[layout.lower + layout.upper, -1]):
+        if info != 0 or not isfinite(lu[layout.lower + layout.upper, -1]):
             raise np.linalg.LinAlgError("singular matrix")
         return cls(lu, pivots, layout)
 
     def solve(self, right: Array) -> Array:
         """Increments of the nodes for one or several right sides, shape (6 N,) or (6 N, k)."""
         layout = self.layout
-        count = right.shape[1] if right.ndim == 2 else 1
+        if right.ndim == 1:
+            one = np.zeros((layout.nodes, layout.block))
+            one[:, :6] = right.reshape(layout.nodes, 6)
+            flat, _ = dgbtrs(
+                self.lu, layout.lower, layout.upper, one.reshape(-1), self.pivots, overwrite_b=True
+            )
+            return np.asarray(flat.reshape(one.shape)[:, :6].reshape(-1))
+        count = right.shape[1]
         # Right sides one after the other, as LAPACK has them, with zeros for the transfer of the tensions.
         both = np.zeros((count, layout.nodes, layout.block))
         both[:, :, :6] = right.T.reshape(count, layout.nodes, 6)
         packed = both.reshape(count, -1).T
         found, _ = dgbtrs(self.lu, layout.lower, layout.upper, packed, self.pivots, overwrite_b=True)
         nodes = found.T.reshape(both.shape)[:, :, :6].reshape(count, -1)
-        return nodes.T if right.ndim == 2 else nodes[0]
+        return np.asarray(nodes.T)
 
     @property
     def sign(self) -> int:

@@ -216,11 +216,15 @@ class ConfigurationSpace:
         changes = [chain.changes(nodes[own]) for chain, own in zip(chains, self.slices, strict=True)]
         turn = max(float(np.abs(c[:, 3:]).max()) for c in changes)
         fraction = min(1.0, max_turn / turn) if turn > 0.0 else 1.0
-        twists = tuple([t + fraction * change for t, change in zip(old.twists, changes, strict=True)])
+        if fraction < 1.0:
+            nodes, changes = fraction * nodes, [fraction * c for c in changes]
+        twists = tuple([t + change for t, change in zip(old.twists, changes, strict=True)])
         bases = list(old.bases)
         for i, own in enumerate(self.slices):
-            first = fraction * nodes[own.start]
-            if i not in self._clamped and max(map(abs, first.tolist())) > 1e-15:
+            if i in self._clamped:
+                continue
+            first = nodes[own.start]
+            if max(map(abs, first.tolist())) > 1e-15:
                 bases[i] = bases[i] @ exp_matrix(first, coefficients(first[3:]))
         coordinates, multipliers = old.coordinates, old.multipliers
         if reduction.count > six:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import NodeStiffness
+from tdcr_fe.elements.numbers import as_slice
 from tdcr_fe.elements.poses import euler_rate_matrix
 
 Array = NDArray[np.float64]
@@ -40,7 +41,7 @@ class RowBlocks(NamedTuple):
     def of(cls, number: Index, nodes: Index) -> RowBlocks:
         """For nodes in a row, from the number of the block of every pair of nodes."""
         near, far = nodes[:-1], nodes[1:]
-        return cls(*map(_as_slice, (number[nodes, nodes], number[near, far], number[far, near])))
+        return cls(*map(as_slice, (number[nodes, nodes], number[near, far], number[far, near])))
 
 
 def _add(blocks: Array, which: slice | Index, change: Array) -> None:
@@ -80,16 +81,6 @@ class RobotBlocks(NamedTuple):
 
     backbone: RowBlocks
     holes: RowBlocks
-
-
-def _as_slice(numbers: Index) -> slice | Index:
-    """The same numbers as a slice, where they are evenly spaced."""
-    if len(numbers) < 2:
-        return slice(int(numbers[0]), int(numbers[0]) + 1) if len(numbers) else slice(0, 0)
-    steps = np.diff(numbers)
-    if steps[0] > 0 and np.all(steps == steps[0]):
-        return slice(int(numbers[0]), int(numbers[-1]) + 1, int(steps[0]))
-    return numbers
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,18 @@
+"""Numbers of nodes and unknowns as slices, by which numpy needs no copies."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Index = NDArray[np.int_]
+
+
+def as_slice(numbers: Index) -> slice | Index:
+    """The same numbers as a slice, where they are evenly spaced."""
+    if len(numbers) < 2:
+        return slice(int(numbers[0]), int(numbers[0]) + 1) if len(numbers) else slice(0, 0)
+    steps = np.diff(numbers)
+    if steps[0] > 0 and np.all(steps == steps[0]):
+        return slice(int(numbers[0]), int(numbers[-1]) + 1, int(steps[0]))
+    return numbers
