@@ -196,13 +196,16 @@ class LoadStepper:
                 goals.append(_Goal(now.load_factor + part.division * length))
                 now = now.with_rejected(part.result.iterations)._replace(here=part.start)
             else:
-                accepted = replace(one_substep(part.result, goal), located=part.located)
+                accepted = one_substep(part.result, goal)
+                accepted = replace(accepted, located=True) if part.located else accepted
                 now = Progress(now.path.then(accepted), goal, now.error + part.error, part.end)
                 goals.pop()
         if now.here is not None:
             # The search for reversals looked at other loads.
             self.solver.ramp.apply(self.solver.system, 1.0)
         error = now.error if now.error > self.solver.settings.path_tolerance else 0.0
+        if error == 0.0 and now.here is None:
+            return now.path
         return replace(now.path, refinement_error=error, end=now.here)
 
     def _rescued(self, now: Progress, goal: float, failed: NewtonResult) -> Path:
