@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    from tdcr_fe.identify.ceiling import StepFeatures, predicted_residual
+    from tdcr_fe.identify.ceiling import StepFeatures, predicted_residuals
     from tdcr_fe.identify.forward import ForwardModel
     from tdcr_fe.io.measured import read_measured
     from tdcr_fe.validation.given_effects.stages import Stage, every_nth_step, fit_in_order, mean_distance
@@ -83,7 +83,8 @@ def _run(args: argparse.Namespace) -> int:
         problem = last.problem
         if args.ceiling and last.fit.solved:
             features = StepFeatures.of(data)
-            left = last.fit.residual - predicted_residual(problem, features, last.fit.residual)
+            (predicted,) = predicted_residuals(problem, features, [last.fit.residual])
+            left = last.fit.residual - predicted
             print(f"{'':7} {1e3 * mean_distance(problem, left, problem.held_out):7.2f}  after a regression")
     for name, values in last.fit.values.items():
         print(f"{name}: " + ", ".join(f"{key} = {value:.5g}" for key, value in values.items()))
