@@ -1,4 +1,4 @@
-"""Forces that act inside the backbone's section: classical tendons that follow it, and superelastic softening.
+"""Forces that act inside the backbone's section: tendons that follow it, superelastic bending, nonlinear fibres.
 
 Both are gradients of an energy with respect to the relative twist ``xi`` of an element (length times strain),
 so their nodal wrenches are ``-B^T dE/dxi`` with the strain matrix ``B`` of `strain_matrices`. The classical tendon
@@ -8,6 +8,7 @@ Eq. 9 together with the point wrench where the tendon ends (derivation in the do
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,7 +91,7 @@ class SuperelasticSection:
     ----------
     bending_stiffness : ndarray, shape (E,)
         EI of every element [N m^2].
-    threshold : float
+    threshold : ndarray, shape (E,)
         Curvature kc where the plateau begins [1/m].
     ratio : float
         Slope beyond it over the slope before it [1].
@@ -99,7 +100,7 @@ class SuperelasticSection:
     """
 
     bending_stiffness: Array
-    threshold: float
+    threshold: Array
     ratio: float
     precurvature: Array
 
@@ -117,8 +118,85 @@ class SuperelasticSection:
 
 
 @dataclass(frozen=True)
+class NonlinearSection:
+    """Fibres along the backbone with the stress ``E (e + b e^2 + c e^3)`` at the strain ``e``.
+
+    A fibre at the distance ``x`` from the axis of bending has the strain ``e = n - k x`` with the stretch ``n`` of the
+    axis and the curvature ``k``. Integrated over a round section of radius ``R``, the energy per length is
+    ``EA (n^2/2 + b n^3/3 + c n^4/4) + EI k^2 (1/2 + b n + 3/2 c n^2 + c R^2 k^2 / 8)``, with
+    ``int x^4 dA = I R^2 / 2``. The parts with 1/2 are those of the linear section.
+
+    Attributes
+    ----------
+    axial_stiffness, bending_stiffness : ndarray, shape (E,)
+        EA [N] and EI [N m^2] of every element, zero in rigid inserts.
+    radius : ndarray, shape (E,)
+        R of the round section with these stiffnesses, ``2 sqrt(EI / EA)`` [m].
+    quadratic, cubic : ndarray, shape (E,)
+        b and c [1].
+    precurvature : ndarray, shape (E, 3)
+        Of the elements in the unloaded state, in beam axes [1/m].
+    """
+
+    axial_stiffness: Array
+    bending_stiffness: Array
+    radius: Array
+    quadratic: Array
+    cubic: Array
+    precurvature: Array
+
+    def strain(self, twists: Array, lengths: Array) -> tuple[Array, Array]:
+        """Stretch of the axis, shape (..., E) [1], and curvature beyond the unloaded one, (..., E, 2) [1/m]."""
+        return twists[..., 0] / lengths - 1.0, twists[..., 4:] / lengths[:, None] - self.precurvature[:, 1:]
+
+    def at_points(self) -> NonlinearSection:
+        """The same for strains at several points of every element, shapes (..., E, points)."""
+        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return NonlinearSection(**{k: v[:, None] for k, v in fields.items()})
+
+    def wrench(self, n: Array, bend: Array) -> Array:
+        """Axial force and bending moments beyond linear elasticity, shape (..., 3) [N, N m, N m].
+
+        Parameters
+        ----------
+        n, bend
+            Stretch [1] and curvature [1/m], see `strain`.
+        """
+        b, c, squared = self.quadratic, self.cubic, np.einsum("...i,...i->...", bend, bend)
+        found = np.empty((*n.shape, 3))
+        found[..., 0] = self.axial_stiffness * (b + c * n) * n**2
+        found[..., 0] += self.bending_stiffness * (b + 3.0 * c * n) * squared
+        found[..., 1:] = bend * (self.bending_stiffness * self._factor(n, squared))[..., None]
+        return found
+
+    def _factor(self, n: Array, squared: Array) -> Array:
+        """Secant bending stiffness beyond the linear one, over EI [1]."""
+        return (2.0 * self.quadratic + 3.0 * self.cubic * n) * n + 0.5 * self.cubic * self.radius**2 * squared
+
+    def stiffness(self, n: Array, bend: Array) -> Array:
+        """Derivative of `wrench` by stretch and curvatures, shape (..., 3, 3)."""
+        b, c, squared = self.quadratic, self.cubic, np.einsum("...i,...i->...", bend, bend)
+        found = np.empty((*n.shape, 3, 3))
+        found[..., 0, 0] = self.axial_stiffness * (2.0 * b + 3.0 * c * n) * n
+        found[..., 0, 0] += 3.0 * self.bending_stiffness * c * squared
+        found[..., 0, 1:] = bend * (2.0 * self.bending_stiffness * (b + 3.0 * c * n))[..., None]
+        found[..., 1:, 0] = found[..., 0, 1:]
+        outer = self.bending_stiffness * c * self.radius**2
+        found[..., 1:, 1:] = outer[..., None, None] * bend[..., :, None] * bend[..., None, :]
+        found[..., 1:, 1:] += (self.bending_stiffness * self._factor(n, squared))[..., None, None] * np.eye(2)
+        return found
+
+    def gradient(self, twists: Array, lengths: Array) -> Array:
+        """Gradient of the energy beyond linear elasticity with respect to the twists, shape (..., E, 6)."""
+        found = self.wrench(*self.strain(twists, lengths))
+        gradient = np.zeros_like(twists)
+        gradient[..., 0], gradient[..., 4:] = found[..., 0], found[..., 1:]
+        return gradient
+
+
+@dataclass(frozen=True)
 class SectionForces:
-    """Section forces of one backbone: classical tendons and superelastic softening.
+    """Section forces of one backbone: classical tendons, superelastic softening and nonlinear fibres.
 
     Attributes
     ----------
@@ -126,19 +204,35 @@ class SectionForces:
         Of the elements [m].
     tendons : ContinuousTendons or None
     superelastic : SuperelasticSection or None
+    nonlinear : NonlinearSection or None
     """
 
     lengths: Array
     tendons: ContinuousTendons | None = None
     superelastic: SuperelasticSection | None = None
+    nonlinear: NonlinearSection | None = None
+
+    @property
+    def material(self) -> bool:
+        """Whether the material is not linear."""
+        return self.superelastic is not None or self.nonlinear is not None
+
+    def material_gradient(self, twists: Array) -> Array:
+        """Gradient of the material's energy beyond linear elasticity with respect to the twists, (..., E, 6)."""
+        g = np.zeros_like(twists)
+        if self.superelastic is not None:
+            g = g + self.superelastic.gradient(twists, self.lengths)
+        if self.nonlinear is not None:
+            g = g + self.nonlinear.gradient(twists, self.lengths)
+        return g
 
     def gradient(self, twists: Array, tensions: Array) -> Array:
         """Gradient of the energy with respect to the twists, shape (..., E, 6)."""
         g = np.zeros_like(twists)
         if self.tendons is not None:
             g = g + np.einsum("m,m...->...", tensions, self.tendons.evaluate(twists, self.lengths)[1])
-        if self.superelastic is not None:
-            g = g + self.superelastic.gradient(twists, self.lengths)
+        if self.material:
+            g = g + self.material_gradient(twists)
         return g
 
     def wrenches(self, twists: Array, tensions: Array) -> Array:

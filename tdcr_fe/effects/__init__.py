@@ -18,6 +18,7 @@ from tdcr_fe.effects.material import (
 )
 from tdcr_fe.effects.observation import FrameMisalignment, MarkerOffset
 from tdcr_fe.effects.places import EffectAtPlace, Kink, PlaceEffect, SoftBay, SpringToGround, StuckHole
+from tdcr_fe.effects.soft_material import DensityScale, ModulusScale, NonlinearBackbone
 from tdcr_fe.effects.tendons import Pretension, TendonStretch
 from tdcr_fe.effects.timing import TimeLag
 from tdcr_fe.model.arguments import check_instance
@@ -30,8 +31,11 @@ EFFECTS: tuple[Effect, ...] = (
     ActuatorLoss(),
     Gravity(),
     TipPayload(),
+    ModulusScale(),
+    DensityScale(),
     StiffnessScale(),
     SuperelasticBackbone(),
+    NonlinearBackbone(),
     Precurvature(),
     BaseCompliance(),
     RigidDisks(),

@@ -27,6 +27,10 @@ ARC_TOLERANCE = 1e-6
 MEMORY_LIMIT = 4e9
 
 
+#: Strain up to which the stress of a nonlinear material must grow, in tension and compression [1].
+LEAST_NONLINEAR_STRAIN = 0.01
+
+
 class Contradiction(NamedTuple):
     """Values that do not fit together.
 
@@ -65,6 +69,7 @@ def backbone_contradictions(backbone: Backbone) -> list[Contradiction]:
             sentence = f"must give a stiffness {name} that is positive and finite, not {value:g}"
             found.append(Contradiction(f"backbone.{source}", given, sentence))
     found += _taper_contradictions(backbone)
+    found += _material_contradictions(backbone)
     for i, patch in enumerate(backbone.patches):
         if patch.end > backbone.length + ARC_TOLERANCE:
             sentence = f"beyond the tip; at most {backbone.length:.9g} m"
@@ -76,7 +81,7 @@ def backbone_contradictions(backbone: Backbone) -> list[Contradiction]:
 
 
 def _taper_contradictions(backbone: Backbone) -> list[Contradiction]:
-    """A taper that does not lead from the base to the tip, or that goes with a superelastic backbone."""
+    """A taper that does not lead from the base to the tip."""
     if not backbone.taper:
         return []
     s, radius = np.array(backbone.taper, dtype=float).T
@@ -91,10 +96,27 @@ def _taper_contradictions(backbone: Backbone) -> list[Contradiction]:
     if radius[0] != backbone.radius:
         sentence = f"must begin with the radius at the base, {backbone.radius:g} m"
         return [Contradiction("backbone.radius", shape, sentence)]
-    if backbone.superelastic is not None:
-        sentence = "a tapered backbone cannot be superelastic; leave one of them out"
-        return [Contradiction("backbone.superelastic", "given", sentence)]
     return []
+
+
+def _material_contradictions(backbone: Backbone) -> list[Contradiction]:
+    """A nonlinear material beside another law, or one whose stress falls at small strains."""
+    law = backbone.nonlinear
+    if law is None:
+        return []
+    others = [n for n in ("superelastic", "creep_rate") if getattr(backbone, n)]
+    found = [
+        Contradiction("backbone.nonlinear", "given", f"cannot be combined with {n}; leave one of them out")
+        for n in others
+    ]
+    if law.largest_strain < LEAST_NONLINEAR_STRAIN:
+        given = f"quadratic {law.quadratic:g}, cubic {law.cubic:g}"
+        sentence = (
+            f"the stress must grow up to a strain of {LEAST_NONLINEAR_STRAIN:g}; it falls from "
+            f"{law.largest_strain:.3g} on"
+        )
+        found.append(Contradiction("backbone.nonlinear", given, sentence))
+    return found
 
 
 def disk_contradictions(disks: Disks, length: float) -> list[Contradiction]:

@@ -223,7 +223,13 @@ def strain_warnings(robot: Robot, steps: Sequence[StepResult]) -> list[str]:
         k = int(np.argmax(strain))
         if strain[k] > worst:
             worst, number, where = float(strain[k]), step.step, float(0.5 * (step.s[k] + step.s[k + 1]))
-    if worst <= LARGEST_STRAIN:
+    law = backbone.nonlinear
+    if law is not None and worst > law.largest_strain:
+        return [
+            f"step {number}: bending strains the surface of the backbone by {100 * worst:.3g} % at s = {where:.4g} m; "
+            f"the stress of backbone.nonlinear falls from {100 * law.largest_strain:.3g} % on"
+        ]
+    if worst <= LARGEST_STRAIN or law is not None:
         return []
     return [
         f"step {number}: bending strains the surface of the backbone by {100 * worst:.3g} % at s = {where:.4g} m, "

@@ -6,6 +6,7 @@ in the straight state; the tangent is the third axis of the section frame.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
@@ -46,6 +47,41 @@ class Superelastic:
 
     def __post_init__(self) -> None:
         check_fields(self)
+
+
+@dataclass(frozen=True)
+class NonlinearMaterial:
+    """Fibres along the backbone with the nominal stress ``E (e + quadratic e^2 + cubic e^3)`` at the strain ``e``.
+
+    Bending and stretching are coupled: with ``quadratic`` below zero a compressed backbone bends less. The
+    third-order expansion of a neo-Hookean material has -1 and 4/3. Shear and torsion stay linear.
+
+    Attributes
+    ----------
+    quadratic : float
+        Difference of tension and compression: below zero softer in tension and stiffer in compression [1].
+    cubic : float
+        Hardening, below zero softening [1].
+    """
+
+    quadratic: Annotated[
+        float, Quantity("below zero softer in tension and stiffer in compression", ge=-100.0, le=100.0)
+    ] = 0.0
+    cubic: Annotated[float, Quantity("hardening, below zero softening", ge=-1000.0, le=10_000.0)] = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    @property
+    def largest_strain(self) -> float:
+        """Smallest strain in tension or compression beyond which the stress falls [1]; infinite where there is none."""
+        b, c = self.quadratic, self.cubic
+        if c == 0.0:
+            return 0.5 / abs(b) if b != 0.0 else math.inf
+        inside = b * b - 3.0 * c
+        if inside < 0.0:
+            return math.inf
+        return min(abs((-b + sign * math.sqrt(inside)) / (3.0 * c)) for sign in (1.0, -1.0))
 
 
 @dataclass(frozen=True)
@@ -95,6 +131,8 @@ class Backbone:
         Turning rate of the section about its x and y axes in the unloaded state [1/m].
     superelastic : Superelastic or None
         Softening of the bending moment.
+    nonlinear : NonlinearMaterial or None
+        Hardening or softening of the fibres along the backbone.
     patches : tuple of StiffnessPatch
         Stretches of other stiffness or precurvature.
     taper : tuple of (float, float)
@@ -130,6 +168,9 @@ class Backbone:
         ),
     ] = (0.0, 0.0)
     superelastic: Annotated[Superelastic | None, Quantity("softening of the bending moment (NiTi)")] = None
+    nonlinear: Annotated[
+        NonlinearMaterial | None, Quantity("fibres that harden or soften with their strain")
+    ] = None
     patches: Annotated[
         tuple[StiffnessPatch, ...], Quantity("stretches of other stiffness, or bent when unloaded")
     ] = ()

@@ -6,7 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh
-from tdcr_fe.elements.section import ContinuousTendons, SectionForces, SuperelasticSection, gauss_arc_lengths
+from tdcr_fe.elements.section import (
+    ContinuousTendons,
+    NonlinearSection,
+    SectionForces,
+    SuperelasticSection,
+    gauss_arc_lengths,
+)
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 
@@ -18,9 +24,10 @@ def section_forces(
     continuous = model.tendon_path == "continuous" and robot.tendons
     tendons = continuous_tendons(robot, mesh) if continuous else None
     superelastic = superelastic_section(robot, mesh, rigid)
-    if tendons is None and superelastic is None:
+    nonlinear = nonlinear_section(robot, mesh, rigid)
+    if tendons is None and superelastic is None and nonlinear is None:
         return None
-    return SectionForces(mesh.lengths, tendons, superelastic)
+    return SectionForces(mesh.lengths, tendons, superelastic, nonlinear)
 
 
 def continuous_tendons(robot: Robot, mesh: BackboneMesh) -> ContinuousTendons:
@@ -48,7 +55,26 @@ def superelastic_section(
         return None
     return SuperelasticSection(
         np.where(rigid, 0.0, mesh.stiffness[:, 5]),
-        law.threshold_strain / robot.backbone.radius,
+        law.threshold_strain / robot.backbone.radius_at(0.5 * (mesh.arc_lengths[1:] + mesh.arc_lengths[:-1])),
         law.plateau_ratio,
+        mesh.precurvature,
+    )
+
+
+def nonlinear_section(
+    robot: Robot, mesh: BackboneMesh, rigid: NDArray[np.bool_]
+) -> NonlinearSection | None:
+    """Fibres of every element that harden or soften, none in rigid inserts; None where the material is linear."""
+    law = robot.backbone.nonlinear
+    if law is None:
+        return None
+    axial, bending = mesh.stiffness[:, 0], mesh.stiffness[:, 5]
+    one = np.ones_like(axial)
+    return NonlinearSection(
+        np.where(rigid, 0.0, axial),
+        np.where(rigid, 0.0, bending),
+        2.0 * np.sqrt(bending / axial),
+        law.quadratic * one,
+        law.cubic * one,
         mesh.precurvature,
     )

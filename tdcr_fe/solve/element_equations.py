@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import add_residual_flexibility
 from tdcr_fe.elements.poses import coefficients, cross, exp_matrix, skew
-from tdcr_fe.elements.section import SectionForces
+from tdcr_fe.elements.section import NonlinearSection, SectionForces
 from tdcr_fe.scene import TDCR
 
 Array = NDArray[np.float64]
@@ -29,6 +29,8 @@ def _collocation_matrix() -> Array:
 
 
 _INTEGRALS = np.concatenate((_collocation_matrix(), WEIGHTS[None]))
+#: Components of a strain in which fibres along the backbone are strained: stretch and both curvatures.
+_FIBRES = [0, 4, 5]
 #: The pose of no motion, row by row, and ``strain @ _RATES``, the derivative of a pose in its own frame, row by row.
 _IDENTITY: Array = np.eye(3, 4).ravel()
 _RATES: Array = np.zeros((6, 3, 4))
@@ -55,7 +57,7 @@ class ElementModel:
     flexible : ndarray of bool, shape (E,)
         False in rigid inserts, which have no error.
     section : SectionForces or None
-        Tendons that follow the backbone, and superelastic softening.
+        Tendons that follow the backbone, and nonlinear material.
     weight : ndarray, shape (E, 3)
         Own weight of the elements per length, world axes [N/m].
     bays : ndarray of int, shape (E,)
@@ -129,7 +131,8 @@ def _softened_curvature(section: SectionForces, moment: Array, bend: Array, comp
     """Curvature change of a superelastic section under a bending moment, by Newton from a known one, (S, E, 4, 2)."""
     law = section.superelastic
     assert law is not None
-    w, kc, lost = law.threshold / 40.0, law.threshold, 1.0 - law.ratio
+    kc, lost = law.threshold[:, None], 1.0 - law.ratio
+    w = kc / 40.0
     size = np.sqrt(np.einsum("...i,...i->...", moment, moment))
     goal = size * compliance
     k = np.sqrt(np.einsum("...i,...i->...", bend, bend))
@@ -141,13 +144,25 @@ def _softened_curvature(section: SectionForces, moment: Array, bend: Array, comp
     return np.asarray(moment * (k / np.where(size > 0.0, size, 1.0))[..., None])
 
 
+def _fibre_strain(
+    law: NonlinearSection, wrench: Array, strain: Array, unloaded: Array, compliance: Array
+) -> Array:
+    """Stretch and curvatures of nonlinear fibres under a wrench, by one Newton step from known ones, (S, E, 4, 3)."""
+    points, known = law.at_points(), strain[..., _FIBRES]
+    change = (strain - unloaded)[..., _FIBRES]
+    linear = np.broadcast_to(1.0 / compliance[..., _FIBRES], known.shape)
+    missing = wrench[..., _FIBRES] - change * linear - points.wrench(change[..., 0], change[..., 1:])
+    slope = points.stiffness(change[..., 0], change[..., 1:]) + linear[..., None] * np.eye(3)
+    return known + np.linalg.solve(slope, missing[..., None])[..., 0]
+
+
 def force_gradient(model: ElementModel, twists: Array, tensions: Array) -> Array:
     """Derivative of the elements' energy by their twists, shape (S, E, 6)."""
     h = model.lengths[:, None]
     gradient = model.element_stiffness * (twists / h - model.reference_strain)
     section = model.section
-    if section is not None and section.superelastic is not None:
-        gradient = gradient + section.superelastic.gradient(twists, model.lengths)
+    if section is not None and section.material:
+        gradient = gradient + section.material_gradient(twists)
     if section is not None and section.tendons is not None:
         strain = np.broadcast_to((twists / h)[..., None, :], (*twists.shape[:-1], len(POINTS), 6))
         gradient = gradient + np.einsum("g,segi->sei", WEIGHTS, _tendon_gradient(section, strain, tensions))
@@ -158,6 +173,10 @@ def stiffness_times(model: ElementModel, twists: Array, strain: Array) -> Array:
     """Stiffness of the elements times changes of their twists, shape (S, E, 6)."""
     h = model.lengths[:, None]
     force = model.element_stiffness / h * strain
+    if model.section is not None and model.section.nonlinear is not None:
+        fibres = model.section.nonlinear
+        slope = fibres.stiffness(*fibres.strain(twists, model.lengths)) / h[..., None]
+        force[..., _FIBRES] += (slope @ strain[..., _FIBRES, None])[..., 0]
     law = None if model.section is None else model.section.superelastic
     if law is not None:
         bend = twists[..., 4:] / h - law.precurvature[..., 1:]
@@ -227,6 +246,8 @@ def exact_elements(
         if section is not None and section.tendons is not None:
             wrench = wrench - _tendon_gradient(section, strain, tensions)
         new = unloaded + wrench * compliance
+        if section is not None and section.nonlinear is not None:
+            new[..., _FIBRES] = _fibre_strain(section.nonlinear, wrench, strain, unloaded, compliance)
         if section is not None and section.superelastic is not None:
             bend = strain[..., 4:] - unloaded[..., 4:]
             new[..., 4:] = unloaded[..., 4:] + _softened_curvature(

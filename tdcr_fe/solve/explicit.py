@@ -155,8 +155,8 @@ class ExplicitDerivatives:
         for time in (point.time + step, point.time - step):
             gradient = elastic_gradient(self.present, point.twists, time)
             section = self.present.section(time)
-            if section is not None and section.superelastic is not None:
-                gradient = gradient + section.superelastic.gradient(point.twists, section.lengths)
+            if section is not None and section.material:
+                gradient = gradient + section.material_gradient(point.twists)
             found.append(gradient)
         return np.asarray((found[0] - found[1]) / (2.0 * step))
 
@@ -203,12 +203,13 @@ def _section_differs(a: RobotModel, b: RobotModel) -> bool:
         return False
     if first is None or second is None:
         return True
-    softening = first.superelastic is not None or second.superelastic is not None
-    if softening and (
-        _elasticity_differs(a, b) or a.robot.backbone.superelastic != b.robot.backbone.superelastic
+    if (first.material or second.material) and (
+        _elasticity_differs(a, b)
+        or a.robot.backbone.superelastic != b.robot.backbone.superelastic
+        or a.robot.backbone.nonlinear != b.robot.backbone.nonlinear
+        or a.robot.backbone.radius != b.robot.backbone.radius
+        or a.robot.backbone.taper != b.robot.backbone.taper
     ):
-        return True
-    if softening and a.robot.backbone.radius != b.robot.backbone.radius:
         return True
     s, t = first.tendons, second.tendons
     return (

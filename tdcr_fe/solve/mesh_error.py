@@ -252,7 +252,7 @@ def bay_loads(model: ElementModel, twists: Array, tensions: Array) -> Array:
     ``a`` is the free length of the bay between two disks. The load is that of a bay whose ends cannot rotate relative
     to each other but are free to sway (clamped-clamped with sway): tendons restrain the orientation of the disks, not
     their position. A last bay without a disk at its end is a cantilever, ``pi^2 EI / (4 a^2)``, and so is a whole
-    backbone without disks. EI is the tangent stiffness where the section is superelastic. Tendons that follow the
+    backbone without disks. EI is the tangent stiffness of a nonlinear section. Tendons that follow the
     backbone do not compress the bays between disks; there the value is zero.
 
     Parameters
@@ -273,6 +273,10 @@ def bay_loads(model: ElementModel, twists: Array, tensions: Array) -> Array:
         bend = np.linalg.norm(twists[..., 4:] / model.lengths[:, None] - law.precurvature[..., 1:], axis=-1)
         slope = 0.5 * (1.0 + np.tanh(0.5 * (bend - law.threshold) / (law.threshold / 40.0)))
         bending = bending - (1.0 - law.ratio) * slope * law.bending_stiffness
+    if model.section is not None and model.section.nonlinear is not None:
+        fibres = model.section.nonlinear
+        slope = fibres.stiffness(*fibres.strain(twists, model.lengths))[..., 1:, 1:]
+        bending = np.maximum(bending + np.linalg.eigvalsh(slope)[..., 0], 1e-3 * bending)
     share = np.where(model.flexible, compression / bending, 0.0)
     for bay in range(bays):
         inside = model.bays == bay

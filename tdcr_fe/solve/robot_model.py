@@ -323,8 +323,8 @@ class SectionStack:
             if section.tendons is not None and self._joined is None:
                 found[k], by_twist = section.tendons.evaluate(twists, element)
                 gradient[k] += np.einsum("m,mei->ei", point.base_tension, by_twist)
-            if section.superelastic is not None:
-                gradient[k] += section.superelastic.gradient(twists, element)
+            if section.material:
+                gradient[k] += section.material_gradient(twists)
         return gradient, found
 
 

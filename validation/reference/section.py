@@ -12,6 +12,9 @@ bending moment has its direction and the magnitude
 
 with :math:`\mathrm{sp}(x) = \log(1 + e^x)`, :math:`k_c` = threshold strain / radius, :math:`w = 0.025 k_c`
 and :math:`r` the plateau ratio, so that the slope is :math:`EI (r + (1 - r) / (1 + e^{(k - k_c)/w}))`.
+
+Nonlinear fibres: the stress :math:`E (e + b e^2 + c e^3)` at the strain :math:`e = n + \boldsymbol\kappa \times x` of
+each point of the section, integrated over the round section by Gauss's rule in the radius and equal angles.
 """
 
 from __future__ import annotations
@@ -21,14 +24,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.robot import Backbone, Superelastic
+from tdcr_fe.model.robot import Backbone, NonlinearMaterial, Superelastic
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
 def bending_moment(
-    curvature: Array, stiffness: Array, law: Superelastic, radius: float
+    curvature: Array, stiffness: Array, law: Superelastic, radius: Array | float
 ) -> tuple[Array, Array]:
     """Superelastic bending moment and its slope.
 
@@ -41,7 +44,7 @@ def bending_moment(
     law
         Threshold and plateau.
     radius
-        Of the backbone [m].
+        Of the backbone [m], shape (n,) or one number.
 
     Returns
     -------
@@ -59,7 +62,7 @@ def bending_moment(
 
 
 def bending_curvature(
-    moment: Array, stiffness: Array, law: Superelastic, radius: float
+    moment: Array, stiffness: Array, law: Superelastic, radius: Array | float
 ) -> tuple[Array, Array]:
     """Inverse of `bending_moment`: curvature [1/m] and slope dM/dk [N m^2] at a moment >= 0 [N m].
 
@@ -75,6 +78,53 @@ def bending_curvature(
     return curvature, bending_moment(curvature, stiffness, law, radius)[1]
 
 
+#: Quadrature over the unit disk, exact for polynomials of degree 5: points (q, 2) and weights (q,) that add up to 1.
+_RADII, _RADIAL = np.polynomial.legendre.leggauss(4)
+_ANGLES = np.arange(8) * np.pi / 4.0
+_DISK = np.stack(
+    [np.outer(0.5 * (_RADII + 1.0), f(_ANGLES)).ravel() for f in (np.cos, np.sin)],
+    axis=1,
+)
+_DISK_WEIGHTS = np.repeat(_RADIAL * 0.5 * (_RADII + 1.0), len(_ANGLES)) / len(_ANGLES)
+
+
+@dataclass(frozen=True)
+class Fibres:
+    """Fibres of a stack of intervals with the stress ``E (e + b e^2 + c e^3)``.
+
+    Attributes
+    ----------
+    law : NonlinearMaterial
+    axial, bending : ndarray, shape (n,)
+        EA [N] and EI [N m^2].
+    """
+
+    law: NonlinearMaterial
+    axial: Array
+    bending: Array
+
+    def take(self, index: NDArray[np.intp]) -> Fibres:
+        """Those of some of the intervals."""
+        return replace(self, axial=self.axial[index], bending=self.bending[index])
+
+    def excess(self, change: Array) -> tuple[Array, Array]:
+        """Wrench beyond the linear one, (n, 6), and its derivative, (n, 6, 6), at a change of strain (n, 6).
+
+        The strain of a fibre at (x, y) is ``gamma_z + kappa_x y - kappa_y x``; the round section has the radius that
+        EI and EA give.
+        """
+        reach = 2.0 * np.sqrt(self.bending / self.axial)
+        x, y = reach[:, None] * _DISK[:, 0], reach[:, None] * _DISK[:, 1]
+        lever = np.zeros((len(change), len(_DISK), 6))
+        lever[..., 0], lever[..., 1], lever[..., 5] = y, -x, 1.0
+        e = (lever @ change[:, :, None])[..., 0]
+        b, c = self.law.quadratic, self.law.cubic
+        weight = self.axial[:, None] * _DISK_WEIGHTS
+        wrench = ((weight * (b * e**2 + c * e**3))[:, None, :] @ lever)[:, 0]
+        slope = weight * (2.0 * b * e + 3.0 * c * e**2)
+        return wrench, np.swapaxes(lever, 1, 2) @ (slope[..., None] * lever)
+
+
 @dataclass(frozen=True)
 class Section:
     """Section law of a stack of intervals.
@@ -88,18 +138,21 @@ class Section:
     rigid : ndarray of bool, shape (n,)
         Intervals that keep their unloaded strain.
     superelastic : Superelastic or None
-    radius : float
+    radius : ndarray, shape (n,)
         Of the backbone [m].
     carried : ndarray, shape (n, 6)
         Wrench carried besides the elastic one [N m, N].
+    fibres : Fibres or None
+        Nonlinear material.
     """
 
     stiffness: Array
     rest: Array
     rigid: Mask
     superelastic: Superelastic | None
-    radius: float
+    radius: Array
     carried: Array
+    fibres: Fibres | None = None
 
     @classmethod
     def of(cls, backbone: Backbone, middles: Array, rigid: Mask) -> Section:
@@ -124,7 +177,10 @@ class Section:
         for patch in backbone.patches:
             rest[(middles >= patch.start) & (middles < patch.end), :2] += patch.precurvature
         carried = np.zeros_like(stiffness)
-        return cls(stiffness, rest, rigid, backbone.superelastic, backbone.radius, carried)
+        radius, fibres = backbone.radius_at(middles), None
+        if backbone.nonlinear is not None:
+            fibres = Fibres(backbone.nonlinear, stiffness[:, 5], stiffness[:, 0])
+        return cls(stiffness, rest, rigid, backbone.superelastic, radius, carried, fibres)
 
     def take(self, index: NDArray[np.intp]) -> Section:
         """The law of some of the intervals."""
@@ -133,7 +189,9 @@ class Section:
             stiffness=self.stiffness[index],
             rest=self.rest[index],
             rigid=self.rigid[index],
+            radius=self.radius[index],
             carried=self.carried[index],
+            fibres=None if self.fibres is None else self.fibres.take(index),
         )
 
     def softened(self, factor: float) -> Section:
@@ -142,6 +200,8 @@ class Section:
 
     def strain(self, wrench: Array) -> tuple[Array, Array]:
         """Strain, shape (n, 6), and its derivative with respect to the wrench, shape (n, 6, 6)."""
+        if self.fibres is not None:
+            return self._fibre_strain(wrench)
         wrench = wrench - self.carried
         compliance = np.where(self.rigid[:, None], 0.0, 1.0 / self.stiffness)
         strain = self.rest + compliance * wrench
@@ -161,11 +221,27 @@ class Section:
             )
         return strain, derivative
 
+    def _fibre_strain(self, wrench: Array) -> tuple[Array, Array]:
+        """`strain` of nonlinear fibres, by Newton's method from the linear one."""
+        free = ~self.rigid
+        strain = self.rest + np.where(self.rigid[:, None], 0.0, (wrench - self.carried) / self.stiffness)
+        for _ in range(60):
+            value, slope = self.wrench(strain)
+            change = free[:, None] * np.linalg.solve(slope, (wrench - value)[..., None])[..., 0]
+            strain = strain + change
+            if np.max(np.abs(change), initial=0.0) <= 1e-12 * (1.0 + np.max(np.abs(strain), initial=0.0)):
+                break
+        derivative = free[:, None, None] * np.linalg.inv(self.wrench(strain)[1])
+        return strain, derivative
+
     def wrench(self, strain: Array) -> tuple[Array, Array]:
         """Wrench, (n, 6), and its derivative by the strain, (n, 6, 6); rigidity is ignored."""
         change = strain - self.rest
         wrench = self.stiffness * change + self.carried
         derivative = self.stiffness[:, :, None] * np.eye(6)
+        if self.fibres is not None:
+            excess, slope = self.fibres.excess(change)
+            wrench, derivative = wrench + excess, derivative + slope
         if self.superelastic is not None:
             size = np.hypot(change[:, 0], change[:, 1])
             moment, slope = bending_moment(size, self.stiffness[:, 0], self.superelastic, self.radius)

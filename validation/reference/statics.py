@@ -66,10 +66,12 @@ def _check(robot: Robot, model: Model, extras: Extras) -> None:
     if extras.bending is not None and model.tendon_path == "continuous":
         raise ValueError("a law of bending with tendon_path 'continuous'; only 'straight' goes with it")
     if robot.base_stiffness is not None and (
-        robot.backbone.superelastic is not None or robot.backbone.creep_rate > 0.0
+        robot.backbone.superelastic is not None
+        or robot.backbone.nonlinear is not None
+        or robot.backbone.creep_rate > 0.0
     ):
         raise ValueError(
-            "base_stiffness with a backbone that creeps or is superelastic; not in the reference"
+            "base_stiffness with a backbone that creeps or is not linear; not in the reference"
         )
     if extras.holes and (model.tendon_path == "continuous" or model.friction != "per-hole"):
         raise ValueError("holes that differ need tendon_path 'straight' and friction 'per-hole'")
