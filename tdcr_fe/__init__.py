@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from tdcr_fe.model.results import StepResult as StepResult
     from tdcr_fe.model.robot import Backbone as Backbone
     from tdcr_fe.model.robot import Disks as Disks
-    from tdcr_fe.model.robot import Robot as Robot
     from tdcr_fe.model.robot import NonlinearMaterial as NonlinearMaterial
+    from tdcr_fe.model.robot import Robot as Robot
     from tdcr_fe.model.robot import StiffnessPatch as StiffnessPatch
     from tdcr_fe.model.robot import Superelastic as Superelastic
     from tdcr_fe.model.robot import Tendon as Tendon
@@ -89,7 +89,15 @@ _PUBLIC = {
     "tdcr_fe.model.friction": ("ConstantFriction", "ForceDependentFriction", "StribeckFriction"),
     "tdcr_fe.model.loading": ("Load", "LoadStep", "Model"),
     "tdcr_fe.model.results": ("SequenceResult", "StepResult"),
-    "tdcr_fe.model.robot": ("Backbone", "Disks", "NonlinearMaterial", "Robot", "StiffnessPatch", "Superelastic", "Tendon"),
+    "tdcr_fe.model.robot": (
+        "Backbone",
+        "Disks",
+        "NonlinearMaterial",
+        "Robot",
+        "StiffnessPatch",
+        "Superelastic",
+        "Tendon",
+    ),
     "tdcr_fe.model.routing": (
         "ConvergingRouting",
         "HelicalRouting",

@@ -36,7 +36,9 @@ class ModulusScale(SoftEffect):
         "batch or mixture of a silicone, its age, its temperature."
     )
     separating_experiment = "hang a weight from a strip of the same casting and measure how far it stretches"
-    parameters = (Parameter("factor", "1", 0.02, 50.0, 1.0, 0.05, "factor on all stiffnesses of the backbone"),)
+    parameters = (
+        Parameter("factor", "1", 0.02, 50.0, 1.0, 0.05, "factor on all stiffnesses of the backbone"),
+    )
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`; stiffnesses that are declared are scaled as those from the modulus."""
@@ -80,7 +82,9 @@ class NonlinearBackbone(SoftEffect):
     )
     separating_experiment = "stretch and compress a sample of the material and record the force"
     parameters = (
-        Parameter("quadratic", "1", -20.0, 20.0, 0.0, 0.3, "below zero softer in tension than in compression"),
+        Parameter(
+            "quadratic", "1", -20.0, 20.0, 0.0, 0.3, "below zero softer in tension than in compression"
+        ),
         Parameter("cubic", "1", -30.0, 400.0, 0.0, 1.0, "hardening, below zero softening"),
     )
 

@@ -61,9 +61,7 @@ def superelastic_section(
     )
 
 
-def nonlinear_section(
-    robot: Robot, mesh: BackboneMesh, rigid: NDArray[np.bool_]
-) -> NonlinearSection | None:
+def nonlinear_section(robot: Robot, mesh: BackboneMesh, rigid: NDArray[np.bool_]) -> NonlinearSection | None:
     """Fibres of every element that harden or soften, none in rigid inserts; None where the material is linear."""
     law = robot.backbone.nonlinear
     if law is None:

@@ -73,6 +73,9 @@ def test_the_list_has_every_effect_of_the_formats_page():
         "actuator_backlash": {"backlash"},
         "actuator_gain": {"gain"},
         "creep": {"rate"},
+        "modulus_scale": {"factor"},
+        "density_scale": {"factor"},
+        "nonlinear_material": {"quadratic", "cubic"},
     }
 
 

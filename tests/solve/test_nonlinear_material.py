@@ -80,7 +80,9 @@ def test_wrench_is_the_integral_of_the_stress_and_stiffness_its_derivative(law):
         up = section.wrench(n + step[0], bend + step[1:])
         down = section.wrench(n - step[0], bend - step[1:])
         size = step[k]
-        np.testing.assert_allclose(section.stiffness(n, bend)[0, :, k], ((up - down) / (2.0 * size))[0], rtol=1e-6)
+        np.testing.assert_allclose(
+            section.stiffness(n, bend)[0, :, k], ((up - down) / (2.0 * size))[0], rtol=1e-6
+        )
 
 
 SOFT = Robot(

@@ -48,7 +48,18 @@ BY_DISPLACEMENT = (
 )
 
 #: Effects that `plan` leaves out, so that its sets stay those of version 0.1; `plan_of` has them.
-LATER = ("time_lag", "base_compliance", "pretension", "soft_bay", "kink", "side_spring", "stuck_hole")
+LATER: tuple[str, ...] = (
+    "time_lag",
+    "base_compliance",
+    "pretension",
+    "soft_bay",
+    "kink",
+    "side_spring",
+    "stuck_hole",
+    "modulus_scale",
+    "density_scale",
+    "nonlinear_material",
+)
 
 #: Pairs that occur together in real robots.
 PAIRS = (

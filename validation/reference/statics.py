@@ -70,9 +70,7 @@ def _check(robot: Robot, model: Model, extras: Extras) -> None:
         or robot.backbone.nonlinear is not None
         or robot.backbone.creep_rate > 0.0
     ):
-        raise ValueError(
-            "base_stiffness with a backbone that creeps or is not linear; not in the reference"
-        )
+        raise ValueError("base_stiffness with a backbone that creeps or is not linear; not in the reference")
     if extras.holes and (model.tendon_path == "continuous" or model.friction != "per-hole"):
         raise ValueError("holes that differ need tendon_path 'straight' and friction 'per-hole'")
 
