@@ -111,6 +111,12 @@ def sentences(result: IdentificationResult) -> list[str]:
     else:
         text = f"The {what} is {size(result.before_fit)}"
     found = [f"{text}; the noise alone gives {noise_size(result)}."]
+    if result.sigma_estimated:
+        without = sorted({r.channel.family for r in result.data.readings if r.sigma is None})
+        found.append(
+            f"No sigma is given for {_joined(without)}: the noise is estimated from the scatter of the readings about "
+            "smooth curves. An error that changes from step to step without order counts as noise."
+        )
     if result.law is not None:
         found = [result.law.sentence, f"{result.law.formula}.", *found]
         if result.law.alternatives:

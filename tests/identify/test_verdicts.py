@@ -69,6 +69,9 @@ def test_without_sigma_noise_is_estimated_where_three_steps_allow_it(tmp_path):
     data = measured(given=False)
     status, result = run(data, tmp_path)
     assert (status, result["verdict"], result["sigma_estimated"]) == (0, "nothing missing", True)
+    assert (
+        "No sigma is given for position: the noise is estimated" in (tmp_path / "out/report.html").read_text()
+    )
     assert unknown_noise(data) == []
 
 
