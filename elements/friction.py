@@ -408,41 +408,79 @@ class TendonLaw:
             With derivatives that include the change of the mobilisations.
         """
         delta = self.presliding if presliding is None else presliding
+        if not self.elastic:
+            # The slip does not depend on the tensions, so that the mobilisations follow at once.
+            slip = self.slips(self.parameters.lengths - lengths)
+            trial = self.trial_mobilisation(slip, state, delta)
+            field = self.field(base_tension, lengths, angles, np.clip(trial, -1.0, 1.0), state, time)
+            return self._following(field, trial, delta)
         mobilisation = state.mobilisation
         for _ in range(20):
             field = self.field(base_tension, lengths, angles, mobilisation, state, time)
-            by_mobilisation = field.by_mobilisation
             # Trial state, and how it changes with the mobilisations: own = 1 - d trial / ds.
             trial = self.trial_mobilisation(field.slip, state, delta)
-            drive = self.slip_operator / delta
-            own = np.eye(self.groups) - (drive * field.released_d_tension[:, None, :]) @ by_mobilisation
             if np.max(np.abs(np.clip(trial, -1.0, 1.0) - mobilisation), initial=0.0) <= 1e-10:
                 break
-            if not self.elastic:
-                # The slip does not depend on the tensions: one pass is exact.
-                mobilisation = np.clip(trial, -1.0, 1.0)
-                continue
+            own = self._own_change(field, delta)
             right = trial - mobilisation + (own @ mobilisation[..., None])[..., 0]
             mobilisation = np.stack([solve_box(*x)[0] for x in zip(own, right, mobilisation, strict=True)])
-        # Only the mobilisation of a hole that sticks changes.
-        sticks = np.abs(trial) < 1.0
-        drive = sticks[:, :, None] * drive
-        own = np.where(sticks[:, :, None], own, np.eye(self.groups))
-        by_base = (drive * field.released_d_tension[:, None, :]) @ field.d_base[:, :, None]
-        by_angle = (drive * field.released_d_tension[:, None, :]) @ field.d_angle
-        by_length = drive * field.released_d_length[:, None, :]
-        if field.depends_on_length:
-            by_length = by_length + (drive * field.released_d_tension[:, None, :]) @ field.d_length
-        right = np.concatenate((by_length, by_angle, by_base), axis=2)
-        ds = by_mobilisation @ np.linalg.solve(own, right)
-        n = self.shape[1]
-        derivatives = TensionDerivatives(
-            field.d_length + ds[:, :, :n] if field.depends_on_length else ds[:, :, :n],
-            field.d_angle + ds[:, :, n : 2 * n - 1],
-            field.d_base + ds[:, :, -1],
-            by_mobilisation,
+        return self._following(field, trial, delta)
+
+    def _own_change(self, field: TensionField, presliding: float) -> Array:
+        """``1 - d trial / ds``: of the trial mobilisations by the mobilisations, shape (m, g, g)."""
+        drive = self.slip_operator / presliding
+        return np.eye(self.groups) - (drive * field.released_d_tension[:, None, :]) @ field.by_mobilisation
+
+    def _following(self, field: TensionField, trial: Array, presliding: float) -> TensionField:
+        """A field whose derivatives, formed when first used, include the change of the mobilisations.
+
+        Parameters
+        ----------
+        field
+            With the mobilisations fixed.
+        trial
+            Trial mobilisations, of which those within [-1, 1] change, shape (m, g).
+        presliding
+            [m].
+        """
+
+        def derive() -> TensionDerivatives:
+            sticks = np.abs(trial) < 1.0
+            drive = sticks[:, :, None] * (self.slip_operator / presliding)
+            by_length = drive * field.released_d_length[:, None, :]
+            if not self.elastic:
+                d_length = field.by_mobilisation @ by_length
+                if field.depends_on_length:
+                    d_length = d_length + field.d_length
+                return TensionDerivatives(d_length, field.d_angle, field.d_base, field.by_mobilisation)
+            own = np.where(sticks[:, :, None], self._own_change(field, presliding), np.eye(self.groups))
+            by_tension = drive * field.released_d_tension[:, None, :]
+            by_base = by_tension @ field.d_base[:, :, None]
+            by_angle = by_tension @ field.d_angle
+            if field.depends_on_length:
+                by_length = by_length + by_tension @ field.d_length
+            right = np.concatenate((by_length, by_angle, by_base), axis=2)
+            ds = field.by_mobilisation @ np.linalg.solve(own, right)
+            n = self.shape[1]
+            return TensionDerivatives(
+                field.d_length + ds[:, :, :n] if field.depends_on_length else ds[:, :, :n],
+                field.d_angle + ds[:, :, n : 2 * n - 1],
+                field.d_base + ds[:, :, -1],
+                field.by_mobilisation,
+            )
+
+        return TensionField(
+            field.tension,
+            field.released_length,
+            field.slip,
+            field.mobilisation,
+            field.released_d_length,
+            field.released_d_tension,
+            field.slip_rate,
+            field.time,
+            True,
+            derive,
         )
-        return replace(field, depends_on_length=True, derive=lambda: derivatives, at_holes=None)
 
     def commit(self, field: TensionField) -> FrictionState:
         """History after a converged (sub)step."""

@@ -142,7 +142,7 @@ class HistoryNodes:
         if not self._present:
             return self._unloaded
         raw = self._coordinates(_CURRENT)
-        if not np.array_equal(raw, self._raw):
+        if not (raw == self._raw).all():
             self._raw, self._decoded = raw.copy(), self._decode(raw.copy())
         return self._decoded
 
