@@ -28,7 +28,7 @@ from tdcr_fe.model.loading import Load, LoadStep, resolve
 Array = NDArray[np.float64]
 
 #: Rivals, tip forces, candidates, and candidates that are looked at with the uncertainty of the parameters, at most.
-RIVALS, FORCES, CANDIDATES, CLOSER = 3, 3, 16, 4
+RIVALS, FORCES, CANDIDATES, CLOSER = 3, 3, 10, 4
 
 
 @dataclass(frozen=True)

@@ -245,7 +245,8 @@ def _local_search(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
         found += [
             (x.cost(state.problem), base, x)
             for i, x in enumerate(scores[:2])
-            if x.cost(state.problem) < (margin if i else max(margin, 0.6 * base.cost))
+            if _names(base, x) not in state.fits
+            and x.cost(state.problem) < (margin if i else max(margin, 0.6 * base.cost))
         ]
     chosen = [(base, score) for _, base, score in sorted(found, key=lambda p: p[0])[:3]]
     if not chosen:
