@@ -17,7 +17,7 @@ from tdcr_fe.io.toml import TableReader, build_scenario
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.sweeps.case_tables import case_tables
-from tdcr_fe.sweeps.columns import numbers_of
+from tdcr_fe.sweeps.columns import ABOUT_CASE, numbers_of
 from tdcr_fe.sweeps.description import Sweep
 
 #: "converged"; "not converged": a load step failed; "invalid": no robot or scenario has these values; "error": an
@@ -97,10 +97,19 @@ def _numbers(job: Job, values: Sequence[Any]) -> tuple[Status, str, dict[str, fl
     reason = "" if result.converged else result.message
     if job.evaluate is not None and result.converged:
         try:
-            numbers |= {str(k): float(v) for k, v in job.evaluate(result).items()}
+            numbers |= _own(job, numbers, job.evaluate(result))
         except Exception as error:
             return "error", f"{type(error).__name__}: {error}", numbers, result.warnings
     return status, reason, numbers, result.warnings
+
+
+def _own(job: Job, numbers: Mapping[str, float], found: Mapping[str, float]) -> dict[str, float]:
+    """Numbers of the user's own function, under names that no other column has."""
+    taken = {*ABOUT_CASE, *numbers, *(v.name for v in job.sweep.variations)}
+    own = {str(k): float(v) for k, v in found.items()}
+    if taken & set(own):
+        raise ValueError(f"evaluate gives {min(taken & set(own))!r}, which is the name of another column")
+    return own
 
 
 def simulate_case(sweep: Sweep, values: Sequence[Any]) -> SequenceResult:

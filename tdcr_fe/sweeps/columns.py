@@ -9,6 +9,8 @@ from tdcr_fe.model.frames import AFTER_TENDONS, OF_TENDONS
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.sweeps.description import Output
 
+#: Columns of the table of cases before the variations.
+ABOUT_CASE = ("case", "status", "reason", "warnings")
 #: Columns beyond those of `steps.csv`.
 ESTIMATES = ("discretisation_error", "buckling_load_fraction")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from tdcr_fe.model.quantity import Quantity
 from tdcr_fe.model.schema import Field, Text, take_table
 from tdcr_fe.model.wording import quoted, shown
 from tdcr_fe.sweeps.check import value_problems
+from tdcr_fe.sweeps.columns import ABOUT_CASE, columns_of_steps
 from tdcr_fe.sweeps.description import MOST_CASES, Sampling, Sweep, Variation
 from tdcr_fe.sweeps.keys import IN_SCENARIO
 from tdcr_fe.sweeps.objects import as_tables
@@ -97,7 +98,9 @@ def read_sweep(
     sound = tuple(v for v in variations if v is not None)
     robots = _robots(sound, base.tables, report)
     if sampling is not None and not report.problems:
-        _check_together(sampling, sound, report)
+        tendons = base.scenario.robot.tendon_names if base.scenario is not None else ()
+        taken = (*ABOUT_CASE, *columns_of_steps(tendons))
+        _check_together(sampling, sound, taken, report)
     if report.problems or sampling is None:
         raise InputError(report.problems)
     digests = {**({str(path): sha256} if sha256 else {}), **base.tables.digests}
@@ -173,14 +176,19 @@ def _robots(
     return tuple(found.items())
 
 
-def _check_together(sampling: Sampling, variations: Sequence[Variation], report: Reporter) -> None:
-    """Contradictions between the variations."""
+def _check_together(
+    sampling: Sampling, variations: Sequence[Variation], taken: Collection[str], report: Reporter
+) -> None:
+    """Contradictions between the variations; ``taken`` are the names of the other columns."""
     if not variations:
         report("vary", "", "nothing is varied; must have a table [[vary]], or [workspace]")
         return
     names = [v.name for v in variations]
     for name in sorted({n for n in names if names.count(n) > 1}):
         report("vary", quoted(name), "is varied twice, or the name of two columns")
+    for name in names:
+        if name in taken:
+            report("vary", quoted(name), "is the name of another column of the table; give another name")
     if sampling.method not in SAMPLED:
         for i, v in enumerate(variations):
             if v.distribution is not None:

@@ -9,6 +9,7 @@ import pytest
 from sweep_files import InProcess, write_files
 
 import tdcr_fe as tdcr
+from tdcr_fe import cli
 
 distributed = pytest.importorskip("distributed")
 
@@ -47,7 +48,23 @@ def test_a_cluster_that_loses_one_of_two_workers_solves_all_cases(tmp_path):
             report=False,
             progress=progress,
         )
+        out = str(tmp_path / "command")
+        options = ["-o", out, "--dask", cluster.scheduler_address, "-q", "--no-pictures"]
+        assert cli.main(["sweep", str(path), *options]) == 0
     assert killed and killed[0] < 40
     assert result.counts == {"converged": 40}
     tdcr.sweep(path, tmp_path / "here", executor=InProcess(), report=False)
-    assert (tmp_path / "out" / "cases.csv").read_bytes() == (tmp_path / "here" / "cases.csv").read_bytes()
+    expected = (tmp_path / "here" / "cases.csv").read_bytes()
+    assert all((tmp_path / name / "cases.csv").read_bytes() == expected for name in ("out", "command"))
+
+
+def test_an_address_without_a_scheduler_is_refused(tmp_path, capsys, monkeypatch):
+    path = write_files(tmp_path, CASES)
+
+    def client(address, timeout):
+        raise OSError("timed out")
+
+    monkeypatch.setattr(distributed, "Client", client)
+    assert cli.main(["sweep", str(path), "-o", str(tmp_path / "out"), "--dask", "tcp://127.0.0.1:1"]) == 2
+    assert "no scheduler answers there" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

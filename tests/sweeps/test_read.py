@@ -95,6 +95,10 @@ HEAD = 'scenario = "scenario.toml"\n'
             'sweep.toml: vary = "tip_mass": is varied twice',
         ),
         (
+            HEAD + '[[vary]]\nname = "tip_x"\nkey = "tip_mass"\nvalues = [0.0]',
+            'sweep.toml: vary = "tip_x": is the name of another column',
+        ),
+        (
             HEAD + '[sampling]\nmethod = "list"\n[[vary]]\nkey = "tip_mass"\nvalues = [0.0, 0.1]\n'
             '[[vary]]\nkey = "backbone.density"\nvalues = [0.2]',
             'method = "list" needs as many values of each; there are 2 of tip_mass, 1 of backbone.density',
