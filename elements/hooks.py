@@ -29,12 +29,21 @@ class PointLoadItem(Protocol):
     applied: NDArray[np.float64]
 
     @property
+    def numbers(self) -> tuple[int, int]:
+        """Numbers of its two loads of Exudyn."""
+        ...
+
+    @property
     def value(self) -> NDArray[np.float64]:
         """Force [N] and moment [N m] as set, shape (6,)."""
         ...
 
     def set(self, force: NDArray[np.float64], moment: NDArray[np.float64]) -> None:
         """Set force [N] and moment [N m], each of shape (3,)."""
+        ...
+
+    def keep(self) -> None:
+        """Make the last applied value that of the initial configuration, too."""
         ...
 
 

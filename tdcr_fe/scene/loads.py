@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
+import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,8 @@ Frame = Literal["world", "section"]
 class PointLoad:
     """Exudyn's items of one concentrated load.
 
-    ``mbs.SolveTDCR`` ramps the load from its value in the last solved state, `applied`, to the value `set` since.
+    ``mbs.SolveTDCR`` ramps the load from its value in the last solved state, `applied`, to the value `set` since. The
+    former is part of the state of the system, so that copies of states, restarts and rejected steps restore it.
 
     Attributes
     ----------
@@ -30,8 +32,8 @@ class PointLoad:
     lForce, lTorque
         Load numbers.
     frame : "world" or "section"
-    applied : ndarray, shape (6,)
-        Force [N] and moment [N m] in the last solved state, in the load's frame.
+    nApplied
+        Data node of `applied`.
     node
         Number of the backbone node that it acts on.
     """
@@ -40,8 +42,8 @@ class PointLoad:
     lForce: Any
     lTorque: Any
     frame: Frame
-    applied: Array = field(default_factory=lambda: np.zeros(6))
-    node: Any = None
+    nApplied: Any
+    node: Any
 
     def set(self, force: Sequence[float] | Array, moment: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> None:
         """Set force [N] and moment [N m], each of shape (3,), in the load's frame."""
@@ -59,6 +61,33 @@ class PointLoad:
             self.system.mbs.GetLoadParameter(load, "loadVector") for load in (self.lForce, self.lTorque)
         ]
         return (np.array(vectors, dtype=float) @ self._turn).ravel()
+
+    @property
+    def numbers(self) -> tuple[int, int]:
+        """Numbers of its two loads of Exudyn."""
+        return int(self.lForce), int(self.lTorque)
+
+    @property
+    def applied(self) -> Array:
+        """Force [N] and moment [N m] in the last solved state, in the load's frame, shape (6,)."""
+        if not self.system.mbs.systemIsConsistent:
+            return np.zeros(6)
+        return self._coordinates(exu.ConfigurationType.Current).copy()
+
+    @applied.setter
+    def applied(self, value: Array) -> None:
+        self._coordinates(exu.ConfigurationType.Current)[:] = value
+
+    def keep(self) -> None:
+        """Make `applied` that of the initial configuration, too."""
+        self._coordinates(exu.ConfigurationType.Initial)[:] = self.applied
+
+    def _coordinates(self, configuration: Any) -> Array:
+        """Coordinates of the data node in the memory of Exudyn, shape (6,)."""
+        data = self.system.mbs.systemData
+        everything: Array = data.GetDataCoordinates(configuration, copy=False)
+        first = int(data.GetNodeLTGData(self.nApplied)[0])
+        return everything[first : first + 6]
 
     @property
     def _turn(self) -> Array:
@@ -94,4 +123,7 @@ def add_point_load(system: SystemReference, node: Any, robot: str, name: str, fr
     torque = eii.Torque(
         name=f"{robot}.torque.{name}", markerNumber=marker, loadVector=zero, bodyFixed=follows
     )
-    return PointLoad(system, mbs.AddLoad(force), mbs.AddLoad(torque), frame, node=node)
+    applied = eii.NodeGenericData(
+        name=f"{robot}.applied.{name}", numberOfDataCoordinates=6, initialCoordinates=[0.0] * 6
+    )
+    return PointLoad(system, mbs.AddLoad(force), mbs.AddLoad(torque), frame, mbs.AddNode(applied), node)

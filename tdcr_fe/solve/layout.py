@@ -35,6 +35,8 @@ class SceneLayout:
         Whether any load changes with the configuration of the node it acts on.
     user_loads : bool
         Whether functions of the user may change loads while a load step is solved.
+    no_others : bool
+        Whether no objects but the robots resist motion.
     robots_only : bool
         Whether nothing but robots, clamped to ground, resists motion: no other objects, no loads that turn.
     band : BandLayout or None
@@ -50,6 +52,7 @@ class SceneLayout:
     scales: ResidualScales
     loads_jacobian: bool
     user_loads: bool
+    no_others: bool
     robots_only: bool
     band: BandLayout | None
     numberings: dict[tuple[bytes, ...], Numbering] = field(default_factory=dict)
@@ -72,7 +75,8 @@ class SceneLayout:
         loads = [mbs.GetLoad(i) for i in range(data.NumberOfLoads())]
         # Forces fixed in the world have no derivative at a node; all other loads may have one.
         turning = any(_turns(load) for load in loads)
-        robots_only = not turning and not len(reduction.other) and _nothing_but_robots(mbs, robots)
+        no_others = not len(reduction.other) and _nothing_but_robots(mbs, robots)
+        robots_only = no_others and not turning
         return cls(
             clamps,
             reduction,
@@ -81,6 +85,7 @@ class SceneLayout:
             ResidualScales.of(robots, reduction),
             turning,
             any(load.get("loadVectorUserFunction") or load.get("loadUserFunction") for load in loads),
+            no_others,
             robots_only,
             BandLayout.of(robots) if robots_only else None,
         )

@@ -12,6 +12,7 @@ from tdcr_fe.model import arguments
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.builder import check_system
 from tdcr_fe.scene.handle import TDCR
+from tdcr_fe.solve.continuation import recall, remember
 from tdcr_fe.solve.load_path import LoadStepReport, Path
 from tdcr_fe.solve.parameters import Parameter
 from tdcr_fe.solve.ramp import Ramp
@@ -77,6 +78,7 @@ def SolveTDCR(
     try:
         path = _solve(system, settings or SolverSettings(), startTime, endTime, substeps, sensitivities)
         system.bring_to_rest()
+        remember(system, path)
     finally:
         system.connect()
     return asdict(LoadStepReport.of(path))
@@ -99,10 +101,21 @@ def _solve(
         or user_step is not None
         or system.hooks.user_function("PreNewtonResidual") is not None
     )
-    state = system.current_state(start_time)
+    start = recall(system, start_time)
+    state = start.state
     ramp = Ramp.of(system, state, start_time, end_time, before, user_loads)
     with one_thread():
-        path = solve_ramp(system, state, ramp, settings, substeps, divide=bool(sensitivities))
+        path = solve_ramp(
+            system,
+            state,
+            ramp,
+            settings,
+            substeps,
+            None,
+            start.end,
+            start.linearization,
+            divide=bool(sensitivities),
+        )
         for each in sensitivities:
             each.advance(system, ramp, state, path.increments, settings.presliding)
         if sensitivities:

@@ -134,6 +134,7 @@ class SceneSystem:
             robot.store(history, prescribed, own, state.configuration.unknowns.coordinates)
         for item, load in zip(self.hooks.point_loads, state.loads, strict=True):
             item.applied = load
+            item.keep()
         self.layout.space.write(state.configuration, initial=True)
         self._kernel.contact.keep()
 
