@@ -99,7 +99,7 @@ class SubstepSolver:
         if not (self.system.has_contact and result.converged):
             return result
         if self.system.contact_too_deep(result.state):
-            return replace(result, status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
+            return result._replace(status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
         if not self.system.may_jump_over_contact(start, result.state):
             return result
         return result._replace(status=NewtonStatus.CONTACT_PASSED, unmet=None)
@@ -134,7 +134,7 @@ class SubstepSolver:
                 presliding=factor * self.settings.presliding,
             )
             if result.converged and self.system.has_contact and self.system.contact_too_deep(result.state):
-                result = replace(result, status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
+                result = result._replace(status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
             if result.converged:
                 return replace(
                     one_substep(result, end),
