@@ -203,7 +203,7 @@ def plan_of(effects: Sequence[str], count: int, seed: int = 0) -> list[Recipe]:
         rng = np.random.default_rng([seed, k, 1])
         name = effects[k % len(effects)]
         drive: Drive = "displacement" if name in BY_DISPLACEMENT else "tension"
-        robots = ROBOTS[:-1] if drive == "displacement" else ROBOTS
+        robots: tuple[str, ...] = ROBOTS[:-1] if drive == "displacement" else ROBOTS
         robots = ROBOTS[-1:] if name in OF_SEGMENTS else robots[name in OF_SEVERAL :]
         recipes.append(Recipe(10000 * (seed + 1) + 5000 + k, str(rng.choice(robots)), (name,), 1e-4, drive))
     return recipes
