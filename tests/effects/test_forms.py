@@ -7,7 +7,15 @@ import pytest
 from robots import LENGTH, tendon, three
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.effects import EFFECTS, Experiment, Observation, effect, with_effect, with_effects
+from tdcr_fe.effects import (
+    EFFECTS,
+    ExcitationRange,
+    Experiment,
+    Observation,
+    effect,
+    with_effect,
+    with_effects,
+)
 from tdcr_fe.effects.by_tendon import segments
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
@@ -107,6 +115,8 @@ def test_pretension_is_that_of_the_elastic_tendons():
         "far": 1.5,
         "next": 0.0,
     }
+    assert effect("pretension").probe_points(stiff, ExcitationRange()) != []
+    assert effect("pretension").probe_points(Experiment(three(), MODEL, STEPS), ExcitationRange()) == []
     with pytest.raises(ValueError, match="no tendon is elastic"):
         with_effect(Experiment(three(), MODEL, STEPS), "pretension", tension=1.5)
 
