@@ -24,6 +24,7 @@ COMMANDS = (
     "tdcr_fe.commands.sweep:add_sweep_parser",
     "tdcr_fe.commands.view:add_view_parser",
     "tdcr_fe.commands.demo:add_demo_parser",
+    "tdcr_fe.commands.new:add_new_parser",
     "tdcr_fe.commands.identify:add_identify_parser",
     "tdcr_fe.commands.validate:add_validate_parser",
     "tdcr_fe.commands.paper:add_paper_parser",

@@ -1,0 +1,109 @@
+"""``tdcr-fe new``: the files it writes are read, solved, and name every key of the schema with its default."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+import tdcr_fe as tdcr
+from tdcr_fe import cli
+from tdcr_fe.io.keys import DISKS, ROBOT, tendon_keys
+from tdcr_fe.io.templates import _EXAMPLES
+from tdcr_fe.model.channels import CHANNELS
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.robot import Backbone
+from tdcr_fe.model.routing import ROUTINGS, ParallelRouting
+from tdcr_fe.model.schema import fields_of
+from tdcr_fe.model.settings import SolverSettings
+
+
+def begin(tmp_path, kind, *options):
+    folder = tmp_path / kind
+    assert cli.main(["new", kind, "-o", str(folder), "-q", *options]) == 0
+    return folder
+
+
+@pytest.mark.parametrize("tendons", [1, 3, 5])
+def test_a_new_robot_is_solved(tmp_path, tendons):
+    folder = begin(tmp_path, "robot", "--tendons", str(tendons))
+    assert len(tdcr.read_robot(folder / "robot.toml").tendons) == tendons
+    assert (
+        cli.main(["run", str(folder / "scenario.toml"), "-o", str(tmp_path / "out"), "-q", "--no-pictures"])
+        == 0
+    )
+
+
+def test_every_key_of_the_files_is_there(tmp_path):
+    folder = begin(tmp_path, "robot")
+    robot = (folder / "robot.toml").read_text()
+    own = [f for routing in ROUTINGS.values() for f in fields_of(routing)]
+    for name in (*ROBOT, *fields_of(Backbone), *DISKS, *tendon_keys(ParallelRouting), *own):
+        assert re.search(rf"\b{name}\b", robot), name
+    scenario = (folder / "scenario.toml").read_text()
+    for name in (*fields_of(Model), *fields_of(SolverSettings), *fields_of(LoadStep)):
+        assert re.search(rf"\b{name}\b", scenario), name
+
+
+def commented(text):
+    """Lines that are commented-out keys with a value, by their number."""
+    found = re.compile(r"# (\w+) = (?!\.\.\.)")
+    return [(k, found.match(line)[1]) for k, line in enumerate(text.splitlines()) if found.match(line)]
+
+
+def test_a_default_that_is_commented_out_is_what_applies_without_it(tmp_path):
+    """Examples of keys without a default, and keys of tables that are commented out, only have to be readable."""
+    folder = begin(tmp_path, "robot")
+    before = tdcr.read_scenario(folder / "scenario.toml")
+    tried = 0
+    for file in ("robot.toml", "scenario.toml"):
+        text = (folder / file).read_text()
+        for k, name in commented(text):
+            lines = text.splitlines()
+            if lines[k - 1].startswith("# [") or name in ("stiffness", "displacements"):
+                continue
+            lines[k] = lines[k].removeprefix("# ")
+            other = {"positions": "count", "friction": "friction_coefficient"}.get(name)
+            if other:  # exactly one of the two is allowed
+                lines.remove(next(line for line in lines if line.startswith(f"{other} =")))
+            (folder / file).write_text("\n".join(lines) + "\n")
+            after = tdcr.read_scenario(folder / "scenario.toml")
+            same = (after.robot, after.model, after.steps, after.settings) == (
+                *(before.robot, before.model, before.steps, before.settings),
+            )
+            assert same == (name not in _EXAMPLES), name
+            (folder / file).write_text(text)
+            tried += 1
+    assert tried > 20
+
+
+def test_a_new_experiment_is_read_without_a_faulty_row(tmp_path):
+    folder = begin(tmp_path, "experiment", "--tendons", "2")
+    data = tdcr.read_measured(folder)
+    assert not data.left_out and len(data.steps) == 8 and len(data.readings) == 8 * (6 + 2)
+    assert data.branches[:4] == ("t1 pull", "t1 pull", "t1 release", "t1 release")
+    result = tdcr.simulate(data.robot, data.model, data.steps, data.settings)
+    tip = [r for r in data.readings if r.step == 2 and r.quantity == "position_x" and r.location == 0.2]
+    assert tip[0].value == pytest.approx(result.tips[1, 0], abs=1e-5)
+    notes = (folder / "NOTES.md").read_text()
+    assert all(f"`{c.quantity}` [{c.unit}]" in notes for c in CHANNELS)
+
+
+def test_a_new_sweep_is_read(tmp_path):
+    described = tdcr.read_sweep(begin(tmp_path, "sweep") / "sweep.toml")
+    assert described.design().count == 100
+
+
+def test_nothing_is_overwritten(tmp_path, capsys):
+    folder = begin(tmp_path, "robot")
+    (folder / "robot.toml").write_text("mine")
+    assert cli.main(["new", "sweep", "-o", str(folder)]) == 2
+    assert "robot.toml: is there already" in capsys.readouterr().err
+    assert (folder / "robot.toml").read_text() == "mine" and not (folder / "sweep.toml").exists()
+
+
+@pytest.mark.parametrize("text", ["0", "25", "two", "-1"])
+def test_a_number_of_tendons_that_cannot_be_is_refused(tmp_path, text, capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["new", "robot", "-o", str(tmp_path / "x"), f"--tendons={text}"])
+    assert "from 1 to 24" in capsys.readouterr().err
