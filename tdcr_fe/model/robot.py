@@ -86,7 +86,7 @@ class NonlinearMaterial:
 
 @dataclass(frozen=True)
 class StiffnessPatch:
-    """A stretch of the backbone with other bending and torsional stiffness, or bent when unloaded.
+    """A stretch of the backbone with other stiffness, of another material, or bent when unloaded.
 
     Attributes
     ----------
@@ -96,6 +96,8 @@ class StiffnessPatch:
         Factors on the stiffness there [1].
     precurvature : (float, float)
         Turning rate of the section about its x and y axes there, in addition to the backbone's [1/m].
+    modulus, density : float
+        Factors on all stiffnesses, those above included, and on the density there: another material [1].
     """
 
     start: Annotated[float, Quantity("arc length where it begins", unit="m", ge=0.0)]
@@ -106,6 +108,8 @@ class StiffnessPatch:
         tuple[float, float],
         Quantity("turning rate about x and y when unloaded, added to the backbone's", unit="1/m"),
     ] = (0.0, 0.0)
+    modulus: Annotated[float, Quantity("factor on all stiffnesses: another material", gt=0.0)] = 1.0
+    density: Annotated[float, Quantity("factor on the density: another material", ge=0.0)] = 1.0
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -249,9 +253,18 @@ class Backbone:
         bending, torsion = np.ones_like(s), np.ones_like(s)
         for patch in self.patches:
             inside = (s >= patch.start) & (s < patch.end)
-            bending = np.where(inside, bending * patch.bending, bending)
-            torsion = np.where(inside, torsion * patch.torsion, torsion)
+            bending = np.where(inside, bending * patch.bending * patch.modulus, bending)
+            torsion = np.where(inside, torsion * patch.torsion * patch.modulus, torsion)
         return bending, torsion
+
+    def material_factors(self, s: Array) -> tuple[Array, Array]:
+        """Factors of axial and shear stiffness, and of the mass, at arc lengths ``s`` [m], each like ``s``."""
+        modulus, density = np.ones_like(s), np.ones_like(s)
+        for patch in self.patches:
+            inside = (s >= patch.start) & (s < patch.end)
+            modulus = np.where(inside, modulus * patch.modulus, modulus)
+            density = np.where(inside, density * patch.density, density)
+        return modulus, density
 
     def radius_at(self, s: Array) -> Array:
         """Radius at arc lengths ``s`` [m], shape ``s.shape``."""

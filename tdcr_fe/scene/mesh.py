@@ -94,8 +94,10 @@ def build_mesh(
     if b.taper:
         thick, one = b.taper_factors(arc)
         bending, torsion = bending * thick, torsion * thick
+    modulus, density = b.material_factors(middle)
+    along = one * modulus
     stiffness = np.stack(
-        (b.EA * one, b.GA * one, b.GA * one, b.GJ * torsion, b.EI * bending, b.EI * bending), axis=1
+        (b.EA * along, b.GA * along, b.GA * along, b.GJ * torsion, b.EI * bending, b.EI * bending), axis=1
     )
     stiffness[rigid] *= INSERT_FACTORS
     if robot.base_stiffness is not None:
@@ -103,10 +105,10 @@ def build_mesh(
         stiffness[0, 4:], rigid[0] = robot.base_stiffness * arc[1], True
     add_residual_flexibility(stiffness, np.diff(arc))
     # Rotary inertia grows with the fourth power of the radius, the square of the area.
-    rotary = b.density * b.second_moment * (one**2)[:, None] * np.array([2.0, 1.0, 1.0])
+    rotary = b.density * b.second_moment * (one**2 * density)[:, None] * np.array([2.0, 1.0, 1.0])
     unloaded = np.column_stack((b.unloaded_curvature(middle), np.zeros_like(middle)))
     precurvature = unloaded @ BEAM_TO_SECTION
-    return BackboneMesh(arc, stiffness, b.mass_per_length * one, rotary, precurvature), rigid
+    return BackboneMesh(arc, stiffness, b.mass_per_length * one * density, rotary, precurvature), rigid
 
 
 def softened_stiffness(mesh: BackboneMesh, rigid: NDArray[np.bool_], factor: float) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from tdcr_fe import CreateTDCR, SolveTDCR
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.plausibility import robot_warnings, strain_warnings
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.robot import Backbone, Disks, Robot, StiffnessPatch, Tendon
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.reference import solve_reference
@@ -175,3 +175,26 @@ def test_effects_of_holes_and_disks_are_not_tried(name):
     assert effect(name).forms(experiment) == ()
     with pytest.raises(ValueError, match="has no disks"):
         effect(name).check({}, experiment)
+
+
+TWO_MATERIALS = replace(CONE, patches=(StiffnessPatch(0.2, L, modulus=0.4, density=2.0),))
+
+
+def test_a_section_of_another_material_stretches_by_its_own_modulus_and_weight():
+    result = simulate(Robot(TWO_MATERIALS), Model(gravity=(0.0, 0.0, 9.81), elements_per_bay=4), [LoadStep()])
+    s = np.linspace(0.0, L, 60001)
+    soft = s > 0.2
+    area = np.pi * CONE.radius_at(s) ** 2
+    density = CONE.density * np.where(soft, 2.0, 1.0)
+    line = area * density
+    mass = np.concatenate(([0.0], np.cumsum(0.5 * (line[1:] + line[:-1]) * np.diff(s))))
+    strain = 9.81 * (mass[-1] - mass) / (CONE.youngs_modulus * np.where(soft, 0.4, 1.0) * area)
+    expected = float(np.sum(0.5 * (strain[1:] + strain[:-1]) * np.diff(s)))
+    assert result.tips[0][2] - L == pytest.approx(expected, rel=3e-4)
+
+
+def test_sections_of_another_material_agree_with_the_reference():
+    robot, model = replace(TENTACLE, backbone=TWO_MATERIALS), replace(FOLLOWS, gravity=(0.0, 0.0, 9.81))
+    exact, found = solve_reference(robot, model, STEPS), simulate(robot, model, STEPS)
+    assert exact.converged and found.converged, (exact.message, found.message)
+    np.testing.assert_allclose(found.tips, exact.tips, atol=1e-4 * L)

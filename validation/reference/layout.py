@@ -110,4 +110,5 @@ def lay_out(robot: Robot, load_points: Iterable[float], max_interval: float) -> 
         # A very short interval of this rotational stiffness.
         section.stiffness[0, :2] = robot.base_stiffness * hinge
     area = np.pi * backbone.radius_at(middles) ** 2
-    return Layout(s, nodes, section, mass, backbone.density * area)
+    density = backbone.density * backbone.material_factors(middles)[1]
+    return Layout(s, nodes, section, mass, density * area)

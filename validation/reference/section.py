@@ -162,6 +162,7 @@ class Section:
         if backbone.taper:
             ratio = backbone.radius_at(middles) / backbone.radius
             bending, torsion, one = bending * ratio**4, torsion * ratio**4, ratio**2
+        one = one * backbone.material_factors(middles)[0]
         stiffness = np.stack(
             (
                 backbone.EI * bending,
