@@ -75,6 +75,8 @@ def recommended_settings(mesh: BackboneMesh, end_time: float, step_size: float) 
     integration.newton.adaptInitialResidual = False
     # A Jacobian left over from another step size, or from an iteration that diverged, costs more than a new one.
     integration.newton.modifiedNewtonJacUpdatePerStep = True
+    # After a sudden change the step grows again as soon as three in a row have converged.
+    integration.adaptiveStepRecoverySteps, integration.adaptiveStepRecoveryIterations = 3, 12
     stiffest = float(np.max(mesh.stiffness[:, 0] / mesh.lengths))
     integration.newton.absoluteTolerance = max(1e-8, ROUND_OFF * float(mesh.arc_lengths[-1]) * stiffest)
     return settings

@@ -27,7 +27,7 @@ from tdcr_fe.elements.history import RobotHistory
 from tdcr_fe.elements.material_damping import MaterialDamping
 from tdcr_fe.elements.node_coordinates import NodeCoordinates
 from tdcr_fe.elements.poses import log_so3
-from tdcr_fe.elements.section import SuperelasticSection
+from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection
 from tdcr_fe.elements.system import SystemReference
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Robot
@@ -36,6 +36,8 @@ from tdcr_fe.scene.loads import PointLoad
 Array = NDArray[np.float64]
 _CURRENT, _START = exu.ConfigurationType.Current, exu.ConfigurationType.StartOfStep
 
+#: Points and weights of a rule on [-1, 1] that is exact up to degree 7.
+_GAUSS = np.polynomial.legendre.leggauss(4)
 #: Columns of the sensor, all in J.
 ENERGY_COLUMNS = (
     "kinetic",
@@ -198,6 +200,8 @@ class EnergyBalance:
         found = 0.5 * float(np.sum(mesh.twist_stiffness * (twists - mesh.reference_twists) ** 2))
         if section is not None and section.superelastic is not None:
             found += superelastic_energy(section.superelastic, twists, mesh.lengths)
+        if section is not None and section.nonlinear is not None:
+            found += fibre_energy(section.nonlinear, twists - mesh.reference_twists, twists, mesh.lengths)
         return found
 
     # ------------------------------------------------------------------ sums
@@ -329,6 +333,25 @@ def superelastic_energy(law: SuperelasticSection, twists: Array, lengths: Array)
     at_zero = float(np.logaddexp(0.0, -kc / w))
     area = w * (_softplus_integral((k - kc) / w) - _softplus_integral(np.array(-kc / w))) - at_zero * k
     return -float(np.sum((1.0 - law.ratio) * w * law.bending_stiffness * lengths * area))
+
+
+def fibre_energy(law: NonlinearSection, away: Array, twists: Array, lengths: Array) -> float:
+    """Energy of nonlinear fibres beyond that of linear elasticity [J].
+
+    The integral of their forces on the straight way from the unloaded twists, exact because these are cubic on it.
+
+    Parameters
+    ----------
+    law
+        The fibres.
+    away, twists
+        Twists of the elements less those of the unloaded state, and the twists, shape (E, 6).
+    lengths
+        Of the elements [m], shape (E,).
+    """
+    shares = 0.5 * (_GAUSS[0] + 1.0)
+    forces = law.gradient(twists - (1.0 - shares)[:, None, None] * away, lengths)
+    return 0.5 * float(np.einsum("s,sei,ei->", _GAUSS[1], forces, away))
 
 
 def _softplus_integral(x: Array) -> Array:

@@ -12,10 +12,10 @@ from native_solvers import damped, static_settings
 from robots import BACKBONE, DISKS, LENGTH, Robot, scene, tendon, three
 from scipy.integrate import quad
 
-from tdcr_fe.elements.section import SuperelasticSection
+from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection
 from tdcr_fe.model.robot import Disks
 from tdcr_fe.native import register
-from tdcr_fe.scene.energy import ENERGY_COLUMNS, superelastic_energy
+from tdcr_fe.scene.energy import ENERGY_COLUMNS, fibre_energy, superelastic_energy
 from tdcr_fe.solve.statics import SolveTDCR
 
 register()
@@ -98,6 +98,29 @@ def test_energy_of_a_superelastic_section_is_the_integral_of_its_moment():
 
         expected += quad(slope, 0.0, 1.0, limit=200, epsabs=1e-15)[0]
     assert superelastic_energy(law, twists, lengths) == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_force_of_nonlinear_fibres_is_the_derivative_of_their_energy():
+    """By central differences, about random twists of a precurved section."""
+    rng = np.random.default_rng(3)
+    lengths, curved = np.array([0.02, 0.03]), np.array([[0.0, 1.0, 2.0], [0.0, 0.0, -1.0]])
+    law = NonlinearSection(
+        np.full(2, 4e4), np.full(2, 2e-3), np.full(2, 4e-4), np.full(2, -3.0), np.full(2, 20.0), curved
+    )
+    unloaded = np.zeros((2, 6))
+    unloaded[:, 0], unloaded[:, 3:] = lengths, lengths[:, None] * curved
+    twists = unloaded + rng.uniform(-1.0, 1.0, (2, 6)) * [1e-4, 1e-4, 1e-4, 0.1, 0.3, 0.3]
+
+    def energy(at):
+        return fibre_energy(law, at - unloaded, at, lengths)
+
+    found, expected = np.zeros((2, 6)), law.gradient(twists, lengths)
+    for e, k in np.ndindex(2, 6):
+        step = np.zeros((2, 6))
+        step[e, k] = 1e-7
+        found[e, k] = (energy(twists + step) - energy(twists - step)) / 2e-7
+    assert found == pytest.approx(expected, rel=1e-4, abs=1e-5 * np.abs(expected).max())
+    assert np.abs(expected).max() > 1e-6
 
 
 # ---------------------------------------------------------------- balance
