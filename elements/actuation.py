@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh
-from tdcr_fe.elements.condensation import add_condensed
+from tdcr_fe.elements.condensation import add_condensed, forces_by_inputs
 from tdcr_fe.elements.connectors import Clamp, Connectors, show_shifts
 from tdcr_fe.elements.elastic_tendons import ElasticTendons, stretch
 from tdcr_fe.elements.forces import ForceModel, TendonForces
@@ -300,6 +300,25 @@ class TendonActuation:
         to_twist = twists_by_coordinates(found.rotations, found.parameters)
         tangent = generalized_tangent(k, forces.nodal_wrenches()[:, 3:], to_twist)
         return _triplets(-by_position * tangent)
+
+    def forces_by_inputs(self, stuck: bool) -> Array:
+        """Change of the generalised forces on the coordinates of the nodes with the inputs, shape (7 N, m).
+
+        In the scene's current configuration, at the tensions and mobilisations of the history: by tension [N] or by
+        displacement [m], as every tendon is driven.
+
+        Parameters
+        ----------
+        stuck
+            Whether every hole with friction sticks; else every one slides on.
+        """
+        coordinates = self._node_coordinates.displacements()
+        positions, rotations, parameters = self._node_coordinates.poses(coordinates)
+        forces = self._elastic().at_rest(self.model.measure(positions, rotations))
+        columns = forces_by_inputs(forces, self.by_displacement, stuck, 6 * len(self.nodes))
+        return np.stack(
+            [generalized_forces(each.reshape(-1, 6), rotations, parameters) for each in columns.T], axis=1
+        )
 
     def _elastic(self) -> ElasticTendons:
         """The tendons as Exudyn's own solvers take them, with the history of the scene."""

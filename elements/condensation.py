@@ -2,12 +2,90 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
 
 Array = NDArray[np.float64]
+
+
+class Condensed(NamedTuple):
+    """Linear equations of the tensions at the base and the mobilisations, beside those of the nodes.
+
+    Attributes
+    ----------
+    driven : ndarray of int, shape (d,)
+        Tendons that are driven by displacement and taut.
+    matrix : ndarray, shape (d + h, d + h)
+        By tensions at the base and mobilisations.
+    by_nodes : ndarray, shape (d + h, 6 N)
+    by_base : ndarray, shape (d + h, m)
+        By the tensions at the base of the other tendons, which are given.
+    columns : ndarray, shape (6 N, d + h)
+        Change of the forces on the nodes with tensions at the base and mobilisations.
+    """
+
+    driven: NDArray[np.int_]
+    matrix: Array
+    by_nodes: Array
+    by_base: Array
+    columns: Array
+
+    @classmethod
+    def of(cls, forces: TendonForces, driven: NDArray[np.bool_], stuck: bool, size: int) -> Condensed:
+        """See `add_condensed`; ``size`` is 6 N."""
+        law = forces.model.law
+        which = np.flatnonzero(driven)
+        holes = int(np.count_nonzero(law.frictional)) if stuck and law.has_friction else 0
+        count = len(which) + holes
+        matrix, by_nodes = np.zeros((count, count)), np.zeros((count, size))
+        columns, by_base = np.zeros((size, count)), np.zeros((count, len(driven)))
+        first = slice(0, len(which))
+        if len(which):
+            matrix[first, first] = np.diag(forces.base_slip_by_base()[which])
+            by_nodes[first] = forces.base_slip_rows()[which]
+            columns[:, first] = forces.base_tension_columns()[:, which]
+        if holes:
+            rest = slice(len(which), count)
+            slip_by_nodes, slip_by_base, slip_by_mobilisation = forces.slip_rows()
+            matrix[first, rest] = forces.base_slip_by_mobilisation()[which]
+            matrix[rest, first] = slip_by_base[:, which]
+            matrix[rest, rest] = slip_by_mobilisation - law.presliding * np.eye(holes)
+            by_nodes[rest] = slip_by_nodes
+            by_base[rest] = slip_by_base
+            columns[:, rest] = forces.mobilisation_columns()
+        return cls(which, matrix, by_nodes, by_base, columns)
+
+
+def forces_by_inputs(
+    forces: TendonForces, by_displacement: NDArray[np.bool_], stuck: bool, size: int
+) -> Array:
+    """Change of the forces on the nodes with the inputs of the tendons, shape (6 N, m).
+
+    Parameters
+    ----------
+    forces
+        As in `add_condensed`.
+    by_displacement
+        Which tendons are driven by displacement, shape (m,); the others by tension. A slack one does not act.
+    stuck
+        As in `add_condensed`.
+    size
+        6 N.
+    """
+    taut = by_displacement & (forces.base_tension > 0.0)
+    condensed = Condensed.of(forces, taut, stuck, size)
+    given = -condensed.by_base
+    found: Array = np.zeros((size, len(taut)))
+    found[:, ~by_displacement] = forces.base_tension_columns()[:, ~by_displacement]
+    given[:, by_displacement] = 0.0
+    given[np.arange(len(condensed.driven)), condensed.driven] = 1.0
+    if len(given):
+        found += condensed.columns @ np.linalg.solve(condensed.matrix, given)
+    return found
 
 
 def add_condensed(k: Array, forces: TendonForces, driven: NDArray[np.bool_], stuck: bool) -> None:
@@ -29,24 +107,6 @@ def add_condensed(k: Array, forces: TendonForces, driven: NDArray[np.bool_], stu
         Whether every frictional hole sticks; where not, every one slides on in its direction, or is at rest without
         resistance.
     """
-    law = forces.model.law
-    which = np.flatnonzero(driven)
-    holes = int(np.count_nonzero(law.frictional)) if stuck and law.has_friction else 0
-    count = len(which) + holes
-    if count == 0:
-        return
-    matrix, by_nodes = np.zeros((count, count)), np.zeros((count, len(k)))
-    columns = np.zeros((len(k), count))
-    first = slice(0, len(which))
-    matrix[first, first] = np.diag(forces.base_slip_by_base()[which])
-    by_nodes[first] = forces.base_slip_rows()[which]
-    columns[:, first] = forces.base_tension_columns()[:, which]
-    if holes:
-        rest = slice(len(which), count)
-        slip_by_nodes, slip_by_base, slip_by_mobilisation = forces.slip_rows()
-        matrix[first, rest] = forces.base_slip_by_mobilisation()[which]
-        matrix[rest, first] = slip_by_base[:, which]
-        matrix[rest, rest] = slip_by_mobilisation - law.presliding * np.eye(holes)
-        by_nodes[rest] = slip_by_nodes
-        columns[:, rest] = forces.mobilisation_columns()
-    k -= columns @ np.linalg.solve(matrix, by_nodes)
+    condensed = Condensed.of(forces, driven, stuck, len(k))
+    if len(condensed.matrix):
+        k -= condensed.columns @ np.linalg.solve(condensed.matrix, condensed.by_nodes)

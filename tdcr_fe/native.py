@@ -1,4 +1,4 @@
-"""`CreateTDCR`, `SolveTDCR` and `TDCREigenvalues` as methods of ``exudyn.MainSystem``, beside the library's own."""
+"""`CreateTDCR`, `SolveTDCR` and others as methods of ``exudyn.MainSystem``, beside the library's own."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from typing import Any
 import exudyn as exu
 
 from tdcr_fe.scene.builder import CreateTDCR
+from tdcr_fe.scene.linearized import TDCRLinearized
 from tdcr_fe.scene.modes import TDCREigenvalues
 from tdcr_fe.solve.statics import SolveTDCR
 
 
 def register() -> None:
-    """Make ``mbs.CreateTDCR``, ``mbs.SolveTDCR`` and ``mbs.TDCREigenvalues`` methods of every Exudyn system.
+    """Make `CreateTDCR`, `SolveTDCR`, `TDCREigenvalues` and `TDCRLinearized` methods of every Exudyn system.
 
     Call it once, at any time; a second call changes nothing. The plain functions, which take ``mbs`` first, work
     without it.
@@ -21,6 +22,7 @@ def register() -> None:
     _bind("CreateTDCR", CreateTDCR)
     _bind("SolveTDCR", SolveTDCR)
     _bind("TDCREigenvalues", TDCREigenvalues)
+    _bind("TDCRLinearized", TDCRLinearized)
 
 
 def _bind(method: str, function: Callable[..., Any]) -> None:

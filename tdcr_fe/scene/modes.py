@@ -36,6 +36,28 @@ class Modes:
     growth: Array
     shapes: Array
 
+    def show(self, mbs: exu.MainSystem, number: int, amplitude: float) -> None:
+        """Put a scene into its present state plus a mode, to draw it; `hide` takes the mode away again.
+
+        Parameters
+        ----------
+        mbs
+            The scene, in the state of which these are the modes.
+        number
+            Of the mode, from 0.
+        amplitude
+            Of the coordinate that moves most [m], or [1] for an Euler parameter.
+        """
+        self._add(mbs, amplitude * self.shapes[:, number])
+
+    def hide(self, mbs: exu.MainSystem, number: int, amplitude: float) -> None:
+        """Take a mode away again; arguments as in `show`."""
+        self._add(mbs, -amplitude * self.shapes[:, number])
+
+    def _add(self, mbs: exu.MainSystem, change: Array) -> None:
+        data = mbs.systemData
+        data.SetODE2Coordinates(np.array(data.GetODE2Coordinates()) + change)
+
 
 def TDCREigenvalues(mbs: exu.MainSystem, *, holes: Holes = "stuck", numberOfEigenvalues: int = 10) -> Modes:
     """Eigenfrequencies and modes of small undamped vibrations about the present state of a scene.
@@ -64,17 +86,9 @@ def TDCREigenvalues(mbs: exu.MainSystem, *, holes: Holes = "stuck", numberOfEige
     ValueError
         The system is not assembled or has no robot, or an argument is another.
     """
-    hint = "SC = exudyn.SystemContainer(); mbs = SC.AddSystem() makes one."
-    arguments.check_instance("TDCREigenvalues", "mbs", mbs, exu.MainSystem, "an exudyn.MainSystem", hint)
     arguments.check_count("TDCREigenvalues", "numberOfEigenvalues", numberOfEigenvalues)
-    if holes not in ("stuck", "sliding"):
-        raise ValueError(f"TDCREigenvalues: holes = {holes!r}; must be 'stuck' or 'sliding'")
-    hooks = SceneHooks.of(mbs)
-    if not hooks.actuations:
-        raise ValueError("no robot in this system; add one with CreateTDCR")
-    if not mbs.systemIsConsistent:
-        raise ValueError("the system is not assembled; call mbs.Assemble()")
-    with _linearized_about_the_present(mbs, hooks, holes), hooks.without_post_step():
+    hooks = checked_hooks("TDCREigenvalues", mbs, holes)
+    with linearized_about_the_present(mbs, hooks, holes), hooks.without_post_step():
         mass, stiffness, _, _, free = mbs.ComputeLinearizedSystem(
             projectIntoConstraintNullspace=True, returnConstraintNullspace=True
         )
@@ -91,8 +105,22 @@ def TDCREigenvalues(mbs: exu.MainSystem, *, holes: Holes = "stuck", numberOfEige
     )
 
 
+def checked_hooks(function: str, mbs: exu.MainSystem, holes: Holes) -> SceneHooks:
+    """Hooks of an assembled system with a robot; anything else is refused in the name of a function."""
+    hint = "SC = exudyn.SystemContainer(); mbs = SC.AddSystem() makes one."
+    arguments.check_instance(function, "mbs", mbs, exu.MainSystem, "an exudyn.MainSystem", hint)
+    if holes not in ("stuck", "sliding"):
+        raise ValueError(f"{function}: holes = {holes!r}; must be 'stuck' or 'sliding'")
+    hooks = SceneHooks.of(mbs)
+    if not hooks.actuations:
+        raise ValueError("no robot in this system; add one with CreateTDCR")
+    if not mbs.systemIsConsistent:
+        raise ValueError("the system is not assembled; call mbs.Assemble()")
+    return hooks
+
+
 @contextmanager
-def _linearized_about_the_present(mbs: exu.MainSystem, hooks: SceneHooks, holes: Holes) -> Iterator[None]:
+def linearized_about_the_present(mbs: exu.MainSystem, hooks: SceneHooks, holes: Holes) -> Iterator[None]:
     """The present state as the initial one, with a tangent of the robots that assumes something of their holes."""
     data, initial = mbs.systemData, exu.ConfigurationType.Initial
     present, before = data.GetSystemState(), data.GetSystemState(initial)
