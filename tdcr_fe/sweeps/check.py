@@ -17,6 +17,8 @@ from tdcr_fe.sweeps.sampling import Column, Design
 
 #: Most values of one variation that are checked; of more, as many at equal distances.
 MOST_CHECKED = 200
+#: Most cases that are tried with a value that is wrong alone.
+MOST_TRIED = 30
 #: Most values of one variation that are reported.
 MOST_REPORTED = 10
 
@@ -24,16 +26,17 @@ MOST_REPORTED = 10
 def value_problems(sweep: Sweep, further_tables: Mapping[str, TableReader]) -> list[Problem]:
     """Values that the files do not allow.
 
-    A value is refused where it is wrong alone, all others as declared, and in the first case that has it as well. Other
-    contradictions, which only some combinations have, become the status of their cases.
+    A value is refused where it is wrong alone, all others as declared, and in every case tried that has it as well.
+    Other contradictions, which only some combinations have, become the status of their cases.
     """
     design = sweep.design()
     found: list[Problem] = []
     for i, (variation, column) in enumerate(zip(sweep.variations, design.columns, strict=True)):
         mine: list[Problem] = []
-        for case, value in _checked(column):
-            problems = _alone(sweep, i, variation, value, further_tables)
-            if problems and not _case_is_sound(sweep, design, case, further_tables):
+        for case in _checked(column):
+            problems = _alone(sweep, i, variation, column[case], further_tables)
+            cases = _cases_with(column, case) if problems else ()
+            if problems and not any(_case_is_sound(sweep, design, k, further_tables) for k in cases):
                 mine += [p for p in problems if p not in mine]
         if len(mine) > MOST_REPORTED:
             last = mine[MOST_REPORTED - 1]
@@ -43,17 +46,22 @@ def value_problems(sweep: Sweep, further_tables: Mapping[str, TableReader]) -> l
     return found
 
 
-def _checked(column: Column) -> Iterable[tuple[int, Any]]:
-    """Cases, from 0, and values of a column that are checked: the options, or the smallest and the largest number."""
+def _checked(column: Column) -> Iterable[int]:
+    """First cases, from 0, with the values that are checked: the options, or the smallest and the largest number."""
     if not column.options:
-        return [
-            (k, column[k])
-            for k in dict.fromkeys((int(column.numbers.argmin()), int(column.numbers.argmax())))
-        ]
+        return dict.fromkeys((int(column.numbers.argmin()), int(column.numbers.argmax())))
     numbers, first = np.unique(column.numbers, return_index=True)
     if len(numbers) > MOST_CHECKED:
         first = first[np.linspace(0, len(numbers) - 1, MOST_CHECKED).astype(int)]
-    return [(int(k), column[int(k)]) for k in first]
+    return [int(k) for k in first]
+
+
+def _cases_with(column: Column, case: int) -> Iterable[int]:
+    """Cases with the same value, from 0: all of them, or some drawn at random."""
+    same = np.flatnonzero(column.numbers == column.numbers[case])
+    if len(same) > MOST_TRIED:
+        same = np.random.default_rng(0).choice(same, MOST_TRIED, replace=False)
+    return [int(k) for k in same]
 
 
 def _alone(

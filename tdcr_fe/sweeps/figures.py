@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -184,10 +185,13 @@ def _wrapped(key: str) -> str:
 def _main_effect(ax: Axes, result: SweepResult, given: str, values: Array) -> None:
     column = result.cases[given]
     numeric = column.dtype.kind in "fi"
-    found = column.to_numpy(dtype=float) if numeric else column.to_numpy()
-    levels, at = np.unique(found, return_inverse=True)
-    if numeric and len(levels) > MOST_LEVELS:
-        at, levels = bins(found)
+    if numeric:
+        found = column.to_numpy(dtype=float)
+        levels, at = np.unique(found, return_inverse=True)
+        if len(levels) > MOST_LEVELS:
+            at, levels = bins(found)
+    else:
+        at, levels = pd.factorize(column.to_numpy())  # in the order of the file
     mean, error = main_effect(at, values, len(levels))
     place = levels if numeric else np.arange(len(levels))
     several = np.bincount(at).max() > 1

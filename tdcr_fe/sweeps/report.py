@@ -12,12 +12,13 @@ from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.summary import versions
 from tdcr_fe.model.wording import shown as value_text
 from tdcr_fe.report import page as kit
-from tdcr_fe.report.environment import fixed, significant
+from tdcr_fe.report.environment import fixed, quantity, significant
 from tdcr_fe.report.page import Card, Level, Page, Picture, Section
 from tdcr_fe.report.style import svg
 from tdcr_fe.sweeps.description import Variation
 from tdcr_fe.sweeps.figures import MOST_INPUTS, MOST_OUTPUTS, drawn, save, tip_columns
 from tdcr_fe.sweeps.result import SweepResult
+from tdcr_fe.sweeps.sampling import SAMPLED
 from tdcr_fe.sweeps.shown import shown, shown_outputs
 
 #: By picture: title of its section, caption.
@@ -87,21 +88,27 @@ def sentences(result: SweepResult) -> list[str]:
         found += _leading_input(result)
     names = shown_outputs(result)
     if names and not result.sweep.workspace:
-        how_shown = shown(names[0])
-        s = result.statistics()[names[0]]
-        unit = f" {how_shown.unit}" if how_shown.unit else ""
-        mean, std, low, high = (how_shown.factor * x for x in (s.mean, s.std, s.quantiles[0], s.quantiles[2]))
-        found.append(
-            f"{how_shown.label[0].upper()}{how_shown.label[1:]}: mean {significant(mean, 4)}{unit}, standard deviation "
-            f"{significant(std)}{unit}; 95 % of the cases lie from {significant(low, 4)} to "
-            f"{significant(high, 4)}{unit}."
-        )
+        found.append(_scatter(result, names[0]))
     if result.interrupted:
         found.append("The same command continues with the cases that were not run.")
     if result.warnings:
         noted = int((result.cases["warnings"] > 0).sum())
         found.append(f"{noted} of the cases carry warnings; they are listed below.")
     return found
+
+
+def _scatter(result: SweepResult, name: str) -> str:
+    """How a result is distributed in a sample; else its range."""
+    how, s = shown(name), result.statistics()[name]
+    what, unit = how.label[0].upper() + how.label[1:], f" {how.unit}" if how.unit else ""
+    if result.design.method not in SAMPLED:
+        low, high = (significant(how.factor * x, 4) for x in (s.smallest, s.largest))
+        return f"{what} goes from {low} to {high}{unit}."
+    mean, low, high = (significant(how.factor * x, 4) for x in (s.mean, s.quantiles[0], s.quantiles[2]))
+    return (
+        f"{what}: mean {mean}{unit}, standard deviation {significant(how.factor * s.std)}{unit}; 95 % of the cases lie "
+        f"from {low} to {high}{unit}."
+    )
 
 
 def _reach(result: SweepResult) -> str:
@@ -139,7 +146,7 @@ def _cards(result: SweepResult) -> tuple[Card, ...]:
         Card("–" if rate is None else f"{significant(rate)} / s", "cases a second in this run"),
     ]
     mean = result.case_seconds / max(1, count - result.counts.get("not run", 0))
-    return (*cards, Card(f"{significant(1e3 * mean)} ms", "mean time of a case"))
+    return (*cards, Card(quantity(mean, "s"), "mean time of a case"))
 
 
 def _statistics(result: SweepResult) -> list[dict[str, Any]]:

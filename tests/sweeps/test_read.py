@@ -153,6 +153,11 @@ def test_a_value_that_is_wrong_only_alone_is_no_mistake(tmp_path):
     )
     result = tdcr.sweep(write_files(tmp_path, text), executor=InProcess())
     assert result.counts == {"converged": 2}
+    grid = text.replace(
+        '[sampling]\nmethod = "list"\n', ""
+    )  # the first case with 9 mm is invalid, the second is not
+    result = tdcr.sweep(write_files(tmp_path, grid), executor=InProcess())
+    assert result.cases["status"].tolist() == ["converged", "converged", "invalid", "converged"]
 
 
 def test_a_scenario_may_stand_in_the_sweep(tmp_path):
