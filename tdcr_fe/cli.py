@@ -28,6 +28,7 @@ COMMANDS = (
     "tdcr_fe.commands.identify:add_identify_parser",
     "tdcr_fe.commands.validate:add_validate_parser",
     "tdcr_fe.commands.paper:add_paper_parser",
+    "tdcr_fe.commands.completion:add_completion_parser",
 )
 
 
