@@ -42,6 +42,10 @@ FINAL_ITERATIONS = 4
 #: Data with more steps than this are long; about how many steps a search then takes, and in a branch at most.
 LONG, SEARCHED, IN_BRANCH = 200, 72, 6
 
+#: Steps that a search takes for each input, where that is more: with two branches of each, one parameter per tendon can
+#: be determined.
+PER_INPUT = 13
+
 #: Share of the chosen steps that are held out, where there are enough of them.
 HELD_OUT = 0.33
 
@@ -106,10 +110,11 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int]) -> RowChoice | None
     else:
         branches = [_simplified(table, b) for b in branches]
     groups = ([b for b in branches if b[0] in held], [b for b in branches if b[0] not in held])
-    share = round(HELD_OUT * SEARCHED)
+    total = max(SEARCHED, PER_INPUT * int(np.count_nonzero(np.ptp(table, axis=0))))
+    share = round(HELD_OUT * total)
     rows = sorted(
         k
-        for group, most in zip(groups, (share, SEARCHED - share), strict=True)
+        for group, most in zip(groups, (share, total - share), strict=True)
         for k in _spread(table, group, most)
     )
     if len(rows) == len(data.steps):

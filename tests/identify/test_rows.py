@@ -62,6 +62,22 @@ def test_the_choice_is_small_and_has_fitted_and_held_out_branches(chosen):
     assert all(names.count(n) == IN_BRANCH for n in set(names))
 
 
+def test_more_inputs_take_more_rows(chosen):
+    """Seven tendons, each pulled in branches of its own: all have branches among the rows that are fitted."""
+    data, _, _ = chosen
+    tendons = tuple(replace(ROBOT.tendons[0], name=f"t{i + 1}") for i in range(7))
+    steps = tuple(
+        LoadStep(
+            tensions={t.name: max(s.tensions.values()) * (i == k // 20 % 7) for i, t in enumerate(tendons)}
+        )
+        for k, s in enumerate(data.steps)
+    )
+    data = replace(data, robot=replace(ROBOT, tendons=tendons), steps=steps)
+    found = choose_rows(data, range(12 * 20, 24 * 20))
+    pulled = {n for k in found.steps if k < 12 * 20 for n, v in steps[k].tensions.items() if v > 0.0}
+    assert SEARCHED < len(found.steps) <= rows.PER_INPUT * 7 and pulled == {t.name for t in tendons}
+
+
 def test_the_turning_point_of_every_chosen_branch_stays(chosen):
     """Between pull and release, friction changes its sign: without that step, the history would be another."""
     data, _, found = chosen
