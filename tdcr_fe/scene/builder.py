@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal, overload
 
 import exudyn as exu
 import exudyn.itemInterface as eii
@@ -21,6 +21,7 @@ from tdcr_fe.model.checks import course_contradictions, size_contradictions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.dynamics import add_material_damping
+from tdcr_fe.scene.exudyn_names import as_dict, check_drawing, one_of, with_gravity
 from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.mesh import build_mesh
@@ -40,6 +41,7 @@ from tdcr_fe.scene.tendons import TendonItems, add_tendons
 BACKBONE_COLOR = (0.20, 0.25, 0.35, 1.0)
 
 
+@overload
 def CreateTDCR(
     mbs: exu.MainSystem,
     robot: Robot,
@@ -52,7 +54,56 @@ def CreateTDCR(
     loadPositions: Sequence[float] = (),
     presliding: float = 1e-6,
     show: bool = True,
-) -> TDCR:
+    referencePosition: Sequence[float] | None = None,
+    referenceRotationMatrix: Any = None,
+    gravity: Sequence[float] | None = None,
+    color: Sequence[float] | None = None,
+    graphicsDataList: Sequence[Any] = (),
+    returnDict: Literal[False] = False,
+) -> TDCR: ...
+
+
+@overload
+def CreateTDCR(
+    mbs: exu.MainSystem,
+    robot: Robot,
+    model: Model | None = None,
+    *,
+    name: str | None = None,
+    basePosition: Sequence[float] | None = None,
+    baseRotationMatrix: Any = None,
+    baseMarker: Any = None,
+    loadPositions: Sequence[float] = (),
+    presliding: float = 1e-6,
+    show: bool = True,
+    referencePosition: Sequence[float] | None = None,
+    referenceRotationMatrix: Any = None,
+    gravity: Sequence[float] | None = None,
+    color: Sequence[float] | None = None,
+    graphicsDataList: Sequence[Any] = (),
+    returnDict: Literal[True],
+) -> dict[str, Any]: ...
+
+
+def CreateTDCR(
+    mbs: exu.MainSystem,
+    robot: Robot,
+    model: Model | None = None,
+    *,
+    name: str | None = None,
+    basePosition: Sequence[float] | None = None,
+    baseRotationMatrix: Any = None,
+    baseMarker: Any = None,
+    loadPositions: Sequence[float] = (),
+    presliding: float = 1e-6,
+    show: bool = True,
+    referencePosition: Sequence[float] | None = None,
+    referenceRotationMatrix: Any = None,
+    gravity: Sequence[float] | None = None,
+    color: Sequence[float] | None = None,
+    graphicsDataList: Sequence[Any] = (),
+    returnDict: bool = False,
+) -> TDCR | dict[str, Any]:
     """Add a tendon-driven continuum robot to a system.
 
     Call before ``mbs.Assemble()``. The system, its assembly, the settings and the solver call remain the user's; the
@@ -80,10 +131,20 @@ def CreateTDCR(
         Slip within which the friction at a hole goes from zero to full [m].
     show
         Whether the robot is drawn: backbone, disks, tendons, and the plate of a base on ground.
+    referencePosition, referenceRotationMatrix
+        Exudyn's names of ``basePosition`` and ``baseRotationMatrix``.
+    gravity
+        As ``gravity`` of the model [m/s^2], shape (3,).
+    color
+        Of the backbone, RGBA.
+    graphicsDataList
+        Drawn with the base plate of a robot on ground, in world coordinates.
+    returnDict
+        Return the numbers of all items by name, with the handle as ``"tdcr"``, as other functions of Exudyn do.
 
     Returns
     -------
-    TDCR
+    TDCR or dict
         The handle: all items, and methods that set and read the state.
 
     Raises
@@ -92,30 +153,47 @@ def CreateTDCR(
         An argument is of another type; the message names the expected type and the function to call.
     ValueError
         The model needs too much memory, two robots have one name, an argument is no rotation, a load lies beyond
-        the tip, or the pose of ``baseMarker`` is another than the one given.
+        the tip, one thing is given under two names, or the pose of ``baseMarker`` is another than the one given.
     """
     check_system("CreateTDCR", mbs)
     arguments.check_robot("CreateTDCR", robot)
     model = Model.default_for(robot) if model is None else model
     arguments.check_model("CreateTDCR", model)
     _check_placement(name, basePosition, loadPositions, presliding)
+    model = with_gravity(model, gravity)
+    check_drawing(color, graphicsDataList, baseMarker is not None)
     check_size(robot, model)
     check_arc_lengths(loadPositions, robot.backbone.length)
-    pose = base_pose(mbs, basePosition, baseRotationMatrix, baseMarker)
+    pose = base_pose(
+        mbs,
+        one_of("basePosition", basePosition, "referencePosition", referencePosition),
+        one_of("baseRotationMatrix", baseRotationMatrix, "referenceRotationMatrix", referenceRotationMatrix),
+        baseMarker,
+    )
     name = name or robot.name
     if name in robot_names(mbs):
         raise ValueError(f"the system has a robot {name!r} already; give another name")
 
     mesh, rigid = build_mesh(robot, model, loadPositions)
     backbone = add_backbone(
-        mbs, mesh, pose.position, pose.rotation, name, robot.backbone.radius, BACKBONE_COLOR
+        mbs,
+        mesh,
+        pose.position,
+        pose.rotation,
+        name,
+        robot.backbone.radius,
+        BACKBONE_COLOR if color is None else tuple(color),
     )
     disks = add_disks(mbs, robot, mesh, backbone.nodes, name)
     bodies = [*disks, *add_tip_mass(mbs, robot, backbone.nodes[-1], name)]
     with_mass = [*backbone.beams, *bodies] if robot.backbone.density > 0.0 else bodies
     gravity = add_gravity(mbs, with_mass, model.gravity, name)
     base = section_marker(mbs, backbone.nodes[0], f"{name}.mBase")
-    carrier = add_ground(mbs, pose, robot.plate_radius, name) if baseMarker is None else baseMarker
+    carrier = (
+        add_ground(mbs, pose, robot.plate_radius, name, graphicsDataList)
+        if baseMarker is None
+        else baseMarker
+    )
     joint = add_base_joint(mbs, carrier, base, name)
     clamp = Clamp(joint, pose.position, pose.rotation @ BEAM_TO_SECTION) if baseMarker is None else None
     tendons = add_tendons(mbs, robot, mesh, backbone.beams[0], disks, name, show)
@@ -129,7 +207,7 @@ def CreateTDCR(
     )  # fmt: skip
     if not show:
         hide(mbs, handle)
-    return handle
+    return as_dict(handle) if returnDict else handle
 
 
 def hide(mbs: exu.MainSystem, handle: TDCR) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -150,7 +151,9 @@ def add_gravity(mbs: exu.MainSystem, bodies: list[Any], gravity: Vector, name: s
     return loads
 
 
-def add_ground(mbs: exu.MainSystem, pose: BasePose, disk_radius: float, name: str) -> Any:
+def add_ground(
+    mbs: exu.MainSystem, pose: BasePose, disk_radius: float, name: str, graphics: Sequence[Any] = ()
+) -> Any:
     """Add a base plate on ground and return the marker to which the robot is joined."""
     plate = base_plate(
         pose.position,
@@ -160,7 +163,9 @@ def add_ground(mbs: exu.MainSystem, pose: BasePose, disk_radius: float, name: st
         DISK_COLOR,
     )
     ground = mbs.AddObject(
-        eii.ObjectGround(name=f"{name}.ground", visualization=eii.VObjectGround(graphicsData=[plate]))
+        eii.ObjectGround(
+            name=f"{name}.ground", visualization=eii.VObjectGround(graphicsData=[plate, *graphics])
+        )
     )
     frame = exu.HT(rotation=pose.rotation, translation=pose.position)
     return mbs.AddMarker(eii.MarkerBodyRigid(name=f"{name}.mGround", bodyNumber=ground, localHT=frame))
