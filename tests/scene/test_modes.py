@@ -46,6 +46,13 @@ def test_a_tendon_driven_by_displacement_makes_the_robot_stiffer():
     assert np.all(modes.growth < 1e-3 * modes.frequencies)
 
 
+def test_a_free_robot_swings_with_its_first_frequency():
+    """Tendons driven by tension, no friction, in the plane of the pull and across it."""
+    for force, mode in (([0.0, 1e-3, 0.0], 0), ([1e-3, 0.0, 0.0], 1)):
+        modes, _, swing = swinging(three(0.0), "none", "tension", [1.0, 0.2, 0.2], force)
+        assert modes.frequencies[mode] == pytest.approx(swing, rel=5e-3)
+
+
 def test_stuck_holes_make_the_robot_stiffer():
     """A swing of a few micrometres, across the plane of the pull, so small that no hole slips.
 

@@ -100,6 +100,17 @@ def test_dynamic_solver_of_exudyn_comes_to_rest_at_the_same_tip(friction):
     assert distance(handle.tip_position, expected) < 2e-3
 
 
+def test_a_slow_pull_ends_where_statics_do():
+    """To 1 N in four seconds, held for one, with friction and near critical damping: 1e-5 of the length."""
+    _keep, mbs, handle = damped(paper(0.3))
+    handle.set_inputs_over_time(lambda t: [0.5 * (1 - np.cos(np.pi * min(t / 4.0, 1.0)))])
+    settings = handle.recommended_settings(5.0, 5e-3)
+    settings.timeIntegration.verboseMode = 0
+    settings.solution.file.write = False
+    assert mbs.SolveDynamic(settings)
+    assert distance(handle.tip_position, solve(paper(0.3), pull(1.0)).tips[-1]) < 1e-5
+
+
 def test_dynamic_solver_of_exudyn_includes_the_friction_history():
     """To 1.5 N and back to 0.75 N; after the release the tip differs from that of a pull to the same tension."""
     _keep, mbs, handle = damped(paper(0.3))
