@@ -155,7 +155,7 @@ def evaluated(
     )
     linear = yield Request(tuple(effects), values, columns, reference)
     size = np.sqrt(np.mean(linear.matrix[problem.fitted] ** 2, axis=0))
-    keep = size * scale > NOTHING
+    keep = np.isfinite(size) & (size * scale > NOTHING)
     differenced = {columns[j].key: why for j, why in linear.differenced.items()}
     return Fit(
         tuple(effects),
@@ -189,6 +189,8 @@ def descend(
     predicted
         Residual over sigma that a linear model predicted for this fit, shape (n,); None where there was none.
     """
+    if not np.isfinite(now.cost):
+        return now
     damping = 1e-3
     error = float("inf") if predicted is None else _distance(problem, now.residual, predicted)
     for _ in range(max_iterations if now.free else 0):
