@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 #: Objects whose states are functions of the present gap alone. Friction of these depends on the slip rate, and is zero
 #: at rest.
 SOLVED = ("ContactSphereSphere", "ContactSphereTriangle", "ContactCoordinate")
+#: Objects whose state counts full turns, up to which the present angle is unique.
+TURNS = ("ConnectorTorsionalSpringDamper",)
 #: Part of the gap and of the size of a contact by which its bodies may approach in one substep, so that none is jumped
 #: over.
 ROOM = 0.5
@@ -211,7 +213,7 @@ def _general_size(mbs: exu.MainSystem, number: int) -> float:
 def _check(item: dict[str, Any]) -> None:
     """Refuse an object with states that are not functions of the present gap."""
     kind, name = item["objectType"], item["name"]
-    if kind in SOLVED and not item.get("contactPlasticityRatio", 0.0):
+    if kind in TURNS or (kind in SOLVED and not item.get("contactPlasticityRatio", 0.0)):
         return
     stops_only = kind == "ConnectorCoordinateSpringDamperExt" and not (
         item["dynamicFrictionForce"] or item["staticFrictionOffsetForce"] or item["stickingStiffness"]

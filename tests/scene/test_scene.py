@@ -8,6 +8,7 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
+from exudyn.rigidBodyUtilities import InertiaCuboid
 from robots import BACKBONE, LENGTH, distance, paper, pull, scene, solve, three
 from scipy.spatial.transform import Rotation
 
@@ -418,3 +419,30 @@ def test_nothing_is_drawn_of_a_robot_that_is_not_shown():
     assert not any(mbs.GetNode(node)["Vshow"] for node in handle.nNodes)
     shown = scene(three(0.3))[1]
     assert sum(shown.GetObject(k)["Vshow"] for k in range(shown.systemData.NumberOfObjects())) > 50
+
+
+def test_a_robot_on_a_hinge_with_a_torsional_spring():
+    """The spring's angle is small under the load at the tip: its torque is force times lever.
+
+    A torsional spring counts its full turns in a state of its own, as the joints of `exudyn.robotics` do; the
+    quasi-static solver refused it for that.
+    """
+    stiffness, force = 2.0, 0.004
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    ground = mbs.CreateGround()
+    body = mbs.CreateRigidBody(inertia=InertiaCuboid(1000.0, [0.02, 0.02, 0.02]), referencePosition=[0, 0, 0])
+    mbs.CreateRevoluteJoint(itemNumbers=[ground, body], position=[0, 0, 0], axis=[0, 1, 0])
+    mbs.CreateTorsionalSpringDamper(
+        itemNumbers=[ground, body], position=[0, 0, 0], axis=[0, 1, 0], stiffness=stiffness
+    )
+    top = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body))
+    arm = CreateTDCR(mbs, paper(0.0), Model(elements_per_bay=1), baseMarker=top)
+    load = arm.add_load("tip", LENGTH)
+    mbs.Assemble()
+    load.set([force, 0.0, 0.0])
+    mbs.SolveTDCR()
+    turn = mbs.GetObjectOutputBody(body, exu.OutputVariableType.RotationMatrix).reshape(3, 3)
+    angle = np.arctan2(turn[0, 2], turn[2, 2])
+    assert stiffness * angle == pytest.approx(force * arm.tip_position[2], rel=1e-6)
+    assert angle > 4e-4
