@@ -79,9 +79,17 @@ def SolveTDCR(
         path = _solve(system, settings or SolverSettings(), startTime, endTime, substeps, sensitivities)
         system.bring_to_rest()
         remember(system, path)
+        _draw(mbs)
     finally:
         system.connect()
     return asdict(LoadStepReport.of(path))
+
+
+def _draw(mbs: exu.MainSystem) -> None:
+    """Show the solved state in the window of the renderer, if there is one."""
+    data = mbs.systemData
+    data.SetODE2Coordinates(data.GetODE2Coordinates(), exu.ConfigurationType.Visualization)
+    mbs.SendRedrawSignal()
 
 
 def _solve(

@@ -446,3 +446,14 @@ def test_a_robot_on_a_hinge_with_a_torsional_spring():
     angle = np.arctan2(turn[0, 2], turn[2, 2])
     assert stiffness * angle == pytest.approx(force * arm.tip_position[2], rel=1e-6)
     assert angle > 4e-4
+
+
+def test_a_window_of_the_renderer_shows_the_solved_state():
+    """Seen in a window: the robot stayed straight while it was bent by `SolveTDCR`."""
+    _keep, mbs, handle = scene(paper(0.0))
+    handle.set_tensions([1.0])
+    mbs.SolveTDCR()
+    data = mbs.systemData
+    shown = data.GetODE2Coordinates(exu.ConfigurationType.Visualization)
+    assert np.array_equal(shown, data.GetODE2Coordinates())
+    assert np.abs(shown).max() > 0.01
