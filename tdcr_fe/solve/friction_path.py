@@ -4,23 +4,25 @@ A mobilisation is an elastic-plastic function of the slip at its hole. A substep
 slip is monotone: changes from stick to slip cost nothing. Only a slip that reverses within the substep makes the result
 depend on how it was reached: the mobilisation then counts from the slip where it turned, not from that at the start.
 
-With the configuration eliminated, the slips are a smooth function of load factor and mobilisations. Its derivatives
-are known at both ends of a substep (a few right sides with factors that are at hand), so it is interpolated between
-them, and the friction states are followed through the interpolant from event to event. This gives every turning point.
-Tendons driven by displacement that become slack or taut are events of the same kind: their tensions join the unknowns.
-Derivation: documentation, page "Theory".
+With the configuration eliminated, the slips are a smooth function of load factor, mobilisations and tensions at the
+base, known from both ends of a substep (`tdcr_fe.solve.slip_model`). The friction states are followed through it from
+event to event, which gives every turning point. Tendons driven by displacement that become slack or taut are events of
+the same kind: their tensions are unknowns too. Derivation: documentation, page "Theory".
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgetrs
 
+from tdcr_fe.solve.slip_model import SlipState
 from tdcr_fe.solve.slip_rates import (
     Bounds,
     Motion,
+    Rates,
     distance_to_bound,
     distance_to_closing,
     distance_to_reversal,
@@ -29,11 +31,20 @@ from tdcr_fe.solve.slip_rates import (
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Index = NDArray[np.int_]
 
 #: Largest part of a substep over which slip rates are taken as linear in the load factor [1].
-LONGEST = 0.2
+LONGEST = 0.12
+#: Over shorter parts slip rates are taken as constant [1].
+STRAIGHT = 0.04
 #: Shortest part, which resolves events that follow each other [1].
 SHORTEST = 1e-5
+#: Over how much of the longest part, and over which largest change of a mobilisation, slopes of rates are taken [1].
+SLOPE_PART, SLOPE_CHANGE = 0.5, 0.5
+#: Slip beyond a reversal that was not foreseen, as a fraction of the presliding distance, which is left as it is [1].
+LATE = 0.02
+#: By which fraction of itself a part is shortened at most where a reversal was not foreseen [1].
+MOST_SHORTENED = 0.75
 #: Slip rates below this fraction of the presliding distance per substep are zero [1].
 RATE_TOLERANCE = 1e-4
 #: Distance from a bound that counts as none, over the size of the unknown [1].
@@ -42,42 +53,21 @@ NEAR_BOUND = 1e-12
 UNBOUNDED = 1e100
 
 
-class SlipRates(NamedTuple):
-    """Derivatives of the slips at one end of a substep; with tendons that become slack or taut, of their slack too.
+class Slips(Protocol):
+    """Slips as functions of load factor, mobilisations and tensions, as `tdcr_fe.solve.slip_model.SlipModel`."""
 
-    Attributes
-    ----------
-    by_load : ndarray, shape (k + c,)
-        Slips, and minus the slack of the tendons, by the load factor at fixed mobilisations and tensions of these
-        tendons, times the length of the substep [m].
-    matrix : ndarray, shape (k + c, k + c)
-        Presliding distance times identity for the slips, minus the derivatives by the mobilisations [m] and tensions
-        [m/N].
-    """
+    @property
+    def presliding(self) -> float:
+        """Presliding distance [m]."""
+        ...
 
-    by_load: Array
-    matrix: Array
+    def at(self, factor: float, z: Array, tension: Array) -> SlipState:
+        """Slips and derivatives at a load factor."""
+        ...
 
-
-class ChangingTendons(NamedTuple):
-    """Tendons with prescribed displacement that are taut at one end of a substep and slack at the other.
-
-    Attributes
-    ----------
-    owner : ndarray of int, shape (k,)
-        By hole, the number of its tendon among them; -1 where it is none of them.
-    tension : ndarray, shape (2, c)
-        At the base, at both ends of the substep [N].
-    mobilisation : ndarray, shape (2, k)
-        At both ends [1].
-    slack : ndarray, shape (c,)
-        Length that is let out beyond what the tendon needs, at the start [m].
-    """
-
-    owner: NDArray[np.int_]
-    tension: Array
-    mobilisation: Array
-    slack: Array
+    def rates(self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState) -> Array:
+        """Rates of the excess of the slips, and of minus the slack, at given rates of ``z``."""
+        ...
 
 
 class FollowedPath(NamedTuple):
@@ -85,10 +75,8 @@ class FollowedPath(NamedTuple):
 
     Attributes
     ----------
-    slip : ndarray, shape (k + c,)
-        Change of the slips, and minus that of the slack, within the substep [m].
     mobilisation : ndarray, shape (k + c,)
-        At its end [1], and the tensions [N].
+        At its end [1], and the unknown tensions at the base [N].
     turning_slip : ndarray, shape (k,)
         Change of the slip up to the last reversal; zero where there is none [m].
     turning_mobilisation : ndarray, shape (k,)
@@ -102,7 +90,6 @@ class FollowedPath(NamedTuple):
         [m]; minus infinity where any hole sticks at any time.
     """
 
-    slip: Array
     mobilisation: Array
     turning_slip: Array
     turning_mobilisation: Array
@@ -116,172 +103,181 @@ class FollowedPath(NamedTuple):
         return self.turning_factor > 0.0
 
 
-class _Interpolant:
-    """Derivatives between the ends of a substep: linear in the load factor, and bilinear in tensions and mobilisations.
+class _Piece(NamedTuple):
+    """A part of the substep over which the rates of all unknowns are linear in the load factor.
 
-    The derivatives by the mobilisations of a tendon's holes are proportional to its tension. Arguments as in `follow`.
+    Attributes
+    ----------
+    now, part : float
+        Where it begins, and how long it is [1].
+    z : ndarray, shape (k + c,)
+        Unknowns where it begins.
+    motion : Motion
+        Their rates.
+    tension, tension_rate : ndarray, shape (q,)
+        Of the segments [N].
     """
 
-    def __init__(
-        self,
-        start: SlipRates,
-        end: SlipRates,
-        presliding: float,
-        bulge: Array | None,
-        tendons: ChangingTendons | None,
-    ) -> None:
-        self.load, self.matrix = start.by_load, start.matrix
-        self.load_change, self.bulge, self.holes = end.by_load - start.by_load, bulge, len(start.by_load)
-        if tendons is None or not tendons.slack.size:
-            self.per_tension = None
-            self.matrix_change = end.matrix - start.matrix
-            return
-        self.holes = len(tendons.owner)
-        self.coupled = np.flatnonzero(tendons.owner >= 0)
-        self.own = tendons.owner[self.coupled]
-        self.belongs = (self.own[:, None] == np.arange(tendons.slack.size)).astype(float)
-        ends = []
-        for rates in (start, end):
-            matrix = rates.matrix.copy()
-            matrix[:, self.coupled] = 0.0
-            matrix[self.coupled, self.coupled] = presliding
-            ends.append(matrix)
-        per_tension = []
-        for rates, fixed, tension in zip((start, end), ends, tendons.tension[:, self.own], strict=True):
-            by_mobilisation = rates.matrix[:, self.coupled] - fixed[:, self.coupled]
-            per_tension.append(by_mobilisation / np.where(tension > 0.0, tension, np.inf))
-        first, last = tendons.tension[:, self.own] > 0.0
-        # Derivatives by the mobilisations of the holes of these tendons, per tension; known at an end where it is taut.
-        self.per_tension = np.where(first, *per_tension)
-        self.per_tension_change = np.where(last, per_tension[1], per_tension[0]) - self.per_tension
-        self.mobilisation = tendons.mobilisation[0, self.coupled]
-        self.mobilisation_change = tendons.mobilisation[1, self.coupled] - self.mobilisation
-        self.matrix, self.matrix_change = ends[0], ends[1] - ends[0]
+    now: float
+    part: float
+    z: Array
+    motion: Motion
+    tension: Array
+    tension_rate: Array
 
-    def at(self, factor: float, z: Array) -> tuple[Array, Array]:
-        """Derivatives by the load factor and by the unknowns, as in `SlipRates`."""
-        load = self.load + factor * self.load_change
-        matrix = self.matrix + factor * self.matrix_change
-        if self.bulge is not None:
-            load += (6.0 * factor * (1.0 - factor)) * self.bulge
-        if self.per_tension is not None:
-            per_tension = self.per_tension + factor * self.per_tension_change
-            beyond = z[self.coupled] - self.mobilisation - factor * self.mobilisation_change
-            matrix[:, self.coupled] += per_tension * z[self.holes + self.own]
-            matrix[:, self.holes :] += (per_tension * beyond) @ self.belongs
-        return load, matrix
-
-    def slope(self, factor: float, z: Array, rate: Array) -> Array:
-        """Derivative of the rates of slips and slack at constant rates of the unknowns."""
-        slope = self.load_change - self.matrix_change @ rate
-        if self.bulge is not None:
-            middle = min(1.0, factor + 0.5 * LONGEST)
-            slope += (6.0 - 12.0 * middle) * self.bulge
-        if self.per_tension is not None:
-            tension, pulled = z[self.holes + self.own], rate[self.holes + self.own]
-            slipped, change = rate[self.coupled], self.mobilisation_change
-            beyond = z[self.coupled] - self.mobilisation - factor * change
-            slope -= self.per_tension_change @ (tension * slipped + beyond * pulled)
-            per_tension = self.per_tension + factor * self.per_tension_change
-            slope -= per_tension @ (pulled * (2.0 * slipped - change))
-        return slope
+    def end(self, part: float, bounds: Bounds) -> tuple[float, Array, Array]:
+        """Load factor, unknowns, and tensions of the segments after a part of it."""
+        moved = part * self.motion.rate + (0.5 * part * part) * self.motion.rate_change
+        z = np.minimum(np.maximum(self.z + moved, bounds.lower), bounds.upper)
+        return self.now + part, z, self.tension + part * self.tension_rate
 
 
-def follow(
-    start: SlipRates,
-    end: SlipRates,
-    mobilisation: Array,
-    presliding: float,
-    bulge: Array | None = None,
-    tendons: ChangingTendons | None = None,
-) -> FollowedPath:
+@np.errstate(over="ignore", invalid="ignore")
+def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Array) -> FollowedPath:
     """Follow the friction states through a substep.
 
     Parameters
     ----------
-    start, end
-        Derivatives at its ends.
+    slips
+        In the substep.
     mobilisation
         At its start, shape (k,).
-    presliding
-        Presliding distance [m].
-    bulge
-        Change of the slips, and minus the slack, within the substep beyond that of derivatives that are linear in the
-        load factor, at fixed mobilisations [m], shape (k + c,). Its rate is a parabola that vanishes at both ends.
-    tendons
-        Those that become slack or taut; None where there are none.
+    base_tension
+        Those unknown tensions at the base there [N], shape (c,).
+    tension
+        Of the segments there [N], shape (q,).
     """
-    between = _Interpolant(start, end, presliding, bulge, tendons)
-    k, count = len(mobilisation), len(start.by_load)
-    z, stiffness, bounds, slack = mobilisation, np.full(count, presliding), _mobilisation_bounds(k), None
-    if tendons is not None and tendons.slack.size:
-        z, bounds, slack = np.append(z, tendons.tension[0]), _with_tensions(bounds, tendons), tendons.slack
-        stiffness[k:] = 0.0
+    k, c, presliding = len(mobilisation), len(base_tension), slips.presliding
+    z, bounds = np.append(mobilisation, base_tension), _bounds(k, base_tension)
     tolerance = RATE_TOLERANCE * presliding
-    side, open_, now, u = bounds.side(z), _open(slack, k, tolerance), 0.0, np.zeros(count)
+    now, start, open_, slack = 0.0, np.zeros(0), None, np.zeros(c)
     turning_slip, turning_factor, turning_mobilisation = np.zeros(k), np.zeros(k), mobilisation.copy()
-    pieces: list[tuple[float, float, Motion]] = []
-    complete = False
-    for _ in range(50 + 4 * count):
-        load, matrix = between.at(now, z)
-        rates = solve_rates(matrix, load, side, open_, tolerance)
-        if rates is None:
+    stiffness = np.append(np.full(k, presliding), np.zeros(c))
+    scale = np.append(np.full(k, presliding), np.full(c, presliding / max(1e-3, float(tension.max()))))
+    free, excess = np.zeros(k + c, dtype=bool), np.zeros(k + c)
+    pieces: list[_Piece] = []
+    complete = shortened = False
+    for _ in range(50 + 6 * (k + c)):
+        state, side = slips.at(now, z, tension), bounds.side(z)
+        if not start.size:
+            start = state.slip
+        if c:
+            slack = np.maximum(-state.slip[k:], 0.0)
+            open_ = np.append(np.zeros(k, dtype=bool), slack > tolerance)
+        rates = solve_rates(state.columns, state.by_load, side, open_, scale, tolerance)
+        # Where the interpolation leads far from both ends, numbers may overflow: the path is then not complete.
+        if rates is None or not np.isfinite(rates.excess).all():
             break
-        motion = rates.motion(between.slope(now, z, rates.rate))
-        sticks = motion.side == 0.0
-        turned = (sticks & (side != 0.0))[:k].nonzero()[0]
-        if turned.size:
-            turning_slip[turned], turning_factor[turned] = u[turned], now
-            turning_mobilisation[turned] = side[turned]
-        event = min(distance_to_bound(motion, z, bounds), distance_to_reversal(motion, tolerance, k))
-        if slack is not None:
-            event = min(event, distance_to_closing(motion, slack, k))
-        part = min(1.0 - now, LONGEST, max(SHORTEST, event))
-        pieces.append((now, part, motion))
-        half = 0.5 * part * part
-        moved = part * motion.rate + half * motion.rate_change
-        slipped = part * motion.excess + half * motion.excess_change
-        z = np.minimum(np.maximum(z + moved, bounds.lower), bounds.upper)
-        u = u + np.where(sticks, stiffness * moved, slipped)
-        side = bounds.side(z)
-        if slack is not None and tendons is not None:
-            slack = np.maximum(tendons.slack - u[k:], 0.0)
-            open_ = _open(slack, k, tolerance)
-        now += part
+        held = rates.side == 0.0
+        turned = (held & (side != 0.0))[:k].nonzero()[0]
+        if turned.size and pieces and not shortened:
+            share = _reached(pieces[-1], turned, side, state, LATE * presliding)
+            if share < 1.0:
+                last, shortened = pieces.pop(), True
+                last = last._replace(part=share * last.part)
+                pieces.append(last)
+                now, z, tension = last.end(last.part, bounds)
+                continue
+        shortened = False
+        new = (held & ~free).nonzero()[0]
+        excess[new] = state.slip[new] - stiffness[new] * z[new]
+        excess[k:] = 0.0
+        free = held
+        turning_slip[turned], turning_factor[turned] = (state.slip - start)[turned], now
+        turning_mobilisation[turned] = side[turned]
         if now >= 1.0 - 1e-12:
             complete = True
             break
-    throughout = all(bool(np.all(motion.side[:k] != 0.0)) for _, _, motion in pieces)
-    margin = _margin(pieces, k) if throughout else np.full(k, -np.inf)
-    return FollowedPath(u, z, turning_slip, turning_mobilisation, turning_factor, complete, margin)
+        z = _corrected(z, state, rates, excess, stiffness, bounds)
+        motion, event = rates.motion(None), np.inf
+        if rates.free.size:
+            event = distance_to_bound(motion, z, bounds)
+        if event > STRAIGHT:
+            slope = _slope(slips, now, z, state, rates, k)
+            if not np.isfinite(slope).all():
+                break
+            motion = rates.motion(slope)
+            event = min(distance_to_bound(motion, z, bounds), distance_to_reversal(motion, tolerance, k))
+        if c:
+            event = min(event, distance_to_closing(motion, slack, k))
+        part = min(1.0 - now, LONGEST, max(SHORTEST, event))
+        tension_rate = state.tension_rates(rates.free, rates.rate)
+        pieces.append(_Piece(now, part, z, motion, state.tension, tension_rate))
+        now, z, tension = pieces[-1].end(part, bounds)
+    throughout = all(bool(np.all(piece.motion.side[:k] != 0.0)) for piece in pieces)
+    margin = _margin(pieces, k) if throughout and pieces else np.full(k, -np.inf)
+    return FollowedPath(z, turning_slip, turning_mobilisation, turning_factor, complete, margin)
 
 
-def _mobilisation_bounds(count: int) -> Bounds:
-    one = np.ones(count)
-    return Bounds(-one, one, np.full(count, NEAR_BOUND))
+def _reached(piece: _Piece, turned: Index, side: Array, state: SlipState, loss: float) -> float:
+    """Up to which fraction of a part the slips have kept their direction; 1 where less slip than ``loss`` is lost.
+
+    Parameters
+    ----------
+    piece
+        The part.
+    turned
+        Holes that have turned at its end.
+    side
+        At which bounds the unknowns are.
+    state
+        Slips at its end.
+    loss
+        Slip after the reversal that makes no difference [m].
+    """
+    # The rates just before its end, where nothing had turned or come to a bound.
+    free, rate = (piece.motion.side == 0.0).nonzero()[0], state.by_load
+    if free.size:
+        own = state.columns(free)
+        rate = rate - own @ np.linalg.solve(own[free], rate[free])
+    before = np.maximum(side[turned] * piece.motion.excess[turned], 0.0)
+    after = np.maximum(-side[turned] * rate[turned], 0.0)
+    beyond = after / np.maximum(before + after, 1e-300)
+    late = 0.5 * after * beyond * piece.part > loss
+    # Unknowns that only came to their bound at the end have no rate before it.
+    late &= piece.motion.side[turned] != 0.0
+    return 1.0 - min(MOST_SHORTENED, float(beyond[late].max(initial=0.0)))
 
 
-def _with_tensions(bounds: Bounds, tendons: ChangingTendons) -> Bounds:
+def _slope(slips: Slips, now: float, z: Array, state: SlipState, rates: Rates, holes: int) -> Array:
+    """Derivative of the rates of slips and slack at constant rates of the unknowns."""
+    fastest = float(np.abs(rates.rate[:holes]).max(initial=0.0))
+    part = min(SLOPE_PART * LONGEST, 1.0 - now, SLOPE_CHANGE / max(fastest, SLOPE_CHANGE))
+    tension = state.tension + part * state.tension_rates(rates.free, rates.rate)
+    ahead = slips.rates(now + part, z + part * rates.rate, tension, rates.rate, state)
+    return np.asarray((ahead - rates.excess) / part)
+
+
+def _corrected(
+    z: Array, state: SlipState, rates: Rates, excess: Array, stiffness: Array, bounds: Bounds
+) -> Array:
+    """The unknowns without what has accumulated of errors: free ones keep the excess that they had at first."""
+    if rates.factors is None:
+        return z
+    free = rates.free
+    off = state.slip[free] - stiffness[free] * z[free] - excess[free]
+    new = z.copy()
+    new[free] += dgetrs(*rates.factors, off)[0]
+    return np.minimum(np.maximum(new, bounds.lower), bounds.upper)
+
+
+def _bounds(holes: int, base_tension: Array) -> Bounds:
     """Bounds of the mobilisations, then those of the tensions."""
-    near = NEAR_BOUND * tendons.tension.max(axis=0)
+    one, count = np.ones(holes), len(base_tension)
+    near = np.full(count, NEAR_BOUND * max(1.0, float(base_tension.max(initial=0.0))))
     return Bounds(
-        np.append(bounds.lower, np.zeros(tendons.slack.size)),
-        np.append(bounds.upper, np.full(tendons.slack.size, UNBOUNDED)),
-        np.append(bounds.near, near),
+        np.append(-one, np.zeros(count)),
+        np.append(one, np.full(count, UNBOUNDED)),
+        np.append(np.full(holes, NEAR_BOUND), near),
     )
 
 
-def _open(slack: Array | None, holes: int, tolerance: float) -> Flags | None:
-    """Which unknowns are tensions of tendons with slack, shape (k + c,)."""
-    return None if slack is None else np.append(np.zeros(holes, dtype=bool), slack > tolerance)
-
-
-def _margin(pieces: list[tuple[float, float, Motion]], holes: int) -> Array:
+def _margin(pieces: list[_Piece], holes: int) -> Array:
     """See `FollowedPath.margin`."""
-    now, part = np.array([p[:2] for p in pieces]).T
-    side = np.array([p[2].side[:holes] for p in pieces])
-    slip = np.array([p[2].excess[:holes] for p in pieces])
-    change = np.array([p[2].excess_change[:holes] for p in pieces])
+    now, part = np.array([(p.now, p.part) for p in pieces]).T
+    side = np.array([p.motion.side[:holes] for p in pieces])
+    slip = np.array([p.motion.excess[:holes] for p in pieces])
+    change = np.array([p.motion.excess_change[:holes] for p in pieces])
     # Between the ends of a piece the parabola may be nearer to the rate than at them.
     within = np.linspace(0.0, 1.0, 6)
     at = now[:, None] + part[:, None] * within

@@ -193,19 +193,6 @@ class FrictionResponse(NamedTuple):
         )
 
 
-def friction_response(
-    numbering: Numbering,
-    forces: Sequence[TendonForces],
-    solve: Callable[[Array], Array],
-    clamped: Sequence[slice],
-    slack: Sequence[NDArray[np.bool_]],
-    presliding: float,
-) -> FrictionResponse:
-    """Response to all mobilisations; see `FrictionCoupling`."""
-    coupling = FrictionCoupling.of(numbering, forces, clamped, slack)
-    return coupling.response(solve, np.arange(numbering.total - numbering.linear), presliding)
-
-
 def friction_step(
     coupling: FrictionCoupling,
     solve: Callable[[Array], Array],

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.solve.equilibrium import Equilibrium
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.newton import NewtonResult
-from tdcr_fe.solve.reversals import Equilibrium
 from tdcr_fe.solve.state import SolverState, StoredState
 
 
@@ -19,7 +19,7 @@ class Increment:
     Attributes
     ----------
     load_factor : float
-        Fraction of the load step, in (0, 1] [1].
+        Fraction of the load step, in [0, 1] [1]; 0 where weight acts on a robot that was never loaded.
     state : StoredState
         The solved state, history committed.
     """

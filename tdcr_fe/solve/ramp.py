@@ -109,6 +109,11 @@ class Ramp:
         """Whether any load changes in this load step, as far as known."""
         return self.user_loads or any(bool((load.start != load.end).any()) for load in self.loads)
 
+    @property
+    def changes_loads(self) -> bool:
+        """Whether anything but the tendons' inputs may change: loads, or what depends on time."""
+        return self.loads_change or self.user_inputs or self.before_increment is not None
+
     def apply(self, system: SceneSystem, load_factor: float) -> Target:
         """Apply loads and time at a load factor in [0, 1] to the scene, and return the target."""
         time = self.start_time + load_factor * (self.end_time - self.start_time)

@@ -16,10 +16,10 @@ from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
+from tdcr_fe.solve.equilibrium import Equilibrium
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.load_path import Increment, LoadStepReport, Path, StepFailed
 from tdcr_fe.solve.ramp import Ramp
-from tdcr_fe.solve.reversals import Equilibrium
 from tdcr_fe.solve.state import SolverState, Target
 from tdcr_fe.solve.stepping import solve_ramp
 from tdcr_fe.solve.system import SceneSystem

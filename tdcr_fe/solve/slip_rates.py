@@ -7,6 +7,7 @@ mobilisation, and minus the slack of the tendon. Its rate is ``load - matrix z'`
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from scipy.linalg.lapack import dgesv, dgetrs
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Index = NDArray[np.int_]
 _BOTH = np.array([[1.0], [-1.0]])
 
 
@@ -82,8 +84,11 @@ class Rates(NamedTuple):
     columns: Array
     factors: tuple[Array, NDArray[np.int_]] | None
 
-    def motion(self, slope: Array) -> Motion:
-        """With their derivatives, from the derivative of ``load - matrix z'`` at constant rates, shape (n,)."""
+    def motion(self, slope: Array | None) -> Motion:
+        """With their derivatives, from that of ``load - matrix z'`` at constant rates, shape (n,); None is zero."""
+        if slope is None:
+            still = np.zeros_like(self.rate)
+            return Motion(self.side, self.rate, still, self.excess, still)
         if self.factors is None:
             return Motion(self.side, self.rate, self.rate, self.excess, slope)
         more = dgetrs(*self.factors, slope[self.free])[0]
@@ -93,7 +98,12 @@ class Rates(NamedTuple):
 
 
 def solve_rates(
-    matrix: Array, load: Array, side: Array, open_: Flags | None, tolerance: float
+    columns: Callable[[Index], Array],
+    load: Array,
+    side: Array,
+    open_: Flags | None,
+    scale: Array,
+    tolerance: float,
 ) -> Rates | None:
     """Rates at a load factor; None where no consistent ones were found.
 
@@ -102,37 +112,42 @@ def solve_rates(
 
     Parameters
     ----------
-    matrix, load
-        Shapes (n, n) and (n,).
+    columns
+        Gives columns of the matrix, shape (n, i).
+    load
+        Shape (n,).
     side
         At which bounds the unknowns are, see `Bounds.side`.
     open_
         Which unknowns cannot leave their bounds now, because the tendon has slack; None where there are none.
+    scale
+        From the unknowns to lengths, shape (n,).
     tolerance
-        Rates of the excess below it are zero.
+        Rates of the excess, and of the unknowns as lengths, below it are zero.
     """
     count = len(side)
-    active, scale = side, side * matrix.diagonal()
+    active, outside = side, side * scale
     best, patience = count + 1, 3
     for _ in range(30 + 10 * count):
         free = (active == 0.0).nonzero()[0]
-        rate, columns = np.zeros(count), matrix[:, free]
+        rate = np.zeros(count)
         factors: tuple[Array, NDArray[np.int_]] | None = None
-        excess = load
+        excess, own = load, np.zeros((count, 0))
         if free.size:
-            lu, pivots, found, singular = dgesv(columns[free], load[free], overwrite_a=True)
+            own = columns(free)
+            lu, pivots, found, singular = dgesv(own[free], load[free], overwrite_a=True)
             if singular:
                 return None
             rate[free], factors = found, (lu, pivots)
-            excess = load - columns @ found
-        outward = scale * rate > tolerance
+            excess = load - own @ found
+        outward = outside * rate > tolerance
         inward = active * excess < -tolerance
         if open_ is not None:
             inward &= ~open_
         broken = outward | inward
         number = int(broken.sum())
         if number == 0:
-            return Rates(active, rate, excess, free, columns, factors)
+            return Rates(active, rate, excess, free, own, factors)
         if number < best:
             best, patience = number, 3
         elif patience > 0:

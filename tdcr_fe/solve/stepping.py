@@ -9,17 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.equilibrium import Equilibrium
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.load_path import Increment, Path, Progress, StepFailed, one_substep
 from tdcr_fe.solve.newton import NewtonResult
 from tdcr_fe.solve.ramp import Ramp
-from tdcr_fe.solve.reversals import Equilibrium
 from tdcr_fe.solve.state import SolverState
 from tdcr_fe.solve.substep import SMALLEST_PART, SubstepSolver, with_history_of
 from tdcr_fe.solve.substep_reversals import SubstepReversals, has_rates
@@ -141,10 +140,10 @@ class LoadStepper:
         """The load step with its path dependence resolved; halved where reversals are not all there is to it."""
         count = CURVED_PARTS if self.solver.ramp.curved else 1
         path = self._divided(state, count)
-        if self._depends_on_rates(state, path.state):
-            needed = 2
-        else:
-            needed = 1 if self._any_jump_suspected(state, path) else 0
+        needed = 2 if self._depends_on_rates(state, path.state) else 0
+        if not needed:
+            spent, confirmed = self._jumps_examined(state, path)
+            path, needed = replace(path, rejected=path.rejected + spent), 0 if confirmed else 1
         agreed, error = 0, 0.0
         while agreed < needed and 2 * count <= self.solver.settings.max_substeps:
             count *= 2
@@ -161,11 +160,42 @@ class LoadStepper:
             path = replace(finer, rejected=finer.rejected + path.iterations + path.rejected)
         return path if agreed >= needed else replace(path, refinement_error=max(path.refinement_error, error))
 
+    def _jumps_examined(self, state: SolverState, path: Path) -> tuple[int, bool]:
+        """Solve substeps that may have jumped to another branch again, in halves.
+
+        Returns
+        -------
+        iterations : int
+            Spent on them.
+        confirmed : bool
+            Whether all halves end where the substep did.
+        """
+        spent, start, before, confirmed = 0, 0.0, state, True
+        for end, after in path.increments:
+            if self.solver.jump_suspected(before, after):
+                try:
+                    halves = self._followed(Progress(Path(before), start), (0.5 * (start + end), end))
+                    spent += halves.iterations + halves.rejected
+                    away = self.solver.distance(halves.state, after)
+                    confirmed = away <= 2.0 * self.solver.settings.path_tolerance
+                except StepFailed as failure:
+                    spent, confirmed = spent + failure.iterations, False
+                if not confirmed:
+                    break
+            start, before = end, after
+        self.solver.ramp.apply(self.solver.system, 1.0)
+        return spent, confirmed
+
     def _divided(self, state: SolverState, count: int) -> Path:
         """The load step in equal parts, each divided further where slips reverse."""
-        now = Progress(Path(state, linearization=self.linearization), here=self.start)
+        goals = [(k + 1) / count for k in range(count)]
+        path = Path(state, linearization=self.linearization)
+        return self._followed(Progress(path, here=self.start), goals)
+
+    def _followed(self, now: Progress, ends: Sequence[float]) -> Path:
+        """From a state on, in parts with these ends."""
         reversals = SubstepReversals(self.solver, self.divide)
-        goals = [_Goal(k / count) for k in range(count, 0, -1)]
+        goals = [_Goal(end) for end in reversed(ends)]
         while goals:
             goal, near = goals[-1]
             guess, line = now.path.state, now.path.linearization
@@ -216,11 +246,6 @@ class LoadStepper:
             failure.iterations += now.path.iterations + now.path.rejected
             raise
         return now.path.then(replace(part, rejected=part.rejected + failed.iterations))
-
-    def _any_jump_suspected(self, state: SolverState, path: Path) -> bool:
-        """Whether any substep of a path from a state may have jumped to another branch."""
-        states = [state, *(after for _, after in path.increments)]
-        return any(self.solver.jump_suspected(a, b) for a, b in pairwise(states))
 
     def _depends_on_rates(self, before: SolverState, after: SolverState) -> bool:
         """Whether slip rates may matter: coefficients follow laws, and a hole under tension changed its state.

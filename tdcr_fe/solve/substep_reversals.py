@@ -5,17 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from tdcr_fe.solve.equilibrium import Equilibrium, near_enough
 from tdcr_fe.solve.load_path import Progress
 from tdcr_fe.solve.newton import NewtonResult
 from tdcr_fe.solve.numbering import Numbering
-from tdcr_fe.solve.reversals import Equilibrium, History, Reversals, find_reversals, response_to_load
+from tdcr_fe.solve.reversals import History, Reversals, find_reversals
 from tdcr_fe.solve.state import SolverState
 from tdcr_fe.solve.steady_slip import slips_steadily
 from tdcr_fe.solve.substep import SubstepSolver, with_history_of
 from tdcr_fe.solve.system import SceneSystem
+from tdcr_fe.solve.tension_response import LoadResponse
 
-#: Largest error of a substep, as a fraction of what is left of the path tolerance; where little is left, of all [1].
-SHARE, LEAST_SHARE = 0.3, 0.03
+#: Largest error of a substep, as a fraction of what is left of the path tolerance, within the load step and at its end;
+#: where little is left, of all [1].
+SHARE, LAST_SHARE, LEAST_SHARE = 0.3, 0.6, 0.03
+#: How often a substep is solved again with the reversals located in it.
+MOST_CORRECTIONS = 4
 
 
 class Attempt(NamedTuple):
@@ -27,7 +32,7 @@ class Attempt(NamedTuple):
     error : float
         Largest displacement of a node that reversals may cause, over the length [1].
     division : float
-        Where it is to be divided, as a fraction of it; 1 where it is good enough.
+        Where it is to be divided, as a fraction of it; 1 where it is good enough, 0 where forces have to balance first.
     start, end : Equilibrium or None
         At its ends, where they were needed.
     spent : int
@@ -71,10 +76,13 @@ class SubstepReversals:
         line = result.linearization
         if line is None and near is not None:
             line = near.linearization
-        if line is None or not line.numbering.has_friction or has_rates(system):
+        if line is None or not line.numbering.has_friction or has_rates(system) or goal == now.load_factor:
             return Attempt(result)
-        if not (self.solver.ramp.loads_change or self.solver.ramp.curved) and slips_steadily(
-            now.path.state, result, line, system.layout.clamped, settings.presliding
+        whole = now.load_factor == 0.0 and goal == 1.0
+        if (
+            whole
+            and not (self.solver.ramp.loads_change or self.solver.ramp.curved)
+            and slips_steadily(now.path.state, result, line, system.layout.clamped, settings.presliding)
         ):
             return Attempt(result)
         tolerance = settings.path_tolerance
@@ -83,20 +91,51 @@ class SubstepReversals:
             start = self._at_start(now, line.numbering)
         if not start.exact:
             start = self._linearised(start.state, now.load_factor)
-        end = Equilibrium.of(system, result.state, result.forces, line, settings.presliding)
+        end = Equilibrium.of(system, result.state, result.forces, line)
+        if not start.balanced:
+            return Attempt(result, division=0.0, end=end)
         if not end.exact:
             end = self._linearised(result.state, goal)
-        allowed = max(SHARE * (tolerance - now.error), LEAST_SHARE * tolerance)
+        share = LAST_SHARE if goal == 1.0 else SHARE
+        allowed = max(share * (tolerance - now.error), LEAST_SHARE * tolerance)
         found = self._reversals(start, end, now.load_factor, goal, allowed)
         attempt = Attempt(result, start=start, end=end)
-        if found is not None and found.turning is not None and found.uncertain <= allowed < found.total:
-            corrected = self._corrected(now.path.state, result, found.turning, goal, end)
-            if corrected.converged:
-                return Attempt(corrected, found.uncertain, start=start, spent=result.iterations, located=True)
-            attempt = attempt._replace(spent=corrected.iterations)
         if found is None:
             return attempt
-        return attempt._replace(error=found.total, division=found.division if found.total > allowed else 1.0)
+        attempt = attempt._replace(error=found.total, division=found.division)
+        if found.total <= allowed:
+            return attempt._replace(division=1.0)
+        if self.divide or found.turning is None or found.error > allowed:
+            return attempt
+        return self._located(attempt, now, goal, found, allowed)
+
+    def _located(
+        self, attempt: Attempt, now: Progress, goal: float, found: Reversals, allowed: float
+    ) -> Attempt:
+        """A substep solved with the reversals located in it, until they are where the solution has them."""
+        system = self.solver.system
+        for _ in range(MOST_CORRECTIONS):
+            end, turning = attempt.end, found.turning
+            assert attempt.start is not None and end is not None and turning is not None
+            result = self._corrected(now.path.state, attempt.result, turning, goal, end)
+            if not result.converged:
+                return attempt._replace(spent=attempt.spent + result.iterations)
+            spent = attempt.spent + attempt.result.iterations
+            if found.uncertain <= allowed:
+                return Attempt(result, found.uncertain, start=attempt.start, spent=spent, located=True)
+            end = Equilibrium.of(
+                system, result.state, result.forces, result.linearization or end.linearization
+            )
+            if not end.exact:
+                end = self._linearised(result.state, goal)
+            again = self._reversals(attempt.start, end, now.load_factor, goal, allowed, turning)
+            assert again is not None
+            found, done = again, again.total <= allowed
+            division = 1.0 if done else found.division
+            attempt = Attempt(result, found.total, division, attempt.start, end, spent, True)
+            if done or found.turning is None or found.error > allowed:
+                break
+        return attempt
 
     def _corrected(
         self, before: SolverState, result: NewtonResult, turning: History, goal: float, end: Equilibrium
@@ -110,15 +149,14 @@ class SubstepReversals:
         state, line = now.path.state, now.path.linearization
         if line is not None and numbering.same_unknowns(line.numbering):
             forces = self.solver.system.forces(state, state.time)
-            near = Equilibrium.of(self.solver.system, state, forces, line, self.solver.settings.presliding)
-            if near.exact:
-                return near
+            if near_enough(state, line):
+                return Equilibrium.of(self.solver.system, state, forces, line)
         return self._linearised(state, now.load_factor)
 
     def _linearised(self, state: SolverState, load_factor: float) -> Equilibrium:
         """Linearise in a solved state at a load factor."""
         target = self.solver.ramp.apply(self.solver.system, load_factor)
-        return Equilibrium.at(self.solver.system, state, target, self.solver.settings.presliding)
+        return Equilibrium.at(self.solver.system, state, target)
 
     def _reversals(
         self,
@@ -127,20 +165,27 @@ class SubstepReversals:
         at: float,
         goal: float,
         allowed: float,
+        history: History | None = None,
     ) -> Reversals | None:
         """Slip reversals between two solved states at load factors `at` and `goal`, see `find_reversals`."""
-        opening = self.solver.ramp.apply(self.solver.system, at)
-        closing = self.solver.ramp.apply(self.solver.system, goal)
-        first = response_to_load(self.solver.system, start, opening, closing)
-        self.solver.ramp.apply(self.solver.system, at)
-        last = response_to_load(self.solver.system, end, closing, opening).reversed()
-        presliding, length = self.solver.settings.presliding, self.solver.system.length
+        solver, system = self.solver, self.solver.system
+        first: LoadResponse | None = None
+        last: LoadResponse | None = None
+        opening = solver.ramp.apply(system, at)
+        closing = solver.ramp.apply(system, goal)
+        if solver.ramp.changes_loads:
+            first = start.load_response(system, closing)
+            solver.ramp.apply(system, at)
+            last = end.load_response(system, opening).reversed()
+        presliding, length = solver.settings.presliding, system.length
         return find_reversals(
             start,
             end,
+            (opening, closing),
             (first, last),
             presliding,
             length,
             allowed,
             locate=not self.divide,
+            history=history,
         )

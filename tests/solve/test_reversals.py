@@ -6,51 +6,67 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from linear_slips import LinearSlips
 from random_robots import largest_gap, random_robot, random_steps
 from robots import LENGTH, distance, paper, pull, solve, three
 
 from tdcr_fe.elements.complementarity import solve_box
-from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, resolve
+from tdcr_fe.model.robot import Disks, Robot, Tendon
+from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.friction_path import SlipRates, follow
+from tdcr_fe.solve.equilibrium import Equilibrium
+from tdcr_fe.solve.friction_path import follow
+from tdcr_fe.solve.friction_step import FrictionCoupling
+from tdcr_fe.solve.reversals import _Substep
 from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.solve.simulation import Simulation
+from tdcr_fe.solve.state import Target
+from tdcr_fe.solve.taut_tendons import TautTendons
 from tdcr_fe.validation.random_robots import draw
 
 DELTA = 1e-6
 
 
-def by_small_steps(start, end, mobilisation, count):
+def followed(slips, mobilisation):
+    """The path, with a tension that nothing depends on."""
+    return follow(slips, mobilisation, np.zeros(0), np.ones(1))
+
+
+def by_small_steps(slips, mobilisation, count):
     """The same path by many complementarity steps, which lose a reversal's overshoot within one step only."""
-    s, u = mobilisation.copy(), np.zeros_like(mobilisation)
+    s = mobilisation.copy()
+    u = slips.slip(0.0, s)
     for k in range(count):
-        x = (k + 0.5) / count
-        load = ((1.0 - x) * start.by_load + x * end.by_load) / count
-        matrix = (1.0 - x) * start.matrix + x * end.matrix
-        new, _ = solve_box(matrix, load + matrix @ s, s)
-        u += load + DELTA * (new - s) - matrix @ (new - s)
-        s = new
-    return u, s
+        x = (k + 1) / count
+        matrix = slips.at(x, s, np.ones(1)).matrix
+        new, _ = solve_box(matrix, slips.slip(x, s) - u + matrix @ s, s)
+        s, u = new, slips.slip(x, new)
+    return s
 
 
-def random_rates(seed, count=8):
+def random_slips(seed, count=8):
     """Slip rates of both signs that change within the substep, and a coupling that is far larger than presliding."""
     draw = np.random.default_rng(seed)
-    ends = []
+    loads, matrices = [], []
     base = draw.normal(size=(count, count))
     for _ in range(2):
         part = base + 0.1 * draw.normal(size=(count, count))
-        matrix = DELTA * np.eye(count) + 1e-5 * part @ part.T / count
-        ends.append(SlipRates(2e-5 * draw.normal(size=count), matrix))
+        matrices.append(DELTA * np.eye(count) + 1e-5 * part @ part.T / count)
+        loads.append(2e-5 * draw.normal(size=count))
     mobilisation = np.clip(draw.uniform(-1.5, 1.5, count), -1.0, 1.0)
-    return *ends, mobilisation
+    return LinearSlips(loads, matrices, mobilisation, DELTA), mobilisation
+
+
+def alone(start, end, mobilisation):
+    """One hole with slip rates at both ends of the substep."""
+    matrix = np.full((2, 1, 1), DELTA)
+    return LinearSlips([[start], [end]], matrix, [mobilisation], DELTA), np.array([mobilisation])
 
 
 def test_a_single_hole_turns_where_its_slip_rate_vanishes():
     """Slip rates from 3 to -1 micrometre: it turns at 3/4 after 1.125, and lets out 0.125 presliding distances."""
-    alone = np.array([[DELTA]])
-    path = follow(
-        SlipRates(np.array([3e-6]), alone), SlipRates(np.array([-1e-6]), alone), np.array([1.0]), DELTA
-    )
+    path = followed(*alone(3e-6, -1e-6, 1.0))
     assert path.complete and path.reversed.all()
     assert path.turning_factor == pytest.approx([0.75], abs=1e-3)
     assert path.turning_slip == pytest.approx([1.125e-6], rel=1e-4)
@@ -58,26 +74,78 @@ def test_a_single_hole_turns_where_its_slip_rate_vanishes():
 
 
 def test_a_slip_that_keeps_its_direction_is_not_reversed():
-    alone = np.array([[DELTA]])
-    rates = [SlipRates(np.array([x]), alone) for x in (3e-6, 1e-6)]
-    path = follow(*rates, np.array([-0.5]), DELTA)
+    path = followed(*alone(3e-6, 1e-6, -0.5))
     assert path.complete and not path.reversed.any()
-    assert path.slip == pytest.approx([2e-6]) and path.mobilisation == pytest.approx([1.0])
+    assert path.mobilisation == pytest.approx([1.0])
+
+
+def test_a_path_that_overflows_is_not_complete():
+    assert not followed(*alone(np.inf, 1e-6, 1.0)).complete
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_coupled_holes_are_followed_as_by_many_small_steps(seed):
     """Eight coupled holes, with reversals caused by other holes that begin to slip; 4000 small steps as the measure."""
-    start, end, mobilisation = random_rates(seed)
-    path = follow(start, end, mobilisation, DELTA)
-    slip, final = by_small_steps(start, end, mobilisation, 4000)
+    slips, mobilisation = random_slips(seed)
+    path = followed(slips, mobilisation)
     assert path.complete
-    assert path.mobilisation == pytest.approx(final, abs=0.03)
-    assert path.slip == pytest.approx(slip, abs=0.03 * np.abs(slip).max())
+    assert path.mobilisation == pytest.approx(by_small_steps(slips, mobilisation, 4000), abs=0.03)
 
 
 def test_reversals_occur_among_them():
-    assert sum(follow(*random_rates(seed), DELTA).reversed.sum() for seed in range(12)) > 10
+    assert sum(followed(*random_slips(seed)).reversed.sum() for seed in range(12)) > 10
+
+
+def end_of(simulation):
+    """The last solved state with its linearisation."""
+    target = Target(simulation.state.inputs, simulation.state.loads, simulation.state.time)
+    return Equilibrium.at(simulation.system, simulation.state, target)
+
+
+def pulled(adhesion=0.0, stiffness=None):
+    """A helical and a parallel tendon under tension, seven disks."""
+    tendons = (
+        Tendon("a", HelicalRouting(4e-3, 0.5), 0.3, adhesion=adhesion, axial_stiffness=stiffness),
+        Tendon("b", ParallelRouting(4.5e-3, 100.0), 0.2, axial_stiffness=stiffness),
+    )
+    robot = Robot(paper().backbone, Disks.equally_spaced(7, LENGTH), tendons)
+    steps = resolve(robot, [LoadStep("", {"a": 0.6, "b": 0.9})])
+    simulation = Simulation(robot, Model(elements_per_bay=1), steps)
+    simulation.advance(steps[0])
+    return simulation
+
+
+def test_the_flexibility_of_the_segments_is_symmetric():
+    """Maxwell and Betti, although the tangent with friction is not symmetric; positive definite besides."""
+    response = end_of(pulled()).response
+    flexibility = response.flexibility
+    assert np.abs(flexibility - flexibility.T).max() < 1e-9 * np.abs(flexibility).max()
+    assert np.linalg.eigvalsh(flexibility).min() > 0.0
+
+
+@pytest.mark.parametrize(
+    "given", [{}, {"stiffness": 400.0}, {"adhesion": 0.02}], ids=["plain", "elastic", "adhesive"]
+)
+def test_slips_and_their_derivatives_are_those_of_the_solved_ends(given):
+    """The model of the substep against the slips and the response to mobilisations of the finite elements."""
+    simulation = pulled(**given)
+    start = end_of(simulation)
+    after = np.array([1.1, 0.4])
+    simulation.advance(Actuation(np.zeros(2, dtype=bool), after))
+    end = end_of(simulation)
+    targets = tuple(Target((x,), start.state.loads, 0.0) for x in (np.array([0.6, 0.9]), after))
+    substep = _Substep.of(start, end, TautTendons.of(start, end), targets, (None, None), DELTA)
+    clamped = simulation.system.layout.clamped
+    for x, at in ((0.0, start), (1.0, end)):
+        tension = np.concatenate([f.field.tension.reshape(-1) for f in at.forces])
+        state = substep.model.at(x, at.mobilisation, tension)
+        line = at.linearization
+        coupling = FrictionCoupling.of(line.numbering, at.forces, clamped, line.slack)
+        every = np.arange(len(at.mobilisation))
+        matrix = coupling.response(line.factorisation.solve, every, DELTA).matrix
+        assert state.tension == pytest.approx(tension, rel=1e-9)
+        assert state.slip == pytest.approx(at.slips, rel=1e-9, abs=1e-12)
+        assert np.abs(state.columns(every) - matrix).max() < 1e-8 * np.abs(matrix).max()
 
 
 def test_a_pull_from_rest_takes_one_solve_although_every_hole_begins_to_slip():

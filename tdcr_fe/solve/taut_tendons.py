@@ -1,0 +1,123 @@
+"""Tendons under tension at either end of a substep, and what their slips are there as functions of the tensions."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.solve.equilibrium import Equilibrium
+from tdcr_fe.solve.slip_model import End
+from tdcr_fe.solve.state import Target
+from tdcr_fe.solve.tension_response import LoadResponse
+from tdcr_fe.solve.tension_transfer import TendonsInSubstep
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int_]
+
+
+class TautTendons(NamedTuple):
+    """Tendons under tension at either end of a substep.
+
+    Attributes
+    ----------
+    tendons : tuple of TendonsInSubstep
+        Of the robots that have any.
+    robots : tuple of int
+        Their numbers.
+    segments, angles, holes : ndarray of int
+        Their segments, turning angles and frictional holes, among those of all tendons.
+    """
+
+    tendons: tuple[TendonsInSubstep, ...]
+    robots: tuple[int, ...]
+    segments: Index
+    angles: Index
+    holes: Index
+
+    @classmethod
+    def of(cls, start: Equilibrium, end: Equilibrium) -> TautTendons:
+        """Of the substep between two states."""
+        tendons, robots = [], []
+        segments, angles, holes = [], [], []
+        segment = angle = hole = 0
+        for part in end.numbering.robots:
+            law = end.forces[part.robot].model.law
+            m, n = law.shape
+            tension = np.array([at.state.base_tension[part.robot] for at in (start, end)])
+            which = np.flatnonzero((tension > 0.0).any(axis=0))
+            acting = part.frictional if part.has_friction else np.zeros((m, law.groups), dtype=bool)
+            if which.size:
+                driven = np.flatnonzero(np.isin(which, part.driven))
+                tendons.append(TendonsInSubstep(law, which, acting[which], driven, tension[:, which]))
+                robots.append(part.robot)
+            segments.append((segment + n * which[:, None] + np.arange(n)).reshape(-1))
+            angles.append((angle + (n - 1) * which[:, None] + np.arange(n - 1)).reshape(-1))
+            numbers = hole + np.cumsum(acting.reshape(-1)).reshape(acting.shape) - 1
+            holes.append(numbers[which][acting[which]])
+            segment, angle = segment + m * n, angle + m * (n - 1)
+            hole += int(np.count_nonzero(acting))
+        return cls(
+            tuple(tendons),
+            tuple(robots),
+            np.concatenate(segments),
+            np.concatenate(angles),
+            np.concatenate(holes),
+        )
+
+    @property
+    def unknown(self) -> int:
+        """Number of unknown tensions at the base."""
+        return sum(len(own.driven) for own in self.tendons)
+
+    def base_tensions(self, end: int) -> Array:
+        """The unknown ones, at one end [N], shape (c,)."""
+        return np.concatenate([own.tension[end, own.driven] for own in self.tendons])
+
+    def end(
+        self, at: Equilibrium, targets: tuple[Target, Target], end: int, load: LoadResponse | None
+    ) -> End:
+        """One end of the substep between two targets, with the response to the change of its loads."""
+        forces, response = at.forces, at.response
+        flexibility = response.flexibility[self.segments[:, None], self.segments]
+        turning = response.angles[self.angles[:, None], self.segments]
+        lengths = np.zeros(len(self.segments)) if load is None else load.lengths[self.segments]
+        turned = np.zeros(len(self.angles)) if load is None else load.angles[self.angles]
+        values, by_tension, by_load = [], [], []
+        bases: list[tuple[Array, Array, Array]] = []
+        segment = 0
+        for own, robot in zip(self.tendons, self.robots, strict=True):
+            field, count, here = forces[robot].field, len(own.which), slice(segment, segment + own.segments)
+            by_length = field.released_d_length[own.which].reshape(-1, 1)
+            released = -by_length * flexibility[here]
+            stretched = field.released_d_tension[own.which].reshape(-1)
+            released[np.arange(own.segments), np.arange(here.start, here.stop)] += stretched
+            both = np.column_stack((released, by_length[:, 0] * lengths[here]))
+            both = both.reshape(count, own.law.shape[1], -1)
+            slips = (own.law.slip_operator @ both)[own.frictional]
+            values.append(field.slip[own.which][own.frictional])
+            by_tension.append(slips[:, :-1])
+            by_load.append(slips[:, -1])
+            driven = own.which[own.driven]
+            pulled = -both[own.driven].sum(axis=1)
+            first, last = (target.inputs[robot][driven] for target in targets)
+            slack = (last if end else first) - field.base_slip[driven]
+            bases.append((slack, pulled[:, :-1], pulled[:, -1] + last - first))
+            segment = here.stop
+        return End(
+            _joined([f.field.tension for f in forces])[self.segments],
+            np.concatenate(
+                [
+                    *values,
+                    *(b[0] for b in bases),
+                    _joined([f.measured.shape.angles for f in forces])[self.angles],
+                ]
+            ),
+            np.concatenate([*by_tension, *(b[1] for b in bases), turning]),
+            np.concatenate([*by_load, *(b[2] for b in bases), turned]),
+        )
+
+
+def _joined(by_robot: list[Array]) -> Array:
+    return np.concatenate([x.reshape(-1) for x in by_robot])

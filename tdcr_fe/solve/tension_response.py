@@ -1,0 +1,135 @@
+"""Response of one equilibrium to the tensions of all segments, each as if it were given, and to a change of the loads.
+
+By their tensions the segments depend on each other only through the robot's stiffness, which changes slowly along a
+load step. By mobilisations they would depend on the tensions themselves, and on every hole before them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.solve.factors import BorderedFactors
+from tdcr_fe.solve.linearization import Linearization
+
+Array = NDArray[np.float64]
+
+
+class LoadResponse(NamedTuple):
+    """Change of all segments and turning angles by a change of the loads at fixed tensions.
+
+    Attributes
+    ----------
+    lengths : ndarray, shape (q,)
+        [m].
+    angles : ndarray, shape (r,)
+        [rad].
+    """
+
+    lengths: Array
+    angles: Array
+
+    def reversed(self) -> LoadResponse:
+        """The response to the opposite change."""
+        return LoadResponse(-self.lengths, -self.angles)
+
+
+class TensionResponse(NamedTuple):
+    """Derivatives by the tensions of all segments; q segments and r turning angles of all robots, padded ones included.
+
+    Attributes
+    ----------
+    nodes : ndarray, shape (reduced, q)
+        Of the unknowns of the reduced scene.
+    flexibility : ndarray, shape (q, q)
+        Minus those of the lengths; symmetric [m/N].
+    angles : ndarray, shape (r, q)
+        Of the turning angles [rad/N].
+    by_angle : ndarray, shape (q, r)
+        Derivatives of the tensions by the turning angles at fixed mobilisations and tensions at the base [N/rad].
+    """
+
+    nodes: Array
+    flexibility: Array
+    angles: Array
+    by_angle: Array
+
+    @classmethod
+    def of(
+        cls, linear: Linearization, forces: Sequence[TendonForces], clamped: Sequence[slice]
+    ) -> TensionResponse:
+        """From the tangent, in which tensions change with the turning angles.
+
+        Parameters
+        ----------
+        linear
+            Equilibrium, linearised at fixed mobilisations.
+        forces
+            By robot.
+        clamped
+            Unknowns of clamped bases.
+        """
+        lengths, angles, by_angle = _segments(linear, forces)
+        right = np.asfortranarray(lengths.T)
+        for base in clamped:
+            right[base] = 0.0
+        moved = _inner(linear, right)
+        turned = angles @ moved
+        # A given tension is the sum of one that is put on, and of what the angles add to it.
+        put_on = np.linalg.inv(np.eye(len(lengths)) + by_angle @ turned)
+        return cls(moved @ put_on, -(lengths @ moved) @ put_on, turned @ put_on, by_angle)
+
+    def to_load(
+        self, linear: Linearization, forces: Sequence[TendonForces], unbalanced: Array
+    ) -> LoadResponse:
+        """Response to a change of the loads.
+
+        Parameters
+        ----------
+        linear, forces
+            As in `of`.
+        unbalanced
+            Residual that the change causes, shape (reduced,).
+        """
+        lengths, angles, _ = _segments(linear, forces)
+        moved = _inner(linear, -unbalanced)
+        turned = angles @ moved
+        added = self.by_angle @ turned
+        return LoadResponse(
+            lengths @ moved + self.flexibility @ added,
+            turned - self.angles @ added,
+        )
+
+
+def _inner(linear: Linearization, right: Array) -> Array:
+    """Solve at fixed tensions at the base."""
+    factors = linear.factorisation
+    return (factors.inner if isinstance(factors, BorderedFactors) else factors).solve(right)
+
+
+def _segments(linear: Linearization, forces: Sequence[TendonForces]) -> tuple[Array, Array, Array]:
+    """Derivatives of lengths and angles by the reduced unknowns, and of the tensions by the angles, of all robots."""
+    reduced = linear.numbering.reduced
+    tables: tuple[list[Array], list[Array]] = [], []
+    blocks = []
+    for part in linear.numbering.robots:
+        own = forces[part.robot]
+        shape = own.measured.shape
+        for table, rows in zip(tables, (shape.d_lengths, shape.d_angles), strict=True):
+            full = np.zeros((rows.shape[0] * rows.shape[1], reduced))
+            inside = np.arange(part.nodes.start, part.nodes.stop)
+            columns = own.model.columns
+            full[:, inside if columns is None else inside[columns]] = rows.reshape(len(full), -1)
+            table.append(full)
+        blocks += list(own.field.d_angle)
+    lengths, angles = (t[0] if len(t) == 1 else np.concatenate(t) for t in tables)
+    by_angle = np.zeros((len(lengths), len(angles)))
+    row = column = 0
+    for block in blocks:
+        by_angle[row : row + block.shape[0], column : column + block.shape[1]] = block
+        row, column = row + block.shape[0], column + block.shape[1]
+    return lengths, angles, by_angle

@@ -1,0 +1,62 @@
+"""Slips that are bilinear in the load factor and the unknowns, in place of a robot's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+class LinearSlips:
+    """``u = a x + b x^2 / 2 + (C0 + x C1) (z - z0)``; mobilisations first in ``z``, then tensions at the base.
+
+    Parameters
+    ----------
+    by_load
+        ``a`` and ``a + b``, shape (2, n).
+    matrix
+        Presliding distance times identity (zero for tensions) minus ``C`` at both ends, shape (2, n, n).
+    start
+        ``z0``, shape (n,).
+    presliding
+        [m].
+    holes
+        Number of mobilisations; None where all unknowns are.
+    slack
+        Of the tensions at the start, shape (n - holes,).
+    """
+
+    def __init__(self, by_load, matrix, start, presliding, holes=None, slack=()):
+        self.presliding = presliding
+        self._load, self._matrix, self._start = np.array(by_load), np.array(matrix), np.array(start)
+        holes = len(start) if holes is None else holes
+        self._stiffness = np.append(np.full(holes, presliding), np.zeros(len(start) - holes))
+        self._first = np.append(np.zeros(holes), -np.array(slack))
+
+    def _by_unknowns(self, x):
+        return np.diag(self._stiffness) - (1.0 - x) * self._matrix[0] - x * self._matrix[1]
+
+    def slip(self, x, z):
+        """Slips, then minus the slack."""
+        load = x * self._load[0] + 0.5 * x * x * (self._load[1] - self._load[0])
+        return self._first + load + self._by_unknowns(x) @ (z - self._start)
+
+    def at(self, x, z, tension):
+        """As of `tdcr_fe.solve.slip_model.SlipModel`."""
+        change = self._matrix[0] - self._matrix[1]
+        load = (1.0 - x) * self._load[0] + x * self._load[1] + change @ (z - self._start)
+        return _State(tension, self.slip(x, z), load, np.diag(self._stiffness) - self._by_unknowns(x))
+
+    def rates(self, x, z, tension, rate, near):
+        """As of `tdcr_fe.solve.slip_model.SlipModel`."""
+        state = self.at(x, z, tension)
+        return state.by_load - state.matrix @ rate
+
+
+class _State:
+    def __init__(self, tension, slip, by_load, matrix):
+        self.tension, self.slip, self.by_load, self.matrix = tension, slip, by_load, matrix
+
+    def columns(self, which):
+        return self.matrix[:, which]
+
+    def tension_rates(self, free, rate):
+        return np.zeros_like(self.tension)
