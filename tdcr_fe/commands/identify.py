@@ -71,6 +71,7 @@ def run(args: argparse.Namespace) -> int:
     from tdcr_fe.io.atomic import check_output_folder, write_json, write_text
     from tdcr_fe.io.measured import join_measured, read_measured
     from tdcr_fe.io.own_effects import read_own_effects
+    from tdcr_fe.model.plausibility import plausibility_warnings
 
     data = join_measured([read_measured(folder, strict=args.strict) for folder in args.folder])
     out = check_output_folder(args.out)
@@ -81,6 +82,8 @@ def run(args: argparse.Namespace) -> int:
     )
     for row in data.left_out:
         complain(f"left out: {row}")
+    for warning in plausibility_warnings(data.robot, data.model, data.steps):
+        complain(f"warning: {warning}")
     with tqdm(total=100, leave=False, file=sys.stderr, disable=True if args.quiet else None,
               bar_format="{l_bar}{bar}| {elapsed} {postfix}") as bar:  # fmt: skip
 

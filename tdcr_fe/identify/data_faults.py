@@ -173,10 +173,15 @@ def _standing_still(problem: FitProblem, declared: Fit) -> str:
     """A sensor that reads the same in several steps in which the model moves."""
     readings = problem.data.readings
     predicted = problem.readings.values / problem.sigma - declared.residual
+    quantities = problem.readings.quantities
+    resolved = {
+        q: float(np.min(np.diff(np.unique(problem.readings.values[quantities == q])), initial=np.inf))
+        for q in set(quantities.tolist())
+    }
     found: list[tuple[int, str]] = []
     for i in series(readings):
         values = problem.readings.values[i]
-        resolution = np.min(np.diff(np.unique(values)), initial=np.inf)
+        resolution = resolved[readings[i[0]].quantity]
         if resolution > RESOLVED * float(np.median(problem.sigma[i])):
             continue  # the noise may leave such readings as they are
         same = np.concatenate(([0], np.cumsum(np.diff(values) != 0.0)))

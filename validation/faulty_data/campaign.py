@@ -140,7 +140,7 @@ def judge(fault: Fault, status: int, errors: str, output: str, report: Path) -> 
         return Outcome(fault.name, outcome, "", (), errors[:400])
     result = json.loads((report / "result.json").read_text(encoding="utf-8"))
     verdict, effects = result["verdict"], tuple(e["effect"] for e in result["effects"])
-    said = re.sub(r"\s+", " ", output)
+    said = re.sub(r"\s+", " ", f"{output} {errors}")
     # The report's own advice repeats what the errors on the first screen say; candidates are not what is concluded.
     named = any(w in effects or (w not in _EFFECT_LIKE and w in said.lower()) for w in fault.words if w)
     if named:

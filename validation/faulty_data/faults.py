@@ -266,10 +266,15 @@ FAULTS: tuple[Fault, ...] = (
         ("were left out: too many",),
     ),
     Fault("only unloaded steps", "tension", _unloaded, ("noise is larger", "too few")),
-    Fault("noise larger than the motion", "tension", _noise(0.2), ("noise is larger",)),
+    Fault("noise larger than the motion", "tension", _noise(0.2), ("noise is larger", "values up to")),
     Fault("noise thirty times its sigma", "tension", _noise(6e-3), ("times their sigma",)),
     Fault("readings rounded to 5 mm", "tension", _round, ("rounded",)),
-    Fault("tensions in grams", "tension", _scale_columns("tension_", 102.0), ("actuator_gain", "would fit")),
+    Fault(
+        "tensions in grams",
+        "tension",
+        _scale_columns("tension_", 102.0),
+        ("actuator_gain", "meant in mn"),
+    ),
     Fault("displacements in mm", "displacement", _scale_columns("displacement_", 1e3), ("mm",)),
     Fault(
         "displacements counted the other way",
