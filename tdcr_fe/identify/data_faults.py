@@ -326,6 +326,21 @@ def _other_drives(problem: FitProblem, grid: _Grid) -> Iterator[tuple[float, str
         yield _cost(problem, experiment, problem.residual(experiment, run)), f"the readings fit if {text}"
 
 
+def other_sign_solves(problem: FitProblem) -> str:
+    """A sentence where the declared model, which is not solved, is solved with displacements of the other sign."""
+    steps = problem.experiment.steps
+    if not any(s.displacements for s in steps):
+        return ""
+    same = {n: n for n in problem.data.robot.tendon_names}
+    (run,) = problem.solve([replace(problem.experiment, steps=_driven(steps, same, -1.0))])
+    if run.solved < len(problem.data.steps):
+        return ""
+    return (
+        "With all displacements counted with the other sign it does: they are positive where a tendon is pulled in, "
+        "negative where it is let out."
+    )
+
+
 def _driven(steps: tuple[LoadStep, ...], names: Mapping[str, str], sign: float) -> tuple[LoadStep, ...]:
     """The steps with the inputs of other tendons."""
     return tuple(

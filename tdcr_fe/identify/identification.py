@@ -11,7 +11,7 @@ import numpy as np
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.conclude import conclude
 from tdcr_fe.identify.criteria import robust_threshold
-from tdcr_fe.identify.data_faults import data_fault
+from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.holdout import choose_held_out, held_out_branches
 from tdcr_fe.identify.information import unusable_data
@@ -200,7 +200,8 @@ def _declared(problem: FitProblem) -> SearchState:
     """
     declared = evaluate(problem, (), {})
     if not declared.solved:
-        message = declared.run.message
-        raise NotSolved(f"the declared model does not follow the loading sequence: {message}")
+        hint = other_sign_solves(problem)
+        message = f"the declared model does not follow the loading sequence: {declared.run.message}"
+        raise NotSolved(f"{message}{' ' if hint else ''}{hint}")
     problem = replace(problem, robust_threshold=robust_threshold(declared.residual))
     return SearchState.start(problem, evaluate(problem, (), {}))

@@ -105,3 +105,13 @@ def test_rounded_readings_are_named(clean):
     )
     result = identify(rounded)
     assert result.verdict == "cannot tell" and "rounded to 10 mm" in result.remaining.description
+
+
+def test_tendon_that_is_never_driven_is_named_where_the_error_is_not_explained(clean):
+    """The loading sequence lacks one tendon."""
+    name = clean.robot.tendon_names[1]
+    result = identify(replace(clean, readings=clean.readings[:1]))
+    steps = tuple(replace(s, tensions={**s.tensions, name: 0.0}) for s in clean.steps)
+    lacking = replace(result, data=replace(clean, steps=steps), verdict="unexplained")
+    assert any(f"Tendon {name} has no input in any step" in s for s in sentences(lacking))
+    assert not any("no input" in s for s in sentences(replace(result, verdict="unexplained")))
