@@ -73,7 +73,7 @@ class _Grid:
             r = readings[i]
             at = row[r.step], column[float(r.location or 0.0)], "xyz".index(r.quantity[-1])
             grids[(slice(None), *at)] = r.value, predicted[i], problem.sigma[i]
-        return cls(*grids, steps, markers)
+        return cls(grids[0], grids[1], grids[2], steps, markers)
 
     @property
     def count(self) -> int:

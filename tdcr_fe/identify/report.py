@@ -158,6 +158,8 @@ def sentences(result: IdentificationResult) -> list[str]:
         first = result.remaining.description.split("; ")[0]
         plain = first.startswith("not on the list") or not result.remaining.where.startswith("bay")
         found.append(f"Remaining error: {first if plain else 'largest in ' + result.remaining.where}.")
+    if result.verdict in ("unexplained", "partly explained"):
+        found += _never_driven(result)
     if result.data.left_out:
         found.append(f"{len(result.data.left_out)} faulty rows were left out; they are listed below.")
     if result.outliers:
@@ -169,6 +171,18 @@ def sentences(result: IdentificationResult) -> list[str]:
     if result.interrupted and result.verdict != "unfinished":
         found.append("Unfinished: the search was interrupted, and this is its state at that time.")
     return found
+
+
+def _never_driven(result: IdentificationResult) -> list[str]:
+    """Tendons without an input in any step, although others have one."""
+    driven = {
+        n for s in result.data.steps for x in (s.tensions, s.displacements) for n, v in x.items() if v != 0.0
+    }
+    idle = [n for n in result.data.robot.tendon_names if n not in driven]
+    if not idle or not driven:
+        return []
+    what, verb = ("Tendon", "has") if len(idle) == 1 else ("Tendons", "have")
+    return [f"{what} {_joined(idle)} {verb} no input in any step: is that recorded in loading.csv?"]
 
 
 def next_sentence(result: IdentificationResult) -> list[str]:

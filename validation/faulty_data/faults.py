@@ -282,7 +282,7 @@ FAULTS: tuple[Fault, ...] = (
         _scale_columns("displacement_", -1.0),
         ("other sign",),
     ),
-    Fault("tension of t2 not recorded", "tension", _unplugged("tension_t2"), ("t2",)),
+    Fault("tension of t2 not recorded", "tension", _unplugged("tension_t2"), ("tendon t2 has no input",)),
     Fault(
         "diameter given as radius",
         "tension",
