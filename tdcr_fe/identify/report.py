@@ -111,12 +111,7 @@ def sentences(result: IdentificationResult) -> list[str]:
     else:
         text = f"The {what} is {size(result.before_fit)}"
     found = [f"{text}; the noise alone gives {noise_size(result)}."]
-    if result.sigma_estimated:
-        without = sorted({r.channel.family for r in result.data.readings if r.sigma is None})
-        found.append(
-            f"No sigma is given for {_joined(without)}: the noise is estimated from the scatter of the readings about "
-            "smooth curves. An error that changes from step to step without order counts as noise."
-        )
+    found += _estimated_noise(result)
     if result.law is not None:
         found = [result.law.sentence, f"{result.law.formula}.", *found]
         if result.law.alternatives:
@@ -171,6 +166,17 @@ def sentences(result: IdentificationResult) -> list[str]:
     if result.interrupted and result.verdict != "unfinished":
         found.append("Unfinished: the search was interrupted, and this is its state at that time.")
     return found
+
+
+def _estimated_noise(result: IdentificationResult) -> list[str]:
+    """Where sigma is not given: how the noise is known."""
+    if not result.sigma_estimated:
+        return []
+    without = sorted({r.channel.family for r in result.data.readings if r.sigma is None})
+    return [
+        f"No sigma is given for {_joined(without)}: the noise is estimated from the scatter of the readings about "
+        "smooth curves. An error that changes from step to step without order counts as noise."
+    ]
 
 
 def _never_driven(result: IdentificationResult) -> list[str]:
