@@ -1,6 +1,8 @@
 """Effects that a builder declares for identify, in the table [effects] of model.toml."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -112,3 +114,13 @@ def test_mistakes_are_named(data, tmp_path, text, message):
     with pytest.raises(InputError, match=message) as caught:
         read_measured(folder(data, tmp_path, text))
     assert "model.toml" in str(caught.value)
+
+
+def test_example_in_the_docs_is_read_without_mistake(data, tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "files.md").read_text("utf-8")
+    (text,) = re.findall(r"```toml\n(\[model\]\nfriction.*?)```", page, re.DOTALL)
+    write_measured(data, tmp_path / "set")
+    (tmp_path / "set" / "model.toml").write_text(text)
+    declared = read_measured(tmp_path / "set")
+    assert declared.effects["marker_offset"]["offset_z"] == 8e-3
+    assert set(declared.effects) == {"actuator_backlash", "marker_offset", "frame_misalignment"}
