@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.special import gammaln
 
-from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
 from tdcr_fe.model.loading import LoadStep
@@ -64,7 +63,8 @@ class _Grid:
             for i, r in enumerate(readings)
             if r.channel.family == "position" and isinstance(r.location, float)
         ]
-        steps = tuple(n for n in problem.data.step_ids if any(readings[i].step == n for i in chosen))
+        read = {readings[i].step for i in chosen}
+        steps = tuple(n for n in problem.data.step_ids if n in read)
         markers = tuple(sorted({float(readings[i].location or 0.0) for i in chosen}))
         row, column = {n: k for k, n in enumerate(steps)}, {s: k for k, s in enumerate(markers)}
         grids = np.full((3, len(steps), len(markers), 3), np.nan)
@@ -86,7 +86,12 @@ class _Grid:
         known = np.isfinite(r)
         if np.count_nonzero(known) < 0.8 * self.count:
             return float("inf")
-        return float(np.mean(huber(r[known], ROBUST)))
+        return _mean_square(r[known])
+
+
+def _mean_square(r: Array) -> float:
+    """Robust mean square of residuals over sigma; infinite where one is missing."""
+    return float(np.mean(huber(r, ROBUST))) if np.all(np.isfinite(r)) else float("inf")
 
 
 def data_fault(problem: FitProblem, declared: Fit) -> str:
@@ -117,7 +122,7 @@ def data_fault(problem: FitProblem, declared: Fit) -> str:
     found = [(grid.cost(m) + count * price, text) for m, count, text in _mended(grid)]
     best = min(found, default=(float("inf"), ""))
     if best[0] > limit:
-        best = min(_other_drives(problem, grid), default=best)
+        best = min(_other_drives(problem), default=best)
     return best[1] if best[0] <= limit else ""
 
 
@@ -184,9 +189,7 @@ def _standing_still(problem: FitProblem, declared: Fit) -> str:
         resolution = resolved[readings[i[0]].quantity]
         if resolution > RESOLVED * float(np.median(problem.sigma[i])):
             continue  # the noise may leave such readings as they are
-        same = np.concatenate(([0], np.cumsum(np.diff(values) != 0.0)))
-        for group in range(same[-1] + 1):
-            run = i[same == group]
+        for run in np.split(i, np.flatnonzero(np.diff(values)) + 1):
             moves = float(np.ptp(predicted[run]))
             if run.size >= EQUAL_STEPS and moves > MOVES:
                 first, last = readings[run[0]], readings[run[-1]]
@@ -272,11 +275,10 @@ def _jumps(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
     """One coordinate of one marker, or of all, off by a constant from a step on."""
     difference = grid.measured - grid.predicted
     groups: list[tuple[slice | int, str]] = [(slice(None), "all markers")]
-    groups += [(k, f"the marker at s = {s:g} m") for k, s in enumerate(grid.markers)]
+    if len(grid.markers) > 1:
+        groups += [(k, f"the marker at s = {s:g} m") for k, s in enumerate(grid.markers)]
     for (where, name), axis in itertools.product(groups, range(3)):
         part = difference[:, where, axis].reshape(len(grid.steps), -1)
-        if len(groups) == 2 and name != "all markers":
-            continue
         best, at, by = float("inf"), 0, 0.0
         for k in range(2, len(grid.steps) - 2):
             size = float(np.nanmedian(part[k:]))
@@ -307,32 +309,32 @@ def _drifts(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
         yield moved, 2, text
 
 
-def _other_drives(problem: FitProblem, grid: _Grid) -> Iterator[tuple[float, str]]:
+def _other_drives(problem: FitProblem) -> Iterator[tuple[float, str]]:
     """Mean squares with two tendons exchanged, or all displacements counted the other way."""
     robot, steps = problem.data.robot, problem.experiment.steps
     changes: list[tuple[Mapping[str, str], float, str]] = []
     for a, b in itertools.combinations(robot.tendons, 2):
         if robot.end(a) == robot.end(b):
-            names = {n: n for n in robot.tendon_names} | {a.name: b.name, b.name: a.name}
-            changes.append((names, 1.0, f"tendons {a.name} and {b.name} are exchanged"))
-    if any(s.displacements for s in steps):
-        same = {n: n for n in robot.tendon_names}
-        changes.append((same, -1.0, "displacements are counted with the other sign"))
+            changes.append(
+                ({a.name: b.name, b.name: a.name}, 1.0, f"tendons {a.name} and {b.name} are exchanged")
+            )
+    if problem.data.driven_by_displacement:
+        changes.append(({}, -1.0, "displacements are counted with the other sign"))
     changes = changes[: MOST_STEPS // max(1, len(steps))]
     experiments = [
         replace(problem.experiment, steps=_driven(steps, names, sign)) for names, sign, _ in changes
     ]
     for experiment, run, (_, _, text) in zip(experiments, problem.solve(experiments), changes, strict=True):
-        yield _cost(problem, experiment, problem.residual(experiment, run)), f"the readings fit if {text}"
+        r = problem.residual(experiment, run)[problem.readings.is_position]
+        yield _mean_square(r), f"the readings fit if {text}"
 
 
 def other_sign_solves(problem: FitProblem) -> str:
     """A sentence where the declared model, which is not solved, is solved with displacements of the other sign."""
-    steps = problem.experiment.steps
-    if not any(s.displacements for s in steps):
+    if not problem.data.driven_by_displacement:
         return ""
-    same = {n: n for n in problem.data.robot.tendon_names}
-    (run,) = problem.solve([replace(problem.experiment, steps=_driven(steps, same, -1.0))])
+    steps = _driven(problem.experiment.steps, {}, -1.0)
+    (run,) = problem.solve([replace(problem.experiment, steps=steps)])
     if run.solved < len(problem.data.steps):
         return ""
     return (
@@ -342,17 +344,12 @@ def other_sign_solves(problem: FitProblem) -> str:
 
 
 def _driven(steps: tuple[LoadStep, ...], names: Mapping[str, str], sign: float) -> tuple[LoadStep, ...]:
-    """The steps with the inputs of other tendons."""
+    """The steps with the inputs of some tendons given to others, and displacements times a sign."""
     return tuple(
         replace(
             s,
-            tensions={names[n]: t for n, t in s.tensions.items()},
-            displacements={names[n]: sign * d for n, d in s.displacements.items()},
+            tensions={names.get(n, n): t for n, t in s.tensions.items()},
+            displacements={names.get(n, n): sign * d for n, d in s.displacements.items()},
         )
         for s in steps
     )
-
-
-def _cost(problem: FitProblem, experiment: Experiment, residual: Array) -> float:
-    r = residual[problem.readings.is_position]
-    return float(np.mean(huber(r, ROBUST))) if np.all(np.isfinite(r)) else float("inf")
