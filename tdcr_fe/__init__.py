@@ -24,21 +24,20 @@ if TYPE_CHECKING:
     from tdcr_fe.io.write_toml import model_to_toml as model_to_toml
     from tdcr_fe.io.write_toml import robot_to_toml as robot_to_toml
     from tdcr_fe.io.write_toml import scenario_to_toml as scenario_to_toml
+    from tdcr_fe.model.backbone import Backbone as Backbone
+    from tdcr_fe.model.backbone import StiffnessPatch as StiffnessPatch
+    from tdcr_fe.model.disks import Disks as Disks
     from tdcr_fe.model.friction import ConstantFriction as ConstantFriction
     from tdcr_fe.model.friction import ForceDependentFriction as ForceDependentFriction
     from tdcr_fe.model.friction import StribeckFriction as StribeckFriction
     from tdcr_fe.model.loading import Load as Load
     from tdcr_fe.model.loading import LoadStep as LoadStep
     from tdcr_fe.model.loading import Model as Model
+    from tdcr_fe.model.material import NonlinearMaterial as NonlinearMaterial
+    from tdcr_fe.model.material import Superelastic as Superelastic
     from tdcr_fe.model.results import SequenceResult as SequenceResult
     from tdcr_fe.model.results import StepResult as StepResult
-    from tdcr_fe.model.robot import Backbone as Backbone
-    from tdcr_fe.model.robot import Disks as Disks
-    from tdcr_fe.model.robot import NonlinearMaterial as NonlinearMaterial
     from tdcr_fe.model.robot import Robot as Robot
-    from tdcr_fe.model.robot import StiffnessPatch as StiffnessPatch
-    from tdcr_fe.model.robot import Superelastic as Superelastic
-    from tdcr_fe.model.robot import Tendon as Tendon
     from tdcr_fe.model.routing import ConvergingRouting as ConvergingRouting
     from tdcr_fe.model.routing import HelicalRouting as HelicalRouting
     from tdcr_fe.model.routing import ParallelRouting as ParallelRouting
@@ -53,6 +52,7 @@ if TYPE_CHECKING:
     from tdcr_fe.model.targets import ReachedTarget as ReachedTarget
     from tdcr_fe.model.targets import TensionLimits as TensionLimits
     from tdcr_fe.model.targets import TipTarget as TipTarget
+    from tdcr_fe.model.tendon import Tendon as Tendon
     from tdcr_fe.native import register as register
     from tdcr_fe.scene.builder import CreateTDCR as CreateTDCR
     from tdcr_fe.scene.handle import TDCR as TDCR
@@ -90,15 +90,11 @@ _PUBLIC = {
     "tdcr_fe.model.friction": ("ConstantFriction", "ForceDependentFriction", "StribeckFriction"),
     "tdcr_fe.model.loading": ("Load", "LoadStep", "Model"),
     "tdcr_fe.model.results": ("SequenceResult", "StepResult"),
-    "tdcr_fe.model.robot": (
-        "Backbone",
-        "Disks",
-        "NonlinearMaterial",
-        "Robot",
-        "StiffnessPatch",
-        "Superelastic",
-        "Tendon",
-    ),
+    "tdcr_fe.model.backbone": ("Backbone", "StiffnessPatch"),
+    "tdcr_fe.model.disks": ("Disks",),
+    "tdcr_fe.model.material": ("NonlinearMaterial", "Superelastic"),
+    "tdcr_fe.model.robot": ("Robot",),
+    "tdcr_fe.model.tendon": ("Tendon",),
     "tdcr_fe.model.routing": (
         "ConvergingRouting",
         "HelicalRouting",

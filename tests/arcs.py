@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult, StepResult
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.model.tendon import Tendon
 
 
 def paper_robot(tendons: int = 1) -> Robot:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
+from tdcr_fe.model.tendon import Tendon
 
 
 def random_robot(tendons, seed):

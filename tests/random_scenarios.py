@@ -8,9 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
+from tdcr_fe.model.backbone import Backbone, StiffnessPatch
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Backbone, Disks, Robot, StiffnessPatch, Superelastic, Tendon
+from tdcr_fe.model.material import Superelastic
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting, Routing
+from tdcr_fe.model.tendon import Tendon
 
 #: Effects that a scenario may ask for, with values for the robots drawn here.
 EFFECTS: dict[str, dict[str, float]] = {

@@ -7,10 +7,13 @@ from typing import Any
 import exudyn as exu
 import numpy as np
 
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.scene import TDCR, CreateTDCR
 from tdcr_fe.solve.simulate import simulate
 

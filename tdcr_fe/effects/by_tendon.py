@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Form, Parameter, Values
-from tdcr_fe.model.robot import ARC_TOLERANCE, Robot, Tendon
+from tdcr_fe.model.checks import ARC_TOLERANCE
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.tendon import Tendon
 
 
 def mean(declared: Sequence[float]) -> float:

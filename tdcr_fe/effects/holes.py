@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Parameter, Values, with_friction
 from tdcr_fe.effects.by_tendon import TendonNumber, mean, shifted
-from tdcr_fe.model.robot import Tendon
 from tdcr_fe.model.routing import TwistedRouting
+from tdcr_fe.model.tendon import Tendon
 
 
 class FrictionCoefficient(TendonNumber):

@@ -21,8 +21,10 @@ from tdcr_fe.effects.base import (
     Values,
     with_friction,
 )
+from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.robot import Robot, SideSpring, StiffnessPatch, TightHole
+from tdcr_fe.model.robot import Robot, SideSpring
+from tdcr_fe.model.tendon import TightHole
 
 #: Drop of tension at a hole that holds its tendon fast, over the largest commanded tension [1].
 HOLDS_FAST = 4.0

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from tdcr_fe.effects.base import ExcitationRange, Experiment, Parameter, Values
 from tdcr_fe.effects.by_tendon import TendonNumber
-from tdcr_fe.model.robot import Tendon
+from tdcr_fe.model.tendon import Tendon
 
 
 class TendonStretch(TendonNumber):

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.disks import DiskCount, Disks
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.quantity import Quantity
-from tdcr_fe.model.robot import Backbone, DiskCount, Disks, Robot, Tendon
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ROUTINGS, Routing
 from tdcr_fe.model.schema import (
     REQUIRED,
@@ -23,6 +25,7 @@ from tdcr_fe.model.schema import (
     table_schema,
 )
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.model.wording import quoted
 
 

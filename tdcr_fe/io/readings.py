@@ -15,7 +15,8 @@ import pandas as pd
 from tdcr_fe.io.cells import millimetres_hint, number, whole_number
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.model.channels import QUANTITIES, Channel, channel
-from tdcr_fe.model.robot import ARC_TOLERANCE, Robot
+from tdcr_fe.model.checks import ARC_TOLERANCE
+from tdcr_fe.model.robot import Robot
 
 OBSERVATION_COLUMNS = ("step", "quantity", "location", "value", "sigma")
 

@@ -8,9 +8,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from tdcr_fe.effects import EFFECTS
 from tdcr_fe.io.keys import DISKS, ROBOT, tendon_keys
 from tdcr_fe.io.write_toml import value_to_toml
+from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.channels import CHANNELS
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.robot import Backbone, SideSpring
+from tdcr_fe.model.robot import SideSpring
 from tdcr_fe.model.routing import ROUTINGS, ParallelRouting
 from tdcr_fe.model.schema import REQUIRED, Choice, Field, fields_of
 from tdcr_fe.model.settings import SolverSettings

@@ -20,6 +20,7 @@ from typing import Any
 from tdcr_fe.io.effects import read_effects
 from tdcr_fe.io.keys import DISKS, MODEL_FILE, ROBOT, SCENARIO, routings_with, tendon_keys
 from tdcr_fe.io.problems import InputError, Problem, Report, Reporter
+from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import (
     ARC_TOLERANCE,
     Contradiction,
@@ -34,12 +35,14 @@ from tdcr_fe.model.checks import (
     tendon_contradictions,
     time_contradictions,
 )
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.quantity import FieldError
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ROUTINGS, ParallelRouting
 from tdcr_fe.model.schema import fields_of, take_table
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.model.wording import quoted, shown
 
 Steps = tuple[LoadStep, ...]

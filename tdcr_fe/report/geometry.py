@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from tdcr_fe.model.results import SequenceResult, StepResult
-from tdcr_fe.model.robot import Tendon
+from tdcr_fe.model.tendon import Tendon
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.frames import quaternions
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.model.robot import Backbone, Robot
+from tdcr_fe.model.robot import Robot
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -17,7 +17,8 @@ from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParamete
 from tdcr_fe.elements.section import ContinuousTendons
 from tdcr_fe.elements.tendons import CableGeometry
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.robot import Robot, Tendon
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.tendon import Tendon
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from tdcr_fe.io.keys import ROBOT, SCENARIO
 from tdcr_fe.io.toml import ScenarioTables
+from tdcr_fe.model.backbone import Backbone, StiffnessPatch
 from tdcr_fe.model.loading import Load, Model
-from tdcr_fe.model.robot import Backbone, StiffnessPatch
 from tdcr_fe.model.schema import all_fields_of
 from tdcr_fe.model.wording import join, meant, quoted
 

@@ -10,9 +10,9 @@ import tdcr_fe as tdcr
 from tdcr_fe import cli
 from tdcr_fe.io.keys import DISKS, ROBOT, tendon_keys
 from tdcr_fe.io.templates import _EXAMPLES
+from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.channels import CHANNELS
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.robot import Backbone
 from tdcr_fe.model.routing import ROUTINGS, ParallelRouting
 from tdcr_fe.model.schema import fields_of
 from tdcr_fe.model.settings import SolverSettings

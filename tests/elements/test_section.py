@@ -18,8 +18,10 @@ from tdcr_fe.elements.section import (
     nodal_sum,
 )
 from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.robot import Robot, Superelastic, Tendon
+from tdcr_fe.model.material import Superelastic
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import HelicalRouting
+from tdcr_fe.model.tendon import Tendon
 
 NODES = np.array([0.0, 0.02, 0.05, 0.09])
 LENGTHS = np.diff(NODES)

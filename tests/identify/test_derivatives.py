@@ -17,8 +17,9 @@ from tdcr_fe.identify.unlisted import local_candidates
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import CHANNELS
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import HelicalRouting
 from tdcr_fe.model.settings import SolverSettings
 

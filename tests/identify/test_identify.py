@@ -19,8 +19,8 @@ from tdcr_fe.identify.report import render, summary
 from tdcr_fe.identify.run import run_settings
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.robot import StiffnessPatch
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.simulate import simulate
 

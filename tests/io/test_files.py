@@ -19,7 +19,9 @@ from tdcr_fe.io.keys import SCENARIO as SCENARIO_KEYS
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.toml import digest, read_model, read_model_file, read_robot, read_scenario
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
+from tdcr_fe.model.backbone import Backbone, StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.friction import (
     FRICTION_COEFFICIENTS,
     ConstantFriction,
@@ -27,7 +29,8 @@ from tdcr_fe.model.friction import (
     StribeckFriction,
 )
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Backbone, Disks, Robot, StiffnessPatch, Superelastic, Tendon
+from tdcr_fe.model.material import Superelastic
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import (
     ROUTINGS,
     ConvergingRouting,
@@ -38,6 +41,7 @@ from tdcr_fe.model.routing import (
 )
 from tdcr_fe.model.schema import fields_of
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.tendon import Tendon
 
 
 def problems_of(path: Path, further_tables=None) -> list[Problem]:

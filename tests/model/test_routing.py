@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from robots import BACKBONE, DISKS, LENGTH, solve
 from scipy.integrate import quad
 
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot, Tendon
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import (
     ROUTINGS,
     ConvergingRouting,
@@ -23,6 +24,7 @@ from tdcr_fe.model.routing import (
     TwistedRouting,
     VaryingHelicalRouting,
 )
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.reference import solve_reference
 
 S = np.linspace(0.0, LENGTH, 14)

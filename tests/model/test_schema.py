@@ -9,10 +9,13 @@ import time
 import numpy as np
 import pytest
 
+from tdcr_fe.model.backbone import Backbone, StiffnessPatch
 from tdcr_fe.model.checks import MEMORY_LIMIT, size_contradictions
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.material import Superelastic
 from tdcr_fe.model.quantity import Quantity
-from tdcr_fe.model.robot import Backbone, Disks, Robot, StiffnessPatch, Superelastic, Tendon
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import (
     ConvergingRouting,
     HelicalRouting,
@@ -22,6 +25,7 @@ from tdcr_fe.model.routing import (
 )
 from tdcr_fe.model.schema import all_fields_of
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.tendon import Tendon
 
 LENGTH = 0.25
 BACKBONE = Backbone(LENGTH, 0.4e-3, 85e9, 0.3)

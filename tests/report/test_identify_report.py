@@ -31,10 +31,13 @@ from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.result_folder import read_motion
 from tdcr_fe.io.toml import read_scenario
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.report.viewer import view_page
 from tdcr_fe.solve.simulate import simulate
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, Robot, distance, scene, three
 
-from tdcr_fe.model.robot import Disks
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.native import register
 from tdcr_fe.scene import TDCR
 from tdcr_fe.solve.statics import SolveTDCR

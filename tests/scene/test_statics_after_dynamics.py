@@ -5,9 +5,12 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Model
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.native import register
 
 register()

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from robots import LENGTH, paper, pull, tendon, three
 
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import LoadStep, Model, resolve
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve import band
 from tdcr_fe.solve.band import BandFactors, BandLayout

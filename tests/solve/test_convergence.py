@@ -10,8 +10,10 @@ import pytest
 from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, solve, three
 
 from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.robot import Robot, Superelastic, Tendon
+from tdcr_fe.model.material import Superelastic
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
+from tdcr_fe.model.tendon import Tendon
 
 
 def mesh_orders(robot, steps, meshes=(2, 4, 8, 16), **model) -> np.ndarray:

@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, paper, pull, three
 
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.material import Superelastic
 from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Superelastic, Tendon
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve import mesh
 from tdcr_fe.solve.element_equations import POINTS, WEIGHTS, _collocation_matrix

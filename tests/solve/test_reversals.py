@@ -11,10 +11,12 @@ from random_robots import largest_gap, random_robot, random_steps
 from robots import LENGTH, distance, paper, pull, solve, three
 
 from tdcr_fe.elements.complementarity import solve_box
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, resolve
-from tdcr_fe.model.robot import Disks, Robot, Tendon
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.equilibrium import Equilibrium
 from tdcr_fe.solve.friction_path import follow
 from tdcr_fe.solve.friction_step import FrictionCoupling

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from robots import three
 
+from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
-from tdcr_fe.model.robot import Robot, StiffnessPatch, Superelastic
+from tdcr_fe.model.material import Superelastic
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.robot_model import RobotModel, RobotPoint, SectionStack, elastic_gradient, load_wrench
 from tdcr_fe.solve.simulation import Simulation
 from tdcr_fe.solve.state import Target

@@ -14,9 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.model.robot import Robot, Superelastic, Tendon
+from tdcr_fe.model.material import Superelastic
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import HelicalRouting
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve import convergence
 from tdcr_fe.solve.convergence import CONVERGENCE_TESTS, ConvergenceTest, NewtonStatus
 from tdcr_fe.solve.load_path import StepFailed

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from tdcr_fe.effects import EFFECTS
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Backbone, Disks, Robot
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.blind.laws import LAWS, make_law_set
 from tdcr_fe.validation.reference import Extras, ReferenceSettings, solve_reference
 from tdcr_fe.validation.reference.extras import PointForce

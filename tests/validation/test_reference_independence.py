@@ -10,6 +10,10 @@ import tdcr_fe.validation.reference as reference
 FOLDER = Path(reference.__file__).parent
 SHARED = {
     "tdcr_fe.model.robot",
+    "tdcr_fe.model.backbone",
+    "tdcr_fe.model.material",
+    "tdcr_fe.model.disks",
+    "tdcr_fe.model.tendon",
     "tdcr_fe.model.routing",
     "tdcr_fe.model.loading",
     "tdcr_fe.model.results",
@@ -41,7 +45,10 @@ def test_solving_loads_neither_exudyn_nor_the_solver():
     code = """
 import sys
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.validation.reference import solve_reference
 tendon = Tendon("t", ParallelRouting(4e-3))

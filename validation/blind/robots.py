@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from tdcr_fe.model.robot import Backbone, Disks, Robot, Tendon
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting, Routing
+from tdcr_fe.model.tendon import Tendon
 
 
 def draw_robot(kind: str, rng: np.random.Generator) -> Robot:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.model.robot import StiffnessPatch
+from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.validation.blind.recipes import PLACES, Recipe
 from tdcr_fe.validation.reference import Extras, HoleFriction, Spring
 

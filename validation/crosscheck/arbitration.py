@@ -19,8 +19,10 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.loading import Load, Model
+from tdcr_fe.model.material import Superelastic
 from tdcr_fe.model.results import StepResult
-from tdcr_fe.model.robot import Robot, Superelastic, Tendon
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.tendon import Tendon
 
 Array = NDArray[np.float64]
 

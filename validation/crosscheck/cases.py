@@ -9,8 +9,9 @@ from itertools import product
 import numpy as np
 
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Robot, Tendon
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.crosscheck.case import (
     DISKS,
     ELEMENTS_PER_BAY,

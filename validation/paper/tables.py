@@ -24,7 +24,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.model.robot import Robot, Tendon
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.paper.cases import packaged_text, prototype
 
 #: Tables there are.

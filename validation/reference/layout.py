@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.robot import ARC_TOLERANCE, Robot
+from tdcr_fe.model.checks import ARC_TOLERANCE
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.reference.section import Section
 
 Array = NDArray[np.float64]

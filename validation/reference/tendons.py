@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction
 from tdcr_fe.model.loading import Model
-from tdcr_fe.model.robot import Robot, Tendon
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.reference.extras import HoleFriction
 from tdcr_fe.validation.reference.layout import Layout
 from tdcr_fe.validation.reference.lie import hat

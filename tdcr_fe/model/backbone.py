@@ -1,0 +1,230 @@
+"""The backbone as data: the elastic rod, its section and stretches of it that are different.
+
+Section frames are aligned with the world in the straight state; the tangent is the third axis of the section frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.model.material import NonlinearMaterial, Superelastic
+from tdcr_fe.model.quantity import Quantity
+from tdcr_fe.model.schema import check_fields
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StiffnessPatch:
+    """A stretch of the backbone with other stiffness, of another material, or bent when unloaded.
+
+    Attributes
+    ----------
+    start, end : float
+        Arc lengths [m].
+    bending, torsion : float
+        Factors on the stiffness there [1].
+    precurvature : (float, float)
+        Turning rate of the section about its x and y axes there, in addition to the backbone's [1/m].
+    modulus, density : float
+        Factors on all stiffnesses, those above included, and on the density there: another material [1].
+    """
+
+    start: Annotated[float, Quantity("arc length where it begins", unit="m", ge=0.0)]
+    end: Annotated[float, Quantity("arc length where it ends", unit="m", gt=0.0)]
+    bending: Annotated[float, Quantity("factor on the bending stiffness", gt=0.0)] = 1.0
+    torsion: Annotated[float, Quantity("factor on the torsional stiffness", gt=0.0)] = 1.0
+    precurvature: Annotated[
+        tuple[float, float],
+        Quantity("turning rate about x and y when unloaded, added to the backbone's", unit="1/m"),
+    ] = (0.0, 0.0)
+    modulus: Annotated[float, Quantity("factor on all stiffnesses: another material", gt=0.0)] = 1.0
+    density: Annotated[float, Quantity("factor on the density: another material", ge=0.0)] = 1.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True)
+class Backbone:
+    """The elastic rod, with section stiffness ``diag(GJ, EI, EI, EA, GA, GA)`` (paper, below Eq. 5).
+
+    Attributes
+    ----------
+    length, radius : float
+        [m].
+    youngs_modulus : float
+        [Pa].
+    poisson_ratio : float
+        [1].
+    density : float
+        [kg/m^3].
+    bending_stiffness, torsional_stiffness, axial_stiffness, shear_stiffness : float or None
+        Override what radius and moduli give [N m^2, N m^2, N, N].
+    precurvature : (float, float)
+        Turning rate of the section about its x and y axes in the unloaded state [1/m].
+    superelastic : Superelastic or None
+        Softening of the bending moment.
+    nonlinear : NonlinearMaterial or None
+        Hardening or softening of the fibres along the backbone.
+    patches : tuple of StiffnessPatch
+        Stretches of other stiffness or precurvature.
+    taper : tuple of (float, float)
+        Radius along the backbone: arc length and radius [m], linear in between, from the base, where it is ``radius``,
+        to the tip. Empty: the radius is constant. In files it is the list given as ``radius``. Stiffnesses that are
+        declared are those at the base.
+    creep_rate : float
+        Growth of bending and torsional compliance per time under load, relative to the declared one [1/s].
+    retardation_time : float
+        Kelvin-Voigt damping: the wrench of a section grows by this times its stiffness times the rate of its strain
+        [s]. It acts in dynamics only.
+    """
+
+    length: Annotated[float, Quantity("from base plate to tip", unit="m", gt=0.0, le=1000.0)]
+    radius: Annotated[float, Quantity("of the round section", unit="m", gt=0.0)]
+    youngs_modulus: Annotated[float, Quantity("E", unit="Pa", gt=0.0)]
+    poisson_ratio: Annotated[float, Quantity("nu, gives G = E / (2 (1 + nu))", gt=-1.0, le=0.5)]
+    density: Annotated[float, Quantity("for gravity and dynamics", unit="kg/m^3", ge=0.0)] = 0.0
+    bending_stiffness: Annotated[
+        float | None, Quantity("EI, in place of E pi r^4 / 4", unit="N m^2", gt=0.0)
+    ] = None
+    torsional_stiffness: Annotated[
+        float | None, Quantity("GJ, in place of G pi r^4 / 2", unit="N m^2", gt=0.0)
+    ] = None
+    axial_stiffness: Annotated[float | None, Quantity("EA, in place of E pi r^2", unit="N", gt=0.0)] = None
+    shear_stiffness: Annotated[float | None, Quantity("GA, in place of G pi r^2", unit="N", gt=0.0)] = None
+    precurvature: Annotated[
+        tuple[float, float],
+        Quantity(
+            "turning rate of the section about its x and y axes in the unloaded state",
+            unit="1/m",
+            note="such as [0.0, 2.5]",
+        ),
+    ] = (0.0, 0.0)
+    superelastic: Annotated[Superelastic | None, Quantity("softening of the bending moment (NiTi)")] = None
+    nonlinear: Annotated[
+        NonlinearMaterial | None, Quantity("fibres that harden or soften with their strain")
+    ] = None
+    patches: Annotated[
+        tuple[StiffnessPatch, ...], Quantity("stretches of other stiffness, or bent when unloaded")
+    ] = ()
+    creep_rate: Annotated[
+        float,
+        Quantity("growth of bending and torsional compliance per time under load", unit="1/s", ge=0.0),
+    ] = 0.0
+    retardation_time: Annotated[
+        float,
+        Quantity(
+            "damping by the material in dynamics, as stress per stiffness and strain rate", unit="s", ge=0.0
+        ),
+    ] = 0.0
+    taper: Annotated[
+        tuple[tuple[float, float], ...],
+        Quantity("arc length and radius, from base to tip", unit="m", in_file=False),
+    ] = ()
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    def compliance_factor(self, time: float) -> float:
+        """By how much bending and torsional compliance have grown at a time [s]: ``1 + creep_rate time``."""
+        return 1.0 + self.creep_rate * time
+
+    @property
+    def area(self) -> float:
+        """Area of the cross-section [m^2]."""
+        return float(np.pi * self.radius**2)
+
+    @property
+    def second_moment(self) -> float:
+        """Second moment of area about any axis through the centre of the section [m^4]."""
+        return float(np.pi * self.radius**4 / 4.0)
+
+    @property
+    def shear_modulus(self) -> float:
+        """``E / (2 (1 + nu))`` [Pa]."""
+        return self.youngs_modulus / (2.0 * (1.0 + self.poisson_ratio))
+
+    @property
+    def EI(self) -> float:
+        """Bending stiffness [N m^2]."""
+        if self.bending_stiffness is not None:
+            return self.bending_stiffness
+        return float(self.youngs_modulus * self.second_moment)
+
+    @property
+    def GJ(self) -> float:
+        """Torsional stiffness [N m^2]."""
+        if self.torsional_stiffness is not None:
+            return self.torsional_stiffness
+        return float(self.shear_modulus * 2.0 * self.second_moment)
+
+    @property
+    def EA(self) -> float:
+        """Axial stiffness [N]."""
+        if self.axial_stiffness is not None:
+            return self.axial_stiffness
+        return self.youngs_modulus * self.area
+
+    @property
+    def GA(self) -> float:
+        """Shear stiffness, without shear correction [N]."""
+        if self.shear_stiffness is not None:
+            return self.shear_stiffness
+        return self.shear_modulus * self.area
+
+    @property
+    def mass_per_length(self) -> float:
+        """[kg/m]."""
+        return self.density * self.area
+
+    def stiffness_factors(self, s: Array) -> tuple[Array, Array]:
+        """Factors of bending and torsional stiffness at arc lengths ``s`` [m], each of shape ``s.shape``."""
+        bending, torsion = np.ones_like(s), np.ones_like(s)
+        for patch in self.patches:
+            inside = (s >= patch.start) & (s < patch.end)
+            bending = np.where(inside, bending * patch.bending * patch.modulus, bending)
+            torsion = np.where(inside, torsion * patch.torsion * patch.modulus, torsion)
+        return bending, torsion
+
+    def material_factors(self, s: Array) -> tuple[Array, Array]:
+        """Factors of axial and shear stiffness, and of the mass, at arc lengths ``s`` [m], each like ``s``."""
+        modulus, density = np.ones_like(s), np.ones_like(s)
+        for patch in self.patches:
+            inside = (s >= patch.start) & (s < patch.end)
+            modulus = np.where(inside, modulus * patch.modulus, modulus)
+            density = np.where(inside, density * patch.density, density)
+        return modulus, density
+
+    def radius_at(self, s: Array) -> Array:
+        """Radius at arc lengths ``s`` [m], shape ``s.shape``."""
+        if not self.taper:
+            return np.full(s.shape, self.radius)
+        at, radius = np.array(self.taper).T
+        return np.interp(s, at, radius)
+
+    def taper_factors(self, arc_lengths: Array) -> tuple[Array, Array]:
+        """Factors by which a taper changes the stretches between arc lengths [m], each of shape (n - 1,).
+
+        Returns
+        -------
+        bending : ndarray
+            Of bending and torsional stiffness: the inverse of the mean compliance.
+        area : ndarray
+            Of axial and shear stiffness, and of the mass: the mean area.
+        """
+        points, weights = np.polynomial.legendre.leggauss(4)
+        start, width = arc_lengths[:-1, None], np.diff(arc_lengths)[:, None]
+        ratio = self.radius_at(start + 0.5 * width * (1.0 + points)) / self.radius
+        return 1.0 / (ratio**-4 @ weights / 2.0), ratio**2 @ weights / 2.0
+
+    def unloaded_curvature(self, s: Array) -> Array:
+        """Turning rates about x and y in the unloaded state at arc lengths ``s`` [m], shape (n, 2) [1/m]."""
+        found = np.tile(np.array(self.precurvature, dtype=float), (len(s), 1))
+        for patch in self.patches:
+            found[(s >= patch.start) & (s < patch.end)] += patch.precurvature
+        return found
