@@ -33,7 +33,7 @@ from tdcr_fe.identify.outcome import (
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.rows import RowChoice
 from tdcr_fe.identify.run import run_settings
-from tdcr_fe.identify.selection import Search, SearchState
+from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.identify.unlisted import describe_moment, missing_moment
 
 Array = NDArray[np.float64]

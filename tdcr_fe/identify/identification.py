@@ -21,13 +21,8 @@ from tdcr_fe.identify.noise import estimate_sigma
 from tdcr_fe.identify.outcome import FoundLaw, IdentificationResult, IdentifySettings, NextExperiment
 from tdcr_fe.identify.problem import FitProblem, evaluate, refine
 from tdcr_fe.identify.rows import RowChoice, choose_rows, fit_to_all_rows, problem_of_rows
-from tdcr_fe.identify.selection import (
-    Progress,
-    Search,
-    SearchState,
-    search_effects,
-    with_intermediate_models,
-)
+from tdcr_fe.identify.search_state import Progress, Search, SearchState
+from tdcr_fe.identify.selection import search_effects, with_intermediate_models
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
 from tdcr_fe.io.own_effects import check_on
 from tdcr_fe.model.arguments import check_callable, wrong_type

@@ -18,7 +18,7 @@ from tdcr_fe.identify.law_state import run_with_action
 from tdcr_fe.identify.law_terms import CURVATURE, Term
 from tdcr_fe.identify.outcome import Estimate, FoundLaw, LawTerm
 from tdcr_fe.identify.problem import Fit
-from tdcr_fe.identify.selection import Search, SearchState
+from tdcr_fe.identify.search_state import Search, SearchState
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize_each
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.outcome import NextExperiment
 from tdcr_fe.identify.problem import Fit, FitProblem, Readings
-from tdcr_fe.identify.selection import Search, SearchState
+from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep, resolve
 

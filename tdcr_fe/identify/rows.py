@@ -25,7 +25,7 @@ from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.holdout import blocks, inputs
 from tdcr_fe.identify.outcome import SearchedSteps
 from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate
-from tdcr_fe.identify.selection import Search, SearchState
+from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.io.measured import MeasuredData
 
 Array = NDArray[np.float64]

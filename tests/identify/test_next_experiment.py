@@ -16,7 +16,7 @@ from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.report import next_sentence
 from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
-from tdcr_fe.identify.selection import Search, SearchState
+from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.io.loading_table import read_loading
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep

@@ -15,12 +15,12 @@ from interrupts import start_python
 from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS, Experiment, effect
 from tdcr_fe.identify import identify
+from tdcr_fe.identify.candidates import identifiable
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.information import unknown_noise
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.report import headline, sentences
 from tdcr_fe.identify.screening import screen
-from tdcr_fe.identify.selection import identifiable
 from tdcr_fe.io.measured import write_measured
 from tdcr_fe.io.processes import STATUS_SIGINT, STATUS_SIGTERM
 

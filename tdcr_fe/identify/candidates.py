@@ -1,0 +1,178 @@
+"""Candidates beside a model: their scores, the choice of those that are fitted, and their fits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tdcr_fe.identify import fitting
+from tdcr_fe.identify.criteria import chi_square_threshold, rank, reduced_chi_square
+from tdcr_fe.identify.outcome import Candidate
+from tdcr_fe.identify.problem import Fit, FitProblem, Point
+from tdcr_fe.identify.screening import Score, screen
+from tdcr_fe.identify.search_state import (
+    Names,
+    Search,
+    SearchState,
+    listed_names,
+    mean_cost,
+    with_note_on_differences,
+)
+from tdcr_fe.identify.unlisted import local_candidates
+
+
+def propose(
+    search: Search, state: SearchState, number: int, level: Sequence[Fit], progress: float
+) -> tuple[SearchState, list[tuple[Fit, Score]]]:
+    """The best candidates beside each model, by the predicted BIC to first order."""
+    proposals: list[tuple[float, Fit, Score]] = []
+    for fit in level:
+        beside = listed_names(fit.names) or "the declared model"
+        search.report(f"round {number}: scores beside {beside}", progress)
+        state, scores = scores_beside(state, fit)
+        noise = reduced_chi_square(state.problem, fit)
+        for score in scores:
+            note = score.note
+            threshold = chi_square_threshold(score.count, search.significance) * max(1.0, noise * 0.02)
+            if score.drop > threshold:
+                if identifiable(state.problem, fit, score):
+                    expected = fit.cost - score.drop + score.count * math.log(state.problem.count)
+                    proposals.append((expected, fit, score))
+                else:
+                    note = "more parameters than these readings determine"
+            entry = Candidate(number, fit.names, score.effect.name, score.drop / noise, note=note)
+            state = replace(state, candidates=(*state.candidates, entry))
+    chosen: dict[Names, tuple[Fit, Score]] = {}
+    for _, fit, score in sorted(proposals, key=lambda p: p[0]):
+        if len(chosen) < search.settings.candidates:
+            # Of the forms of one effect that with the best criterion, which counts their parameters.
+            chosen.setdefault(frozenset({*fit.names, score.effect.listed}), (fit, score))
+    return state, list(chosen.values())
+
+
+def identifiable(problem: FitProblem, fit: Fit, score: Score) -> bool:
+    """Whether the fitted readings leave at least one degree of freedom with the parameters of a candidate."""
+    return len(fit.free) + score.count < int(np.count_nonzero(problem.fitted))
+
+
+def fit_proposals(
+    search: Search,
+    state: SearchState,
+    number: int,
+    proposals: Sequence[tuple[Fit, Score]],
+    progress: float,
+) -> tuple[SearchState, list[Fit]]:
+    """Fit the candidates of a round; those that were solved, best first."""
+    state, raced = fit_and_rank(search, state, proposals, math.inf, progress)
+    problem = state.problem
+    for fit, score, new in raced:
+        entries = tuple(
+            replace(
+                c,
+                fitted=True,
+                chi2_fit=mean_cost(new.cost, problem.fitted),
+                chi2_held_out=mean_cost(new.held_cost, problem.held_out)
+                if np.any(problem.held_out)
+                else None,
+                note="" if new.solved else "the model did not converge there",
+            )
+            if (c.round, c.model, c.name) == (number, fit.names, score.effect.name)
+            else c
+            for c in state.candidates
+        )
+        state = replace(state, candidates=entries)
+    solved = [new for _, _, new in raced if new.solved]
+    return state, sorted(solved, key=lambda f: rank(problem, f))
+
+
+def fit_and_rank(
+    search: Search,
+    state: SearchState,
+    starters: Sequence[tuple[Fit, Score]],
+    known: float,
+    progress: float,
+    more: Mapping[str, Sequence[Point]] | None = None,
+) -> tuple[SearchState, list[tuple[Fit, Score, Fit]]]:
+    """Fit models, each a fitted one with one more effect; those that cannot come near the best are stopped.
+
+    ``more``: by effect, further points to begin from where the lowest cost is not reached.
+    """
+    new = [x for x in starters if names_with(*x) not in state.fits]
+    known = min([known, *(state.fits[names_with(*x)].cost for x in starters if names_with(*x) in state.fits)])
+    if new:
+        search.report(f"fitting {listed_names([score.effect.name for _, score in new])}", progress)
+    race = fitting.Race(known)
+    fittings = [
+        candidate_fit(state.problem, parent, score, race, (more or {}).get(score.effect.name, ()))
+        for parent, score in new
+    ]
+    for found in fitting.run_fits(state.problem, fittings):
+        state = with_note_on_differences(state.with_fit(found), found.differenced)
+    return state, [(parent, score, state.fits[names_with(parent, score)]) for parent, score in starters]
+
+
+def names_with(parent: Fit, score: Score) -> Names:
+    """Names of the effects of a model with one more."""
+    return frozenset({*parent.names, score.effect.name})
+
+
+def candidate_fit(
+    problem: FitProblem, parent: Fit, score: Score, race: fitting.Race, more: Sequence[Point] = ()
+) -> fitting.Fitting:
+    """Fit a candidate beside a model from the first start; from the others where its cost stays too high."""
+    effects, drop = (*parent.effects, score.effect), parent.cost - score.cost(problem)
+    now = yield from fitting.begin(problem, effects, score.starts[:1], race, parent.run)
+    now = yield from fitting.descend(problem, now, race, 5, score.predicted)
+    starts = list(more) if now.cost > 1.5 * race.lowest else []
+    if now.cost > max(1.5 * race.lowest, parent.cost - 0.7 * drop):
+        starts += score.starts[1:]
+    if starts:
+        other = yield from fitting.begin(problem, effects, starts, race, parent.run)
+        other = yield from fitting.descend(problem, other, race, 12 if more else 5)
+        now = min(now, other, key=lambda f: f.cost)
+    if now.solved and now.cost <= race.limit:
+        now = yield from fitting.finish(problem, replace(now, given_up=False), race)
+    return now
+
+
+def scores_beside(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]:
+    """Scores of all candidates beside a fitted model, computed once."""
+    key = frozenset(fit.names)
+    if key not in state.scores:
+        others = [
+            form
+            for e in state.problem.catalogue
+            for form in e.forms(state.problem.experiment)
+            if form.listed not in {x.listed for x in fit.effects} and form.name not in state.refused
+        ]
+        scores = screen(state.problem, fit, others)
+        state = with_screened(replace(state, scores={**state.scores, key: scores}), scores)
+        if not fit.effects:
+            refused = {x.effect.name: x.note for x in scores if x.note and not x.effect.after}
+            state = replace(state, refused={**state.refused, **refused})
+    return state, state.scores[key]
+
+
+def local_scores_beside(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]:
+    """Scores of local causes beside a model, computed once."""
+    key = frozenset(fit.names)
+    if key not in state.local_scores:
+        scores = screen(
+            state.problem, fit, [e for family in local_candidates(state.problem, fit) for e in family]
+        )
+        state = with_screened(state, scores)
+        state = replace(state, local_scores={**state.local_scores, key: scores})
+    return state, state.local_scores[key]
+
+
+def with_screened(state: SearchState, scores: Sequence[Score]) -> SearchState:
+    """Typical steps of parameters, as the score tests found them; and what had no derivative."""
+    scales = dict(state.problem.scales)
+    for score in scores:
+        scales |= score.scales
+        why = {(score.effect.name, name): reason for name, reason in score.differenced.items()}
+        state = with_note_on_differences(state, why)
+    return replace(state, problem=replace(state.problem, scales=scales))

@@ -1,0 +1,176 @@
+"""State of a search for effects: what was fitted, the best model, and what a new model makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import Effect
+from tdcr_fe.identify import fitting
+from tdcr_fe.identify.criteria import robust_threshold
+from tdcr_fe.identify.outcome import Candidate, IdentifySettings
+from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, refine
+from tdcr_fe.identify.screening import Score
+
+Array = NDArray[np.float64]
+Names = frozenset[str]
+
+#: Called with a sentence on what is done, and about which fraction of the work is done [1].
+Progress = Callable[[str, float], None]
+
+#: A stage of the search: yields every complete state, and returns the last one.
+Stage = Generator["SearchState", None, "SearchState"]
+
+#: Repetitions of refining the discretisation, at most.
+REPETITIONS = 3
+
+
+@dataclass(frozen=True)
+class Search:
+    """What does not change during a search.
+
+    Attributes
+    ----------
+    settings : IdentifySettings
+    report : Progress
+    """
+
+    settings: IdentifySettings
+    report: Progress
+
+    @property
+    def significance(self) -> float:
+        """Chance of adding an effect to data that miss nothing [1]."""
+        return self.settings.significance
+
+
+@dataclass(frozen=True)
+class SearchState:
+    """State of the search; every stage returns a new one.
+
+    Attributes
+    ----------
+    problem : FitProblem
+    declared, best : Fit
+        The declared model, and the best so far.
+    fits : mapping
+        Every model that was fitted, by the names of its effects.
+    scores, local_scores : mapping
+        Scores of candidates, and of local causes, beside a model.
+    candidates : tuple of Candidate
+        Result of each, for the report.
+    refused : mapping of str to str
+        Effects that are not tried, with the reason.
+    rivals : mapping of str to tuple of str
+        By effect of the best model, those that explain the data as well.
+    history : tuple of str
+    interrupted : bool
+    data_fault : str
+        The fault of the data that explains the misfit of the declared model; empty where there is none.
+    """
+
+    problem: FitProblem
+    declared: Fit
+    best: Fit
+    fits: Mapping[Names, Fit]
+    scores: Mapping[Names, Sequence[Score]] = field(default_factory=dict)
+    local_scores: Mapping[Names, Sequence[Score]] = field(default_factory=dict)
+    candidates: tuple[Candidate, ...] = ()
+    refused: Mapping[str, str] = field(default_factory=dict)
+    rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    history: tuple[str, ...] = ()
+    interrupted: bool = False
+    data_fault: str = ""
+
+    @classmethod
+    def start(cls, problem: FitProblem, declared: Fit) -> SearchState:
+        """With the declared model alone."""
+        return cls(problem, declared, declared, {frozenset(): declared})
+
+    def with_fit(self, fit: Fit) -> SearchState:
+        """With another fit."""
+        return replace(self, fits={**self.fits, frozenset(fit.names): fit})
+
+    def with_history(self, sentence: str) -> SearchState:
+        """With another sentence of history."""
+        return replace(self, history=(*self.history, sentence))
+
+
+def fitted_model(
+    state: SearchState, effects: Sequence[Effect], starts: Sequence[Point]
+) -> tuple[SearchState, Fit]:
+    """Fit a model, or return the fit made before."""
+    key = frozenset(e.name for e in effects)
+    if key not in state.fits:
+        new = fitting.fit(state.problem, effects, starts)
+        state = state.with_fit(new)
+    return state, state.fits[key]
+
+
+def without(state: SearchState, effect: Effect) -> tuple[SearchState, Fit]:
+    """The best model less one effect, fitted anew."""
+    best = state.best
+    rest = tuple(e for e in best.effects if e is not effect)
+    if not rest:
+        return state, state.declared
+    return fitted_model(state, rest, [{e.name: best.values[e.name] for e in rest}])
+
+
+def parent_of(state: SearchState, fit: Fit) -> Fit:
+    """The best smaller model that was fitted and is contained in a model."""
+    inside = [f for k, f in state.fits.items() if k < frozenset(fit.names) and f.solved]
+    return min(inside, key=lambda f: f.cost)
+
+
+def refined(state: SearchState) -> SearchState:
+    """Refine the discretisation at the best model, and evaluate its fits again."""
+    before = state.best
+    threshold = min(state.problem.robust_threshold, robust_threshold(before.residual))
+    problem = replace(state.problem, robust_threshold=threshold)
+    changed = False
+    for _ in range(REPETITIONS):
+        problem, more = refine(problem, before.effects, before.values)
+        if not more:
+            break
+        changed = True
+    if changed:
+        fitted = fitting.evaluated(problem, before.effects, before.values, before.free)
+        (again,) = fitting.run_fits(problem, [fitted])
+    else:
+        again = _recounted(problem, before, problem.correction - state.problem.correction)
+    shift = again.residual - before.residual
+    fits = {key: _recounted(problem, old, shift) for key, old in state.fits.items()}
+    (best,) = fitting.run_fits(problem, [fitting.finish(problem, again, fitting.Race())])
+    fits[frozenset(best.names)] = best
+    declared = evaluate(problem, (), {}) if changed else fits[frozenset()]
+    fits[frozenset()] = declared
+    return replace(state, problem=problem, best=best, declared=declared, fits=fits)
+
+
+def _recounted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
+    """A fit with its residual shifted, and its cost by the measures of a problem."""
+    r = fit.residual + shift
+    cost, held_cost = problem.cost(r)
+    return replace(fit, residual=r, cost=cost, held_cost=held_cost)
+
+
+def with_note_on_differences(state: SearchState, why: Mapping[tuple[str, str], str]) -> SearchState:
+    """Say once of every parameter that its derivative was a difference of two runs."""
+    for (name, parameter), reason in why.items():
+        sentence = f"{name}.{parameter}: derivative by a difference of two runs ({reason})"
+        if sentence not in state.history:
+            state = state.with_history(sentence)
+    return state
+
+
+def mean_cost(cost: float, which: NDArray[np.bool_]) -> float:
+    """Cost per reading."""
+    return cost / max(1, int(np.count_nonzero(which)))
+
+
+def listed_names(names: Sequence[str]) -> str:
+    """Names of effects, joined by plus signs."""
+    return " + ".join(names)
