@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.model.channels import ObservedStep
 from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.model.robot import Robot
 
 Array = NDArray[np.float64]

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.run import Run
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.channels import Channel, Location, ObservedChange, ObservedStep, channel
+from tdcr_fe.model.channels import Channel, Location, channel
+from tdcr_fe.model.observed_step import ObservedChange, ObservedStep
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,8 @@ from tdcr_fe.cli import main
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.channels import ObservedStep, channel
+from tdcr_fe.model.channels import channel
+from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 #: Noise of a fibre grating [1/m].

@@ -8,8 +8,9 @@ import pytest
 from robots import LENGTH, paper
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.model.channels import CHANNELS, QUANTITIES, ObservedChange, ObservedStep, channel
+from tdcr_fe.model.channels import CHANNELS, QUANTITIES, channel
 from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.observed_step import ObservedChange, ObservedStep
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 

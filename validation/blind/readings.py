@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.model.channels import ObservedStep, channel
+from tdcr_fe.model.channels import channel
+from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 
