@@ -1,23 +1,35 @@
 """How the documentation is built: ``sphinx-build -W docs out/docs``."""
 
 import re
+import shutil
+import sys
+from importlib.util import find_spec
 from itertools import takewhile
+from pathlib import Path
 
-from docutils import nodes
-from latex2mathml.converter import convert
 from sphinx.application import Sphinx
-from sphinx.writers.html5 import HTML5Translator
+from sphinx.errors import ExtensionError
 
 from tdcr_fe import __version__
+
+sys.path.insert(0, str(Path(__file__).parent))
+from draw_pictures import draw_moving_robot
 
 project = "tdcr-fe"
 author = "the maintainers of tdcr-fe"
 copyright = "2026, " + author
 release = version = __version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
-exclude_patterns = ["_build", "_generated"]
-source_suffix = {".md": "markdown"}
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+    "sphinx_design",
+]
+exclude_patterns = ["_build", "_generated", "examples"]
+source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 suppress_warnings = ["misc.highlighting_failure"]
 
 myst_enable_extensions = ["deflist", "dollarmath", "colon_fence"]
@@ -36,23 +48,59 @@ default_role = "code"
 html_theme = "furo"
 html_title = f"tdcr-fe {version}"
 html_static_path = ["_static"]
+html_extra_path = ["_generated/pages"]
+(Path(__file__).parent / "_generated" / "pages").mkdir(
+    parents=True, exist_ok=True
+)  # filled by _draw_first_page
 html_css_files = ["page.css"]
 html_show_sourcelink = False
+html_theme_options = {"navigation_with_keys": True}
+
+# Formulas are set by MathJax 3 in the browser, with its own font. Script and font are files of the built
+# pages, so that no network is needed; they are those of the Python package sphinx-mathjax-offline.
+mathjax_path = "mathjax/tex-chtml.js"
+# The menu would load files that are left out here.
+mathjax3_config = {"options": {"enableMenu": False}, "chtml": {"scale": 0.95}}
 
 
-# Formulas become MathML, which browsers draw themselves: the pages need no network and no script.
+def _copy_mathjax(app: Sphinx, exception: Exception | None) -> None:
+    """Copy the script and its fonts, the part of the package that is used here, into the pages."""
+    package = find_spec("sphinx-mathjax-offline")
+    if package is None or package.origin is None:
+        raise ExtensionError("the package sphinx-mathjax-offline is missing: pip install '.[docs]'")
+    if exception is None and app.builder.format == "html":
+        source, target = (
+            Path(package.origin).parent / "static" / "mathjax",
+            app.outdir / "_static" / "mathjax",
+        )
+        fonts = Path("output", "chtml", "fonts", "woff-v2")
+        shutil.copytree(source / fonts, target / fonts, dirs_exist_ok=True)
+        shutil.copy(source / "tex-chtml.js", target)
 
 
-def _inline(self: HTML5Translator, node: nodes.math) -> None:
-    self.body.append(convert(node.astext()))
-    raise nodes.SkipNode
+#: What a browser fetches with a page, from elsewhere.
+_FROM_ELSEWHERE = re.compile(
+    r"""<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=["']?(?:https?:)?//[^>]*>"""
+)
 
 
-def _block(self: HTML5Translator, node: nodes.math_block) -> None:
-    number = f'<span class="eqno">({node["number"]})</span>' if node.get("number") else ""
-    label = f' id="equation-{node["label"]}"' if node.get("label") else ""
-    self.body.append(f'<div class="math"{label}>{number}{convert(node.astext(), display="block")}</div>\n')
-    raise nodes.SkipNode
+def _need_no_network(app: Sphinx, exception: Exception | None) -> None:
+    """Refuse pages that fetch a script, a font, a style or a picture from elsewhere."""
+    if exception is None and app.builder.format == "html":
+        found = {
+            tag
+            for page in Path(app.outdir).rglob("*.html")
+            for tag in _FROM_ELSEWHERE.findall(page.read_text(encoding="utf-8"))
+            if 'rel="canonical"' not in tag
+        }
+        if found:
+            raise ExtensionError(f"these need a network: {sorted(found)}")
+
+
+def _draw_first_page(app: Sphinx) -> None:
+    """Draw what the first page shows, unless it is there already: `_generated` is not in the repository."""
+    if app.builder.format == "html":
+        draw_moving_robot(Path(app.srcdir) / "_generated")
 
 
 # Napoleon does not know several attributes on one line ("length, radius : float"); each gets a line of its own.
@@ -77,9 +125,8 @@ def _one_attribute_a_line(
 
 
 def setup(app: Sphinx) -> None:
-    """Take formulas over from Sphinx, and prepare docstrings for Napoleon."""
+    """Prepare docstrings for Napoleon, draw the moving picture, copy MathJax, and find what needs a network."""
     app.connect("autodoc-process-docstring", _one_attribute_a_line, priority=100)
-    app.add_html_math_renderer("mathml", (_inline, None), (_block, None))
-
-
-html_math_renderer = "mathml"
+    app.connect("builder-inited", _draw_first_page)
+    app.connect("build-finished", _copy_mathjax)
+    app.connect("build-finished", _need_no_network)

@@ -38,6 +38,19 @@ def draw_demo(folder: Path) -> None:
             page.quantize(128).save(folder / f"{name}.png")
 
 
+def draw_moving_robot(folder: Path) -> None:
+    """Write `robot.gif`, the motion of the demo, and `pages/robot_in_3d.html`, the same in 3D, if missing."""
+    moving, page = folder / "robot.gif", folder / "pages" / "robot_in_3d.html"
+    if moving.exists() and page.exists():
+        return
+    page.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory() as out:
+        if cli.main(["demo", "-o", out, "--quiet"]) != 0:
+            raise SystemExit("the demo did not converge")
+        if cli.main(["view", out, "-o", str(page), "--video", str(moving), "--quiet"]) != 0:
+            raise SystemExit("the demo could not be drawn")
+
+
 def draw_viewer(folder: Path) -> None:
     """Photograph the 3D page of the demo in a headless Chromium, where there is one."""
     chromium = shutil.which("chromium") or shutil.which("google-chrome")

@@ -197,3 +197,32 @@ def test_the_citation_names_the_version_of_the_package():
     assert (
         re.search(r"^version: (.+)$", citation, re.MULTILINE)[1] == project["version"] == tdcr_fe.__version__
     )
+
+
+def toctrees() -> list[tuple[str, list[str]]]:
+    """Caption and pages of every part of the navigation."""
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    parts = re.findall(r"^```\{toctree\}\n(.*?)^```$", index, re.MULTILINE | re.DOTALL)
+    found = []
+    for part in parts:
+        options, _, pages = part.partition("\n\n")
+        caption = re.search(r"^:caption: (.+)$", options, re.MULTILINE)
+        found.append((caption[1] if caption else "", pages.split()))
+    return found
+
+
+def test_the_navigation_has_captions_and_every_page_once():
+    """Version 0.1 had one flat list without captions, whose end was alphabetical."""
+    captions, pages = zip(*toctrees(), strict=True)
+    assert captions == (
+        "Begin",
+        "Simulate",
+        "In a scene",
+        "My measured robot",
+        "Understand",
+        "Reference",
+        "Develop",
+    )
+    listed = [page for part in pages for page in part if "/" not in page]
+    assert len(listed) == len(set(listed))
+    assert set(listed) == {p.stem for p in (ROOT / "docs").glob("*.md")} - {"index"}
