@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.solve.band import BandLayout
 from tdcr_fe.solve.configuration import ConfigurationSpace
-from tdcr_fe.solve.convergence import ResidualScales
 from tdcr_fe.solve.numbering import Numbering
 from tdcr_fe.solve.reduction import BodyFrameReduction, RobotNodes
+from tdcr_fe.solve.scales import ResidualScales
 
 
 @dataclass(frozen=True, eq=False)
