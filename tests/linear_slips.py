@@ -43,7 +43,8 @@ class LinearSlips:
         """As of `tdcr_fe.solve.slip_model.SlipModel`."""
         change = self._matrix[0] - self._matrix[1]
         load = (1.0 - x) * self._load[0] + x * self._load[1] + change @ (z - self._start)
-        return _State(tension, self.slip(x, z), load, np.diag(self._stiffness) - self._by_unknowns(x))
+        matrix = np.diag(self._stiffness) - self._by_unknowns(x)
+        return _State(tension, self.slip(x, z), load, matrix, self._stiffness)
 
     def rates(self, x, z, tension, rate, near):
         """As of `tdcr_fe.solve.slip_model.SlipModel`."""
@@ -52,8 +53,13 @@ class LinearSlips:
 
 
 class _State:
-    def __init__(self, tension, slip, by_load, matrix):
+    def __init__(self, tension, slip, by_load, matrix, stiffness):
         self.tension, self.slip, self.by_load, self.matrix = tension, slip, by_load, matrix
+        self.stiffness = stiffness
+
+    def ahead(self, part, free, rate, excess):
+        slip = self.slip + part * (excess + self.stiffness * rate)
+        return _State(self.tension, slip, self.by_load, self.matrix, self.stiffness)
 
     def columns(self, which):
         return self.matrix[:, which]

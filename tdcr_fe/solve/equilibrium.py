@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.numbering import Numbering
 from tdcr_fe.solve.state import SolverState, Target
 from tdcr_fe.solve.system import SceneSystem
-from tdcr_fe.solve.tension_response import LoadResponse, TensionResponse
+from tdcr_fe.solve.tension_response import LoadResponse, Tendons, TensionResponse
 
 Array = NDArray[np.float64]
 
@@ -32,8 +33,8 @@ class Equilibrium(NamedTuple):
     forces : tuple of TendonForces
         By robot.
     linearization : Linearization
-    response : TensionResponse
-        To the tensions of all segments.
+    response : TensionResponse or None
+        To the tensions of some tendons, where it was needed.
     exact : bool
         Whether it is linearised in this very state, or so near that it makes no difference.
     balanced : bool
@@ -43,21 +44,19 @@ class Equilibrium(NamedTuple):
     state: SolverState
     forces: tuple[TendonForces, ...]
     linearization: Linearization
-    response: TensionResponse
+    response: TensionResponse | None = None
     exact: bool = False
     balanced: bool = True
 
     @classmethod
     def of(
         cls,
-        system: SceneSystem,
         state: SolverState,
         forces: tuple[TendonForces, ...],
         linearization: Linearization,
     ) -> Equilibrium:
-        """With the response to the tensions computed."""
-        response = TensionResponse.of(linearization, forces, system.layout.clamped)
-        return cls(state, forces, linearization, response, near_enough(state, linearization))
+        """With a linearisation in this state, or near it."""
+        return cls(state, forces, linearization, exact=near_enough(state, linearization))
 
     @classmethod
     def at(cls, system: SceneSystem, state: SolverState, target: Target) -> Equilibrium:
@@ -65,8 +64,7 @@ class Equilibrium(NamedTuple):
         numbering = system.numbering()
         residual = system.residual(state, target, numbering)
         linearization = system.linearize(residual, numbering)
-        found = cls.of(system, state, residual.forces, linearization)
-        return found._replace(exact=True, balanced=residual.size < BALANCED)
+        return cls(state, residual.forces, linearization, exact=True, balanced=residual.size < BALANCED)
 
     @property
     def numbering(self) -> Numbering:
@@ -83,8 +81,18 @@ class Equilibrium(NamedTuple):
         """Of the frictional holes [1], shape (k,)."""
         return mobilisations(self.numbering, self.state)
 
+    def with_response(self, clamped: Sequence[slice], tendons: Tendons) -> Equilibrium:
+        """The same with the response to the tensions of some tendons; all others are slack."""
+        if self.response is not None and all(
+            np.array_equal(a, b) for a, b in zip(self.response.tendons, tendons, strict=True)
+        ):
+            return self
+        response = TensionResponse.of(self.linearization, self.forces, clamped, tendons)
+        return self._replace(response=response)
+
     def load_response(self, system: SceneSystem, other: Target) -> LoadResponse:
         """Response to the change to another target's loads, which are in the scene, at fixed tensions."""
+        assert self.response is not None
         residual = system.residual(self.state, other, self.numbering)
         return self.response.to_load(self.linearization, self.forces, residual.unbalanced)
 

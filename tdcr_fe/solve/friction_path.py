@@ -37,6 +37,8 @@ Index = NDArray[np.int_]
 LONGEST = 0.12
 #: Over shorter parts slip rates are taken as constant [1].
 STRAIGHT = 0.04
+#: Change of the tensions, over the largest, up to which derivatives of the slips are used again [1].
+KEPT = 0.05
 #: Shortest part, which resolves events that follow each other [1].
 SHORTEST = 1e-5
 #: Over how much of the longest part, and over which largest change of a mobilisation, slopes of rates are taken [1].
@@ -157,8 +159,13 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
     free, excess = np.zeros(k + c, dtype=bool), np.zeros(k + c)
     pieces: list[_Piece] = []
     complete = shortened = False
+    state: SlipState | None = None
+    evaluated, evaluated_tension = 0.0, tension
     for _ in range(50 + 6 * (k + c)):
-        state, side = slips.at(now, z, tension), bounds.side(z)
+        side = bounds.side(z)
+        if state is None:
+            state = slips.at(now, z, tension)
+            evaluated, evaluated_tension, fresh = now, state.tension, True
         if not start.size:
             start = state.slip
         if c:
@@ -170,6 +177,9 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
             break
         held = rates.side == 0.0
         turned = (held & (side != 0.0))[:k].nonzero()[0]
+        if turned.size and not fresh:
+            state = None
+            continue
         if turned.size and pieces and not shortened:
             share = _reached(pieces[-1], turned, side, state, LATE * presliding)
             if share < 1.0:
@@ -177,6 +187,7 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
                 last = last._replace(part=share * last.part)
                 pieces.append(last)
                 now, z, tension = last.end(last.part, bounds)
+                state = None
                 continue
         shortened = False
         new = (held & ~free).nonzero()[0]
@@ -188,11 +199,13 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
         if now >= 1.0 - 1e-12:
             complete = True
             break
-        z = _corrected(z, state, rates, excess, stiffness, bounds)
+        if fresh:
+            z = _corrected(z, state, rates, excess, stiffness, bounds)
         motion, event = rates.motion(None), np.inf
         if rates.free.size:
             event = distance_to_bound(motion, z, bounds)
-        if event > STRAIGHT:
+        curved = event > STRAIGHT
+        if curved:
             slope = _slope(slips, now, z, state, rates, k)
             if not np.isfinite(slope).all():
                 break
@@ -204,6 +217,9 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
         tension_rate = state.tension_rates(rates.free, rates.rate)
         pieces.append(_Piece(now, part, z, motion, state.tension, tension_rate))
         now, z, tension = pieces[-1].end(part, bounds)
+        change = np.abs(tension - evaluated_tension).max()
+        fresh = curved or now - evaluated > STRAIGHT or now >= 1.0 - 1e-12 or change > KEPT * tension.max()
+        state = None if fresh else state.ahead(part, rates.free, rates.rate, rates.excess)
     throughout = all(bool(np.all(piece.motion.side[:k] != 0.0)) for piece in pieces)
     margin = _margin(pieces, k) if throughout and pieces else np.full(k, -np.inf)
     return FollowedPath(z, turning_slip, turning_mobilisation, turning_factor, complete, margin)

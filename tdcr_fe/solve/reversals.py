@@ -161,7 +161,8 @@ class _Substep(NamedTuple):
             pulled = -np.linalg.solve(last.columns(taut)[taut], matrix[taut])
             by, matrix = by + last.segments(taut) @ pulled, matrix + last.columns(taut) @ pulled
         slip = (end.slips - start.slips)[holes]
-        columns = end.response.nodes[:, picked.segments] @ by
+        assert end.response is not None
+        columns = end.response.nodes @ by
         return cls(model, first.tension, before, after, picked.base_tensions(0), slip, matrix[:k], columns)
 
     def follow(self, uncertain: float = 1.0) -> FollowedPath:
@@ -208,6 +209,7 @@ class _Substep(NamedTuple):
 def find_reversals(
     start: Equilibrium,
     end: Equilibrium,
+    picked: TautTendons,
     targets: tuple[Target, Target],
     loads: tuple[LoadResponse | None, LoadResponse | None],
     presliding: float,
@@ -223,6 +225,8 @@ def find_reversals(
     ----------
     start, end
         The states, linearised exactly; `end` is solved from `start` as a whole.
+    picked
+        The tendons under tension at either, to whose tensions the responses of both are known.
     targets
         Inputs and loads there.
     loads
@@ -243,10 +247,7 @@ def find_reversals(
     Reversals or None
         None where every slip is monotone, so that the substep is exact as a whole.
     """
-    picked = TautTendons.of(start, end)
     holes = picked.holes
-    if not holes.size:
-        return None
     substep = _Substep.of(start, end, picked, targets, loads, presliding)
     path = substep.follow()
     at_holes = np.abs(substep.model.bulge)

@@ -8,6 +8,7 @@ Derivation: documentation, page "Theory".
 
 from __future__ import annotations
 
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -19,10 +20,8 @@ from tdcr_fe.solve.tension_transfer import CapstanTransfer, LawTransfer, Transfe
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
 
-#: Changes of the tensions below this fraction of the largest are not followed up [1].
-SAME_TENSION = 1e-5
-#: How often angles and tensions are computed from each other.
-MOST_ROUNDS = 6
+#: Corrections of the tensions above this fraction of the largest are followed by another; and their largest number [1].
+NEAR_TENSION, MOST_ROUNDS = 3e-3, 6
 
 
 class End(NamedTuple):
@@ -54,6 +53,8 @@ class SlipState:
     ----------
     transfer
         Of the tension.
+    tension
+        Of the segments [N], shape (q,).
     slip, rate
         Slips, and their derivatives by the load factor at fixed tensions, shape (n,).
     by_tension
@@ -78,6 +79,7 @@ class SlipState:
     def __init__(
         self,
         transfer: Transfer,
+        tension: Array,
         slip: Array,
         rate: Array,
         by_tension: Array,
@@ -85,7 +87,7 @@ class SlipState:
         angle_rate: Array,
         stiffness: Array,
     ) -> None:
-        self.tension, self.slip = transfer.tension, slip
+        self.tension, self.slip = tension, slip
         self._by_tension, self._stiffness = by_tension, stiffness
         self._factors, self._by_unknown = factors, transfer.by_unknown
         self._tension_by_load = self.put_on(transfer.by_angle @ angle_rate + transfer.by_load)
@@ -117,6 +119,23 @@ class SlipState:
         """Derivatives of the tensions of the segments by some of the unknowns, shape (q, i)."""
         self.columns(which)
         return self._segments[:, which]
+
+    def ahead(self, part: float, free: Index, rate: Array, excess: Array) -> SlipState:
+        """The state a little further on, with the same derivatives.
+
+        Parameters
+        ----------
+        part
+            By how much the load factor is larger [1].
+        free, rate
+            Unknowns inside their bounds, and the rates of all of them, shape (n,).
+        excess
+            Rates of the slips less the presliding part, and of minus the slack [m], shape (n,).
+        """
+        there = copy(self)
+        there.slip = self.slip + part * (excess + self._stiffness * rate)
+        there.tension = self.tension + part * self.tension_rates(free, rate)
+        return there
 
     def tension_rates(self, free: Index, rate: Array) -> Array:
         """Rates of the tensions of the segments, by those of the unknowns, shape (q,)."""
@@ -187,23 +206,23 @@ class SlipModel:
         values, rate = self._values(factor)
         response = self._responses(factor)
         straight = self._tension + factor * self._tension_change
-        angles = self._angles(factor, z, tension, values[n:], response[n:], straight)
-        transfer = self._transfer.derivatives(factor, z, angles)
-        off = transfer.tension - straight
-        rate = rate + self._response_change @ off - response @ self._tension_change
-        matrix = transfer.by_angle @ response[n:]
-        np.negative(matrix, out=matrix)
-        matrix.reshape(-1)[:: len(off) + 1] += 1.0
-        lu, pivots, _ = dgetrf(matrix, overwrite_a=False)
-        return SlipState(
-            transfer,
-            values[:n] + response[:n] @ off,
-            rate[:n],
-            response[:n],
-            (lu, pivots),
-            rate[n:],
-            self._stiffness,
-        )
+        for _ in range(MOST_ROUNDS):
+            angles = np.maximum(values[n:] + response[n:] @ (tension - straight), 0.0)
+            transfer = self._transfer.derivatives(factor, z, angles)
+            matrix = transfer.by_angle @ response[n:]
+            np.negative(matrix, out=matrix)
+            matrix.reshape(-1)[:: len(tension) + 1] += 1.0
+            lu, pivots, _ = dgetrf(matrix, overwrite_a=False)
+            # Newton's method for tensions and angles that agree: one step, unless they are far apart.
+            off = transfer.tension - tension
+            tension = tension + dgetrs(lu, pivots, off)[0]
+            if float(np.abs(off).max()) <= NEAR_TENSION * float(tension.max()):
+                break
+        more = tension - straight
+        rate = rate + self._response_change @ more - response @ self._tension_change
+        slip = values[:n] + response[:n] @ more
+        factors = lu, pivots
+        return SlipState(transfer, tension, slip, rate[:n], response[:n], factors, rate[n:], self._stiffness)
 
     def rates(self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState) -> Array:
         """Rates of the slips, less the presliding part, and of minus the slack, at given rates of the unknowns, (n,).
@@ -221,9 +240,10 @@ class SlipModel:
         values, pace = self._values(factor)
         response = self._responses(factor)
         straight = self._tension + factor * self._tension_change
-        angles = self._angles(factor, z, tension, values[n:], response[n:], straight)
+        angles = np.maximum(values[n:] + response[n:] @ (tension - straight), 0.0)
         transfer = self._transfer.derivatives(factor, z, angles)
-        pace = pace + self._response_change @ (transfer.tension - straight) - response @ self._tension_change
+        more = tension + near.put_on(transfer.tension - tension) - straight
+        pace = pace + self._response_change @ more - response @ self._tension_change
         put_on = transfer.by_angle @ pace[n:] + transfer.by_load + transfer.by_unknown @ rate
         pulled = near.put_on(put_on)
         pulled += near.put_on(put_on - pulled + transfer.by_angle @ (response[n:] @ pulled))
@@ -237,16 +257,3 @@ class SlipModel:
         """Values along the straight line of tensions between the ends, and their rates."""
         both = self._cubic @ np.array(((1.0, 0.0), (x, 1.0), (x * x, 2.0 * x), (x * x * x, 3.0 * x * x)))
         return both[:, 0], both[:, 1]
-
-    def _angles(
-        self, factor: float, z: Array, tension: Array, turned: Array, response: Array, straight: Array
-    ) -> Array:
-        """Turning angles that agree with the tensions."""
-        limit = SAME_TENSION * float(np.abs(tension).max())
-        for _ in range(MOST_ROUNDS):
-            angles = np.maximum(turned + response @ (tension - straight), 0.0)
-            new = self._transfer.tension(factor, z, angles)
-            if float(np.abs(new - tension).max()) <= limit:
-                break
-            tension = new
-        return np.asarray(angles)

@@ -14,6 +14,7 @@ from tdcr_fe.solve.state import SolverState
 from tdcr_fe.solve.steady_slip import slips_steadily
 from tdcr_fe.solve.substep import SubstepSolver, with_history_of
 from tdcr_fe.solve.system import SceneSystem
+from tdcr_fe.solve.taut_tendons import TautTendons
 from tdcr_fe.solve.tension_response import LoadResponse
 
 #: Largest error of a substep, as a fraction of what is left of the path tolerance, within the load step and at its end;
@@ -91,15 +92,16 @@ class SubstepReversals:
             start = self._at_start(now, line.numbering)
         if not start.exact:
             start = self._linearised(start.state, now.load_factor)
-        end = Equilibrium.of(system, result.state, result.forces, line)
+        end = Equilibrium.of(result.state, result.forces, line)
         if not start.balanced:
             return Attempt(result, division=0.0, end=end)
         if not end.exact:
             end = self._linearised(result.state, goal)
         share = LAST_SHARE if goal == 1.0 else SHARE
         allowed = max(share * (tolerance - now.error), LEAST_SHARE * tolerance)
-        found = self._reversals(start, end, now.load_factor, goal, allowed)
+        picked, start, end = self._with_responses(start, end)
         attempt = Attempt(result, start=start, end=end)
+        found = self._reversals(picked, start, end, now.load_factor, goal, allowed)
         if found is None:
             return attempt
         attempt = attempt._replace(error=found.total, division=found.division)
@@ -113,7 +115,6 @@ class SubstepReversals:
         self, attempt: Attempt, now: Progress, goal: float, found: Reversals, allowed: float
     ) -> Attempt:
         """A substep solved with the reversals located in it, until they are where the solution has them."""
-        system = self.solver.system
         for _ in range(MOST_CORRECTIONS):
             end, turning = attempt.end, found.turning
             assert attempt.start is not None and end is not None and turning is not None
@@ -123,16 +124,15 @@ class SubstepReversals:
             spent = attempt.spent + attempt.result.iterations
             if found.uncertain <= allowed:
                 return Attempt(result, found.uncertain, start=attempt.start, spent=spent, located=True)
-            end = Equilibrium.of(
-                system, result.state, result.forces, result.linearization or end.linearization
-            )
+            end = Equilibrium.of(result.state, result.forces, result.linearization or end.linearization)
             if not end.exact:
                 end = self._linearised(result.state, goal)
-            again = self._reversals(attempt.start, end, now.load_factor, goal, allowed, turning)
+            picked, start, end = self._with_responses(attempt.start, end)
+            again = self._reversals(picked, start, end, now.load_factor, goal, allowed, turning)
             assert again is not None
             found, done = again, again.total <= allowed
             division = 1.0 if done else found.division
-            attempt = Attempt(result, found.total, division, attempt.start, end, spent, True)
+            attempt = Attempt(result, found.total, division, start, end, spent, True)
             if done or found.turning is None or found.error > allowed:
                 break
         return attempt
@@ -150,7 +150,7 @@ class SubstepReversals:
         if line is not None and numbering.same_unknowns(line.numbering):
             forces = self.solver.system.forces(state, state.time)
             if near_enough(state, line):
-                return Equilibrium.of(self.solver.system, state, forces, line)
+                return Equilibrium.of(state, forces, line)
         return self._linearised(state, now.load_factor)
 
     def _linearised(self, state: SolverState, load_factor: float) -> Equilibrium:
@@ -158,8 +158,17 @@ class SubstepReversals:
         target = self.solver.ramp.apply(self.solver.system, load_factor)
         return Equilibrium.at(self.solver.system, state, target)
 
+    def _with_responses(
+        self, start: Equilibrium, end: Equilibrium
+    ) -> tuple[TautTendons, Equilibrium, Equilibrium]:
+        """The tendons under tension at either end, and both ends with the responses to their tensions."""
+        picked, clamped = TautTendons.of(start, end), self.solver.system.layout.clamped
+        first, last = (at.with_response(clamped, picked.numbers) for at in (start, end))
+        return picked, first, last
+
     def _reversals(
         self,
+        picked: TautTendons,
         start: Equilibrium,
         end: Equilibrium,
         at: float,
@@ -169,6 +178,8 @@ class SubstepReversals:
     ) -> Reversals | None:
         """Slip reversals between two solved states at load factors `at` and `goal`, see `find_reversals`."""
         solver, system = self.solver, self.solver.system
+        if not picked.holes.size:
+            return None
         first: LoadResponse | None = None
         last: LoadResponse | None = None
         opening = solver.ramp.apply(system, at)
@@ -181,6 +192,7 @@ class SubstepReversals:
         return find_reversals(
             start,
             end,
+            picked,
             (opening, closing),
             (first, last),
             presliding,

@@ -26,45 +26,36 @@ class TautTendons(NamedTuple):
         Of the robots that have any.
     robots : tuple of int
         Their numbers.
-    segments, angles, holes : ndarray of int
-        Their segments, turning angles and frictional holes, among those of all tendons.
+    numbers : tuple of ndarray of int
+        By robot, numbers of the tendons.
+    holes : ndarray of int
+        Their frictional holes, among those of all tendons.
     """
 
     tendons: tuple[TendonsInSubstep, ...]
     robots: tuple[int, ...]
-    segments: Index
-    angles: Index
+    numbers: tuple[Index, ...]
     holes: Index
 
     @classmethod
     def of(cls, start: Equilibrium, end: Equilibrium) -> TautTendons:
         """Of the substep between two states."""
-        tendons, robots = [], []
-        segments, angles, holes = [], [], []
-        segment = angle = hole = 0
+        tendons, robots, numbers, holes = [], [], [], []
+        hole = 0
         for part in end.numbering.robots:
             law = end.forces[part.robot].model.law
-            m, n = law.shape
             tension = np.array([at.state.base_tension[part.robot] for at in (start, end)])
             which = np.flatnonzero((tension > 0.0).any(axis=0))
-            acting = part.frictional if part.has_friction else np.zeros((m, law.groups), dtype=bool)
+            acting = part.frictional if part.has_friction else np.zeros_like(part.frictional)
             if which.size:
                 driven = np.flatnonzero(np.isin(which, part.driven))
                 tendons.append(TendonsInSubstep(law, which, acting[which], driven, tension[:, which]))
                 robots.append(part.robot)
-            segments.append((segment + n * which[:, None] + np.arange(n)).reshape(-1))
-            angles.append((angle + (n - 1) * which[:, None] + np.arange(n - 1)).reshape(-1))
-            numbers = hole + np.cumsum(acting.reshape(-1)).reshape(acting.shape) - 1
-            holes.append(numbers[which][acting[which]])
-            segment, angle = segment + m * n, angle + m * (n - 1)
+            numbers.append(which)
+            order = hole + np.cumsum(acting.reshape(-1)).reshape(acting.shape) - 1
+            holes.append(order[which][acting[which]])
             hole += int(np.count_nonzero(acting))
-        return cls(
-            tuple(tendons),
-            tuple(robots),
-            np.concatenate(segments),
-            np.concatenate(angles),
-            np.concatenate(holes),
-        )
+        return cls(tuple(tendons), tuple(robots), tuple(numbers), np.concatenate(holes))
 
     @property
     def unknown(self) -> int:
@@ -80,10 +71,10 @@ class TautTendons(NamedTuple):
     ) -> End:
         """One end of the substep between two targets, with the response to the change of its loads."""
         forces, response = at.forces, at.response
-        flexibility = response.flexibility[self.segments[:, None], self.segments]
-        turning = response.angles[self.angles[:, None], self.segments]
-        lengths = np.zeros(len(self.segments)) if load is None else load.lengths[self.segments]
-        turned = np.zeros(len(self.angles)) if load is None else load.angles[self.angles]
+        assert response is not None
+        flexibility, turning = response.flexibility, response.angles
+        if load is None:
+            load = LoadResponse(np.zeros(len(flexibility)), np.zeros(len(turning)))
         values, by_tension, by_load = [], [], []
         bases: list[tuple[Array, Array, Array]] = []
         segment = 0
@@ -93,7 +84,7 @@ class TautTendons(NamedTuple):
             released = -by_length * flexibility[here]
             stretched = field.released_d_tension[own.which].reshape(-1)
             released[np.arange(own.segments), np.arange(here.start, here.stop)] += stretched
-            both = np.column_stack((released, by_length[:, 0] * lengths[here]))
+            both = np.column_stack((released, by_length[:, 0] * load.lengths[here]))
             both = both.reshape(count, own.law.shape[1], -1)
             slips = (own.law.slip_operator @ both)[own.frictional]
             values.append(field.slip[own.which][own.frictional])
@@ -106,18 +97,18 @@ class TautTendons(NamedTuple):
             bases.append((slack, pulled[:, :-1], pulled[:, -1] + last - first))
             segment = here.stop
         return End(
-            _joined([f.field.tension for f in forces])[self.segments],
+            self._joined([f.field.tension for f in forces]),
             np.concatenate(
                 [
                     *values,
                     *(b[0] for b in bases),
-                    _joined([f.measured.shape.angles for f in forces])[self.angles],
+                    self._joined([f.measured.shape.angles for f in forces]),
                 ]
             ),
             np.concatenate([*by_tension, *(b[1] for b in bases), turning]),
-            np.concatenate([*by_load, *(b[2] for b in bases), turned]),
+            np.concatenate([*by_load, *(b[2] for b in bases), load.angles]),
         )
 
-
-def _joined(by_robot: list[Array]) -> Array:
-    return np.concatenate([x.reshape(-1) for x in by_robot])
+    def _joined(self, by_robot: list[Array]) -> Array:
+        """Values of these tendons, of all robots one after the other."""
+        return np.concatenate([x[n].reshape(-1) for x, n in zip(by_robot, self.numbers, strict=True)])

@@ -1,4 +1,4 @@
-"""Response of one equilibrium to the tensions of all segments, each as if it were given, and to a change of the loads.
+"""Response of one equilibrium to the tensions of segments, each as if it were given, and to a change of the loads.
 
 By their tensions the segments depend on each other only through the robot's stiffness, which changes slowly along a
 load step. By mobilisations they would depend on the tensions themselves, and on every hole before them.
@@ -17,10 +17,12 @@ from tdcr_fe.solve.factors import BorderedFactors
 from tdcr_fe.solve.linearization import Linearization
 
 Array = NDArray[np.float64]
+#: By robot, numbers of some of its tendons.
+Tendons = Sequence[NDArray[np.int_]]
 
 
 class LoadResponse(NamedTuple):
-    """Change of all segments and turning angles by a change of the loads at fixed tensions.
+    """Change of segments and turning angles by a change of the loads at fixed tensions.
 
     Attributes
     ----------
@@ -39,10 +41,12 @@ class LoadResponse(NamedTuple):
 
 
 class TensionResponse(NamedTuple):
-    """Derivatives by the tensions of all segments; q segments and r turning angles of all robots, padded ones included.
+    """Derivatives by the tensions of q segments; with r turning angles, padded ones included. All others are slack.
 
     Attributes
     ----------
+    tendons : Tendons
+        Whose segments and angles these are.
     nodes : ndarray, shape (reduced, q)
         Of the unknowns of the reduced scene.
     flexibility : ndarray, shape (q, q)
@@ -53,6 +57,7 @@ class TensionResponse(NamedTuple):
         Derivatives of the tensions by the turning angles at fixed mobilisations and tensions at the base [N/rad].
     """
 
+    tendons: Tendons
     nodes: Array
     flexibility: Array
     angles: Array
@@ -60,7 +65,11 @@ class TensionResponse(NamedTuple):
 
     @classmethod
     def of(
-        cls, linear: Linearization, forces: Sequence[TendonForces], clamped: Sequence[slice]
+        cls,
+        linear: Linearization,
+        forces: Sequence[TendonForces],
+        clamped: Sequence[slice],
+        tendons: Tendons,
     ) -> TensionResponse:
         """From the tangent, in which tensions change with the turning angles.
 
@@ -72,8 +81,10 @@ class TensionResponse(NamedTuple):
             By robot.
         clamped
             Unknowns of clamped bases.
+        tendons
+            By robot, the tendons; all others have no tension.
         """
-        lengths, angles, by_angle = _segments(linear, forces)
+        lengths, angles, by_angle = _segments(linear, forces, tendons)
         right = np.asfortranarray(lengths.T)
         for base in clamped:
             right[base] = 0.0
@@ -81,7 +92,7 @@ class TensionResponse(NamedTuple):
         turned = angles @ moved
         # A given tension is the sum of one that is put on, and of what the angles add to it.
         put_on = np.linalg.inv(np.eye(len(lengths)) + by_angle @ turned)
-        return cls(moved @ put_on, -(lengths @ moved) @ put_on, turned @ put_on, by_angle)
+        return cls(tendons, moved @ put_on, -(lengths @ moved) @ put_on, turned @ put_on, by_angle)
 
     def to_load(
         self, linear: Linearization, forces: Sequence[TendonForces], unbalanced: Array
@@ -95,7 +106,7 @@ class TensionResponse(NamedTuple):
         unbalanced
             Residual that the change causes, shape (reduced,).
         """
-        lengths, angles, _ = _segments(linear, forces)
+        lengths, angles, _ = _segments(linear, forces, self.tendons)
         moved = _inner(linear, -unbalanced)
         turned = angles @ moved
         added = self.by_angle @ turned
@@ -111,21 +122,25 @@ def _inner(linear: Linearization, right: Array) -> Array:
     return (factors.inner if isinstance(factors, BorderedFactors) else factors).solve(right)
 
 
-def _segments(linear: Linearization, forces: Sequence[TendonForces]) -> tuple[Array, Array, Array]:
-    """Derivatives of lengths and angles by the reduced unknowns, and of the tensions by the angles, of all robots."""
+def _segments(
+    linear: Linearization, forces: Sequence[TendonForces], tendons: Tendons
+) -> tuple[Array, Array, Array]:
+    """Derivatives of lengths and angles by the reduced unknowns, and of the tensions by the angles."""
     reduced = linear.numbering.reduced
     tables: tuple[list[Array], list[Array]] = [], []
     blocks = []
-    for part in linear.numbering.robots:
+    for part, which in zip(linear.numbering.robots, tendons, strict=True):
         own = forces[part.robot]
         shape = own.measured.shape
         for table, rows in zip(tables, (shape.d_lengths, shape.d_angles), strict=True):
-            full = np.zeros((rows.shape[0] * rows.shape[1], reduced))
-            inside = np.arange(part.nodes.start, part.nodes.stop)
+            full = np.zeros((len(which) * rows.shape[1], reduced))
+            inside = slice(part.nodes.start, part.nodes.stop)
             columns = own.model.columns
-            full[:, inside if columns is None else inside[columns]] = rows.reshape(len(full), -1)
+            full[:, inside if columns is None else inside.start + columns] = rows[which].reshape(
+                len(full), -1
+            )
             table.append(full)
-        blocks += list(own.field.d_angle)
+        blocks += list(own.field.d_angle[which])
     lengths, angles = (t[0] if len(t) == 1 else np.concatenate(t) for t in tables)
     by_angle = np.zeros((len(lengths), len(angles)))
     row = column = 0

@@ -125,8 +125,8 @@ class CapstanTransfer:
         given = self._base[0] + factor * self._change
         return given + self._owner @ z[self._holes :] if self._unknown else given
 
-    def tension(self, factor: float, z: Array, angles: Array) -> Array:
-        """Tensions of the segments [N], shape (q,).
+    def derivatives(self, factor: float, z: Array, angles: Array) -> Transfer:
+        """Tensions of the segments, and their derivatives.
 
         Parameters
         ----------
@@ -137,11 +137,6 @@ class CapstanTransfer:
         angles
             Turning angles [rad], shape (r,).
         """
-        drop = self._before @ (self._at_holes(z[: self._holes]) * self._friction * angles)
-        return np.asarray(self._given(factor, z) * np.exp(-drop))
-
-    def derivatives(self, factor: float, z: Array, angles: Array) -> Transfer:
-        """The same with their derivatives."""
         acting = self._at_holes(z[: self._holes]) * self._friction
         ratio = np.exp(-(self._before @ (acting * angles)))
         tension = self._given(factor, z) * ratio
@@ -167,10 +162,6 @@ class LawTransfer:
         self._holes = sum(t.holes for t in tendons)
         self._unknown = sum(len(t.driven) for t in tendons)
         self._size = sum(t.segments for t in tendons), sum(t.angles for t in tendons)
-
-    def tension(self, factor: float, z: Array, angles: Array) -> Array:
-        """As of `CapstanTransfer`."""
-        return self.derivatives(factor, z, angles).tension
 
     def derivatives(self, factor: float, z: Array, angles: Array) -> Transfer:
         """As of `CapstanTransfer`."""

@@ -119,8 +119,10 @@ def pulled(adhesion=0.0, stiffness=None):
 
 def test_the_flexibility_of_the_segments_is_symmetric():
     """Maxwell and Betti, although the tangent with friction is not symmetric; positive definite besides."""
-    response = end_of(pulled()).response
-    flexibility = response.flexibility
+    simulation = pulled()
+    end = end_of(simulation)
+    both = TautTendons.of(end, end).numbers
+    flexibility = end.with_response(simulation.system.layout.clamped, both).response.flexibility
     assert np.abs(flexibility - flexibility.T).max() < 1e-9 * np.abs(flexibility).max()
     assert np.linalg.eigvalsh(flexibility).min() > 0.0
 
@@ -136,8 +138,9 @@ def test_slips_and_their_derivatives_are_those_of_the_solved_ends(given):
     simulation.advance(Actuation(np.zeros(2, dtype=bool), after))
     end = end_of(simulation)
     targets = tuple(Target((x,), start.state.loads, 0.0) for x in (np.array([0.6, 0.9]), after))
-    substep = _Substep.of(start, end, TautTendons.of(start, end), targets, (None, None), DELTA)
-    clamped = simulation.system.layout.clamped
+    clamped, both = simulation.system.layout.clamped, TautTendons.of(start, end)
+    start, end = (at.with_response(clamped, both.numbers) for at in (start, end))
+    substep = _Substep.of(start, end, both, targets, (None, None), DELTA)
     for x, at in ((0.0, start), (1.0, end)):
         tension = np.concatenate([f.field.tension.reshape(-1) for f in at.forces])
         state = substep.model.at(x, at.mobilisation, tension)
