@@ -27,8 +27,9 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
     "sphinx_design",
+    "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build", "_generated", "examples"]
+exclude_patterns = ["_build", "_generated", "examples", "gallery/**/*.ipynb", "gallery/**/*.py"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 suppress_warnings = ["misc.highlighting_failure"]
 
@@ -44,6 +45,53 @@ napoleon_use_ivar = True
 add_module_names = False
 toc_object_entries = False
 default_role = "code"
+
+# The examples are run here, once: `tests/test_docs.py` runs them only as slow tests.
+EXAMPLES_IN_ORDER = (
+    "first_robot",
+    "routings",
+    "hysteresis",
+    "friction_laws",
+    "slack_and_displacement",
+    "two_segments",
+    "thick_disks",
+    "gravity_and_payload",
+    "soft_robot",
+    "sensitivities",
+    "tendon_jacobian",
+    "critical_load",
+    "inverse_statics",
+    "sweep",
+    "robot_on_ground",
+    "robot_on_carriage",
+    "robot_and_obstacles",
+    "vibration",
+    "cut_tendon",
+    "own_spreadsheet",
+)
+sphinx_gallery_conf = {
+    "examples_dirs": "examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"\.py$",
+    "subsection_order": [f"examples/{part}" for part in ("simulate", "analyse", "scene", "measured")],
+    "within_subsection_order": "conf.in_order",
+    "abort_on_example_error": True,
+    "only_warn_on_example_error": False,
+    "remove_config_comments": True,
+    "show_memory": False,
+    "write_computation_times": False,  # that page would need a network
+    "show_signature": False,
+    "capture_repr": (),
+    "min_reported_time": 1e9,
+    "matplotlib_animations": False,
+    "backreferences_dir": None,
+}
+
+
+def in_order(name: str) -> int:
+    """Position of an example in its part of the gallery."""
+    return EXAMPLES_IN_ORDER.index(Path(name).stem)
+
 
 html_theme = "furo"
 html_title = f"tdcr-fe {version}"

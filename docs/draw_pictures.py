@@ -1,11 +1,11 @@
 """Draw the pictures of the pages anew, those of the paper left out: ``python docs/draw_pictures.py``.
 
-Those of "A first robot" and of the README are the pictures of ``tdcr-fe demo``.
+Those of "A first robot" and of the README are the pictures of ``tdcr-fe demo``. The gallery draws its own, and those of
+the pages that show an example, when the pages are built.
 """
 
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,14 +16,6 @@ from tdcr_fe import cli
 DOCS = Path(__file__).parent
 #: Pictures of the demo, and their width on the page [pixels].
 OF_THE_DEMO = {"shapes": 1018, "tensions": 680, "hysteresis": 640}
-#: Examples that draw a picture.
-OF_EXAMPLES = (
-    "robot_on_ground",
-    "robot_on_carriage",
-    "robot_and_obstacles",
-    "sensitivities",
-    "inverse_statics",
-)
 
 
 def draw_demo(folder: Path) -> None:
@@ -72,13 +64,6 @@ def draw_viewer(folder: Path) -> None:
             part.resize((1020, 564), Image.Resampling.LANCZOS).save(folder / "viewer.png", optimize=True)
 
 
-def draw_examples(folder: Path) -> None:
-    """Run the examples that draw a picture."""
-    for name in OF_EXAMPLES:
-        example = DOCS / "examples" / f"{name}.py"
-        subprocess.run([sys.executable, str(example), str(folder / f"{name}.png")], check=True)
-
-
 def draw_sweeps(folder: Path) -> None:
     """Run the sweeps of the page "Sweeps" and keep the pictures of their reports."""
     kept = {
@@ -99,5 +84,4 @@ def draw_sweeps(folder: Path) -> None:
 if __name__ == "__main__":
     draw_demo(DOCS / "pictures")
     draw_viewer(DOCS / "pictures")
-    draw_examples(DOCS / "pictures")
     draw_sweeps(DOCS / "pictures")

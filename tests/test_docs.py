@@ -1,11 +1,11 @@
-"""Every example of the documentation runs and asserts a number; printed output on pages agrees with the program."""
+"""Every example of the documentation asserts a number; printed output on pages agrees with the program."""
 
 import argparse
 import ast
 import importlib
 import re
-import runpy
 import shlex
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -19,7 +19,7 @@ from tdcr_fe import cli
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "docs" / "first_robot.md"]
 EXAMPLES = ROOT / "docs" / "examples"
-SCRIPTS = sorted(p for p in EXAMPLES.glob("*.py") if p.name != "picture.py")
+SCRIPTS = sorted(EXAMPLES.rglob("*.py"))
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -107,30 +107,27 @@ def test_readme_has_a_row_for_every_command():
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
-def test_example_runs_and_asserts(script, monkeypatch, tmp_path):
-    assert any(
-        isinstance(node, ast.Assert) for node in ast.walk(ast.parse(script.read_text(encoding="utf-8")))
+def test_example_asserts_a_number_and_has_its_place_in_the_gallery(script):
+    tree = ast.parse(script.read_text(encoding="utf-8"))
+    assert any(isinstance(node, ast.Assert) for node in ast.walk(tree))
+    title, underline = ast.get_docstring(tree).splitlines()[:2]
+    assert set(underline) == {"="} and len(underline) == len(title)
+    order = re.search(
+        r"EXAMPLES_IN_ORDER = \((.*?)\)", (ROOT / "docs" / "conf.py").read_text(encoding="utf-8"), re.DOTALL
     )
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", [str(script)])
-    runpy.run_path(str(script), run_name="__main__")
+    assert re.findall(r'"(\w+)"', order[1]).count(script.stem) == 1
+    assert (script.parent / "GALLERY_HEADER.rst").exists()
 
 
-def test_example_draws_its_picture_without_a_display(monkeypatch, tmp_path):
-    picture = tmp_path / "picture.png"
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.syspath_prepend(str(EXAMPLES))
-    monkeypatch.setattr(sys, "argv", ["robot_on_ground.py", str(picture)])
-    runpy.run_path(str(EXAMPLES / "robot_on_ground.py"), run_name="__main__")
-    import matplotlib.pyplot as plt
+def test_the_gallery_has_twenty_examples():
+    assert len(SCRIPTS) >= 20
 
-    drawn = plt.imread(picture)
-    assert drawn.shape[:2] == (700, 900)
-    # Backbone and disks, and the three tendons in their colours.
-    assert (drawn[..., :3].min(axis=2) < 0.7).mean() > 0.01
-    red, green, blue = drawn[..., 0], drawn[..., 1], drawn[..., 2]
-    for seen in (red > blue + 0.4, blue > red + 0.4, (green > red + 0.3) & (green > blue + 0.1)):
-        assert seen.sum() > 100
+
+@pytest.mark.slow  # The build of the pages runs them: CI does so.
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
+def test_example_runs(script, tmp_path):
+    done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_pictures_of_the_pages_are_those_of_the_demo(monkeypatch, tmp_path):

@@ -1,21 +1,23 @@
-"""A robot on a carriage: a spring acts on the carriage along its rail, and the robot carries a ball at its tip.
-
-First the scene is solved at rest, step by step, with ``mbs.SolveTDCR``; then the carriage is pushed along
-the rail and the tendon released in ``mbs.SolveDynamic``. The friction history continues through both.
-
-With the name of a picture it draws one: ``python robot_on_carriage.py picture.png``.
 """
+A robot on a carriage
+=====================
 
-import sys
+A spring acts on the carriage along its rail, and the robot carries a ball at its tip. First the scene is
+solved at rest, step by step, with ``mbs.SolveTDCR``; then the carriage is pushed along the rail and the
+tendon released in ``mbs.SolveDynamic``. The friction history continues through both. At rest the push on the
+carriage is the force of its spring, whatever the robot does.
+"""
 
 import exudyn as exu
 import exudyn.graphics as graphics
 import exudyn.itemInterface as eii
+import matplotlib.pyplot as plt
 import numpy as np
 from exudyn.rigidBodyUtilities import InertiaCuboid, InertiaSphere
 
 import tdcr_fe as tdcr
 from tdcr_fe import Backbone, Disks, Model, ParallelRouting, Robot, Tendon
+from tdcr_fe.report.scene_picture import scene_picture
 
 tdcr.register()  # mbs.CreateTDCR and mbs.SolveTDCR
 
@@ -87,13 +89,15 @@ rest = arm.tip_position
 print(f"at rest: carriage at {1e3 * carriage_at():.4f} mm, tip at {np.round(1e3 * rest, 3)} mm")
 # At rest the spring alone balances the push.
 assert abs(carriage_at() - 0.12 / STIFFNESS) < 1e-9
-if len(sys.argv) > 1:
-    from picture import save_picture
+plt.imshow(scene_picture(SC, center=[0.06, 0.0, 0.1], height=0.32, azimuth=-1.2))
+plt.axis("off")
+plt.tight_layout()
+plt.show()
 
-    save_picture(SC, sys.argv[1], center=[0.06, 0.0, 0.1], height=0.32, azimuth=-1.2)
-
-
+# %%
 # Dynamics: within two seconds the push goes from 0.12 N to -0.12 N, the right tendon from 1.5 N to 0.8 N.
+
+
 def share(t: float) -> float:
     """A smooth step from 0 to 1 in two seconds."""
     x = min(t / 2.0, 1.0)

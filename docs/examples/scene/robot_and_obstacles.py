@@ -1,17 +1,20 @@
-"""A robot bends around a ball and pushes a plate that slides on a spring.
-
-With the name of a picture it draws one: ``python robot_and_obstacles.py picture.png``.
 """
+Contact with obstacles
+======================
 
-import sys
+A robot bends around a ball and pushes a plate that slides on a spring. In equilibrium the contact forces on
+the plate are the force of its spring.
+"""
 
 import exudyn as exu
 import exudyn.graphics as graphics
+import matplotlib.pyplot as plt
 import numpy as np
 from exudyn.rigidBodyUtilities import InertiaCuboid
 
 import tdcr_fe as tdcr
 from tdcr_fe import Backbone, Disks, Model, ParallelRouting, Robot, Tendon
+from tdcr_fe.report.scene_picture import scene_picture
 
 tdcr.register()  # mbs.CreateTDCR and mbs.SolveTDCR
 
@@ -63,7 +66,7 @@ assert abs(front.normal_forces().sum() - SPRING * moved) < 1e-6
 assert abs(moved - 3.872e-3) < 2e-5
 assert abs(ball.normal_forces().sum() - 0.0314) < 2e-4
 
-if len(sys.argv) > 1:
-    from picture import save_picture
-
-    save_picture(SC, sys.argv[1], center=[0.03, 0.0, 0.125], height=0.31, azimuth=-1.1, elevation=0.3)
+plt.imshow(scene_picture(SC, center=[0.03, 0.0, 0.125], height=0.31, azimuth=-1.1, elevation=0.3))
+plt.axis("off")
+plt.tight_layout()
+plt.show()

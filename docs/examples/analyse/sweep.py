@@ -1,7 +1,14 @@
-"""Uncertainty of a bending angle: a sweep from Python, beside what exact sensitivities predict to first order."""
+"""
+A sweep: uncertainty of the bending angle
+=========================================
+
+Radius and modulus of the backbone are known to one and two percent. A sweep over 64 samples gives the
+standard deviation of the bending angle; exact sensitivities predict it to first order.
+"""
 
 from math import degrees, hypot
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import tdcr_fe as tdcr
@@ -36,3 +43,9 @@ if __name__ == "__main__":  # worker processes import this file again
     )
     print(f"standard deviation of the angle: {sampled:.3f} degrees sampled, {linear:.3f} to first order")
     assert abs(sampled / linear - 1.0) < 0.05
+
+    figure, axes = plt.subplots(figsize=(6.0, 3.2), layout="constrained")
+    axes.hist(result.cases["bending_angle_deg"], bins=16)
+    axes.set_xlabel("bending angle [deg]")
+    axes.set_ylabel("cases")
+    plt.show()

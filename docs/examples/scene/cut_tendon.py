@@ -1,9 +1,13 @@
-"""A tendon is cut: the robot swings back, and friction and the material of the backbone take its energy.
+"""
+A tendon is cut
+===============
 
-The energy sensor shows where it goes.
+The robot swings back, and friction in the holes and the material of the backbone take its energy. The energy
+sensor shows where it goes; elastic, kinetic and dissipated energy add up to what was stored.
 """
 
 import exudyn as exu
+import matplotlib.pyplot as plt
 
 import tdcr_fe as tdcr
 from tdcr_fe import Backbone, Disks, Model, ParallelRouting, Robot, Tendon
@@ -45,3 +49,11 @@ stored = first["elastic"]
 assert last["friction_dissipation"] > 0.01 * stored
 assert last["material_dissipation"] > 0.1 * stored
 assert abs(last["balance"]) < 5e-3 * stored  # the error of the time integration right after the cut
+
+figure, axes = plt.subplots(figsize=(6.0, 3.5), layout="constrained")
+for name in ("elastic", "kinetic", "friction_dissipation", "material_dissipation"):
+    axes.plot(data[:, 0], 1e3 * data[:, 1 + ENERGY_COLUMNS.index(name)], label=name.replace("_", " "))
+axes.set_xlabel("time [s]")
+axes.set_ylabel("energy [mJ]")
+axes.legend()
+plt.show()

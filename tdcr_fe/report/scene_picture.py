@@ -1,38 +1,48 @@
-"""Draw a scene with Exudyn's own software renderer, which needs no window and no graphics card."""
+"""A picture of a scene by Exudyn's own software renderer, which needs no window and no graphics card."""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import exudyn as exu
-import matplotlib.pyplot as plt
 import numpy as np
 from exudyn.rigidBodyUtilities import RotationMatrix2RotationVector
+from numpy.typing import NDArray
 
 
-def save_picture(
+def scene_picture(
     SC: exu.SystemContainer,
-    path: str,
     center: Sequence[float],
     height: float,
-    azimuth: float,
+    azimuth: float = -1.2,
     elevation: float = 0.4,
-) -> None:
-    """Write the scene in its current state as PNG.
+    size: tuple[int, int] = (900, 700),
+) -> NDArray[np.uint8]:
+    """Draw a scene in its current state; ``matplotlib.pyplot.imsave`` writes the picture, ``imshow`` shows it.
+
+    Visualization settings of the container are changed: nodes, markers and loads are not shown, and a tendon is one
+    line.
 
     Parameters
     ----------
     SC
         The container of the scene.
-    path
-        Of the picture.
     center
-        Point in the middle of the picture [m].
+        Point in the middle of the picture, world axes [m], shape (3,).
     height
         What is seen from bottom to top [m].
     azimuth, elevation
-        Where the eye stands: angle from +x towards +y, and above the horizon [rad].
+        Direction of the eye: angle from +x towards +y, and above the horizon [rad].
+    size
+        Width and height [pixels].
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, channels)
     """
-    v = SC.visualizationSettings
-    v.view0.window.renderWindowSize = (900, 700)
+    v: Any = SC.visualizationSettings
+    v.view0.window.renderWindowSize = list(size)
     v.view0.scene.drawWorldBasis = True
     v.view0.scene.worldBasisSize = 0.15 * height
     v.view0.scene.drawCoordinateSystem = 0
@@ -48,4 +58,4 @@ def save_picture(
     view = np.array([right, np.cross(back, right), back])
     SC.renderer.ZoomAll()
     SC.renderer.SetModelView(0.5 * height, RotationMatrix2RotationVector(view), list(view @ center))
-    plt.imsave(path, SC.renderer.RedrawAndGetImage(useRaytracer=True))
+    return np.asarray(SC.renderer.RedrawAndGetImage(useRaytracer=True))
