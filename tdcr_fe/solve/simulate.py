@@ -237,6 +237,9 @@ class _Run:
         self.warnings: list[str] = []
         self.failed: int | None = None
         self.message = CONVERGED
+        # Estimates for steps to come, see `_pilot`.
+        self.pilots: list[MeshEstimate] = []
+        self.piloted = False
 
     def take_steps(self, reference_path: PathRecord | None, refine: bool) -> tuple[int, ...] | None:
         """Solve all steps; or return the elements per bay of the finer mesh that they need."""
@@ -261,7 +264,7 @@ class _Run:
                 self.path.append(increments)
             self.solved.append(result)
             self.warnings += step_warnings(number, report)
-            if estimated and self.monitor.record() and refine and self._too_coarse():
+            if estimated and self._enough_estimated(number, report, refine) and refine and self._too_coarse():
                 finer = self._refined_mesh()
                 if finer is not None:
                     return finer
@@ -270,6 +273,35 @@ class _Run:
                 self.progress(self.solved[-1])
         self.monitor.flush()
         return self._refined_mesh() if refine and self._too_coarse() else None
+
+    def _enough_estimated(self, number: int, report: LoadStepReport, refine: bool) -> bool:
+        """Record the solved state for the estimate of the mesh; return whether there are new estimates.
+
+        Before much is spent on friction paths, the steps that are left are solved whole, so that a mesh that is too
+        coarse for them is refined at once.
+        """
+        changed = self.monitor.record()
+        costly = report.iterations_total > report.iterations
+        if not refine or self.piloted or not costly or number == len(self.steps):
+            return changed
+        self.piloted = True
+        self.monitor.flush()
+        if not self._too_coarse():
+            self.pilots = self._pilot(self.targets[number:])
+        return True
+
+    def _pilot(self, targets: Sequence[Actuation]) -> list[MeshEstimate]:
+        """Estimates for steps to come, each solved whole, whatever its friction path; the state is as before."""
+        start, monitor = self.simulation.position, MeshMonitor(self.simulation, self.goal)
+        try:
+            for target in targets:
+                self.simulation.advance(target, substeps=1)
+                monitor.record()
+        except StepFailed:
+            pass
+        monitor.flush()
+        self.simulation.return_to(start)
+        return monitor.estimates
 
     def _result(self, number: int, step: LoadStep, report: LoadStepReport, target: Actuation) -> StepResult:
         """The present state as a result, with the responses of the tip where they are asked for."""
@@ -287,13 +319,14 @@ class _Run:
         return counts
 
     def _too_coarse(self) -> bool:
-        """Whether any step estimated so far misses the tolerance."""
-        return any(not e.largest <= self.goal for e in self.monitor.estimates)
+        """Whether any step estimated so far misses the tolerance, those to come among them."""
+        return any(not e.largest <= self.goal for e in (*self.monitor.estimates, *self.pilots))
 
     def _refined_mesh(self) -> tuple[int, ...] | None:
         """Elements per bay of a finer mesh; None where the limit is reached."""
         order = error_order(self.simulation.handle)
-        finer = refined(self.elements_per_bay, self.monitor.estimates, self.goal, order)
+        estimates = (*self.monitor.estimates, *self.pilots)
+        finer = refined(self.elements_per_bay, estimates, self.goal, order)
         return None if finer == self.elements_per_bay else finer
 
 

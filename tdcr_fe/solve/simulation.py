@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from typing import NamedTuple
 
 import exudyn as exu
 import numpy as np
@@ -28,6 +29,23 @@ Array = NDArray[np.float64]
 LoadKey = tuple[str, float, str]
 #: Sees every solved load step: scene, ramp, state at its beginning, load factors and states of its substeps.
 PathObserver = Callable[[SceneSystem, Ramp, SolverState, tuple[tuple[float, SolverState], ...]], None]
+
+
+class Position(NamedTuple):
+    """Where a simulation is: the last solved state, and what is known there.
+
+    Attributes
+    ----------
+    state : SolverState
+    linearization : Linearization or None
+        The last one.
+    end : Equilibrium or None
+        The state with its linearisation.
+    """
+
+    state: SolverState
+    linearization: Linearization | None
+    end: Equilibrium | None
 
 
 class Simulation:
@@ -174,6 +192,16 @@ class Simulation:
     def _set_creep(self, moment: float) -> None:
         """Set the compliance of the backbone to that at a time [s]."""
         self.handle.set_compliance_factor(self.handle.robot.backbone.compliance_factor(moment))
+
+    @property
+    def position(self) -> Position:
+        """Where the simulation is, to return to."""
+        return Position(self.state, self._last, self._end)
+
+    def return_to(self, position: Position) -> None:
+        """Return to where the simulation was before."""
+        self.system.store(position.state)
+        self.state, self._last, self._end = position
 
     def restore(self, state: SolverState) -> None:
         """Return to a state that was solved before, with the loads that acted in it."""

@@ -22,6 +22,7 @@ from tdcr_fe.solve.element_equations import POINTS, WEIGHTS, _collocation_matrix
 from tdcr_fe.solve.mesh import CHUNK, refined
 from tdcr_fe.solve.mesh_error import MeshEstimate
 from tdcr_fe.solve.simulate import PathRecord, Simulation, SolverSettings, StepFailed, simulate
+from tdcr_fe.validation.random_robots import draw
 
 #: Finer mesh with which the estimate is compared: elements per element.
 FINER = 8
@@ -242,6 +243,26 @@ def test_a_coarser_run_that_ended_for_the_refinement_names_the_first_step_withou
     result = simulate(paper(), Model(friction="none"), steps, settings)
     assert (result.converged, result.failed_step, len(result.steps)) == (False, CHUNK + 1, CHUNK)
     assert "step 3" in result.message and "no balance" in result.message
+
+
+def test_the_mesh_is_refined_before_friction_paths_are_followed() -> None:
+    """Before, all five steps of this robot were followed on the first mesh, and again on the second."""
+    case, seen = draw(9), []
+    result = simulate(case.robot, case.model, case.steps, progress=lambda step: seen.append(step.step))
+    assert sum(result.elements_per_bay) > sum(elements_of_bays(case.robot, case.model))
+    assert max(s.discretisation_error for s in result.steps) < 1e-4 * case.robot.backbone.length
+    assert len(seen) <= len(case.steps) + 1
+
+
+def test_steps_that_were_solved_ahead_for_their_mesh_leave_no_trace() -> None:
+    case = draw(8)
+    automatic = simulate(case.robot, case.model, case.steps)
+    counts = automatic.elements_per_bay
+    assert counts == elements_of_bays(case.robot, case.model)
+    assert any(s.details["iterations_total"] > s.iterations for s in automatic.steps[:-1])
+    given = simulate(case.robot, replace(case.model, elements_per_bay=counts), case.steps)
+    for a, b in zip(automatic.steps, given.steps, strict=True):
+        assert np.array_equal(a.positions, b.positions) and a.iterations == b.iterations
 
 
 def test_all_steps_are_solved_on_a_mesh_that_cannot_be_refined(monkeypatch) -> None:
