@@ -31,6 +31,9 @@ COMMANDS = (
     "tdcr_fe.commands.completion:add_completion_parser",
 )
 
+#: Mistakes in the input that are printed; of more their number is.
+MOST_PROBLEMS = 40
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command.
@@ -80,8 +83,10 @@ def _run(argv: Sequence[str] | None) -> int:
         if not isinstance(error, InputError):
             raise
         complain(f"{count(len(error.problems), 'mistake')} in the input; nothing was written")
-        for problem in error.problems:
+        for problem in error.problems[:MOST_PROBLEMS]:
             print(f"  {problem}", file=sys.stderr)
+        if len(error.problems) > MOST_PROBLEMS:
+            print(f"  and {len(error.problems) - MOST_PROBLEMS} more", file=sys.stderr)
         return WRONG_INPUT
 
 

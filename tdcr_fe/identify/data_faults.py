@@ -281,6 +281,8 @@ def _jumps(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
         part = difference[:, where, axis].reshape(len(grid.steps), -1)
         best, at, by = float("inf"), 0, 0.0
         for k in range(2, len(grid.steps) - 2):
+            if np.isnan(part[k:]).all():  # nothing was read there any more
+                break
             size = float(np.nanmedian(part[k:]))
             left = np.nansum(np.abs(part[:k])) + np.nansum(np.abs(part[k:] - size))
             if left < best:
@@ -299,9 +301,9 @@ def _drifts(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
     number = np.arange(len(grid.steps), dtype=float)
     for axis in range(3):
         difference = grid.measured[..., axis] - grid.predicted[..., axis]
-        level = np.nanmedian(difference, axis=1)
-        if not np.all(np.isfinite(level)):
+        if np.isnan(difference).all(axis=1).any():
             continue
+        level = np.nanmedian(difference, axis=1)
         slope, start = np.polyfit(number, level, 1)
         moved = grid.measured.copy()
         moved[..., axis] -= (start + slope * number)[:, None]

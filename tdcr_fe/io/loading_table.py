@@ -16,6 +16,8 @@ from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.robot import Robot
 
 FORCES = ("force_x", "force_y", "force_z")
+#: A table with more mistakes is not read on.
+MOST_PROBLEMS = 1000
 
 
 class Loading(NamedTuple):
@@ -72,13 +74,14 @@ def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> tuple[Loading,
     loading : Loading
         Complete where there are no problems.
     problems : list of Problem
+        Those of the first rows where there are more than `MOST_PROBLEMS`.
     """
     problems = _column_problems(table.columns, robot, file)
     if problems:
         return Loading(), problems
     if table.empty:
         return Loading(), [Problem(file, "", "", "has no steps")]
-    numbers: list[int] = []
+    numbers: dict[int, None] = {}  # in order; many steps are found in it fast
     steps, branches = [], []
     last_time = 0.0
     for cells in table.to_dict("records"):
@@ -89,8 +92,10 @@ def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> tuple[Loading,
         if values.get("time", last_time) < last_time:
             wrong.append(row.problem("time", f"must not be before the step before, at {last_time:g} s"))
         last_time = max(last_time, values.get("time", last_time))
-        numbers.append(step_id)
+        numbers[step_id] = None
         problems += wrong
+        if len(problems) > MOST_PROBLEMS:
+            break
         if not wrong:
             steps.append(_load_step(step_id, values, robot))
             branches.append(str(cells.get("branch", "")))

@@ -23,9 +23,10 @@ from tdcr_fe.io.readings import (
     read_observations,
     refuse_if_doubtful,
 )
-from tdcr_fe.io.spreadsheet import read_table
+from tdcr_fe.io.spreadsheet import read_table, table_file
 from tdcr_fe.io.toml import digest, read_model_file, read_robot, read_toml
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
+from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
@@ -113,7 +114,8 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
     Parameters
     ----------
     folder
-        Contains ``robot.toml``, ``loading.csv``, ``observations.csv`` and, optionally, ``model.toml``.
+        Contains ``robot.toml``, ``loading.csv``, ``observations.csv`` and, optionally, ``model.toml``. Either table may
+        be an Excel workbook (``loading.xlsx``).
     strict
         Refuse readings that are not sound, instead of leaving them out by name.
 
@@ -150,13 +152,19 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
             model, settings = read_model_file(folder / "model.toml", robot, apart=["effects"])
         except InputError as error:
             problems += error.problems
-    loading = _table(folder / "loading.csv", problems)
-    observed = _table(folder / "observations.csv", problems)
+    of_loading, of_readings = (table_file(folder / f"{n}.csv") for n in ("loading", "observations"))
+    loading = _table(of_loading, problems)
+    observed = _table(of_readings, problems)
     if robot is None or loading is None or observed is None:
         raise InputError(problems)
-    (step_ids, steps, branches), wrong = read_loading(loading, robot, str(folder / "loading.csv"))
+    (step_ids, steps, branches), wrong = read_loading(loading, robot, str(of_loading))
     problems += wrong
-    file = str(folder / "observations.csv")
+    if not problems:
+        problems += [
+            Problem(str(of_loading), c.key, c.value, c.allowed)
+            for c in size_contradictions(robot, model, len(steps))
+        ]
+    file = str(of_readings)
     missing = [c for c in OBSERVATION_COLUMNS if c not in observed.columns]
     problems += [
         Problem(file, c, "", f"missing column; must have {', '.join(OBSERVATION_COLUMNS)}") for c in missing
@@ -172,7 +180,7 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
     if not readings:
         raise InputError([Problem(file, "", "", "has no readings")])
     names = [
-        n for n in ("robot.toml", "model.toml", "loading.csv", "observations.csv") if (folder / n).exists()
+        n for n in ("robot.toml", "model.toml", of_loading.name, of_readings.name) if (folder / n).exists()
     ]
     data = MeasuredData(
         folder.resolve().name,

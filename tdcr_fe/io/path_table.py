@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tdcr_fe.io.cells import millimetres_hint, number, whole_number
+from tdcr_fe.io.loading_table import MOST_PROBLEMS
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.spreadsheet import read_table
 from tdcr_fe.model.targets import TipTarget
@@ -58,6 +59,8 @@ def read_path(path: str | os.PathLike[str], length: float) -> tuple[TipTarget, .
             Problem(str(path), f"line {line}, {column}", cells[column] or "empty", allowed)
             for column, allowed in wrong
         ]
+        if len(problems) > MOST_PROBLEMS:
+            break
         if target is not None:
             targets.append(target)
     if problems:

@@ -33,9 +33,18 @@ class Problem:
     allowed: str
 
     def __str__(self) -> str:
-        """One line: file, key, value, what is allowed."""
-        where = f"{self.file}: {self.key}" if self.key else self.file
-        return f"{where} = {self.value}: {self.allowed}" if self.value else f"{where}: {self.allowed}"
+        """One line: file, key, value, what is allowed; the middle of a very long one is left out."""
+        where = f"{self.file}: {_short(self.key)}" if self.key else self.file
+        allowed = _short(self.allowed)
+        return f"{where} = {_short(self.value)}: {allowed}" if self.value else f"{where}: {allowed}"
+
+
+#: Longest key, value or sentence of a message [characters].
+LONGEST = 1500
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 200]} ... {text[-150:]}"
 
 
 class InputError(Exception):

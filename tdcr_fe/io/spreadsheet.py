@@ -1,4 +1,4 @@
-"""Read tables that any spreadsheet writes: comma, semicolon or tab; decimal point or comma; UTF-8 or UTF-16."""
+"""Read tables that any spreadsheet writes: comma, semicolon or tab; decimal point or comma; UTF-8, UTF-16 or xlsx."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.workbook import rows_of_workbook
 
 _BYTE_ORDER_MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -31,12 +32,13 @@ _BOTH = re.compile(r"[+-]?\d{1,3}([.,]\d{3})+[.,]\d+")
 def read_table(path: str | os.PathLike[str]) -> pd.DataFrame:
     """A table as texts, whatever spreadsheet wrote it; numbers come with a decimal point.
 
-    The delimiter is that of the header. A decimal comma is taken where no number has a point.
+    The delimiter is that of the header. A decimal comma is taken where no number has a point. Of an Excel workbook
+    (xlsx) the first sheet is read, which needs openpyxl.
 
     Parameters
     ----------
     path
-        Text file with a header.
+        Text file or workbook with a header.
 
     Returns
     -------
@@ -47,11 +49,15 @@ def read_table(path: str | os.PathLike[str]) -> pd.DataFrame:
     Raises
     ------
     InputError
-        The file cannot be read, is a workbook rather than text, has a column twice, or leaves open what its
-        delimiter or its decimal mark is.
+        The file cannot be read, has a column twice, or leaves open what its delimiter or its decimal mark is; or it is
+        a workbook that cannot be read.
     """
     path = Path(path)
-    text = _decode(path)
+    raw = _contents(path)
+    if raw.startswith(b"PK\x03\x04"):
+        (_, head), *rest = rows_of_workbook(path, raw)
+        return _frame(path, _without_empty_end(head), [(n, r) for n, r in rest if any(r)])
+    text = _decode(path, raw)
     lines = text.lstrip("\r\n").splitlines()
     if not lines or not lines[0].strip():
         raise _error(path, "", "is empty; must have a header")
@@ -69,26 +75,41 @@ def read_table(path: str | os.PathLike[str]) -> pd.DataFrame:
             begin = skipped + reader.line_num + 1
     except csv.Error as error:
         raise _error(path, f"line {begin}", f"not a table: {error}") from error
-    names = rows[0][1]
-    while names and not names[-1]:
-        names.pop()
-    return _frame(path, names, [(n, r) for n, r in rows[1:] if any(r)])
+    return _frame(path, _without_empty_end(rows[0][1]), [(n, r) for n, r in rows[1:] if any(r)])
+
+
+def _without_empty_end(names: list[str]) -> list[str]:
+    """Names of columns without those that are empty at the end."""
+    count = max((k + 1 for k, name in enumerate(names) if name), default=0)
+    return names[:count]
 
 
 def _error(path: Path, key: str, allowed: str, value: str = "") -> InputError:
     return InputError([Problem(str(path), key, value, allowed)])
 
 
-def _decode(path: Path) -> str:
-    """The text of a file, by its byte order mark, or as UTF-8."""
+def table_file(path: Path) -> Path:
+    """The file of a table: ``path``, or the workbook of that name where only this one is there."""
+    workbook = path.with_suffix(".xlsx")
+    return workbook if workbook.is_file() and not path.exists() else path
+
+
+def _contents(path: Path) -> bytes:
     try:
-        raw = path.read_bytes()
+        return path.read_bytes()
     except FileNotFoundError:
         raise _error(path, "", "no such file") from None
+    except IsADirectoryError:
+        raise _error(path, "", "is a directory, not a file") from None
     except OSError as error:
-        raise _error(path, "", f"cannot be read: {error.strerror}") from error
-    if raw.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        raise _error(path, "", "is a workbook; save it as CSV")
+        reason = "is a directory, not a file" if path.is_dir() else f"cannot be read: {error.strerror}"
+        raise _error(path, "", reason) from error
+
+
+def _decode(path: Path, raw: bytes) -> str:
+    """The text of a file, by its byte order mark, or as UTF-8."""
+    if raw.startswith(b"\xd0\xcf\x11\xe0"):
+        raise _error(path, "", "is a workbook of the old Excel format (xls); save it as xlsx or CSV")
     encoding = next((e for mark, e in _BYTE_ORDER_MARKS if raw.startswith(mark)), "")
     if not encoding:
         encoding = "utf-8"
@@ -127,12 +148,15 @@ def _frame(path: Path, names: list[str], rows: list[tuple[int, list[str]]]) -> p
         np.array(cells, dtype=object).reshape(len(cells), len(names)),
         columns=pd.Index(names, dtype=object),
         index=pd.Index([n for n, _ in rows], name="line"),
+        dtype=object,
     )
     return _with_points(path, table)
 
 
 def _with_points(path: Path, table: pd.DataFrame) -> pd.DataFrame:
     """The table with a decimal point in every number."""
+    if not any("," in x for row in table.to_numpy() for x in row):
+        return table
     cells = [(n, c, x) for n, row in table.to_dict("index").items() for c, x in row.items() if x]
     for number, column, x in cells:
         if _BOTH.fullmatch(x) and "," in x and "." in x:

@@ -127,7 +127,13 @@ class Model:
     ] = "auto"
     gravity: Annotated[
         Vector,
-        Quantity("acceleration of gravity, world frame", unit="m/s^2", note="such as [0.0, 0.0, -9.81]"),
+        Quantity(
+            "acceleration of gravity, world frame",
+            unit="m/s^2",
+            ge=-1e5,
+            le=1e5,
+            allowed="three finite numbers [m/s^2] of at most 1e5, such as [0.0, 0.0, -9.81]",
+        ),
     ] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:

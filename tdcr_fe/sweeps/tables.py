@@ -93,7 +93,7 @@ def read_variation(i: int, table: Any, report: Reporter) -> Variation | None:
         )
         report(f"{where}.key", shown(table["key"]) if both else "", text)
     keys = []
-    for text in [values["key"]] if values.get("key") else values.get("keys") or ():
+    for text in [values["key"]] if values.get("key") is not None else values.get("keys") or ():
         try:
             keys.append(parse_key(text))
         except KeyProblem as error:

@@ -86,7 +86,7 @@ def test_text_with_a_comma_is_no_number(tmp_path):
         ("step,value,value\n1,2,3\n", "value", "the column is there more than once"),
         ('step,value\n1,"2\n', "line 2", "not a table"),
         ("", "", "is empty"),
-        (b"PK\x03\x04rest", "", "is a workbook; save it as CSV"),
+        (b"PK\x03\x04rest", "", "is no Excel workbook that can be read"),
         (b"step,branch\n1,gr\xfcn\n", "line 2", 'encoding: must be UTF-8 or UTF-16; save as "CSV UTF-8"'),
     ],
 )  # fmt: skip

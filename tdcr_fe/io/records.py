@@ -1,0 +1,266 @@
+"""Records of many cases, kept as they are found, so that a run that was interrupted goes on where it stopped.
+
+`solve_all` is the loop: it yields the records that are kept, then solves the cases that are left, in processes, and
+keeps every record at once. A store keeps records: `Folder` in a file each, `Lines` in one file, a line each.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+from tdcr_fe.io.atomic import to_json, write_json, write_text
+from tdcr_fe.io.processes import worker_pool
+
+Record = dict[str, Any]
+Task = TypeVar("Task")
+
+
+class Store(Protocol):
+    """Keeps records by key."""
+
+    def recall(self, keys: Iterable[str]) -> Iterator[tuple[str, Record]]:
+        """Records that are kept of some keys."""
+        ...
+
+    def keep(self, key: str, record: Mapping[str, Any]) -> None:
+        """Keep a record, so that a kill does not lose it."""
+        ...
+
+
+@dataclass(frozen=True)
+class Folder:
+    """A file of JSON for each record.
+
+    Attributes
+    ----------
+    folder : pathlib.Path
+        Made where it does not exist.
+    digest : callable or None
+        From a key to a digest of what its record depends on: a record with another digest is not recalled. None: every
+        record is recalled, and its file holds nothing but the record.
+    about : mapping
+        Written beside each record, for people.
+    indent : int or None
+        Of the files.
+    """
+
+    folder: Path
+    digest: Callable[[str], str] | None = None
+    about: Mapping[str, Any] = field(default_factory=dict)
+    indent: int | None = None
+
+    def path(self, key: str) -> Path:
+        """File of a record."""
+        return self.folder / f"{key}.json"
+
+    def recall(self, keys: Iterable[str]) -> Iterator[tuple[str, Record]]:
+        """See `Store.recall`."""
+        for key in keys:
+            try:
+                found = json.loads(self.path(key).read_text(encoding="utf-8"))
+                if self.digest is not None:
+                    found = found["record"] if found["digest"] == self.digest(key) else None
+            except (OSError, ValueError, TypeError, KeyError):
+                continue
+            if isinstance(found, dict):
+                yield key, found
+
+    def keep(self, key: str, record: Mapping[str, Any]) -> None:
+        """See `Store.keep`."""
+        document: Mapping[str, Any] = record
+        if self.digest is not None:
+            document = {"digest": self.digest(key), **self.about, "record": record}
+        write_json(document, self.path(key), indent=self.indent)
+
+
+class OtherHead(ValueError):
+    """A file of lines begins with another head.
+
+    Attributes
+    ----------
+    differing : tuple of str
+        Keys of the head that differ; empty where the file has no head at all.
+    """
+
+    def __init__(self, path: Path, differing: tuple[str, ...]) -> None:
+        self.differing = differing
+        what = f"{', '.join(differing)} differ" if differing else "it does not begin with a head"
+        super().__init__(f"{path} holds the records of another run: {what}")
+
+
+@dataclass(frozen=True)
+class Lines:
+    """One file: a head, then a line of JSON for each record.
+
+    Each line is handed to the operating system whole, so that a kill loses no finished line; what it cut off is removed
+    when the file is read.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+    head : mapping
+        First line: all that the records depend on.
+    """
+
+    path: Path
+    head: Mapping[str, Any]
+
+    def begin(self) -> None:
+        """A new file without records, which replaces one that is there."""
+        write_text(to_json(self.head, indent=None), self.path)
+
+    def begin_or_check(self) -> None:
+        """A new file where there is none.
+
+        Raises
+        ------
+        OtherHead
+            The file that is there has another head.
+        """
+        if not self.path.exists():
+            self.begin()
+            return
+        with self.path.open("rb") as file:
+            self._check(file.readline())
+
+    def records(self) -> Iterator[Any]:
+        """Contents of all lines but the head; the end of a line that a kill cut off is removed.
+
+        Raises
+        ------
+        OtherHead
+            The file has another head.
+        """
+        with self.path.open("rb") as file:
+            self._check(file.readline())
+            end = file.tell()
+            for line in file:
+                try:
+                    found = json.loads(line) if line.endswith(b"\n") else None
+                except ValueError:
+                    found = None
+                if found is None:
+                    break
+                end += len(line)
+                yield found
+        os.truncate(self.path, end)
+
+    def append(self, records: Iterable[Any]) -> None:
+        """Append records, and hand them to the operating system."""
+        lines = "".join(to_json(r, indent=None) for r in records)
+        with self.path.open("ab", buffering=0) as file:
+            file.write(lines.encode())
+
+    def recall(self, keys: Iterable[str]) -> Iterator[tuple[str, Record]]:
+        """See `Store.recall`; of several records of a key the last counts."""
+        wanted = set(keys)
+        found = {}
+        for record in self.records():
+            key = record.get("key") if isinstance(record, dict) else None
+            if key in wanted:
+                found[key] = {k: v for k, v in record.items() if k != "key"}
+        yield from found.items()
+
+    def keep(self, key: str, record: Mapping[str, Any]) -> None:
+        """See `Store.keep`."""
+        self.append([{"key": key, **record}])
+
+    def _check(self, line: bytes) -> None:
+        try:
+            there = json.loads(line)
+        except ValueError:
+            there = None
+        expected = json.loads(to_json(self.head))
+        if there == expected:
+            return
+        known = isinstance(there, dict)
+        raise OtherHead(self.path, tuple(k for k in expected if known and there.get(k) != expected[k]))
+
+
+def solve_all(
+    tasks: Mapping[str, Task],
+    solve: Callable[[Task], Record],
+    store: Store,
+    processes: int = 1,
+    initializer: Callable[[], None] | None = None,
+    *,
+    own_process: bool = True,
+    again: Callable[[Record], bool] | None = None,
+) -> Generator[tuple[str, Record, bool], None, None]:
+    """Records of all tasks: those that are kept first, the others as they are found.
+
+    Close the generator explicitly (`contextlib.closing`), so that on an interruption its workers end before the caller
+    goes on.
+
+    Parameters
+    ----------
+    tasks
+        By key.
+    solve
+        Function of a module, from a task to its record. An exception of it ends the run.
+    store
+        Where records are kept.
+    processes
+        Number of tasks at a time.
+    initializer
+        Called once in every process.
+    own_process
+        Whether one process at a time is a worker, too; otherwise it is this one.
+    again
+        Whether a record that is kept does not count; None: all of them count.
+
+    Yields
+    ------
+    key : str
+    record : dict
+    known : bool
+        Whether it was kept before.
+    """
+    known = set()
+    for key, record in store.recall(tasks):
+        if again is None or not again(record):
+            known.add(key)
+            yield key, record, True
+    left = [(key, task) for key, task in tasks.items() if key not in known]
+    if not left:
+        return
+    if processes <= 1 and not own_process:
+        if initializer is not None:
+            initializer()
+        for key, task in left:
+            record = solve(task)
+            store.keep(key, record)
+            yield key, record, False
+        return
+    for key, record in _in_processes(left, solve, processes, initializer):
+        store.keep(key, record)
+        yield key, record, False
+
+
+def _in_processes(
+    left: Sequence[tuple[str, Task]],
+    solve: Callable[[Task], Record],
+    processes: int,
+    initializer: Callable[[], None] | None,
+) -> Generator[tuple[str, Record], None, None]:
+    """Records as they are found; few tasks wait at a time, so that many cost no memory."""
+    with worker_pool(min(processes, len(left)), initializer) as pool:
+        running: dict[Future[Record], str] = {}
+        for key, task in left:
+            running[pool.submit(solve, task)] = key
+            if len(running) >= 2 * processes:
+                yield from _finished(running)
+        while running:
+            yield from _finished(running)
+
+
+def _finished(running: dict[Future[Record], str]) -> Iterator[tuple[str, Record]]:
+    done, _ = wait(running, return_when=FIRST_COMPLETED)
+    for future in done:
+        yield running.pop(future), future.result()

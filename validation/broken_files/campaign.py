@@ -1,0 +1,300 @@
+"""Run the command on broken input, and judge what it does."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import math
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+import traceback
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import FrameType
+
+import numpy as np
+
+from tdcr_fe.io.records import Record
+from tdcr_fe.validation.broken_files.inputs import INPUTS, Inputs, files_of
+from tdcr_fe.validation.broken_files.mutations import Change, change
+
+#: Time after which a command is interrupted [s].
+TIME_LIMIT = 10.0
+#: A command that does not end within this time after the interruption hangs [s].
+GRACE = 30.0
+#: Time in which a process starts and imports what it needs, on a busy machine [s].
+START = 10.0
+#: Longest message [characters]: one mistake in a long list must not fill the terminal.
+LONGEST_MESSAGE = 20_000
+
+#: Outcomes that are right.
+RIGHT = ("refused", "refused by another key", "valid", "not converged", "valid, long")
+#: Packages in which a command solves; one that is interrupted there has read its input.
+_SOLVING = (
+    "tdcr_fe.solve",
+    "tdcr_fe.identify",
+    "tdcr_fe.sweeps.execution",
+    "tdcr_fe.sweeps.cases",
+    "tdcr_fe.io.tables",
+    "tdcr_fe.report",
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One broken input.
+
+    Attributes
+    ----------
+    number : int
+        Seed.
+    inputs : Inputs
+        The good files and their command.
+    change : Change
+    own_process : bool
+        Whether the command runs in a process of its own.
+    """
+
+    number: int
+    inputs: Inputs
+    change: Change
+    own_process: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the command does with a broken input.
+
+    Attributes
+    ----------
+    number : int
+        Seed.
+    inputs, file, mutation, key, value : str
+        Of the case.
+    outcome : str
+        Right are "refused" (by file and key), "refused by another key" (which contradicts the change), "valid"
+        (solved), "not converged" (with a message) and "valid, long" (interrupted while it solved). Wrong are
+        "traceback", "hang", "refused without a name", "refused, but files were written", "endless message", "warning of
+        Python" and "not refused" (certainly wrong input was taken).
+    status : int
+        Exit status.
+    seconds : float
+    text : str
+        First words of what it says on stderr.
+    """
+
+    number: int
+    inputs: str
+    file: str
+    mutation: str
+    key: str
+    value: str
+    outcome: str
+    status: int
+    seconds: float
+    text: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether that is right."""
+        return self.outcome in RIGHT
+
+
+def draw(number: int, own_process: bool = False) -> Case:
+    """The broken input of a seed."""
+    rng = np.random.default_rng([23, number])
+    weights = np.array([i.weight for i in INPUTS], dtype=float)
+    inputs = INPUTS[int(rng.choice(len(INPUTS), p=weights / weights.sum()))]
+    return Case(number, inputs, change(rng, files_of(inputs), inputs.required), own_process)
+
+
+def run_case(case: Case) -> Record:
+    """Write the files, run the command, judge it; returns the fields of an `Outcome`."""
+    with TemporaryDirectory() as place:
+        folder, out = Path(place) / "in", Path(place) / "out"
+        write(case, folder)
+        arguments = [part.replace("{}", str(folder)) for part in case.inputs.command]
+        if "--check" not in arguments:
+            arguments += ["-o", str(out / "view.html" if arguments[0] == "view" else out)]
+        begun = time.perf_counter()
+        ran = _in_process_of_its_own(arguments) if case.own_process else _in_this_process(arguments)
+        seconds = time.perf_counter() - begun
+        outcome = judge(case, ran, seconds, list(out.rglob("*")) if out.exists() else [])
+        text = ran.errors.replace(str(folder) + "/", "")
+    found = case.change
+    told = (found.file, found.mutation, found.key[:60], found.value[:60])
+    return asdict(
+        Outcome(case.number, case.inputs.name, *told, outcome, ran.status, round(seconds, 3), text[:600])
+    )
+
+
+def write(case: Case, folder: Path) -> None:
+    """Write the files of a case."""
+    folder.mkdir(parents=True)
+    for name, contents in files_of(case.inputs).items():
+        (folder / name).write_bytes(contents)
+    path = folder / case.change.file
+    path.unlink()
+    if case.change.kind == "directory":
+        path.mkdir()
+    elif case.change.kind == "link to itself":
+        try:
+            path.symlink_to(path)
+        except OSError:  # Windows may not allow links; there is no file then
+            return
+    elif case.change.contents is not None:
+        path.write_bytes(case.change.contents)
+
+
+@dataclass(frozen=True)
+class Ran:
+    """A command that has run.
+
+    Attributes
+    ----------
+    status : int
+        Exit status; -1 where it ended by an exception or was killed.
+    errors : str
+        What it wrote to stderr, and the traceback of an exception.
+    interrupted_in : str
+        Where it was at the time limit: "solving", "reading"; empty where it ended before.
+    """
+
+    status: int
+    errors: str
+    interrupted_in: str = ""
+
+
+def judge(case: Case, ran: Ran, seconds: float, written: list[Path]) -> str:
+    """The outcome of a command, see `Outcome`."""
+    if "Traceback (most recent call last)" in ran.errors:
+        return "traceback"
+    if seconds > TIME_LIMIT + GRACE or ran.interrupted_in == "reading":
+        return "hang"
+    if "Warning: " in ran.errors:
+        return "warning of Python"
+    if ran.interrupted_in:
+        return "hang" if case.change.must_be_refused else "valid, long"
+    if ran.status == 2:
+        if written:
+            return "refused, but files were written"
+        if len(ran.errors) > LONGEST_MESSAGE:
+            return "endless message"
+        if not every_mistake_has_a_name(case, ran.errors):
+            return "refused without a name"
+        return "refused" if names(case.change, ran.errors) else "refused by another key"
+    if case.change.must_be_refused:
+        return "not refused"
+    return {0: "valid", 1: "not converged"}.get(ran.status, f"exit status {ran.status}")
+
+
+def every_mistake_has_a_name(case: Case, errors: str) -> bool:
+    """Whether there is a list of mistakes, and each names one of the files, with a key or a sentence."""
+    head, *problems = errors.strip().splitlines()
+    files = (*files_of(case.inputs), "-o")
+    listed = [p.strip() for p in problems if not re.fullmatch(r"\s+and \d+ more", p)]
+    told = "in the input; nothing was written" in head and bool(listed)
+    return told and all(any(f"{f}: " in p for f in files) or p.split(": ")[0].endswith("/in") for p in listed)
+
+
+def names(changed: Change, errors: str) -> bool:
+    """Whether an error names the file, and the key or line, that was changed."""
+    mine = [p for p in errors.strip().splitlines()[1:] if f"{changed.file}: " in p]
+    if not mine or changed.key in ("", "line"):
+        return bool(mine)
+    parts = [p for p in changed.key.split(".") if not p.isdigit()]
+    return any(part in p for part in parts for p in mine)
+
+
+# ------------------------------------------------------------------------------------------------------ running
+
+
+class _TimeLimit(KeyboardInterrupt):
+    """Interrupts a command as Ctrl-C does."""
+
+
+@contextmanager
+def _limited(where: list[str]) -> Iterator[None]:
+    """Interrupt what runs longer than `TIME_LIMIT`, and note where it was; on Windows nothing is interrupted."""
+    if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        modules = []
+        while frame is not None:
+            modules.append(frame.f_globals.get("__name__", ""))
+            frame = frame.f_back
+        where.append("solving" if any(m.startswith(_SOLVING) for m in modules) else "reading")
+        raise _TimeLimit
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, TIME_LIMIT)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _in_this_process(arguments: list[str]) -> Ran:
+    """Call the command's function. It is imported by name, as the layers below it may not know it."""
+    main = importlib.import_module("tdcr_fe.cli").main
+    output, errors, where = io.StringIO(), io.StringIO(), list[str]()
+    with redirect_stdout(output), redirect_stderr(errors), warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.filterwarnings("ignore", category=DeprecationWarning)
+        try:
+            with _limited(where):
+                status = main(arguments)
+        except _TimeLimit:
+            status = -1
+        except SystemExit as stop:
+            status = stop.code if isinstance(stop.code, int) else -1
+        except Exception:
+            traceback.print_exc()
+            status = -1
+    return Ran(status, errors.getvalue(), where[0] if where else "")
+
+
+def _in_process_of_its_own(arguments: list[str]) -> Ran:
+    """Start the command as a user does, and stop it as Ctrl-C does where it takes too long."""
+    command = [sys.executable, "-m", "tdcr_fe", *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, encoding="utf-8")
+    stopped = ""
+    try:
+        _, errors = process.communicate(timeout=TIME_LIMIT + START)
+    except subprocess.TimeoutExpired:
+        stopped = "solving"
+        process.terminate()
+        try:
+            _, errors = process.communicate(timeout=GRACE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            _, errors = process.communicate()
+            stopped = "reading"
+    return Ran(process.returncode, errors, stopped)
+
+
+def cases(count: int, first: int = 0, own_processes: int = 0) -> list[Case]:
+    """Broken inputs, some of which run in processes of their own, evenly spread.
+
+    Parameters
+    ----------
+    count
+        Number of inputs.
+    first
+        First seed.
+    own_processes
+        Number of those with a process of their own.
+    """
+    every = math.inf if own_processes == 0 else max(1, count // own_processes)
+    return [draw(first + k, own_process=k % every == every - 1) for k in range(count)]
