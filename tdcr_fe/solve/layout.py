@@ -31,14 +31,12 @@ class SceneLayout:
     clamped : tuple of slice
         Unknowns of the clamped bases, in the order of ``clamps``.
     scales : ResidualScales
-    loads_jacobian : bool
-        Whether any load changes with the configuration of the node it acts on.
+    turning : tuple of int
+        Numbers of the loads that change with the configuration of the node they act on.
     user_loads : bool
         Whether functions of the user may change loads while a load step is solved.
     no_others : bool
         Whether no objects but the robots resist motion.
-    robots_only : bool
-        Whether nothing but robots, clamped to ground, resists motion: no other objects, no loads that turn.
     band : BandLayout or None
         Order of the unknowns of a banded tangent, where it is that of one robot alone and is faster than a full one.
     numberings : dict of Numbering
@@ -50,10 +48,9 @@ class SceneLayout:
     space: ConfigurationSpace
     clamped: tuple[slice, ...]
     scales: ResidualScales
-    loads_jacobian: bool
+    turning: tuple[int, ...]
     user_loads: bool
     no_others: bool
-    robots_only: bool
     band: BandLayout | None
     numberings: dict[tuple[bytes, ...], Numbering] = field(default_factory=dict)
 
@@ -74,9 +71,8 @@ class SceneLayout:
         starts = [6 * space.slices[i].start for i in clamps]
         loads = [mbs.GetLoad(i) for i in range(data.NumberOfLoads())]
         # Forces fixed in the world have no derivative at a node; all other loads may have one.
-        turning = any(_turns(load) for load in loads)
+        turning = tuple(i for i, load in enumerate(loads) if _turns(load))
         no_others = not len(reduction.other) and _nothing_but_robots(mbs, robots)
-        robots_only = no_others and not turning
         return cls(
             clamps,
             reduction,
@@ -86,8 +82,7 @@ class SceneLayout:
             turning,
             any(load.get("loadVectorUserFunction") or load.get("loadUserFunction") for load in loads),
             no_others,
-            robots_only,
-            BandLayout.of(robots) if robots_only else None,
+            BandLayout.of(robots) if no_others else None,
         )
 
 

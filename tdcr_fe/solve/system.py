@@ -246,7 +246,7 @@ class SceneSystem:
         """
         layout, frames = self.layout, residual.state.configuration.frames
         j = self._kernel.jacobian(
-            loads=layout.loads_jacobian, constraints=len(layout.reduction.other_multipliers) > 0
+            loads=len(layout.turning) > 0, constraints=len(layout.reduction.other_multipliers) > 0
         )
         extra = self.hooks.user_jacobian(residual.target.time)
         if extra is not None:
@@ -265,10 +265,23 @@ class SceneSystem:
         """Exudyn's Jacobian of the scene as it is, tendons left out, joints included, shape (size, size)."""
         return self._kernel.jacobian(loads=True)
 
+    @property
+    def robots_only(self) -> bool:
+        """Whether nothing but robots resists motion: no other objects, and no loads that turn with their nodes."""
+        if not self.layout.no_others:
+            return False
+        turning = set(self.layout.turning)
+        for load in self.hooks.point_loads if turning else ():
+            # A moment of zero does not turn.
+            for number, value in zip(load.numbers, load.value.reshape(2, 3), strict=True):
+                if not value.any():
+                    turning.discard(number)
+        return not turning
+
     def tangent_follows_from_elements(self) -> bool:
         """Whether the tangent follows from the elements' stiffness alone, without Exudyn's Jacobian."""
         return (
-            self.layout.robots_only
+            self.robots_only
             and self.mbs.NumberOfGeneralContacts() == 0
             and self.hooks.user_function("SystemJacobian") is None
         )

@@ -50,7 +50,7 @@ def node_motions(twists: np.ndarray) -> np.ndarray:
 def test_tangent_is_the_derivative_of_the_forces_by_the_twists_away_from_equilibrium(per_bay, seed):
     """With the node motions J by the twists: d(J^T W) = J^T K J, W the wrenches and K the tangent of a Newton step."""
     _keep, system, residual = perturbed(three(0.0), seed, elements_per_bay=per_bay)
-    assert system.layout.robots_only
+    assert system.robots_only
     twists = residual.state.configuration.twists[0]
     assert residual.size > 1.0
     j = node_motions(twists)
@@ -113,19 +113,31 @@ def test_tangent_of_robots_alone_is_exudyns_at_equilibrium():
     assert own[6:, 6:] == pytest.approx(exudyns[6:, 6:], abs=1e-8 * np.abs(exudyns).max())
 
 
+def test_a_moment_turns_with_its_node_only_where_there_is_one():
+    """Before, a force at the tip brought Exudyn's Jacobian back, for a moment of zero that belongs to every load."""
+    keep, mbs, handle = scene(paper(), assemble=False)
+    load = handle.add_load("tip", handle.robot.backbone.length)
+    mbs.Assemble()
+    system = SceneSystem(mbs)
+    load.set([0.0, 0.1, 0.0])
+    assert system.robots_only and keep
+    load.set([0.0, 0.1, 0.0], [0.0, 1e-3, 0.0])
+    assert not system.robots_only
+
+
 def test_other_objects_and_changed_stiffness_bring_exudyns_jacobian_back():
     """The elements' stiffness is the tangent only where nothing else resists, and where the beams have it."""
     keep, mbs, handle = scene(paper())
-    assert SceneSystem(mbs).layout.robots_only
+    assert SceneSystem(mbs).robots_only
     section = mbs.GetObjectParameter(handle.oBeams[2], "sectionData")
     section.stiffnessMatrix = 1.5 * np.array(section.stiffnessMatrix)
     mbs.SetObjectParameter(handle.oBeams[2], "sectionData", section)
-    assert not SceneSystem(mbs).layout.robots_only
+    assert not SceneSystem(mbs).robots_only
 
     keep, mbs, handle = scene(paper(), assemble=False)
     ground = mbs.AddObject(eii.ObjectGround())
     above = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=ground, localPosition=[0.0, 0.0, 0.3]))
     mbs.AddObject(eii.SpringDamper(markerNumbers=[handle.mTip, above], stiffness=10.0, referenceLength=0.05))
     mbs.Assemble()
-    assert not SceneSystem(mbs).layout.robots_only
+    assert not SceneSystem(mbs).robots_only
     assert keep
