@@ -107,7 +107,8 @@ def test_a_run_is_the_same_with_the_band_and_without(case: str, monkeypatch: pyt
         iterations = [simulation.advance(t).iterations_total for t in targets]
         found.append((iterations, simulation.state.configuration.positions))
     assert max(abs(a - b) for a, b in zip(found[0][0], found[1][0], strict=True)) <= 1
-    assert found[0][1] == pytest.approx(found[1][1], abs=1e-10 * LENGTH)
+    # One iteration more or less makes this difference: the residual has a tolerance of 1e-8.
+    assert found[0][1] == pytest.approx(found[1][1], abs=1e-9 * LENGTH)
 
 
 def test_the_width_of_the_band_does_not_depend_on_the_number_of_disks() -> None:
