@@ -137,7 +137,7 @@ def _segments(
             inside = slice(part.nodes.start, part.nodes.stop)
             columns = own.model.columns
             full[:, inside if columns is None else inside.start + columns] = rows[which].reshape(
-                len(full), -1
+                len(full), rows.shape[-1]
             )
             table.append(full)
         blocks += list(own.field.d_angle[which])

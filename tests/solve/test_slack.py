@@ -9,8 +9,12 @@ import pytest
 from robots import BACKBONE, DISKS, LENGTH, tendon
 
 from tdcr_fe.elements.complementarity import solve_nonnegative
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.factors import BorderedFactors, DenseFactors
 from tdcr_fe.solve.simulate import simulate
 
@@ -92,3 +96,17 @@ def test_small_steps_of_a_robot_with_slack_tendons_take_few_iterations(mu: float
     assert np.count_nonzero((tensions > 0.0).any(axis=0)) > 3 and (tensions == 0.0).any()
     assert max(s.residual for s in result.steps) <= 1e-8
     assert np.mean([s.iterations / s.substeps for s in result.steps]) <= 3.1
+
+
+def test_a_step_in_which_all_tendons_stay_slack_is_solved():
+    """A ValueError ("cannot reshape array of size 0") where slips were followed with no tendon under tension."""
+    tendons = tuple(Tendon(f"t{k}", ParallelRouting(4e-3, 120.0 * k), 0.3) for k in range(2))
+    robot = Robot(Backbone(0.2, 0.4e-3, 85e9, 0.3), Disks.equally_spaced(4, 0.2), tendons)
+    slack = dict.fromkeys(robot.tendon_names, -0.02)
+    pushes = [0.01, 0.03, 0.05]
+    steps = [LoadStep("", {}, slack, {"tip": Load(0.2, (x, 0.0, 0.0))}) for x in pushes]
+    bare = [LoadStep("", loads={"tip": Load(0.2, (x, 0.0, 0.0))}) for x in pushes]
+    model = Model(elements_per_bay=2)
+    result = simulate(robot, model, steps).raise_if_failed()
+    expected = simulate(Robot(robot.backbone, robot.disks), model, bare).raise_if_failed()
+    np.testing.assert_allclose(result.tips, expected.tips, rtol=0.0, atol=1e-9)
