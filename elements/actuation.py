@@ -31,6 +31,7 @@ from tdcr_fe.elements.history import HistoryNodes, RobotHistory
 from tdcr_fe.elements.node_coordinates import NodeCoordinates
 from tdcr_fe.elements.scene_forces import Inputs, SceneForces, values_at
 from tdcr_fe.elements.section import SectionForces
+from tdcr_fe.elements.straight_tendons import StraightTendons
 from tdcr_fe.elements.system import SystemReference
 from tdcr_fe.elements.tendons import CableGeometry
 
@@ -107,8 +108,9 @@ class TendonActuation:
         self.holes: Holes = "present"
         self._node_coordinates = NodeCoordinates(system, self.nodes)
         self._scene_forces = SceneForces(self._node_coordinates)
+        self._straight = StraightTendons.of(model)
         self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
-        self._no_jacobian = _triplets(np.zeros((7 * len(self.nodes),) * 2))
+        self._no_jacobian = _container(np.zeros((7 * len(self.nodes),) * 2))
         self._force_function: Any = 0
 
     @property
@@ -257,7 +259,11 @@ class TendonActuation:
         t
             Time [s].
         """
-        found = self._scene_forces.at(np.array(displacements), t, self.inputs, self._elastic())
+        coordinates = np.array(displacements)
+        if self._straight is not None and not self.by_displacement.any():
+            there = self._node_coordinates.total(coordinates)
+            return self._straight.forces(there, self.input_values(t), self.history.friction)
+        found = self._scene_forces.at(coordinates, t, self.inputs, self._elastic())
         return generalized_forces(found.forces.nodal_wrenches(), found.rotations, found.parameters)
 
     def jacobian_on_coordinates(
@@ -284,8 +290,13 @@ class TendonActuation:
             )
         if not self.connected:
             return self._no_jacobian
+        coordinates = np.array(displacements)
+        if self._straight is not None and self.holes == "present" and not self.by_displacement.any():
+            there = self._node_coordinates.total(coordinates)
+            tangent = self._straight.tangent(there, self.input_values(t), self.history.friction)
+            return _container(-by_position * tangent)
         tendons = self._elastic()
-        found = self._scene_forces.matching(np.array(displacements), t, self.inputs, tendons)
+        found = self._scene_forces.matching(coordinates, t, self.inputs, tendons)
         forces = found.forces
         if self.holes != "present":
             forces = tendons.at_rest(forces.measured)
@@ -299,7 +310,7 @@ class TendonActuation:
             add_neighbours(k, forces.geometric_stiffness(), self.model.cable_nodes)
         to_twist = twists_by_coordinates(found.rotations, found.parameters)
         tangent = generalized_tangent(k, forces.nodal_wrenches()[:, 3:], to_twist)
-        return _triplets(-by_position * tangent)
+        return _container(-by_position * tangent)
 
     def forces_by_inputs(self, stuck: bool) -> Array:
         """Change of the generalised forces on the coordinates of the nodes with the inputs, shape (7 N, m).
@@ -358,8 +369,8 @@ class TendonActuation:
             show_shifts(self.mbs, self.connectors, self.current_forces())
 
 
-def _triplets(matrix: Array) -> exu.MatrixContainer:
-    """A matrix for Exudyn, in sparse triplets."""
+def _container(matrix: Array) -> exu.MatrixContainer:
+    """A matrix for Exudyn: dense, because friction couples nearly all coordinates of a robot."""
     container = exu.MatrixContainer()
-    container.SetWithDenseMatrix(matrix, useDenseMatrix=False)
+    container.SetWithDenseMatrix(matrix, useDenseMatrix=True)
     return container

@@ -199,28 +199,30 @@ class TendonLaw:
         m, n = parameters.lengths.shape
         self.shape = (m, n)
         zero = np.zeros_like(parameters.friction)
-        self._mu = parameters.friction if law.active else zero
+        self.coefficients = parameters.friction if law.active else zero
         self._adhesion = parameters.adhesion if law.active else zero
         self._has_adhesion = bool(np.any(self._adhesion > 0.0))
         #: Slip operator: from released segment lengths to the slip that drives each mobilisation, shape (g, n).
         self.slip_operator = law.slip_operator(n)
-        self._hole_incidence = law.hole_incidence(n)
+        self.hole_incidence = law.hole_incidence(n)
         self.groups = self.slip_operator.shape[0]
         #: Laws of the coefficients, by tendon; empty where all are constant.
         self._laws = parameters.laws if law.active and any(x is not None for x in parameters.laws) else ()
         self._holes = parameters.mask[:, 1:]
-        acts = (self._mu > 0.0) | (self._adhesion > 0.0)
+        acts = (self.coefficients > 0.0) | (self._adhesion > 0.0)
         for i, coefficient in enumerate(self._laws):
             if coefficient is not None:
                 acts[i] = self._holes[i]
         #: For which mobilisations there is friction, shape (m, g).
-        self.frictional: NDArray[np.bool_] = (acts.astype(float) @ np.abs(self._hole_incidence)) > 0.0
+        self.frictional: NDArray[np.bool_] = (acts.astype(float) @ np.abs(self.hole_incidence)) > 0.0
         self._material = parameters.material
         self.has_friction = bool(np.any(self.frictional))
         #: Whether any tendon stretches.
         self.elastic = bool(np.any(parameters.compliance > 0.0))
         self._masked = parameters.mask.astype(float)
-        self._each_hole = self.groups == n - 1 and bool(np.all(self._hole_incidence == np.eye(n - 1)))
+        self.each_hole = self.groups == n - 1 and bool(np.all(self.hole_incidence == np.eye(n - 1)))
+        #: Whether tensions follow from angles and released lengths alone: no elasticity, adhesion or law of coefficients.
+        self.simple = not (self.elastic or self._has_adhesion or self._laws)
         # Arrays that never change.
         self._negative, self._nothing, self._constant = -self._masked, np.zeros((m, n)), np.zeros((m, n, n))
 
@@ -239,9 +241,9 @@ class TendonLaw:
 
     def at_holes(self, mobilisation: Array) -> Array:
         """Mobilisation of every hole, (m, g) to (m, n-1)."""
-        if self._each_hole:
+        if self.each_hole:
             return mobilisation
-        return mobilisation @ self._hole_incidence.T
+        return mobilisation @ self.hole_incidence.T
 
     def trial_mobilisation(self, slip: Array, state: FrictionState, presliding: float) -> Array:
         """Mobilisation that the slip would lead to, not yet limited to [-1, 1], shape (m, g)."""
@@ -283,15 +285,15 @@ class TendonLaw:
             return self._field_with_laws(
                 base_tension, lengths, angles, mobilisation, state or self.initial_state(), time
             )
-        tension, slopes = self._transfer(base_tension, angles, at_holes, self._mu)
+        tension, slopes = self._transfer(base_tension, angles, at_holes, self.coefficients)
 
         def derive() -> TensionDerivatives:
             at_hole = slopes()
             chain = at_hole.chain()
             beyond = chain[:, :, 1:]
             by_mobilisation = beyond * at_hole.by_mobilisation[:, None, :]
-            if not self._each_hole:
-                by_mobilisation = by_mobilisation @ self._hole_incidence
+            if not self.each_hole:
+                by_mobilisation = by_mobilisation @ self.hole_incidence
             by_angle = beyond * at_hole.by_angle[:, None, :]
             return TensionDerivatives(self._constant, by_angle, chain[:, :, 0], by_mobilisation)
 
@@ -337,13 +339,13 @@ class TendonLaw:
         at_holes = self.at_holes(mobilisation)
         half = 0.5 * angles
         # Slip rates at the holes by the released lengths of the segments.
-        pace = (self._hole_incidence @ self.slip_operator) * (1.0 / elapsed if elapsed > 0.0 else 0.0)
+        pace = (self.hole_incidence @ self.slip_operator) * (1.0 / elapsed if elapsed > 0.0 else 0.0)
 
         def linearise(coefficient: Array) -> Linearisation:
             tension, slopes = self._transfer(base_tension, angles, at_holes, coefficient)
             released, _, released_d_tension = self._released(tension, lengths)
             rate = self.at_holes(self._slip_rate(self.slips(released), state, elapsed))
-            law = evaluate_laws(self._laws, self._mu, self._holes, normal_forces(tension, angles), rate)
+            law = evaluate_laws(self._laws, self.coefficients, self._holes, normal_forces(tension, angles), rate)
             by_tension = (law.by_rate[:, :, None] * pace) * released_d_tension[:, None, :]
             by_pull = law.by_normal * np.sin(half)
             hole = np.arange(half.shape[1])
@@ -355,7 +357,7 @@ class TendonLaw:
 
         start = evaluate_laws(
             self._laws,
-            self._mu,
+            self.coefficients,
             self._holes,
             2.0 * base_tension[:, None] * np.sin(half),
             self.at_holes(self._slip_rate(state.slip, state, 0.0)),
@@ -376,7 +378,7 @@ class TendonLaw:
             time,
             elapsed > 0.0 and bool(np.any(solved.law.by_rate)),
             lambda: tension_derivatives(
-                solved, angles, pace[None] * d_length[:, None, :], self._hole_incidence
+                solved, angles, pace[None] * d_length[:, None, :], self.hole_incidence
             ),
         )
 

@@ -85,12 +85,13 @@ class HistoryNodes:
         self._first: int | None = None
         self._unloaded = RobotHistory.unloaded(law)
         self._slack, self._let_out = np.zeros((m, n)), law.released_unloaded().sum(axis=1)
-        self._raw, self._decoded = self._encode(self._unloaded, self._slack, self._let_out), self._unloaded
+        start = self._encode(self._unloaded, self._slack, self._let_out)
+        self._raw, self._decoded = start.tobytes(), self._unloaded
         self.nodes: list[Any] = [
             system.mbs.AddNode(
-                eii.NodeGenericData(name=name, numberOfDataCoordinates=size, initialCoordinates=start)
+                eii.NodeGenericData(name=name, numberOfDataCoordinates=size, initialCoordinates=row)
             )
-            for name, start in zip(names, self._raw, strict=True)
+            for name, row in zip(names, start, strict=True)
         ]
 
     @property
@@ -142,8 +143,9 @@ class HistoryNodes:
         if not self._present:
             return self._unloaded
         raw = self._coordinates(_CURRENT)
-        if not (raw == self._raw).all():
-            self._raw, self._decoded = raw.copy(), self._decode(raw.copy())
+        present = raw.tobytes()
+        if present != self._raw:
+            self._raw, self._decoded = present, self._decode(raw.copy())
         return self._decoded
 
     def _decode(self, raw: Array) -> RobotHistory:
@@ -180,7 +182,7 @@ class HistoryNodes:
         self._coordinates(_CURRENT)[:] = raw
         if initial:
             self._coordinates(_INITIAL)[:] = raw
-        self._raw, self._decoded = raw, history
+        self._raw, self._decoded = raw.tobytes(), history
         return history
 
     def reset(self) -> None:

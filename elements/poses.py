@@ -23,6 +23,7 @@ _SKEW = np.array(
     [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float
 )
 _EYE3 = np.eye(3)
+_EYE9 = _EYE3.reshape(9)
 _EYE6 = np.eye(6)
 _ONES3, _ONES4 = np.ones(3), np.ones(4)
 
@@ -37,10 +38,25 @@ def cross(a: Array, b: Array) -> Array:
     return (skew(a) @ b[..., None])[..., 0]
 
 
+def _euler_rotation() -> Array:
+    """See `EULER_ROTATION`: the matrix is ``1 + 2 (e0 s + s s)``, with ``s`` that of the cross product with e1, e2, e3."""
+    table = np.zeros((4, 4, 3, 3))
+    units = _SKEW.reshape(3, 3, 3)
+    table[0, 1:] = 2.0 * units
+    table[1:, 1:] = 2.0 * units[:, None] @ units[None]
+    return table.reshape(16, 9)
+
+
+#: ``(e e^T).ravel() @ EULER_ROTATION`` is the rotation matrix of Euler parameters minus 1, row by row.
+EULER_ROTATION: Array = _euler_rotation()
+
+
 def rotation_of_euler_parameters(e: Array) -> Array:
     """Rotation matrices of unit Euler parameters: (..., 4) to (..., 3, 3)."""
-    s = skew(e[..., 1:])
-    return _EYE3 + 2.0 * (e[..., 0, None, None] * s + s @ s)
+    products = e[..., :, None] * e[..., None, :]
+    r = products.reshape(-1, 16).dot(EULER_ROTATION)
+    r += _EYE9
+    return r.reshape(*e.shape[:-1], 3, 3)
 
 
 #: Row ``i`` of the symmetric 4 x 4 matrix ``4 e_i e`` of Euler parameters, from ``[1, r00, r01, ... r22]``.
@@ -90,19 +106,19 @@ def euler_parameters_near(r: Array, near: Array) -> Array:
     return np.asarray(e)
 
 
-#: ``e @ _RATE`` is the matrix of `euler_rate_matrix`, row by row.
-_RATE: Array = np.zeros((4, 4, 3))
+#: ``e @ EULER_RATE`` is the matrix of `euler_rate_matrix`, row by row.
+EULER_RATE: Array = np.zeros((4, 4, 3))
 for _e, _row, _col, _way in (
     (1, 0, 0, -1), (2, 0, 1, -1), (3, 0, 2, -1), (0, 1, 0, 1), (3, 1, 1, -1), (2, 1, 2, 1),
     (3, 2, 0, 1), (0, 2, 1, 1), (1, 2, 2, -1), (2, 3, 0, -1), (1, 3, 1, 1), (0, 3, 2, 1),
 ):  # fmt: skip
-    _RATE[_e, _row, _col] = 0.5 * _way
-_RATE = _RATE.reshape(4, 12)
+    EULER_RATE[_e, _row, _col] = 0.5 * _way
+EULER_RATE = EULER_RATE.reshape(4, 12)
 
 
 def euler_rate_matrix(e: Array) -> Array:
     """``H`` with ``de/dt = H w`` for a local angular velocity ``w``: (..., 4) to (..., 4, 3)."""
-    return e.reshape(-1, 4).dot(_RATE).reshape(*e.shape, 3)
+    return e.reshape(-1, 4).dot(EULER_RATE).reshape(*e.shape, 3)
 
 
 #: Terms of the Taylor series in the squared angle, enough for 16 digits below 0.5.
