@@ -31,7 +31,7 @@ from tdcr_fe.elements.history import HistoryNodes, RobotHistory
 from tdcr_fe.elements.node_coordinates import NodeCoordinates
 from tdcr_fe.elements.scene_forces import Inputs, SceneForces, values_at
 from tdcr_fe.elements.section import SectionForces
-from tdcr_fe.elements.straight_tendons import StraightTendons
+from tdcr_fe.elements.straight_tendons import IteratedTendons, StraightTendons
 from tdcr_fe.elements.system import SystemReference
 from tdcr_fe.elements.tendons import CableGeometry
 
@@ -108,7 +108,8 @@ class TendonActuation:
         self.holes: Holes = "present"
         self._node_coordinates = NodeCoordinates(system, self.nodes)
         self._scene_forces = SceneForces(self._node_coordinates)
-        self._straight = StraightTendons.of(model)
+        straight = StraightTendons.of(model)
+        self._straight = None if straight is None else IteratedTendons(straight)
         self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
         self._no_jacobian = _container(np.zeros((7 * len(self.nodes),) * 2))
         self._force_function: Any = 0
@@ -261,8 +262,8 @@ class TendonActuation:
         """
         coordinates = np.array(displacements)
         if self._straight is not None and not self.by_displacement.any():
-            there = self._node_coordinates.total(coordinates)
-            return self._straight.forces(there, self.input_values(t), self.history.friction)
+            reference, state = self._node_coordinates.reference, self.history.friction
+            return self._straight.forces(coordinates, reference, t, state, self.input_values(t))
         found = self._scene_forces.at(coordinates, t, self.inputs, self._elastic())
         return generalized_forces(found.forces.nodal_wrenches(), found.rotations, found.parameters)
 
@@ -292,8 +293,8 @@ class TendonActuation:
             return self._no_jacobian
         coordinates = np.array(displacements)
         if self._straight is not None and self.holes == "present" and not self.by_displacement.any():
-            there = self._node_coordinates.total(coordinates)
-            tangent = self._straight.tangent(there, self.input_values(t), self.history.friction)
+            reference, state = self._node_coordinates.reference, self.history.friction
+            tangent = self._straight.tangent(coordinates, reference, t, state, self.input_values(t))
             return _container(-by_position * tangent)
         tendons = self._elastic()
         found = self._scene_forces.matching(coordinates, t, self.inputs, tendons)

@@ -221,7 +221,7 @@ class TendonLaw:
         self.elastic = bool(np.any(parameters.compliance > 0.0))
         self._masked = parameters.mask.astype(float)
         self.each_hole = self.groups == n - 1 and bool(np.all(self.hole_incidence == np.eye(n - 1)))
-        #: Whether tensions follow from angles and released lengths alone: no elasticity, adhesion or law of coefficients.
+        #: Whether tensions follow from angles and lengths alone: no elasticity, adhesion or law of coefficients.
         self.simple = not (self.elastic or self._has_adhesion or self._laws)
         # Arrays that never change.
         self._negative, self._nothing, self._constant = -self._masked, np.zeros((m, n)), np.zeros((m, n, n))
@@ -345,7 +345,9 @@ class TendonLaw:
             tension, slopes = self._transfer(base_tension, angles, at_holes, coefficient)
             released, _, released_d_tension = self._released(tension, lengths)
             rate = self.at_holes(self._slip_rate(self.slips(released), state, elapsed))
-            law = evaluate_laws(self._laws, self.coefficients, self._holes, normal_forces(tension, angles), rate)
+            law = evaluate_laws(
+                self._laws, self.coefficients, self._holes, normal_forces(tension, angles), rate
+            )
             by_tension = (law.by_rate[:, :, None] * pace) * released_d_tension[:, None, :]
             by_pull = law.by_normal * np.sin(half)
             hole = np.arange(half.shape[1])

@@ -63,10 +63,6 @@ class NodeCoordinates:
         moved: Array = data.GetODE2Coordinates(exu.ConfigurationType.Current, copy=False)
         return moved[self.numbers]
 
-    def total(self, displacements: Array) -> Array:
-        """Coordinates with their reference values, shape (N, 7), of those without, shape (7 N,)."""
-        return displacements.reshape(-1, 7) + self.reference
-
     def poses(self, displacements: Array) -> tuple[Array, Array, Array]:
         """Positions (N, 3), rotations (N, 3, 3) in beam axes and Euler parameters (N, 4) of coordinates, (N, 7)."""
         q = displacements + self.reference

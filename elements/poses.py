@@ -39,7 +39,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def _euler_rotation() -> Array:
-    """See `EULER_ROTATION`: the matrix is ``1 + 2 (e0 s + s s)``, with ``s`` that of the cross product with e1, e2, e3."""
+    """See `EULER_ROTATION`: it is ``1 + 2 (e0 s + s s)``, with ``s`` the cross product with e1, e2, e3."""
     table = np.zeros((4, 4, 3, 3))
     units = _SKEW.reshape(3, 3, 3)
     table[0, 1:] = 2.0 * units

@@ -4,6 +4,11 @@ An implicit step of Exudyn's own solvers evaluates the forces about ten times an
 tendons that are straight from hole to hole, of given tension and with constant coefficients of friction (which most
 robots have) this module evaluates both in about half the time of `tdcr_fe.elements.forces`, which is general, and gives
 the same numbers. All derivatives are by positions and Euler parameters, with no way over body-frame increments.
+
+The mobilisation of a hole is a function of its slip with two corners, over a presliding distance that is far shorter
+than what Newton's method moves in an iteration. With tangents of this function the iteration often jumps between all
+holes sliding one way and all sliding the other way. A hole that has saturated since the iterate before is therefore
+linearised by the secant between both iterates. Where an iteration converges, this is the tangent.
 """
 
 from __future__ import annotations
@@ -47,16 +52,18 @@ class Pull(NamedTuple):
         Differences of neighbouring directions, and their squared lengths.
     angles : ndarray, shape (n-1, m)
         By which the tendons turn at the holes [rad].
-    sticks : ndarray of bool, shape (g, m)
-        Which mobilisations change with the slip.
+    trial : ndarray, shape (g, m)
+        Mobilisations before they are limited to [-1, 1].
     mobilisation : ndarray, shape (n-1, m)
         Of the holes.
     tension : ndarray, shape (n, m)
         [N].
     local : ndarray, shape (n+1, m, 3)
         Forces on the holes in the frames of the nodes [N].
+    moments : ndarray, shape (n+1, 3)
+        On the nodes that carry holes, in their own frames [N m].
     forces : ndarray, shape (n+1, 7)
-        Generalised forces on the nodes that carry holes.
+        Generalised forces on these nodes.
     """
 
     rate: Array
@@ -66,11 +73,30 @@ class Pull(NamedTuple):
     bend: Array
     chord: Array
     angles: Array
-    sticks: NDArray[np.bool_]
+    trial: Array
     mobilisation: Array
     tension: Array
     local: Array
+    moments: Array
     forces: Array
+
+    def slopes(self, before: Pull | None) -> Array:
+        """Derivative of the mobilisations by their trial values, or secant where they saturate, shape (g, m).
+
+        Parameters
+        ----------
+        before
+            The iterate before; None takes the derivatives.
+        """
+        found: Array = (np.abs(self.trial) < 1.0).astype(float)
+        if before is None:
+            return found
+        moved = self.trial - before.trial
+        limited = np.minimum(np.maximum(self.trial, -1.0), 1.0)
+        change = limited - np.minimum(np.maximum(before.trial, -1.0), 1.0)
+        saturated = (found == 0.0) & (change != 0.0)
+        found[saturated] = change[saturated] / moved[saturated]
+        return found
 
 
 class StraightTendons:
@@ -101,34 +127,22 @@ class StraightTendons:
     def of(cls, model: ForceModel) -> StraightTendons | None:
         """The forces of a model, or None where it has more than this class computes."""
         geometry, law = model.geometry, model.law
-        if geometry is None or geometry.clearance is not None:
+        if geometry is None or geometry.clearance is not None or law.shape[0] == 0:
             return None
         if model.section is not None or model.springs is not None or not law.simple:
             return None
         return cls(model)
 
-    def forces(self, coordinates: Array, base_tension: Array, state: FrictionState) -> Array:
-        """Generalised forces on the coordinates of all nodes, shape (7 N,).
-
-        Parameters
-        ----------
-        coordinates
-            Positions and Euler parameters of the nodes, shape (N, 7).
-        base_tension
-            [N], shape (m,).
-        state
-            History of friction at the beginning of the step.
-        """
-        pulled = self._pull(coordinates, base_tension, state).forces
-        if len(pulled) == self._size:
-            return pulled.reshape(-1)
+    def forces(self, pull: Pull) -> Array:
+        """Generalised forces on the coordinates of all nodes, shape (7 N,)."""
+        if len(pull.forces) == self._size:
+            return pull.forces.reshape(-1)
         found = np.zeros((self._size, 7))
-        found[self._rows] = pulled
+        found[self._rows] = pull.forces
         return found.reshape(-1)
 
-    def tangent(self, coordinates: Array, base_tension: Array, state: FrictionState) -> Array:
-        """Derivative of `forces` by the coordinates, shape (7 N, 7 N); arguments as there."""
-        pull = self._pull(coordinates, base_tension, state)
+    def tangent(self, pull: Pull, before: Pull | None = None) -> Array:
+        """Derivative of `forces` by the coordinates, shape (7 N, 7 N); ``before`` as in `Pull.slopes`."""
         n, m = pull.tension.shape
         segments = self._segments(pull)
         turns = _turns(pull, segments)
@@ -137,7 +151,7 @@ class StraightTendons:
         # Change of the logarithm of the tension from hole to hole.
         sliding = (self._coefficients * pull.mobilisation).T[:, :, None]
         slip = self._slip_operator @ along
-        slip *= pull.sticks.T[:, :, None]
+        slip *= pull.slopes(before).T[:, :, None]
         change = slip if self._incidence is None else self._incidence @ slip
         change *= (self._coefficients * pull.angles / -self._presliding).T[:, :, None]
         _windows(change, 21)[...] += sliding * turns.swapaxes(0, 1)
@@ -155,10 +169,18 @@ class StraightTendons:
         found[rows[:, None], :, rows] = blocks.swapaxes(1, 2)
         return found.reshape(7 * self._size, -1)
 
-    # ------------------------------------------------------------------ one configuration
+    def pull(self, coordinates: Array, base_tension: Array, state: FrictionState) -> Pull:
+        """Tensions and forces in a configuration.
 
-    def _pull(self, coordinates: Array, base_tension: Array, state: FrictionState) -> Pull:
-        """Tensions and forces; arguments as in `forces`."""
+        Parameters
+        ----------
+        coordinates
+            Positions and Euler parameters of the nodes, shape (N, 7).
+        base_tension
+            [N], shape (m,).
+        state
+            History of friction at the beginning of the step.
+        """
         nodes = coordinates[self._rows]
         e = nodes[:, 3:]
         frames = (e[:, :, None] * e[:, None, :]).reshape(-1, 16).dot(_FRAMES)
@@ -182,7 +204,6 @@ class StraightTendons:
         trial = (self._slip_operator @ (self._lengths - lengths) - state.slip.T) / self._presliding
         trial += state.mobilisation.T
         mobilisation = np.minimum(np.maximum(trial, -1.0), 1.0)
-        sticks = mobilisation == trial
         if self._incidence is not None:
             mobilisation = self._incidence @ mobilisation
         tension = np.empty_like(lengths)
@@ -196,11 +217,13 @@ class StraightTendons:
         force[1:] -= along
         local = force @ frames.swapaxes(1, 2)
         rate = e.dot(_RATE).reshape(-1, 4, 3)
+        moments = self._levers @ local.reshape(len(force), -1, 1)
         found = np.empty((len(force), 7))
         force.sum(axis=1, out=found[:, :3])
-        found[:, 3:] = (rate @ (self._levers @ local.reshape(len(force), -1, 1)))[:, :, 0]
+        found[:, 3:] = (rate @ moments)[:, :, 0]
         return Pull(
-            rate, frames, directions, inverse, bend, chord, angles, sticks, mobilisation, tension, local, found
+            rate, frames, directions, inverse, bend, chord, angles, trial, mobilisation, tension, local,
+            moments[:, :, 0], found,
         )  # fmt: skip
 
     def _segments(self, pull: Pull) -> Array:
@@ -239,16 +262,96 @@ class StraightTendons:
         own[1:] += pair[:, 7:, 7:]
         # A hole with offset o turns with its node: o x (R^T f), by a rotation w, changes by (f o^T - (f . o) 1) w.
         outer = pull.local.swapaxes(1, 2) @ self._offsets
-        moments = (self._levers @ pull.local.reshape(n + 1, -1, 1))[:, :, 0]
         turned = outer.reshape(-1, 9).dot(_TURNED).reshape(-1, 3, 3)
         own[:, 3:, 3:] += pull.rate @ turned @ pull.rate.swapaxes(1, 2)
-        own[:, 3:, 3:] += moments.dot(_RATE_BY_E).reshape(n + 1, 4, 4)
+        own[:, 3:, 3:] += pull.moments.dot(_RATE_BY_E).reshape(n + 1, 4, 4)
         on_diagonal = _diagonal(blocks, 0, 0, n + 1)
         on_diagonal += own
         above = _diagonal(blocks, 0, 1, n)
         above += pair[:, :7, 7:]
         below = _diagonal(blocks, 1, 0, n)
         below += pair[:, 7:, :7]
+
+
+class Iterate(NamedTuple):
+    """An evaluation in an iteration of a solver, and for what.
+
+    Attributes
+    ----------
+    coordinates : ndarray, shape (7 N,)
+        Of the nodes, without reference values.
+    time : float
+        At the end of the step [s].
+    state : FrictionState
+        History at its beginning.
+    base_tension : ndarray, shape (m,)
+        [N].
+    pull : Pull
+    """
+
+    coordinates: Array
+    time: float
+    state: FrictionState
+    base_tension: Array
+    pull: Pull
+
+    def of_step(self, time: float, state: FrictionState, base_tension: Array) -> bool:
+        """Whether it belongs to the same attempt of a step."""
+        return self.time == time and self.state is state and bool((self.base_tension == base_tension).all())
+
+
+class IteratedTendons:
+    """Straight tendons in the iterations of a solver, the last two of which are kept for the tangent.
+
+    Parameters
+    ----------
+    tendons
+        Compute the forces.
+    """
+
+    def __init__(self, tendons: StraightTendons) -> None:
+        self._tendons = tendons
+        self._last: Iterate | None = None
+        self._before: Iterate | None = None
+
+    def _at(
+        self, coordinates: Array, reference: Array, time: float, state: FrictionState, base_tension: Array
+    ) -> Pull:
+        last = self._last
+        same = last if last is not None and last.of_step(time, state, base_tension) else None
+        if same is not None and np.array_equal(same.coordinates, coordinates):
+            return same.pull
+        there = coordinates.reshape(-1, 7) + reference
+        pull = self._tendons.pull(there, base_tension, state)
+        self._last, self._before = Iterate(coordinates, time, state, base_tension, pull), same
+        return pull
+
+    def forces(
+        self, coordinates: Array, reference: Array, time: float, state: FrictionState, base_tension: Array
+    ) -> Array:
+        """Generalised forces on the coordinates of all nodes, shape (7 N,).
+
+        Parameters
+        ----------
+        coordinates
+            Of the nodes, without reference values, shape (7 N,).
+        reference
+            Their reference values, shape (N, 7).
+        time
+            At the end of the step [s].
+        state
+            History of friction at its beginning.
+        base_tension
+            [N], shape (m,).
+        """
+        return self._tendons.forces(self._at(coordinates, reference, time, state, base_tension))
+
+    def tangent(
+        self, coordinates: Array, reference: Array, time: float, state: FrictionState, base_tension: Array
+    ) -> Array:
+        """Tangent of `forces` for Newton's method, shape (7 N, 7 N); arguments as there."""
+        pull = self._at(coordinates, reference, time, state, base_tension)
+        return self._tendons.tangent(pull, None if self._before is None else self._before.pull)
 
 
 def _turns(pull: Pull, segments: Array) -> Array:

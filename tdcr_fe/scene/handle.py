@@ -357,7 +357,9 @@ class TDCR:
 
         Everything else in them is yours to change: output, damping (``spectralRadius``), modified Newton.
         """
-        return recommended_settings(self.mesh, end_time, step_size)
+        system = self.mbs
+        count = system.systemData.ODE2Size() if system.systemIsConsistent else 7 * len(self.nNodes)
+        return recommended_settings(self.mesh, end_time, step_size, count)
 
     def reset(self) -> None:
         """Reset the friction history of all holes to that of a robot that was never loaded."""

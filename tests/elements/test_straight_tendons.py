@@ -34,7 +34,7 @@ def robots():
 def test_forces_and_tangent_are_those_of_the_general_evaluation(case):
     """In configurations with sticking and sliding holes; unit Euler parameters."""
     robot, model = robots()[case]
-    _keep, mbs, handle = scene(robot, **model)
+    _keep, _mbs, handle = scene(robot, **model)
     count = len(robot.tendons)
     handle.set_tensions([1.0, 0.4, 0.2][:count])
     actuation, rng = handle.actuation, np.random.default_rng(1)
@@ -48,8 +48,8 @@ def test_forces_and_tangent_are_those_of_the_general_evaluation(case):
         found, tangent = [], []
         for used in (straight, None):
             actuation._straight = used
-            found.append(actuation.forces_on_coordinates(moved.tolist(), 0.0))
-            jacobian = actuation.jacobian_on_coordinates(moved.tolist(), 0.0, 1.0, 0.0)
+            found.append(actuation.forces_on_coordinates(moved.tolist(), size))
+            jacobian = actuation.jacobian_on_coordinates(moved.tolist(), size, 1.0, 0.0)
             tangent.append(np.array(jacobian.Convert2DenseMatrix()))
         actuation._straight = straight
         assert np.abs(found[0] - found[1]).max() <= 1e-9 * np.abs(found[1]).max()
@@ -64,3 +64,22 @@ def test_robots_that_need_the_general_evaluation_have_none_of_this():
     ):
         _keep, _mbs, handle = scene(robot, **model)
         assert StraightTendons.of(handle.actuation.model) is None
+
+
+def test_a_hole_that_has_saturated_since_the_iterate_before_is_linearised_by_the_secant():
+    """From pulled to released by trial values of -1e4 and 3e4: two over their difference; the others by the tangent."""
+    _keep, _mbs, handle = scene(three(0.3))
+    straight = StraightTendons.of(handle.actuation.model)
+    assert straight is not None
+    law = handle.actuation.law
+    there = handle.actuation._node_coordinates.reference
+    pull = straight.pull(there, np.ones(3), law.initial_state())
+    trial = np.full_like(pull.trial, 0.5)
+    before, after = trial.copy(), trial.copy()
+    before[0], after[0] = -1e4, 3e4
+    before[1], after[1] = 5.0, 7.0
+    before[2], after[2] = 5.0, 0.25
+    before[3], after[3] = 0.5, 2.0
+    slopes = pull._replace(trial=after).slopes(pull._replace(trial=before))
+    assert slopes[:5, 0] == pytest.approx([2.0 / 4e4, 0.0, 1.0, 0.5 / 1.5, 1.0])
+    assert pull._replace(trial=after).slopes(None)[:5, 0] == pytest.approx([0.0, 0.0, 1.0, 0.0, 1.0])

@@ -48,12 +48,14 @@ def test_a_released_rod_moves_as_with_a_finer_step_and_mesh():
     assert distance(coarse, fine) < 1e-3
 
 
-@pytest.mark.parametrize(("change", "end", "most"), [("cut", 0.05, 5), ("pull", 0.02, 12)])
-def test_a_cut_tendon_and_a_sudden_pull_of_two_newton_are_solved(change, end, most):
-    """With friction, modified Newton at 1 ms: not many more steps than asked for, most of them right after the change.
+@pytest.mark.parametrize(("step", "most"), [(1e-3, 2.0), (5e-3, 5.0)])
+@pytest.mark.parametrize("change", ["cut", "pull"])
+def test_a_cut_tendon_and_a_sudden_pull_of_two_newton_are_solved(change, step, most):
+    """With friction and modified Newton, in a tenth of a second: not many more steps than asked for.
 
-    With Exudyn's default ``adaptInitialResidual`` the run was lost in the first step: after an iteration that diverged
-    the next one counts as a solution.
+    In version 0.1 with Exudyn's default ``adaptInitialResidual`` the run was lost in the first step: after an iteration
+    that diverges the next one counts as a solution. With tangents of the friction alone, all holes slid one way in one
+    iteration and the other way in the next, and the sudden pull took 8.5 times the steps.
     """
     _keep, mbs, handle = scene(three(0.3))
     if change == "cut":
@@ -61,9 +63,9 @@ def test_a_cut_tendon_and_a_sudden_pull_of_two_newton_are_solved(change, end, mo
         SolveTDCR(mbs)
     start = handle.tip_position
     handle.set_tensions([0.0 if change == "cut" else 2.0, 0.0, 0.0])
-    settings = settings_of(handle, end, 1e-3)
+    settings = settings_of(handle, 0.1, step)
     assert settings.timeIntegration.newton.useModifiedNewton
     assert mbs.SolveDynamic(settings)
-    assert mbs.sys["dynamicSolver"].it.currentStepIndex <= most * round(end / 1e-3)
+    assert mbs.sys["dynamicSolver"].it.currentStepIndex <= most * round(0.1 / step)
     assert distance(handle.tip_position, start) > 0.1
     assert np.linalg.norm(handle.tip_position) < 1.001 * LENGTH
