@@ -234,6 +234,8 @@ class Effect:
     exact_derivatives: bool = True
     #: Whether it acts at disks or at the holes in them.
     needs_disks: bool = False
+    #: Whether it acts through the friction of the tendons, and so cannot be in a model without.
+    needs_friction: bool = False
     #: Effects that may have to be there before data can show this one.
     after: tuple[str, ...] = ()
 
@@ -340,7 +342,7 @@ class Form(Effect):
             of.separating_experiment,
             of.after,
         )
-        self.exact_derivatives = of.exact_derivatives
+        self.exact_derivatives, self.needs_friction = of.exact_derivatives, of.needs_friction
         known = {p.name: p for p in of.parameters_of(experiment)}
         self.parameters = tuple(known[n] for n in names)
 

@@ -15,7 +15,7 @@ class FrictionCoefficient(TendonNumber):
     """Hole friction other than declared."""
 
     name = "friction_coefficient"
-    needs_disks = True
+    needs_disks = needs_friction = True
     description = "Tendon and holes rub more or less than declared: another tendon, a burr, wear, oil."
     separating_experiment = (
         "measure the tension at the far end of a tendon while pulling and while letting out"
@@ -52,7 +52,7 @@ class HoleAdhesion(Effect):
     """A tension drop at every hole that does not grow with the tension."""
 
     name = "hole_adhesion"
-    needs_disks = True
+    needs_disks = needs_friction = True
     description = (
         "Every hole takes a fixed piece of tension: a tight fit, dirt, a sheath that pinches, glue that ran."
     )

@@ -244,6 +244,7 @@ class StuckHole(PlaceEffect):
     """A hole that holds its tendon fast, or takes much of its tension."""
 
     name = "stuck_hole"
+    needs_friction = True
     description = "One hole holds its tendon fast, or nearly so: glue, a knot, a burr, a strand that jams."
     separating_experiment = "pull the tendon and watch it move on both sides of the hole"
     place_names = ("tendon", "s")

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import chi_square_threshold, rank, reduced_chi_square
 from tdcr_fe.identify.outcome import Candidate
@@ -23,11 +24,20 @@ from tdcr_fe.identify.search_state import (
 )
 from tdcr_fe.identify.unlisted import local_candidates
 
+#: Two effects are tried together where that promises a criterion smaller by this share than the first of them alone.
+PROMISE = 0.1
+
+#: The first of them is tried so many times as strong as its probe points, which show only itself [1].
+STRENGTHS = (1.0, 8.0, 64.0)
+
 
 def propose(
     search: Search, state: SearchState, number: int, level: Sequence[Fit], progress: float
 ) -> tuple[SearchState, list[tuple[Fit, Score]]]:
-    """The best candidates beside each model, by the predicted BIC to first order."""
+    """The best candidates beside each model, by the predicted BIC to first order.
+
+    A candidate that comes with another effect has a model that contains that one, at values that are not yet fitted.
+    """
     proposals: list[tuple[float, Fit, Score]] = []
     for fit in level:
         beside = listed_names(fit.names) or "the declared model"
@@ -45,12 +55,122 @@ def propose(
                     note = "more parameters than these readings determine"
             entry = Candidate(number, fit.names, score.effect.name, score.drop / noise, note=note)
             state = replace(state, candidates=(*state.candidates, entry))
+        state, pairs = _pairs(search, state, number, fit)
+        proposals += _promising(pairs, [p for p in proposals if p[1] is fit])
     chosen: dict[Names, tuple[Fit, Score]] = {}
     for _, fit, score in sorted(proposals, key=lambda p: p[0]):
         if len(chosen) < search.settings.candidates:
             # Of the forms of one effect that with the best criterion, which counts their parameters.
             chosen.setdefault(frozenset({*fit.names, score.effect.listed}), (fit, score))
     return state, list(chosen.values())
+
+
+def _promising(
+    pairs: Sequence[tuple[float, Fit, Score]], single: Sequence[tuple[float, Fit, Score]]
+) -> list[tuple[float, Fit, Score]]:
+    """The best pair of effects beside a model, if it promises more than the first of the two alone; else none."""
+    if not pairs:
+        return []
+    best = min(pairs, key=lambda p: p[0])
+    first = best[1].effects[-1].listed
+    alone = min((p[0] for p in single if p[2].effect.listed == first), default=math.inf)
+    return [best] if best[0] < (1.0 - PROMISE) * alone else []
+
+
+def _pairs(
+    search: Search, state: SearchState, number: int, fit: Fit
+) -> tuple[SearchState, list[tuple[float, Fit, Score]]]:
+    """Effects that data show only beside another one (`Effect.after`), each together with that one.
+
+    The other one is as strong as lets the two promise most, and the parameters of both are free in the score test.
+
+    Returns
+    -------
+    state : SearchState
+    proposals : list of (float, Fit, Score)
+        BIC to first order; the model with the other effect; and the score beside it.
+    """
+    problem = state.problem
+    experiment = problem.with_effects(fit.effects, fit.values)
+    excitation = problem.excitation_range(fit.run)
+    present = {e.listed for e in fit.effects}
+    found = []
+    for later in problem.catalogue:
+        firsts = [e for e in problem.catalogue if e.name in later.after and e.name not in present]
+        if later.name in present or not firsts or later.probe_points(experiment, excitation):
+            continue
+        if len(fit.effects) + 2 > search.settings.max_effects:
+            continue
+        for first in firsts:
+            values = _probe_values(problem, fit, first, 1.0, experiment)
+            if not values or not later.probe_points(first.apply(experiment, values), excitation):
+                continue
+            for base, score in _scores_with(problem, fit, first, later, experiment):
+                state = with_screened(state, [score])
+                drop = fit.cost - (base.cost - score.drop)
+                count = len(base.free) - len(fit.free) + score.count
+                noise = reduced_chi_square(problem, fit)
+                entry = Candidate(number, base.names, score.effect.name, drop / noise)
+                state = replace(state, candidates=(*state.candidates, entry))
+                threshold = chi_square_threshold(count, search.significance) * max(1.0, noise * 0.02)
+                if drop > threshold and identifiable(problem, base, score):
+                    expected = fit.cost - drop + count * math.log(problem.count)
+                    found.append((expected, base, score))
+    return state, found
+
+
+def _scores_with(
+    problem: FitProblem, fit: Fit, first: Effect, later: Effect, experiment: Experiment
+) -> list[tuple[Fit, Score]]:
+    """Scores of the forms of an effect, beside a model with each form of another one, and that model.
+
+    How strong the other one is, is chosen with the form that has most parameters.
+    """
+    found: dict[float, list[tuple[Fit, Score]]] = {}
+    forms = list(first.forms(problem.experiment))
+
+    def scored(form: Effect, strength: float) -> list[tuple[Fit, Score]]:
+        base = _at_probe(problem, fit, form, strength, experiment)
+        if base is None:
+            return []
+        return [(base, x) for x in screen(problem, base, later.forms(problem.experiment)) if x.starts]
+
+    for strength in STRENGTHS:
+        found[strength] = scored(forms[-1], strength)
+    best = min(STRENGTHS, key=lambda x: min((b.cost - score.drop for b, score in found[x]), default=math.inf))
+    return [*found[best], *(pair for form in forms[:-1] for pair in scored(form, best))]
+
+
+def _at_probe(
+    problem: FitProblem, fit: Fit, first: Effect, strength: float, experiment: Experiment
+) -> Fit | None:
+    """A model with one more effect, stronger than its probe points, with derivatives; None where it is not solved."""
+    values = _probe_values(problem, fit, first, strength, experiment)
+    if not values:
+        return None
+    effects, free = (*fit.effects, first), (*fit.free, *((first.name, name) for name in values))
+    fitted = fitting.evaluated(problem, effects, {**fit.values, first.name: values}, free, fit.run)
+    (base,) = fitting.run_fits(problem, [fitted])
+    return base if base.solved else None
+
+
+def _probe_values(
+    problem: FitProblem, fit: Fit, first: Effect, strength: float, experiment: Experiment
+) -> dict[str, float]:
+    """Values of an effect, all parameters moved from their null values by so many times the way to the probe points."""
+    alternatives = first.probe_points(experiment, problem.excitation_range(fit.run))
+    if not alternatives:
+        return {}
+    null = first.null_values(experiment)
+    values = dict(null)
+    for point in alternatives[0]:
+        values |= {name: x for name, x in point.items() if x != null[name]}
+    for p in first.parameters:
+        low, high = problem.bounds(first, p.name)
+        start = p.coordinate(null[p.name])
+        z = start + strength * (p.coordinate(values[p.name]) - start)
+        values[p.name] = p.value(min(max(z, low), high))
+    return values
 
 
 def identifiable(problem: FitProblem, fit: Fit, score: Score) -> bool:

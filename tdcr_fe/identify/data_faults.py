@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -13,6 +14,8 @@ from scipy.special import gammaln
 
 from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
+from tdcr_fe.io.cells import number
+from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.loading import LoadStep
 
 Array = NDArray[np.float64]
@@ -30,6 +33,8 @@ RESOLVED = 0.2
 ROUNDED = 3.0
 #: Sigma is wrong where the scatter of the residual is larger or smaller by this factor [1].
 WRONG_SIGMA = 3.0
+#: A location beyond the declared length, up to so many times that length, is that of a marker, not of another unit [1].
+FARTHEST = 2.0
 #: Largest number of load steps that are simulated to try exchanged tendons.
 MOST_STEPS = 1500
 
@@ -108,6 +113,9 @@ def data_fault(problem: FitProblem, declared: Fit) -> str:
     declared
         The declared model.
     """
+    too_short = _declared_length(problem.data)
+    if too_short:
+        return too_short
     grid = _Grid.of(problem, declared)
     if len(grid.steps) < EQUAL_STEPS or not grid.markers:
         return ""
@@ -156,6 +164,21 @@ def wrong_sigma(problem: FitProblem, best: Fit) -> str:
 
 
 # --------------------------------------------------------------------------------------- seen in the readings
+
+
+def _declared_length(data: MeasuredData) -> str:
+    """Whether a marker of many steps is farther along the backbone than the declared one is long, as a sentence."""
+    length = data.robot.backbone.length
+    beyond = Counter(number(b.value) for b in data.left_out if b.column == "location")
+    markers = {s: n for s, n in beyond.items() if length < s <= FARTHEST * length and n >= EQUAL_STEPS}
+    if not markers:
+        return ""
+    listed = ", ".join(f"s = {s:.4g} m" for s in sorted(markers))
+    return (
+        f"the declared length contradicts the readings: {sum(markers.values())} of them are of {listed}, beyond the "
+        f"end of a backbone that is declared {length:.4g} m long (they were left out); a marker on something beyond "
+        "the tip is declared at the tip, with marker_offset along the tangent"
+    )
 
 
 def _rounded(grid: _Grid) -> str:

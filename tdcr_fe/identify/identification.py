@@ -23,6 +23,11 @@ from tdcr_fe.identify.problem import FitProblem, evaluate, refine
 from tdcr_fe.identify.rows import RowChoice, choose_rows, fit_to_all_rows, problem_of_rows
 from tdcr_fe.identify.search_state import Progress, Search, SearchState
 from tdcr_fe.identify.selection import search_effects, with_intermediate_models
+from tdcr_fe.identify.without_friction import (
+    friction_explains_little,
+    restore_friction,
+    without_friction,
+)
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
 from tdcr_fe.io.own_effects import check_on
 from tdcr_fe.model.arguments import check_callable, wrong_type
@@ -108,6 +113,8 @@ class _Prepared(NamedTuple):
         Of those that the search uses, with mesh and path fine enough; the same readings where it uses all.
     rows : RowChoice or None
         Load steps that the search uses; None for all.
+    frictional : FitProblem or None
+        Where the search runs without friction: what its end runs with.
     sigma_estimated : bool
         Whether any sigma was not given.
     """
@@ -115,6 +122,7 @@ class _Prepared(NamedTuple):
     problem: FitProblem
     searched: FitProblem
     rows: RowChoice | None
+    frictional: FitProblem | None
     sigma_estimated: bool
 
 
@@ -151,6 +159,9 @@ def _search(search: Search, state: SearchState, prepared: _Prepared) -> _Found:
         state = with_intermediate_models(state)
         if prepared.rows is not None:
             planned = choose_next(search, state)
+            if prepared.frictional is not None:
+                for latest in restore_friction(search, state, prepared.frictional):
+                    state = latest
             return _Found(fit_to_all_rows(search, state, prepared.problem), None, planned)
         # A law may take as long to find as the listed effects took.
         law, state = find_law(search, state, max(LEAST_SECONDS, time.perf_counter() - begun))
@@ -181,9 +192,15 @@ def _prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMod
         share = PATH_SHARE * float(np.median(sigma[is_position])) / data.robot.backbone.length
         tolerance = float(np.clip(share, problem.path_tolerance, LOOSEST))
         problem = replace(problem, path_tolerance=tolerance)
-    rows = choose_rows(data, sorted(positions))
-    searched, _ = refine(problem if rows is None else problem_of_rows(problem, rows), (), {})
-    return _Prepared(problem, searched, rows, estimated)
+    rows, searched, frictional = choose_rows(data, sorted(positions)), problem, None
+    if rows is not None:
+        searched = problem_of_rows(problem, rows)
+        if friction_explains_little(searched):
+            frictional = searched
+            rows = choose_rows(data, sorted(positions), history=False) or rows
+            searched = without_friction(problem_of_rows(problem, rows))
+    searched, _ = refine(searched, (), {})
+    return _Prepared(problem, searched, rows, frictional, estimated)
 
 
 def _declared(problem: FitProblem) -> SearchState:

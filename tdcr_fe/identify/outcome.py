@@ -45,7 +45,8 @@ class IdentifySettings:
     beam : int
         How many models of a round are carried to the next.
     max_effects : int
-        At most so many effects are added.
+        At most so many effects are added; beyond four, only while each takes away a tenth of the misfit on held-out
+        steps.
     hold_out : float
         Fraction of the readings that is held out, about, where ``hold_out_branches`` is empty [1].
     hold_out_branches : tuple of str
@@ -60,7 +61,7 @@ class IdentifySettings:
     significance: float = 1e-3
     candidates: int = 5
     beam: int = 2
-    max_effects: int = 4
+    max_effects: int = 12
     hold_out: float = 0.3
     hold_out_branches: tuple[str, ...] = ()
     path_tolerance: float = 5e-5

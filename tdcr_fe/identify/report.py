@@ -63,7 +63,7 @@ def headline(result: IdentificationResult) -> str:
         return "Unexplained: the model lacks something that no listed effect explains."
     found = f" Found so far: {names}." if names else ""
     if verdict == "cannot tell" and result.remaining.where == THE_DATA:
-        return "Cannot tell: the readings have a fault. Mend them, and run this again."
+        return "Cannot tell: the data have a fault. Mend it in the files, and run this again."
     if verdict == "cannot tell":
         return f"Cannot tell: these readings are too few or too noisy to decide what the model lacks.{found}"
     if verdict == "unfinished":

@@ -85,7 +85,7 @@ class RowChoice:
         return SearchedSteps(numbers, self.total, every)
 
 
-def choose_rows(data: MeasuredData, held_out: Sequence[int]) -> RowChoice | None:
+def choose_rows(data: MeasuredData, held_out: Sequence[int], history: bool = True) -> RowChoice | None:
     """The load steps that a search takes; None where it takes all, which is so for data that are not long.
 
     Parameters
@@ -94,6 +94,9 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int]) -> RowChoice | None
         Measured data of one loading sequence.
     held_out
         Positions of the steps that are held out, whole branches.
+    history
+        Whether the model has friction. Without, every step is solved for itself and costs little: twice as many are
+        taken, of more branches.
 
     Returns
     -------
@@ -111,6 +114,7 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int]) -> RowChoice | None
         branches = [_simplified(table, b) for b in branches]
     groups = ([b for b in branches if b[0] in held], [b for b in branches if b[0] not in held])
     total = max(SEARCHED, PER_INPUT * int(np.count_nonzero(np.ptp(table, axis=0))))
+    total *= 1 if history else 2
     share = round(HELD_OUT * total)
     rows = sorted(
         k
@@ -192,7 +196,7 @@ def _spread(table: Array, branches: Sequence[Sequence[int]], most: int) -> list[
 
 
 def problem_of_rows(problem: FitProblem, rows: RowChoice) -> FitProblem:
-    """The same problem on chosen load steps."""
+    """The same problem on chosen load steps, with the declared model."""
     index = np.array(rows.readings)
     fresh = FitProblem.of(
         rows.of(problem.data),

@@ -111,9 +111,13 @@ def fitted_model(
 
 
 def without(state: SearchState, effect: Effect) -> tuple[SearchState, Fit]:
-    """The best model less one effect, fitted anew."""
+    """The best model less one effect, and less those that cannot be without it, fitted anew."""
     best = state.best
     rest = tuple(e for e in best.effects if e is not effect)
+    try:
+        state.problem.with_effects(rest, best.values)
+    except ValueError:
+        rest = tuple(e for e in rest if effect.listed not in e.after)
     if not rest:
         return state, state.declared
     return fitted_model(state, rest, [{e.name: best.values[e.name] for e in rest}])

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.candidates import fit_proposals, propose
@@ -27,6 +29,9 @@ from tdcr_fe.identify.search_state import (
     without,
 )
 from tdcr_fe.identify.swaps import swap_effects
+
+#: An effect beyond so many is added only where it removes at least so much of the misfit on held-out steps [1].
+MANY_EFFECTS, WORTHWHILE = 4, 0.1
 
 
 def search_effects(search: Search, state: SearchState) -> Stage:
@@ -51,10 +56,14 @@ def search_effects(search: Search, state: SearchState) -> Stage:
 def forward_selection(search: Search, state: SearchState, locate: bool = True) -> Stage:
     """Forward selection: add one effect at a time, several models in parallel (beam search).
 
+    An effect that data show only beside another one comes with that one, as one step.
+
     ``locate``: after the first round, see whether a single local cause explains everything.
     """
     level = [state.best]
     for number in range(1, search.settings.max_effects + 1):
+        if len(state.best.effects) >= search.settings.max_effects:
+            break
         progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
         state, proposals = propose(search, state, number, level, progress)
         yield state
@@ -64,6 +73,7 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
             for f in fits
             if is_improvement(state.problem, f, parent_of(state, f), search.significance)
             and _better(state, f)
+            and _worthwhile(state, f)
         ]
         if not accepted:
             reason = "improves fitted and held-out steps" if proposals else "is significant"
@@ -129,3 +139,11 @@ def with_intermediate_models(state: SearchState) -> SearchState:
 def _better(state: SearchState, fit: Fit) -> bool:
     """Whether a model is better than the best so far, which need not be contained in it."""
     return rank(state.problem, fit) < rank(state.problem, state.best) - BIC_DIFFERENCE
+
+
+def _worthwhile(state: SearchState, fit: Fit) -> bool:
+    """Whether a model with many effects removes enough of the misfit that the best one leaves, on held-out steps."""
+    if len(fit.effects) <= MANY_EFFECTS:
+        return True
+    before, after = (f.held_cost if np.any(state.problem.held_out) else f.cost for f in (state.best, fit))
+    return after <= (1.0 - WORTHWHILE) * before

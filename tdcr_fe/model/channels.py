@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.observed_step import ObservedChange, ObservedStep, difference_step, moved_step
+from tdcr_fe.model.observed_step import ObservedChange, ObservedStep, difference_steps, moved_step
 
 Array = NDArray[np.float64]
 
@@ -101,8 +101,7 @@ class Channel:
         if self.derive is not None:
             return self.derive(step, change, locations)
         columns = []
-        for p in range(change.positions.shape[-1]):
-            h = difference_step(step, change, p)
+        for p, h in enumerate(difference_steps(step, change).tolist()):
             ahead, behind = (self.predict(moved_step(step, change, p, x), locations) for x in (h, -h))
             columns.append((ahead - behind) / (2.0 * h))
         return np.array(columns).T.reshape(len(locations), -1)

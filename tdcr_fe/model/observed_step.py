@@ -130,8 +130,7 @@ class ObservedStep:
     def _between_nodes(self, change: ObservedChange, s: Array) -> Array:
         """Derivatives of the positions at arc lengths between nodes, (n_markers, 3, P), by central differences."""
         k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, self.s.size - 2)
-        columns = range(change.positions.shape[-1])
-        steps = np.array([difference_step(self, change, p) for p in columns])
+        steps = difference_steps(self, change)
         moved = []
         for h in (steps, -steps):
             ends = []
@@ -199,16 +198,18 @@ class ObservedStep:
         return lower, upper
 
 
-def difference_step(step: ObservedStep, change: ObservedChange, p: int) -> float:
-    """Change of parameter ``p`` that moves a step by 1e-5 of its length, or turns it by so much."""
-    length = float(step.s[-1])
-    largest = max(
-        float(np.max(np.abs(change.rotations[:, :, p]), initial=0.0)),
-        float(np.max(np.abs(change.positions[:, :, p]), initial=0.0)) / length,
-        float(np.max(np.abs(change.s[:, p]), initial=0.0)) / length,
-        float(np.max(np.abs(change.displacements[:, p]), initial=0.0)) / length,
+def difference_steps(step: ObservedStep, change: ObservedChange) -> Array:
+    """Changes of the parameters that move a step by 1e-5 of its length, or turn it by so much, shape (P,)."""
+    length, count = float(step.s[-1]), change.positions.shape[-1]
+
+    def largest(values: Array) -> Array:
+        return np.asarray(np.max(np.abs(values).reshape(-1, count), axis=0, initial=0.0))
+
+    moved = np.maximum(
+        largest(change.positions), np.maximum(largest(change.s), largest(change.displacements))
     )
-    return 1e-5 / largest if largest > 0.0 else 1e-5
+    size = np.maximum(largest(change.rotations), moved / length)
+    return np.where(size > 0.0, 1e-5 / np.where(size > 0.0, size, 1.0), 1e-5)
 
 
 def moved_step(step: ObservedStep, change: ObservedChange, p: int, h: float) -> ObservedStep:

@@ -8,6 +8,7 @@ from identify_data import measured
 
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.report import headline, sentences
+from tdcr_fe.io.readings import BadRow
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +54,7 @@ def test_fault_is_named_and_nothing_is_searched(clean, change, words):
     result = identify(changed(clean, change))
     assert (result.verdict, result.effects, result.remaining.where) == ("cannot tell", (), "the data")
     assert words in result.remaining.description
-    assert headline(result).startswith("Cannot tell: the readings have a fault")
+    assert headline(result).startswith("Cannot tell: the data have a fault")
     assert words in sentences(result)[0] and result.runs < 20
 
 
@@ -80,6 +81,22 @@ def test_sensor_that_stands_still_is_named(clean):
 
     result = identify(changed(clean, stuck))
     assert result.verdict == "cannot tell" and "is constant at" in result.remaining.description
+
+
+def test_markers_beyond_the_declared_length_contradict_it(clean):
+    """A marker in every step 8 % beyond the tip: its rows used to be left out, and five effects searched for minutes.
+
+    A single such row is left out, as any other faulty one.
+    """
+    allowed = "must be an arc length from 0 to 0.2 m"
+    rows = [BadRow("observations.csv", n, "location", "0.216", allowed) for n in range(2, 35)]
+    result = identify(replace(clean, left_out=tuple(rows)))
+    assert result.verdict == "cannot tell" and result.effects == () and result.runs < 5
+    assert "the declared length contradicts the readings: 33 of them are of s = 0.216 m" in (
+        result.remaining.description
+    )
+    assert "the declared length contradicts" in sentences(result)[0].lower()
+    assert identify(replace(clean, left_out=tuple(rows[:1]))).verdict == "nothing missing"
 
 
 def test_missing_effect_is_no_fault_of_the_data():

@@ -103,6 +103,31 @@ def test_data_that_turn_at_every_step_keep_pieces_without_gaps():
     assert {k in range(60, 120) for k in found.steps} == {True, False}
 
 
+def test_without_friction_twice_as_many_rows_are_taken(chosen):
+    """Every step is solved for itself: no history has to be kept, and a step costs a tenth."""
+    data, held, found = chosen
+    more = choose_rows(data, sorted(held), history=False)
+    assert 1.6 * len(found.steps) < len(more.steps) <= 2 * SEARCHED
+
+
+@pytest.mark.slow
+def test_friction_that_explains_nothing_is_left_out_of_the_search_and_put_back():
+    """The truth has no friction, the declared robot has 0.3 at every hole, and a straight backbone.
+
+    The search finds the bent backbone without friction, and the coefficient once friction is back.
+    """
+    truth = {"precurvature": {"kappa_x": 0.6, "kappa_y": -0.9}}
+    free = long_data(11, truth=truth)
+    robot = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.3) for t in ROBOT.tendons))
+    data = replace(free, robot=robot, model=replace(MODEL, friction="per-hole"))
+    result = identify(data, IdentifySettings(candidates=2))
+    assert {e.name for e in result.effects} == {"precurvature", "friction_coefficient"}
+    assert any(h.startswith("with the declared friction") for h in result.history)
+    values = {n: p.value for e in result.effects for n, p in e.parameters.items()}
+    assert abs(values["kappa_x"] - 0.6) < 0.01 and values["mu"] < 0.02
+    assert result.searched.fitted_to_all and result.after_held_out.chi2_per_dof < 1.2
+
+
 def test_the_report_says_when_all_errors_are_of_the_chosen_rows(chosen):
     """As after an interruption, where there is no fit to all rows."""
     data, _, found = chosen

@@ -1,0 +1,101 @@
+"""Effects that data show only together, and searches with many effects."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from identify_data import MODEL, ROBOT
+
+from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
+from tdcr_fe.identify.candidates import propose
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.outcome import IdentifySettings
+from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.search_state import Search, SearchState, without
+from tdcr_fe.identify.selection import MANY_EFFECTS, _worthwhile, forward_selection
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.tendon import Tendon
+
+SIGMA = 1e-4
+#: Two tendons on opposite sides, elastic and tight in truth; the same stretch without pretension leaves one slack.
+OPPOSED = replace(
+    ROBOT, tendons=tuple(Tendon(f"t{i + 1}", ParallelRouting(4.5e-3, 180.0 * i)) for i in range(2))
+)
+TRUTH = {
+    "tendon_stretch": {"axial_stiffness": 300.0},
+    "pretension": {"tension_t1": 1.5, "tension_t2": 0.9},
+}
+
+
+@pytest.fixture(scope="module")
+def opposed():
+    """One tendon pulled in by as much as the other one is let out, and single ones; readings with noise."""
+    steps, names = [], []
+    for k, (a, b) in enumerate([(1, -1), (-1, 1), (1, 0), (0, 1), (1, -0.3), (-0.3, 1)]):
+        for x in (0.3, 0.65, 1.0, 0.5, 0.0):
+            steps.append(LoadStep(displacements={"t1": 4e-3 * a * x, "t2": 4e-3 * b * x}))
+            names.append(f"branch {k}")
+    ids = tuple(range(1, len(steps) + 1))
+    readings = [Reading(n, f"position_{a}", s, 0.0, SIGMA) for n in ids for s in (0.1, 0.2) for a in "xyz"]
+    true = with_effects(Experiment(OPPOSED, replace(MODEL, elements_per_bay=3), tuple(steps)), TRUTH)
+    run = simulate_experiment(Task(true, run_settings(SolverSettings(), 1e-4)))
+    values = Reader(readings, ids, OPPOSED.tendon_names).read(run, true)
+    values = values + np.random.default_rng(2).normal(0.0, SIGMA, values.size)
+    readings = [replace(r, value=float(v)) for r, v in zip(readings, values, strict=True)]
+    return MeasuredData("opposed", OPPOSED, MODEL, ids, tuple(steps), tuple(names), tuple(readings))
+
+
+def test_stretch_and_pretension_are_found_together(opposed):
+    """Stretch alone leaves one tendon slack; pretension acts on elastic tendons only. As one step they leave noise."""
+    held = np.array([r.step > 20 for r in opposed.readings])
+    problem = FitProblem.of(opposed, np.full(held.size, SIGMA), held, ForwardModel())
+    names = ("stiffness_scale", "tendon_stretch", "pretension", "frame_misalignment")
+    problem = replace(problem, catalogue=tuple(e for e in EFFECTS if e.name in names))
+    state = SearchState.start(problem, evaluate(problem, (), {}))
+    search = Search(IdentifySettings(candidates=3), lambda text, share: None)
+    _, proposals = propose(search, state, 1, [state.declared], 0.0)
+    assert {e.listed for fit, score in proposals for e in (*fit.effects, score.effect)} >= set(names[1:3])
+    for latest in forward_selection(search, state, locate=False):
+        state = latest
+    assert {e.listed for e in state.best.effects} >= set(names[1:3])
+    assert state.best.held_cost < 1.3 * np.count_nonzero(held) < 0.1 * state.declared.held_cost
+
+
+def test_an_effect_goes_together_with_the_one_it_needs(opposed):
+    """Pretension cannot be without stretch: a model less stretch is one less both, not a model that is refused."""
+    held = np.zeros(len(opposed.readings), dtype=bool)
+    problem = FitProblem.of(opposed, np.full(held.size, SIGMA), held, ForwardModel())
+    effects = (effect("tendon_stretch"), effect("pretension"), effect("stiffness_scale"))
+    values = {
+        "tendon_stretch": {"axial_stiffness": 300.0},
+        "pretension": {"tension": 1.2},
+        "stiffness_scale": {"bending": 1.1, "torsion": 1.0},
+    }
+    state = replace(
+        SearchState.start(problem, evaluate(problem, (), {})), best=evaluate(problem, effects, values)
+    )
+    _, rest = without(state, effects[0])
+    assert rest.names == ("stiffness_scale",) and rest.solved
+    _, rest = without(state, effects[1])
+    assert rest.names == ("tendon_stretch", "stiffness_scale") and rest.solved
+
+
+@pytest.mark.parametrize(("share", "worthwhile"), [(0.85, True), (0.95, False)])
+def test_many_effects_must_each_remove_a_tenth_on_held_out_steps(opposed, share, worthwhile):
+    held = np.arange(len(opposed.readings)) % 2 == 0
+    problem = FitProblem.of(opposed, np.full(held.size, SIGMA), held, ForwardModel())
+    declared = evaluate(problem, (), {})
+    fits = [
+        replace(declared, held_cost=x, effects=(effect("gravity"),) * n)
+        for x, n in ((100.0, 4), (100.0 * share, 5))
+    ]
+    state = replace(SearchState.start(problem, declared), best=fits[0])
+    assert _worthwhile(state, fits[1]) is worthwhile
+    few = replace(fits[1], effects=fits[1].effects[:MANY_EFFECTS])
+    assert _worthwhile(state, few)
