@@ -274,7 +274,13 @@ def model_contradictions(tendon_path: Any, friction: Any) -> list[Contradiction]
 
 
 def course_contradictions(robot: Robot, model: Model) -> list[Contradiction]:
-    """Tendons that should run straight from hole to hole in a robot that has no disks."""
+    """Tendons that should run straight in a robot without disks, or follow a backbone whose base gives way."""
+    if model.tendon_path == "continuous" and robot.tendons and robot.base_stiffness is not None:
+        sentence = (
+            "tendons that follow the backbone pass no base that gives way (base_stiffness, or the effect "
+            'base_compliance); must be "straight", or leave base_stiffness out'
+        )
+        return [Contradiction("model.tendon_path", shown(model.tendon_path), sentence)]
     if not robot.without_disks or not robot.tendons or model.tendon_path == "continuous":
         return []
     sentence = (

@@ -1,0 +1,174 @@
+"""Random robots checked from outside: the checks hold, and they see what is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tdcr_fe.io.toml import read_robot
+from tdcr_fe.io.write_toml import robot_to_toml
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.routing import ROUTINGS, HelicalRouting, ParallelRouting
+from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.validation.fuzz import CHECKS, check_step, draw
+from tdcr_fe.validation.fuzz.__main__ import main
+from tdcr_fe.validation.fuzz.campaign import outcome_of, solve_case
+from tdcr_fe.validation.fuzz.energy import divided, is_covered, ledger
+from tdcr_fe.validation.fuzz.rod import Elements, relative_twists, unloaded_pose
+
+TOLERANCES = {c.name: c.tolerance for c in CHECKS}
+BACKBONE = Backbone(0.2, 0.4e-3, 85e9, 0.3, density=5600.0)
+
+
+def robot(**tendon):
+    tendons = (
+        Tendon("a", ParallelRouting(4e-3, 10.0), 0.3, **tendon),
+        Tendon("b", HelicalRouting(4e-3, 0.5, 130.0), 0.2, **tendon),
+    )
+    return Robot(BACKBONE, Disks.equally_spaced(4, 0.2, mass=2e-4), tendons)
+
+
+def solved():
+    push = {"side": Load(0.13, (0.01, 0.02, 0.0), (0.0, 1e-3, 0.0))}
+    steps = [LoadStep("", {"a": 0.8, "b": 0.3}), LoadStep("", {"a": 0.4}, loads=push)]
+    return simulate(robot(), Model(elements_per_bay=2, gravity=(0.0, 1.0, -9.81)), steps)
+
+
+@pytest.mark.parametrize("number", [*range(1, 25), 25, 41])
+def test_random_robots_hold_all_checks(number):
+    """Seed 25 has the default mesh, seed 41 the energy balance."""
+    outcome = outcome_of(solve_case(number))
+    assert outcome.passed, (outcome.error, outcome.message, outcome.broken)
+
+
+def test_cases_are_valid_robots_with_every_option():
+    cases = [draw(n) for n in range(300)]
+    assert draw(5) == cases[5]
+    there = {word for case in cases for word in case.options}
+    kinds = {f"routing {kind}" for kind in ROUTINGS}
+    assert kinds <= there and len(there) >= len(kinds) + 25
+
+
+def test_robots_are_written_and_read(tmp_path):
+    """What `robot.toml` can say: a robot that was drawn comes back from its file, effects apart."""
+    for number in range(60):
+        case = draw(number)
+        if any(t.routing.kind not in ROUTINGS for t in case.robot.tendons):
+            continue
+        path = tmp_path / f"{number}.toml"
+        path.write_text(robot_to_toml(case.robot), encoding="utf-8")
+        assert read_robot(path) == case.robot
+
+
+def test_an_arc_has_the_twists_of_its_curvature():
+    """Length 0.2 m bent by 1 rad about y: every element has the curvature 5 1/m and no other strain."""
+    bent = replace(BACKBONE, precurvature=(0.0, 5.0))
+    s = np.linspace(0.0, 0.2, 6)
+    positions, rotations = unloaded_pose(Elements.of(Robot(bent), s, 0.0), s)
+    np.testing.assert_allclose(positions[:, 0], (1.0 - np.cos(5.0 * s)) / 5.0, atol=1e-14)
+    np.testing.assert_allclose(positions[:, 2], np.sin(5.0 * s) / 5.0, atol=1e-14)
+    expected = np.tile([0.0, 0.0, 1.0, 0.0, 5.0, 0.0], (5, 1)) * 0.04
+    np.testing.assert_allclose(relative_twists(positions, rotations), expected, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "what", ["tension", "position", "rotation", "displacement", "input", "state", "load"]
+)
+def test_the_checks_see_what_is_wrong(what):
+    result = solved()
+    step = result.steps[1]
+    good = check_step(result.robot, result.model, step)
+    assert all(value <= TOLERANCES[name] for name, value in good.items())
+    tensions = tuple(t.copy() for t in step.tensions)
+    positions, rotations = step.positions.copy(), step.rotations.copy()
+    expected, wrong = "equilibrium of every free body", step
+    if what == "tension":  # one segment by a hundredth: more than friction allows where the hole slips
+        tensions[0][2] *= 1.01
+        wrong = replace(step, tensions=tensions)
+    elif what == "position":  # by a hundredth of a micrometre
+        positions[5, 0] += 1e-8
+        wrong = replace(step, positions=positions)
+    elif what == "rotation":
+        turn = np.array([[1.0, -1e-3, 0.0], [1e-3, 1.0, 0.0], [0.0, 0.0, 1.0]])
+        rotations[5] = np.linalg.qr(rotations[5] @ turn)[0] * np.sign(
+            np.diag(np.linalg.qr(rotations[5] @ turn)[1])
+        )
+        wrong = replace(step, rotations=rotations)
+    elif what == "displacement":
+        wrong, expected = replace(step, displacements=step.displacements + 1e-6), "displacements from lengths"
+    elif what == "input":
+        changed = replace(step.actuation, values=step.actuation.values * 1.001)
+        wrong, expected = replace(step, actuation=changed), "prescribed inputs"
+    elif what == "state":
+        states = (tuple({"release": "pull", "pull": "release"}.get(x, x) for x in step.hole_states[0]),)
+        wrong, expected = (
+            replace(step, hole_states=states + step.hole_states[1:]),
+            "slipping holes at their bound",
+        )
+    else:  # the load at another place
+        load = replace(step.actuation.loads["side"], at=0.2)
+        wrong = replace(step, actuation=replace(step.actuation, loads={"side": load}))
+    assert check_step(result.robot, result.model, wrong)[expected] > TOLERANCES[expected]
+
+
+def test_tension_beyond_the_capstan_bounds_is_seen():
+    result = solved()
+    step = result.steps[0]
+    tensions = (step.tensions[0], np.full_like(step.tensions[1], step.tensions[1][0]))
+    tensions[1][-1] *= 1.2
+    found = check_step(result.robot, result.model, replace(step, tensions=tensions))
+    assert found["Capstan bounds"] > 0.05
+
+
+def test_energy_balance_of_a_cycle():
+    """Work of actuators and loads is stored or dissipated; the gap falls with the second power of the parts."""
+    steps = [LoadStep("", {"a": 1.0, "b": 0.4}), LoadStep("", {"a": 0.1}), LoadStep("", {"a": 1.0, "b": 0.0})]
+    model = Model(elements_per_bay=2)
+    assert is_covered(robot(), model, steps)
+    gaps = []
+    for parts in (4, 8):
+        found = ledger(simulate(robot(), model, divided(robot(), steps, parts)).raise_if_failed())
+        gaps.append(found.gap)
+        assert found.gain < 1e-9
+        assert sum(d.sum() for d in found.dissipated) > 0.01 * found.turnover
+    assert gaps[1] < 2e-3 and gaps[0] / gaps[1] > 3.0
+
+
+def test_friction_that_drives_would_be_seen():
+    """The tensions of unloading in the shapes of loading: holes that give energy."""
+    steps = [LoadStep("", {"a": 1.0}), LoadStep("", {"a": 0.0})]
+    result = simulate(robot(), Model(elements_per_bay=2), divided(robot(), steps, 6)).raise_if_failed()
+    up, down = result.steps[:6], result.steps[6:]
+    swapped = [replace(a, tensions=b.tensions) for a, b in zip(up[:-1], down[-2::-1], strict=True)]
+    assert ledger(replace(result, steps=tuple(swapped))).gain > 1e-3
+    assert ledger(replace(result, steps=up)).gain < 1e-9
+
+
+def test_the_command_continues_and_refuses_records_of_other_code(tmp_path, capsys):
+    arguments = ["-n", "3", "--first", "30", "-o", str(tmp_path)]
+    assert main(arguments) == 0
+    path = tmp_path / "fuzz.jsonl"
+    lines = path.read_text().splitlines()
+    assert len(lines) == 4
+    path.write_text("\n".join(lines[:3]) + "\n" + lines[3][:40])
+    assert main(arguments) == 0
+    assert len(path.read_text().splitlines()) == 4
+    assert "3 robots" in capsys.readouterr().out
+    path.write_text(path.read_text().replace('"source":', '"sources":', 1))
+    assert main(arguments) == 2
+    assert "source differ" in capsys.readouterr().err
+    assert main([*arguments, "--any-version"]) == 0
+
+
+def test_tendons_that_follow_a_backbone_whose_base_gives_way_are_refused():
+    """The base was locked at a thousandth of a radian, or no load step converged."""
+    with pytest.raises(ValueError, match="pass no base that gives way"):
+        simulate(
+            replace(robot(), base_stiffness=0.5), Model("continuous", "none"), [LoadStep("", {"a": 0.1})]
+        )
