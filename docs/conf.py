@@ -64,6 +64,7 @@ EXAMPLES_IN_ORDER = (
     "sweep",
     "robot_on_ground",
     "robot_on_carriage",
+    "robot_on_arm",
     "robot_and_obstacles",
     "vibration",
     "cut_tendon",
