@@ -67,6 +67,7 @@ EXAMPLES_IN_ORDER = (
     "robot_on_arm",
     "robot_and_obstacles",
     "vibration",
+    "modes",
     "cut_tendon",
     "own_spreadsheet",
 )

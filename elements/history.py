@@ -108,13 +108,14 @@ class HistoryNodes:
             Of the tendon.
         """
         first, holes = self._tension.start, self._mobilisation
-        count = holes.stop - holes.start
+        count = min(holes.stop - holes.start, max(segments - 1, 1))
         return {
             "tension": slice(first, first + 1),
             "anchor_tension": slice(first + segments - 1, first + segments),
             "tensions": slice(first, first + segments),
             "displacement": slice(3, 4),
-            "mobilisation": slice(holes.start, holes.start + min(count, max(segments - 1, 1))),
+            "mobilisation": slice(holes.start, holes.start + count),
+            "slip": slice(self._slip.start, self._slip.start + count),
         }
 
     def coordinate_numbers(self) -> list[int]:

@@ -33,7 +33,7 @@ from tdcr_fe.scene.inputs import InputsOverTime, named_inputs
 from tdcr_fe.scene.loads import Frame, PointLoad, add_point_load
 from tdcr_fe.scene.mesh import softened_stiffness
 from tdcr_fe.scene.parts import section_marker
-from tdcr_fe.scene.sensors import add_tendon_sensors, add_tip_sensors, sensor_output
+from tdcr_fe.scene.sensors import add_disk_sensors, add_tendon_sensors, add_tip_sensors, sensor_output
 
 Array = NDArray[np.float64]
 
@@ -167,12 +167,16 @@ class TDCR:
         Returns
         -------
         dict
-            ``tip_position``, ``tip_rotation`` (rotation matrix of the node, beam axes), and of every tendon in the last
-            solved step ``tension_NAME`` (first segment) and ``anchor_tension_NAME`` (last segment) [N],
-            ``tensions_NAME`` (all segments) [N], ``displacement_NAME`` (length pulled in at the base) [m], and with
-            friction ``mobilisation_NAME`` (part of the friction that acts at every hole but the anchor, in [-1, 1]).
+            ``tip_position``, ``tip_rotation`` (rotation matrix of the node, beam axes), ``disk_position_1`` and so on
+            from the base to the tip [m], and of every tendon in the last solved step ``tension_NAME`` (first segment)
+            and ``anchor_tension_NAME`` (last segment) [N], ``tensions_NAME`` (all segments) [N],
+            ``displacement_NAME`` (length pulled in at the base) [m], and with friction ``mobilisation_NAME`` (part of
+            the friction that acts at every hole but the anchor, in [-1, 1]) and ``slip_NAME`` (tendon that has passed
+            each of these holes towards the base since the unloaded state) [m].
         """
         made = add_tip_sensors(self.mbs, self.nNodes[-1], self.name, fileName, storeInternal)
+        disks = [self.nNodes[self.mesh.node_at(s)] for s in self.robot.disks.positions]
+        made |= add_disk_sensors(self.mbs, disks, self.name, fileName, storeInternal)
         history = self.actuation.history_nodes
         for i, (tendon, node) in enumerate(zip(self.robot.tendons, history.nodes, strict=True)):
             segments = 1 if self.actuation.geometry is None else self._count(i)

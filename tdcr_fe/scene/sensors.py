@@ -1,4 +1,4 @@
-"""Exudyn sensors on a robot in a scene: tip pose; tensions, displacement and friction of tendons."""
+"""Exudyn sensors on a robot in a scene: tip pose and disks; tensions, displacement and friction of tendons."""
 
 from __future__ import annotations
 
@@ -32,6 +32,24 @@ def add_tip_sensors(
             )
         )
         for key, variable in variables.items()
+    }
+
+
+def add_disk_sensors(
+    mbs: exu.MainSystem, nodes: Sequence[Any], robot: str, fileName: str, storeInternal: bool
+) -> dict[str, Any]:
+    """Add a sensor of the position of every disk [m], whose nodes are given from the base on; return them by name."""
+    keys = [f"disk_position_{k}" for k in range(1, len(nodes) + 1)]
+    return {
+        key: mbs.AddSensor(
+            eii.SensorNode(
+                name=f"{robot}.{key}",
+                nodeNumber=node,
+                outputVariableType=exu.OutputVariableType.Position,
+                **sensor_output(fileName, key, storeInternal),
+            )
+        )
+        for key, node in zip(keys, nodes, strict=True)
     }
 
 

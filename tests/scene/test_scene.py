@@ -9,7 +9,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from exudyn.rigidBodyUtilities import InertiaCuboid
-from robots import BACKBONE, LENGTH, distance, paper, pull, scene, solve, three
+from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, scene, solve, three
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.loading import Load, LoadStep, Model
@@ -277,6 +277,11 @@ def test_sensors_give_tip_tensions_displacement_and_friction():
     assert values["displacement_t1"] == pytest.approx(handle.displacements()["t1"], abs=1e-15)
     states = [{1.0: "pull", -1.0: "release"}.get(x, "stick") for x in values["mobilisation_t1"]]
     assert (*states, "anchor") == handle.hole_states()["t1"]
+    # What has passed a hole is what the segments beyond it have released; no part of the tendon stretches.
+    released = handle.actuation.current_forces().field.released_length[0]
+    assert values["slip_t1"] == pytest.approx([released[k:].sum() for k in range(1, 13)], abs=1e-15)
+    disks = [values[f"disk_position_{k}"] for k in range(1, 14)]
+    assert np.array(disks) == pytest.approx(handle.position_at(np.array(DISKS.positions)), abs=1e-12)
 
 
 @pytest.mark.parametrize(
