@@ -12,10 +12,16 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NoReturn
 
 from tdcr_fe import __version__
+from tdcr_fe.commands.machine import document, stdout_kept_free
 from tdcr_fe.commands.status import INTERRUPTED, SUCCESS, WRONG_INPUT, complain, count
 from tdcr_fe.io.processes import sigterm_as_interrupt
+
+if TYPE_CHECKING:
+    from tdcr_fe.io.problems import Problem
 
 #: Every subcommand, as ``module:function``.
 COMMANDS = (
@@ -56,27 +62,88 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(
             errors="backslashreplace"
         )  # a label must not stop a terminal of another encoding
-    with sigterm_as_interrupt() as termination:
-        status = _run(argv)
-    return termination.status if status == INTERRUPTED else status
+    given = list(sys.argv[1:] if argv is None else argv)
+    try:
+        args = _parser().parse_args(given)
+        with sigterm_as_interrupt() as termination, stdout_kept_free(args):
+            ended = _run(args)
+    except WrongArguments as error:
+        error.parser.print_usage(sys.stderr)
+        print(f"{error.parser.prog}: error: {error}", file=sys.stderr)
+        if "--json" in given:
+            _print_json("", WRONG_INPUT, None, Ended(WRONG_INPUT, (error.problem,), str(error)))
+        raise SystemExit(WRONG_INPUT) from None
+    status = termination.status if ended.status == INTERRUPTED else ended.status
+    if getattr(args, "json", False):
+        _print_json(args.command, status, args, ended)
+    return status
 
 
-def _run(argv: Sequence[str] | None) -> int:
+class WrongArguments(Exception):
+    """The arguments of the command are wrong.
+
+    Attributes
+    ----------
+    parser : argparse.ArgumentParser
+        That found it.
+    """
+
+    def __init__(self, parser: argparse.ArgumentParser, message: str) -> None:
+        self.parser = parser
+        super().__init__(message)
+
+    @property
+    def problem(self) -> Problem:
+        """As a mistake in the input."""
+        from tdcr_fe.io.problems import Problem
+
+        return Problem("arguments", "", "", str(self))
+
+
+class _Parser(argparse.ArgumentParser):
+    """Parser whose errors are exceptions, so that they can be printed as JSON."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise `WrongArguments`."""
+        raise WrongArguments(self, message)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended.
+
+    Attributes
+    ----------
+    status : int
+        Exit status.
+    problems : tuple of Problem
+        Mistakes in the input.
+    message : str
+        Why it failed.
+    """
+
+    status: int
+    problems: tuple[Problem, ...] = ()
+    message: str = ""
+
+
+def _run(args: argparse.Namespace) -> Ended:
     """Call the handler of the subcommand; errors and interruptions become exit statuses."""
     try:
-        args = _parser().parse_args(argv)
         status = int(args.handler(args))
         sys.stdout.flush()
-        return status
+        return Ended(status)
     except KeyboardInterrupt:
         complain("interrupted; no results were written")
-        return INTERRUPTED
+        return Ended(INTERRUPTED, message="interrupted; no results were written")
     except BrokenPipeError:  # the reader of the output was closed
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return SUCCESS
+        return Ended(SUCCESS)
     except OSError as error:  # a disk that is full, a directory that is read-only
         complain(f"stopped: {error}")
-        return WRONG_INPUT
+        return Ended(WRONG_INPUT, message=f"stopped: {error}")
+    except WrongArguments:
+        raise
     except Exception as error:
         from tdcr_fe.io.problems import InputError
 
@@ -87,18 +154,25 @@ def _run(argv: Sequence[str] | None) -> int:
             print(f"  {problem}", file=sys.stderr)
         if len(error.problems) > MOST_PROBLEMS:
             print(f"  and {len(error.problems) - MOST_PROBLEMS} more", file=sys.stderr)
-        return WRONG_INPUT
+        return Ended(WRONG_INPUT, error.problems)
+
+
+def _print_json(command: str, status: int, args: argparse.Namespace | None, ended: Ended) -> None:
+    from tdcr_fe.io.atomic import to_json
+
+    sys.stdout.write(to_json(document(command, status, args, ended.problems, ended.message)))
+    sys.stdout.flush()
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="tdcr-fe",
         description="Tendon-driven continuum robots in Exudyn: finite elements with Capstan friction.",
         epilog="Exit status: 0 done, 1 the model did not converge, 2 the input is wrong, 130 interrupted "
         "(143 by SIGTERM).",
     )
     parser.add_argument("--version", action="version", version=f"tdcr-fe {__version__}")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
     for place in COMMANDS:
         module, _, function = place.partition(":")
         getattr(importlib.import_module(module), function)(commands)

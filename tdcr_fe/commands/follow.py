@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tdcr_fe.commands.machine import add_json_option, note
 from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, complain, count
 
 if TYPE_CHECKING:
@@ -59,6 +60,7 @@ def add_follow_parser(commands: Any) -> None:
     )
     parser.add_argument("--no-pictures", action="store_true", help="write tables and summary only")
     parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
+    add_json_option(parser)
     parser.set_defaults(handler=follow)
 
 
@@ -93,6 +95,19 @@ def follow(args: argparse.Namespace) -> int:
         len(targets),
         options,
         not args.no_pictures,
+    )
+    note(
+        args,
+        files=written,
+        figures={
+            "targets_asked": len(targets),
+            "targets_reached": sum(x.reached for x in result.targets),
+            "out_of_reach": result.out_of_reach,
+            "not_converged": result.not_converged,
+            "largest_error": float(result.errors.max()) if result.targets else None,
+        },
+        warnings=result.simulation.warnings,
+        message=result.simulation.message,
     )
     if not args.quiet:
         print(f"{result!r}\nWritten to {out}: " + ", ".join(str(p.relative_to(out)) for p in written))

@@ -7,6 +7,7 @@ import os
 import sys
 from typing import Any
 
+from tdcr_fe.commands.machine import add_json_option, note
 from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain
 
 
@@ -30,6 +31,7 @@ def add_identify_parser(commands: Any) -> None:
         "-o", "--out", metavar="OUT", required=True, help="directory for result.json and report.html"
     )
     parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
+    add_json_option(parser)
     parser.add_argument(
         "--processes",
         type=at_least_one,
@@ -80,9 +82,11 @@ def run(args: argparse.Namespace) -> int:
         hold_out_branches=tuple(args.hold_out),
         own_effects=read_own_effects(args.effects),
     )
+    odd = plausibility_warnings(data.robot, data.model, data.steps)
+    note(args, warnings=[*(f"left out: {row}" for row in data.left_out), *odd])
     for row in data.left_out:
         complain(f"left out: {row}")
-    for warning in plausibility_warnings(data.robot, data.model, data.steps):
+    for warning in odd:
         complain(f"warning: {warning}")
     with tqdm(total=100, leave=False, file=sys.stderr, disable=True if args.quiet else None,
               bar_format="{l_bar}{bar}| {elapsed} {postfix}") as bar:  # fmt: skip
@@ -95,6 +99,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             result = identify(data, settings, progress)
         except NotSolved as error:
+            note(args, message=str(error))
             complain(str(error))
             return FAILURE
     out.mkdir(parents=True, exist_ok=True)
@@ -112,6 +117,14 @@ def run(args: argparse.Namespace) -> int:
     except KeyboardInterrupt:  # the report is written without the 3D panel
         interrupted = True
     write_report(result, out / "report.html", motion)
+    document = result.to_json()
+    names = ["result.json", "report.html", *corrected_files(result)]
+    names += [] if next_loading is None else ["next/loading.csv"]
+    names += [] if motion is None else ["corrected"]
+    figures = ("verdict", "observations", "held_out_steps", "before", "effects", "after", "law", "ceiling")
+    note(
+        args, files=[out / name for name in names], figures={k: document[k] for k in figures if k in document}
+    )
     if not args.quiet:
         print(summary(result))
         more = "" if next_loading is None else ", next/loading.csv"

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tdcr_fe.commands.machine import add_json_option, note
 from tdcr_fe.commands.status import SUCCESS
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ def add_new_parser(commands: Any) -> None:
         "--tendons", type=_tendons, default=3, metavar="N", help="number of tendons [%(default)s]"
     )
     parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
+    add_json_option(parser)
     parser.set_defaults(handler=new)
 
 
@@ -73,6 +75,7 @@ def new(args: argparse.Namespace) -> int:
                 write_text(text, folder / name)
 
     written = write_folder(out, write)
+    note(args, files=written, figures={"kind": args.kind, "next": next_step})
     if not args.quiet:
         print(f"Written to {out}: {', '.join(p.name for p in written)}\nNext: {next_step}")
     return SUCCESS

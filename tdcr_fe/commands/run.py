@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tdcr_fe.commands.machine import add_json_option, note
 from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, complain, count
 
 if TYPE_CHECKING:
@@ -29,8 +31,8 @@ def add_run_parser(commands: Any) -> None:
     parser.add_argument("-o", "--out", metavar="OUT", help="directory for the results")
     parser.add_argument(
         "--schema",
-        choices=("robot", "scenario", "model"),
-        help="print the JSON schema of robot.toml, scenario.toml or model.toml, for editors, and do nothing else",
+        choices=("robot", "scenario", "model", "sweep"),
+        help="print the JSON schema of one of the .toml files, for editors, and do nothing else",
     )
     parser.add_argument(
         "--effects",
@@ -61,14 +63,20 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--no-pictures", action="store_true", help="write tables and summary only, no pictures and no 3D page"
     )
     parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
+    add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Solve a scenario and write the results; with ``--schema`` print a schema."""
     if args.schema is not None:
         from tdcr_fe.io.json_schema import json_schema
+        from tdcr_fe.sweeps.schema import sweep_schema
 
-        print(json.dumps(json_schema(args.schema), indent=2, ensure_ascii=False))
+        schema = sweep_schema() if args.schema == "sweep" else json_schema(args.schema)
+        if args.json:
+            note(args, figures={"schema": schema})
+        else:
+            print(json.dumps(schema, indent=2, ensure_ascii=False))
         return SUCCESS
     missing = [name for name, given in (("scenario", args.scenario), ("-o/--out", args.out)) if given is None]
     if missing:
@@ -113,6 +121,7 @@ def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> 
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
     odd = plausibility_warnings(scenario.robot, scenario.model, scenario.steps)
+    note(args, warnings=odd)
     for warning in odd:
         complain(f"warning: {warning}")
     duration = long_run(scenario)
@@ -127,9 +136,11 @@ def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> 
     try:
         written = write_results(result, out, scenario.digests, len(scenario.steps), not args.no_pictures)
     except KeyboardInterrupt:  # while drawing, most likely; what was solved is kept
-        write_results(result, out, scenario.digests, len(scenario.steps), pictures=False)
+        written = write_results(result, out, scenario.digests, len(scenario.steps), pictures=False)
+        note(args, files=written, figures=figures(result, scenario))
         complain(f"interrupted while writing; the tables are in {out}, without pictures")
         return INTERRUPTED
+    note(args, files=written, figures=figures(result, scenario), warnings=found, message=result.message)
     if not args.quiet:
         if result.steps:
             print(format_table(result) + "\n")
@@ -143,6 +154,32 @@ def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> 
     if result.converged:
         return SUCCESS
     return _report_failure(result, scenario, out)
+
+
+def figures(result: SequenceResult, scenario: Scenario) -> dict[str, Any]:
+    """Main results for ``--json``; tensions and displacements are those after the last step that was solved."""
+    last = result.steps[-1] if result.steps else None
+    names = result.robot.tendon_names
+    found: dict[str, Any] = {
+        "robot": result.robot.name,
+        "steps_asked": len(scenario.steps),
+        "steps_solved": sum(s.converged for s in result.steps),
+        "failed_step": result.failed_step,
+        "converged": result.converged,
+        "elements": sum(result.elements_per_bay),
+        "wall_time": result.wall_time,
+    }
+    if last is not None:
+        errors = [s.discretisation_error for s in result.steps if s.discretisation_error is not None]
+        found |= {
+            "tip": last.tip,
+            "bending_angle_deg": math.degrees(last.bending_angle),
+            "tip_offset": last.tip_offset,
+            "tensions": dict(zip(names, last.base_tensions.tolist(), strict=True)),
+            "displacements": dict(zip(names, last.displacements.tolist(), strict=True)),
+            "discretisation_error": max(errors, default=None),
+        }
+    return found
 
 
 def _report_failure(result: SequenceResult, scenario: Scenario, out: Path) -> int:

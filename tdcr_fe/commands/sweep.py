@@ -8,8 +8,10 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tdcr_fe.commands.machine import add_json_option, note
 from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain, count
 
 if TYPE_CHECKING:
@@ -62,6 +64,7 @@ def add_sweep_parser(commands: Any) -> None:
         "--no-pictures", action="store_true", help="write table and summary only, no pictures and no report"
     )
     parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
+    add_json_option(parser)
     parser.set_defaults(handler=run_sweep, parser=parser)
 
 
@@ -88,6 +91,8 @@ def run_sweep(args: argparse.Namespace) -> int:
         raise InputError(problems)
     if args.check:
         print(format_cases(described))
+        design = described.design()
+        note(args, figures={"cases": design.count, "method": design.method})
         return SUCCESS
     if not args.no_pictures:
         importlib.import_module(
@@ -160,6 +165,26 @@ def _dask(address: str | None) -> Iterator[tuple[Executor | None, int | None]]:
 def _report(result: SweepResult, args: argparse.Namespace) -> int:
     """Print what came out; the exit status."""
     total, converged = len(result.cases), result.counts.get("converged", 0)
+    from tdcr_fe.sweeps.files import PICTURE_FILES, REPORT, SUMMARY, TABLES
+    from tdcr_fe.sweeps.journal import NAME
+
+    names = (NAME, *TABLES.values(), SUMMARY, REPORT, *PICTURE_FILES)
+    note(
+        args,
+        files=[f for f in (Path(args.out) / name for name in names) if f.is_file()],
+        figures={
+            "cases": total,
+            "by_status": dict(result.counts),
+            "solved_in_this_run": result.solved_now,
+            "interrupted": result.interrupted,
+            "failures": {
+                status: [{"cases": m.count, "first_case": m.case, "reason": m.example} for m in found]
+                for status, found in result.failures.items()
+            },
+            "wall_time": result.wall_time,
+        },
+        warnings=[m.example for m in result.warnings],
+    )
     if not args.quiet:
         print(f"{result!r}\nWritten to {args.out}")
     for status, messages in result.failures.items():

@@ -6,6 +6,7 @@ import argparse
 import sys
 from typing import Any
 
+from tdcr_fe.commands.machine import add_json_option, note
 from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain
 
 
@@ -25,6 +26,7 @@ def add_validate_parser(commands: Any) -> None:
         "--processes", type=at_least_one, metavar="N", help="processes to use [number of cores]"
     )
     parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
+    add_json_option(parser)
     parser.set_defaults(handler=validate)
 
 
@@ -67,6 +69,7 @@ def validate(args: argparse.Namespace) -> int:
             arbitrations = report.arbitrations([records[case.id] for case in cases])
             records |= campaign.run(arbitrations, folder, processes, progress)
     except KeyboardInterrupt:
+        note(args, message="interrupted")
         complain(f"interrupted; finished cases are in {folder}, the same command continues from there")
         return INTERRUPTED
     outcome = report.judge(
@@ -78,6 +81,12 @@ def validate(args: argparse.Namespace) -> int:
         recalled=recalled,
     )
     report.write(outcome, out)
+    note(
+        args,
+        files=[out / "report.html", out / "report.json"],
+        figures={k: outcome[k] for k in ("passed", "set", "counts", "requirements", "failures", "time")},
+        message="; ".join(outcome["failures"]),
+    )
     if not args.quiet:
         print("\n".join(report.headline(outcome)))
         print(f"Written to {out}: report.html, report.json")

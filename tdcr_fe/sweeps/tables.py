@@ -27,6 +27,10 @@ class Anything(Kind):
         """See `Kind.take`."""
         return value
 
+    def json_schema(self, q: Quantity) -> dict[str, Any]:
+        """See `Kind.json_schema`."""
+        return {}
+
 
 def raw_field(name: str, type_: Any, allowed: str, default: Any, least: int = 0) -> Field:
     """A key whose contents a function of its own reads."""

@@ -36,7 +36,7 @@ def test_commands_options_values_and_files(script, tmp_path):
     assert {"run", "identify", "sweep", "new", "--version"} <= set(complete(script, tmp_path, ""))
     assert complete(script, tmp_path, "sweep", "--pro") == ["--processes"]
     assert complete(script, tmp_path, "sweep", "--table", "") == ["csv", "parquet"]
-    assert complete(script, tmp_path, "run", "--schema", "s") == ["scenario"]
+    assert complete(script, tmp_path, "run", "--schema", "s") == ["scenario", "sweep"]
     assert complete(script, tmp_path, "new", "") == ["robot", "experiment", "sweep"]
     assert complete(script, tmp_path, "sweep", "sw") == ["sweep.toml"]
     assert "--hold-out" in complete(script, tmp_path, "identify", "data", "--")

@@ -10,9 +10,11 @@ from inputs import REMOVED, ROBOT, SCENARIO, changed
 
 import tdcr_fe
 from tdcr_fe.io.json_schema import json_schema
+from tdcr_fe.io.templates import sweep_template
 from tdcr_fe.io.write_toml import model_to_toml
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.sweeps.schema import sweep_schema
 from tdcr_fe.validation.paper import cases
 
 FOLDERS = [Path(tdcr_fe.__file__).parent / "data" / "demo", *(Path(cases.__file__).parent / "data").iterdir()]
@@ -122,6 +124,56 @@ def test_wrong_value_does_not_fit_the_schema(file, change):
 def test_optional_keys_fit_the_schema(file, change):
     text = {"robot": ROBOT, "scenario": SCENARIO}[file]
     assert errors(json_schema(file), tomllib.loads(changed(text, change))) == []
+
+
+SWEEP = """
+scenario = "scenario.toml"
+[sampling]
+method = "latin-hypercube"
+samples = 4
+[[vary]]
+key = "backbone.youngs_modulus"
+mode = "factor"
+normal = { mean = 1.0, std = 0.03 }
+[[vary]]
+keys = ["steps[0].tensions.t1", "steps[1].tensions.t1"]
+values = [0.5, 1]
+[output]
+steps = [1, 2]
+quantities = ["tip_x"]
+[workspace]
+largest = { t1 = 2.0 }
+"""
+
+
+def test_sweeps_fit_their_schema():
+    schema = sweep_schema()
+    assert errors(schema, tomllib.loads(SWEEP)) == []
+    assert errors(schema, tomllib.loads(sweep_template("t1"))) == []
+    own = changed(SWEEP, {"scenario": REMOVED, "robot": "robot.toml", "steps": [{"tensions": {"t1": 1.0}}]})
+    assert errors(schema, tomllib.loads(own)) == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"scenario": REMOVED},
+        {"scenari": "x"},
+        {"sampling.method": "grit"},
+        {"sampling.samples": 0},
+        {"vary.0.key": REMOVED},
+        {"vary.0.keys": ["backbone.length"]},
+        {"vary.0.normal": REMOVED},
+        {"vary.0.normal.std": -1.0},
+        {"vary.0.mode": "times"},
+        {"vary.1.values": []},
+        {"output.steps": "first"},
+        {"output.steps": [0]},
+        {"workspace.largest.t1": -2.0},
+    ],
+)
+def test_a_wrong_value_of_a_sweep_does_not_fit_the_schema(change):
+    assert errors(sweep_schema(), tomllib.loads(changed(SWEEP, change)))
 
 
 def test_no_schema_of_another_file():

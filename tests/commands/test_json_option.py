@@ -1,0 +1,165 @@
+"""``--json`` prints one object on stdout, whatever happens, and nothing else there."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from inputs import ROBOT, SCENARIO, changed, write
+
+from tdcr_fe import cli
+from tdcr_fe.validation.broken_files.inputs import INPUTS
+
+KEYS = ["command", "status", "exit_status", "files", "figures", "warnings", "errors", "message"]
+SMALL = {
+    "model.elements_per_bay": 1,
+    "steps": [{"tensions": {"t1": 0.5}}, {"label": "more", "tensions": {"t1": 1.0}}],
+}
+
+
+def call(capsys, *arguments) -> dict:
+    """The object that a command prints; its exit status is in it."""
+    try:
+        status = cli.main([*map(str, arguments), "--json"])
+    except SystemExit as stop:
+        status = stop.code
+    found = json.loads(capsys.readouterr().out)
+    assert list(found) == KEYS
+    assert found["exit_status"] == status
+    assert all(Path(f).exists() for f in found["files"])
+    return found
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Good input files of the commands, by name of the command."""
+    for inputs in INPUTS:
+        if inputs.files:
+            folder = tmp_path / inputs.name.replace(", ", "-")
+            folder.mkdir()
+            for name, contents in inputs.files.items():
+                (folder / name).write_bytes(contents)
+    return tmp_path
+
+
+def test_run_gives_its_main_figures(tmp_path, capsys):
+    path = write(tmp_path, scenario=changed(SCENARIO, SMALL))
+    found = call(capsys, "run", path, "-o", tmp_path / "out", "--no-pictures")
+    assert (found["command"], found["status"], found["errors"]) == ("run", "done", [])
+    assert {Path(f).name for f in found["files"]} == {
+        "steps.csv",
+        "shape.csv",
+        "tensions.csv",
+        "summary.json",
+    }
+    figures = found["figures"]
+    assert (figures["steps_asked"], figures["steps_solved"], figures["failed_step"]) == (2, 2, None)
+    assert figures["tensions"] == {"t1": 1.0, "t2": 0.0, "t3": 0.0, "t4": 0.0}
+    last = (tmp_path / "out" / "steps.csv").read_text().splitlines()[-1].split(",")
+    header = (tmp_path / "out" / "steps.csv").read_text().splitlines()[0].split(",")
+    assert figures["tip"] == [float(last[header.index(f"tip_{x}")]) for x in "xyz"]
+    assert figures["bending_angle_deg"] == pytest.approx(
+        float(last[header.index("bending_angle_deg")]), abs=1e-12
+    )
+
+
+def test_wrong_input_gives_all_mistakes_as_objects(tmp_path, capsys):
+    steps = [{"tensions": {"nobody": 1.0}}] * 60
+    path = write(tmp_path, changed(ROBOT, {"backbone.length": -1}), changed(SCENARIO, {"steps": steps}))
+    found = call(capsys, "run", path, "-o", tmp_path / "out")
+    assert (found["status"], found["files"], found["figures"]) == ("wrong input", [], {})
+    first = found["errors"][0]
+    assert first["file"] == str(tmp_path / "robot.toml") and first["key"] == "backbone.length"
+    assert first["value"] == "-1" and "positive" in first["allowed"]
+    assert len(found["errors"]) == 61 > cli.MOST_PROBLEMS
+
+
+@pytest.mark.parametrize("arguments", [["run"], ["rum"], [], ["new", "robot", "-o", "x", "--tendons", "0"]])
+def test_wrong_arguments_are_an_error_too(capsys, arguments):
+    found = call(capsys, *arguments)
+    assert found["status"] == "wrong input"
+    assert [e["file"] for e in found["errors"]] == ["arguments"]
+    assert found["errors"][0]["allowed"] == found["message"] != ""
+
+
+def test_a_step_that_does_not_converge_is_a_failure_with_its_reason(tmp_path, capsys):
+    solver = {"max_iterations": 1, "min_substep": 1.0, "max_substeps": 1}
+    path = write(
+        tmp_path,
+        scenario=changed(SCENARIO, {**SMALL, "solver": solver, "steps": [{"tensions": {"t1": 300.0}}]}),
+    )
+    found = call(capsys, "run", path, "-o", tmp_path / "out", "--no-pictures")
+    assert (found["status"], found["exit_status"]) == ("failed", 1)
+    assert found["figures"]["failed_step"] == 1 and "step 1" in found["message"]
+
+
+def test_follow_new_and_sweep(files, capsys):
+    folder = files / "follow"
+    found = call(
+        capsys,
+        "follow",
+        folder / "robot.toml",
+        folder / "path.csv",
+        "--largest",
+        "2",
+        "--no-pictures",
+        "-o",
+        files / "f",
+    )
+    assert found["exit_status"] == 0
+    assert found["figures"]["targets_asked"] == 2
+    assert {"targets.csv", "scenario.toml"} <= {Path(f).name for f in found["files"]}
+    found = call(capsys, "new", "robot", "-o", files / "n")
+    assert found["figures"]["next"].startswith("tdcr-fe run") and len(found["files"]) == 2
+    found = call(capsys, "sweep", files / "sweep-grid" / "sweep.toml", "--check")
+    assert found["figures"] == {"cases": 6, "method": "grid"}
+    found = call(
+        capsys,
+        "sweep",
+        files / "sweep-grid" / "sweep.toml",
+        "-o",
+        files / "s",
+        "--no-pictures",
+        "--processes",
+        "1",
+    )
+    assert found["figures"]["by_status"] == {"converged": 6}
+    assert {"cases.jsonl", "cases.csv", "summary.json"} == {Path(f).name for f in found["files"]}
+
+
+def test_identify_gives_verdict_and_effects(files, capsys):
+    found = call(capsys, "identify", files / "identify", "-o", files / "i", "--processes", "1")
+    result = json.loads((files / "i" / "result.json").read_text())
+    assert found["exit_status"] == 0
+    assert found["figures"]["verdict"] == result["verdict"]
+    assert {"verdict", "before", "effects", "after"} <= set(found["figures"])
+    assert {"result.json", "report.html"} <= {Path(f).name for f in found["files"]}
+
+
+def test_nothing_else_is_on_stdout_of_the_process(tmp_path):
+    """Neither what solvers print nor a progress bar."""
+    path = write(tmp_path, scenario=changed(SCENARIO, SMALL))
+    command = [sys.executable, "-m", "tdcr_fe", "run", str(path), "-o", str(tmp_path / "out"), "--json"]
+    done = subprocess.run([*command, "--no-pictures"], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("{") and json.loads(done.stdout)["status"] == "done"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs signals of POSIX")
+@pytest.mark.parametrize(
+    ("number", "status", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_command_that_is_interrupted_says_so(tmp_path, monkeypatch, capsys, number, status, word):
+    def interrupted(*args, **beside):
+        os.kill(os.getpid(), number)
+        raise AssertionError("the signal raises before")
+
+    monkeypatch.setattr("tdcr_fe.solve.simulate.simulate", interrupted)
+    path = write(tmp_path, scenario=changed(SCENARIO, SMALL))
+    found = call(capsys, "run", path, "-o", tmp_path / "out", "--no-pictures")
+    assert (found["exit_status"], found["status"]) == (status, word)
+    assert found["message"] == "interrupted; no results were written" and found["files"] == []
