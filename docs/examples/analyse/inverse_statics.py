@@ -59,7 +59,8 @@ left.plot(*(1e3 * smooth.tips[:, :2].T), "C3.-", linewidth=0.8, label="same tens
 left.set_aspect("equal")
 left.set_xlabel("x [mm]")
 left.set_ylabel("y [mm]")
-left.legend(fontsize=8, loc="center")
+left.set_xlim(0.0, 60.0)
+left.legend(fontsize=8, loc="lower left")
 number = np.arange(1, 5)
 for k, name in enumerate(robot.tendon_names):
     right.plot(number, found.tensions[:, k], "-" if k < 3 else "--", color=f"C{k % 3}", label=name)

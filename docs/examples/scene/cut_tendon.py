@@ -50,10 +50,10 @@ assert last["friction_dissipation"] > 0.01 * stored
 assert last["material_dissipation"] > 0.1 * stored
 assert abs(last["balance"]) < 5e-3 * stored  # the error of the time integration right after the cut
 
-figure, axes = plt.subplots(figsize=(6.0, 3.5), layout="constrained")
+figure, axes = plt.subplots(figsize=(7.5, 3.5), layout="constrained")
 for name in ("elastic", "kinetic", "friction_dissipation", "material_dissipation"):
     axes.plot(data[:, 0], 1e3 * data[:, 1 + ENERGY_COLUMNS.index(name)], label=name.replace("_", " "))
 axes.set_xlabel("time [s]")
 axes.set_ylabel("energy [mJ]")
-axes.legend()
+axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
 plt.show()

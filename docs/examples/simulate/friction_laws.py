@@ -65,7 +65,8 @@ for values, label in (
     (fast, "Stribeck, fast"),
     (coefficient, "by normal force"),
 ):
-    axes.plot(number, values, "o-", markersize=4, label=label)
+    wide = 5.0 if label == "constant" else 1.5
+    axes.plot(number, values, "o-", linewidth=wide, markersize=wide + 2.5, label=label)
 axes.set_xlabel("hole, from the base")
 axes.set_ylabel("coefficient of friction")
 axes.set_ylim(0.0, 0.4)
