@@ -36,6 +36,8 @@ arm.set_tensions({"right": 0.0})
 
 settings = arm.recommended_settings(0.2, 1e-3)
 settings.timeIntegration.verboseMode = 0
+# Little numerical damping, so that the balance below is that of the robot.
+settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
 settings.solution.file.write = False
 settings.solution.sensors.writePeriod = 1e-3
 mbs.SolveDynamic(settings)
