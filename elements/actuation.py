@@ -9,36 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh
-from tdcr_fe.elements.condensation import add_condensed, forces_by_inputs
 from tdcr_fe.elements.connectors import Clamp, Connectors, show_shifts
 from tdcr_fe.elements.elastic_tendons import ElasticTendons, stretch
 from tdcr_fe.elements.forces import ForceModel, TendonForces
 from tdcr_fe.elements.friction import FrictionState, TendonLaw
-from tdcr_fe.elements.generalized import (
-    add_neighbours,
-    generalized_forces,
-    generalized_tangent,
-    twists_by_coordinates,
-)
 from tdcr_fe.elements.history import HistoryNodes, RobotHistory
 from tdcr_fe.elements.node_coordinates import NodeCoordinates
-from tdcr_fe.elements.scene_forces import Inputs, SceneForces, values_at
+from tdcr_fe.elements.scene_forces import Holes, Inputs, SceneForces, values_at
 from tdcr_fe.elements.section import SectionForces
-from tdcr_fe.elements.straight_tendons import IteratedTendons, StraightTendons
 from tdcr_fe.elements.system import SystemReference
 from tdcr_fe.elements.tendons import CableGeometry
 
 Array = NDArray[np.float64]
-
-#: What a linearisation assumes of holes with friction.
-Holes = Literal["present", "stuck", "sliding"]
 
 
 class TendonActuation:
@@ -107,9 +96,7 @@ class TendonActuation:
         self.connected = True
         self.holes: Holes = "present"
         self._node_coordinates = NodeCoordinates(system, self.nodes)
-        self._scene_forces = SceneForces(self._node_coordinates)
-        straight = StraightTendons.of(model)
-        self._straight = None if straight is None else IteratedTendons(straight)
+        self._scene_forces = SceneForces(self._node_coordinates, model)
         self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
         self._no_jacobian = _container(np.zeros((7 * len(self.nodes),) * 2))
         self._force_function: Any = 0
@@ -260,12 +247,7 @@ class TendonActuation:
         t
             Time [s].
         """
-        coordinates = np.array(displacements)
-        if self._straight is not None and not self.by_displacement.any():
-            reference, state = self._node_coordinates.reference, self.history.friction
-            return self._straight.forces(coordinates, reference, t, state, self.input_values(t))
-        found = self._scene_forces.at(coordinates, t, self.inputs, self._elastic())
-        return generalized_forces(found.forces.nodal_wrenches(), found.rotations, found.parameters)
+        return self._scene_forces.generalized(np.array(displacements), t, self.inputs, self._elastic())
 
     def jacobian_on_coordinates(
         self, displacements: Sequence[float], t: float, by_position: float, by_velocity: float
@@ -291,26 +273,8 @@ class TendonActuation:
             )
         if not self.connected:
             return self._no_jacobian
-        coordinates = np.array(displacements)
-        if self._straight is not None and self.holes == "present" and not self.by_displacement.any():
-            reference, state = self._node_coordinates.reference, self.history.friction
-            tangent = self._straight.tangent(coordinates, reference, t, state, self.input_values(t))
-            return _container(-by_position * tangent)
-        tendons = self._elastic()
-        found = self._scene_forces.matching(coordinates, t, self.inputs, tendons)
-        forces = found.forces
-        if self.holes != "present":
-            forces = tendons.at_rest(forces.measured)
-        n = len(self.nodes)
-        k = np.zeros((6 * n, 6 * n))
-        forces.add_coupling(k)
-        if self.holes != "present":
-            taut = self.by_displacement & (forces.base_tension > 0.0)
-            add_condensed(k, forces, taut, self.holes == "stuck")
-        if self.geometry is not None:
-            add_neighbours(k, forces.geometric_stiffness(), self.model.cable_nodes)
-        to_twist = twists_by_coordinates(found.rotations, found.parameters)
-        tangent = generalized_tangent(k, forces.nodal_wrenches()[:, 3:], to_twist)
+        moved, tendons = np.array(displacements), self._elastic()
+        tangent = self._scene_forces.tangent(moved, t, self.inputs, tendons, self.holes)
         return _container(-by_position * tangent)
 
     def forces_by_inputs(self, stuck: bool) -> Array:
@@ -324,13 +288,7 @@ class TendonActuation:
         stuck
             Whether every hole with friction sticks; else every one slides on.
         """
-        coordinates = self._node_coordinates.displacements()
-        positions, rotations, parameters = self._node_coordinates.poses(coordinates)
-        forces = self._elastic().at_rest(self.model.measure(positions, rotations))
-        columns = forces_by_inputs(forces, self.by_displacement, stuck, 6 * len(self.nodes))
-        return np.stack(
-            [generalized_forces(each.reshape(-1, 6), rotations, parameters) for each in columns.T], axis=1
-        )
+        return self._scene_forces.by_inputs(self._elastic(), stuck)
 
     def _elastic(self) -> ElasticTendons:
         """The tendons as Exudyn's own solvers take them, with the history of the scene."""

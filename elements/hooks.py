@@ -111,25 +111,14 @@ class SceneHooks:
             Of the material of its backbone; None where there is none.
         """
 
-        def forces(mbs: exu.MainSystem, t: float, item: int, q: Sequence[float], q_t: Sequence[float]) -> Any:
-            self.adopt(mbs)
-            # An iteration that diverges may overflow; the solver sees the result and takes a smaller step.
-            with np.errstate(all="ignore"):
-                return actuation.forces_on_coordinates(q, t)
+        def forces(t: float, q: Sequence[float], q_t: Sequence[float]) -> Any:
+            self.adopt(self.system.mbs)
+            return actuation.forces_on_coordinates(q, t)
 
-        def jacobian(
-            mbs: exu.MainSystem,
-            t: float,
-            item: int,
-            q: Sequence[float],
-            q_t: Sequence[float],
-            by_position: float,
-            by_velocity: float,
-        ) -> Any:
-            with np.errstate(all="ignore"):
-                return actuation.jacobian_on_coordinates(q, t, by_position, by_velocity)
+        def jacobian(t: float, q: Sequence[float], q_t: Sequence[float], factors: tuple[float, float]) -> Any:
+            return actuation.jacobian_on_coordinates(q, t, *factors)
 
-        actuation.attach(forces, jacobian)
+        actuation.attach(*user_functions(forces, jacobian))
         if damping is not None:
             self._attach_damping(actuation, damping)
         self.actuations.append(actuation)
@@ -137,26 +126,16 @@ class SceneHooks:
     def _attach_damping(self, actuation: TendonActuation, damping: MaterialDamping) -> None:
         """Give the item of the material damping its functions; the stiffness is the present one of the robot."""
 
-        def forces(mbs: exu.MainSystem, t: float, item: int, q: Sequence[float], q_t: Sequence[float]) -> Any:
-            with np.errstate(all="ignore"):
-                return damping.forces(actuation.mesh.twist_stiffness, np.array(q), np.array(q_t))
+        def forces(t: float, q: Sequence[float], q_t: Sequence[float]) -> Any:
+            return damping.forces(actuation.mesh.twist_stiffness, np.array(q), np.array(q_t))
 
-        def jacobian(
-            mbs: exu.MainSystem,
-            t: float,
-            item: int,
-            q: Sequence[float],
-            q_t: Sequence[float],
-            by_position: float,
-            by_velocity: float,
-        ) -> Any:
-            stiffness = actuation.mesh.twist_stiffness
-            with np.errstate(all="ignore"):
-                return damping.jacobian(stiffness, np.array(q), np.array(q_t), by_position, by_velocity)
+        def jacobian(t: float, q: Sequence[float], q_t: Sequence[float], factors: tuple[float, float]) -> Any:
+            return damping.jacobian(actuation.mesh.twist_stiffness, np.array(q), np.array(q_t), *factors)
 
+        of_force, of_jacobian = user_functions(forces, jacobian)
         mbs = self.system.mbs
-        mbs.SetObjectParameter(damping.item, "forceUserFunction", forces)
-        mbs.SetObjectParameter(damping.item, "jacobianUserFunction", jacobian)
+        mbs.SetObjectParameter(damping.item, "forceUserFunction", of_force)
+        mbs.SetObjectParameter(damping.item, "jacobianUserFunction", of_jacobian)
 
     def adopt(self, mbs: exu.MainSystem) -> None:
         """Install the function after every step; one that the user has set since is called from it."""
@@ -201,6 +180,41 @@ class SceneHooks:
         for load in self.point_loads:
             load.applied = load.value
         return True if self._users_post_step is None else bool(self._users_post_step(mbs, t))
+
+
+def user_functions(
+    forces: Callable[[float, Sequence[float], Sequence[float]], Any],
+    jacobian: Callable[[float, Sequence[float], Sequence[float], tuple[float, float]], Any],
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """User functions of an object of Exudyn for its forces and their Jacobian.
+
+    An iteration that diverges may overflow, without a warning: the solver sees the result and takes a smaller step.
+
+    Parameters
+    ----------
+    forces
+        Of time, coordinates and velocities.
+    jacobian
+        Of the same, and the factors that Exudyn gives to derivatives by positions and velocities.
+    """
+
+    def of_force(mbs: exu.MainSystem, t: float, item: int, q: Sequence[float], q_t: Sequence[float]) -> Any:
+        with np.errstate(all="ignore"):
+            return forces(t, q, q_t)
+
+    def of_jacobian(
+        mbs: exu.MainSystem,
+        t: float,
+        item: int,
+        q: Sequence[float],
+        q_t: Sequence[float],
+        by_position: float,
+        by_velocity: float,
+    ) -> Any:
+        with np.errstate(all="ignore"):
+            return jacobian(t, q, q_t, (by_position, by_velocity))
+
+    return of_force, of_jacobian
 
 
 def _function(present: Any) -> Callable[..., Any] | None:

@@ -1,18 +1,29 @@
-"""Forces of a robot in the configurations that Exudyn's own solvers ask for, the last of which is kept."""
+"""Forces of a robot on the coordinates of its nodes, and their tangent, as Exudyn's own solvers ask for them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.condensation import add_condensed, forces_by_inputs
 from tdcr_fe.elements.elastic_tendons import ElasticTendons
-from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.forces import ForceModel, TendonForces
+from tdcr_fe.elements.generalized import (
+    add_neighbours,
+    generalized_forces,
+    generalized_tangent,
+    twists_by_coordinates,
+)
 from tdcr_fe.elements.node_coordinates import NodeCoordinates
+from tdcr_fe.elements.straight_tendons import IteratedTendons, StraightTendons
 
 Array = NDArray[np.float64]
+
+#: What a linearisation assumes of holes with friction.
+Holes = Literal["present", "stuck", "sliding"]
 
 #: Tensions [N] and displacements [m] at the base, shape (m,), as set or over time [s].
 Inputs = Array | Callable[[float], Array]
@@ -60,11 +71,15 @@ class SceneForces:
     ----------
     coordinates
         Of its nodes.
+    model
+        Of its forces.
     """
 
-    def __init__(self, coordinates: NodeCoordinates) -> None:
+    def __init__(self, coordinates: NodeCoordinates, model: ForceModel) -> None:
         self._coordinates = coordinates
         self._last: Evaluation | None = None
+        straight = StraightTendons.of(model)
+        self._straight = None if straight is None else IteratedTendons(straight)
 
     def forget(self) -> None:
         """Forget the last evaluation, after another `Assemble`."""
@@ -106,3 +121,63 @@ class SceneForces:
         forces = tendons.forces(measured, values, near, t)
         self._last = Evaluation(coordinates, t, inputs, tendons, values, rotations, parameters, forces)
         return self._last
+
+    # ------------------------------------------------------------------ on the coordinates of the nodes
+
+    def generalized(self, coordinates: Array, t: float, inputs: Inputs, tendons: ElasticTendons) -> Array:
+        """Generalised forces on the coordinates of the nodes, shape (7 N,); arguments as in `at`."""
+        if self._straight is not None and not tendons.driven.any():
+            reference, state = self._coordinates.reference, tendons.history.friction
+            return self._straight.forces(coordinates, reference, t, state, values_at(inputs, t))
+        found = self.at(coordinates, t, inputs, tendons)
+        return generalized_forces(found.forces.nodal_wrenches(), found.rotations, found.parameters)
+
+    def tangent(
+        self, coordinates: Array, t: float, inputs: Inputs, tendons: ElasticTendons, holes: Holes
+    ) -> Array:
+        """Derivative of `generalized` by the coordinates of the nodes, shape (7 N, 7 N).
+
+        Parameters
+        ----------
+        coordinates, t, inputs, tendons
+            As in `at`.
+        holes
+            What is assumed of holes with friction: the derivative of the forces, or that all stick or slide on.
+        """
+        if self._straight is not None and holes == "present" and not tendons.driven.any():
+            reference, state = self._coordinates.reference, tendons.history.friction
+            return self._straight.tangent(coordinates, reference, t, state, values_at(inputs, t))
+        found = self.matching(coordinates, t, inputs, tendons)
+        forces, model = found.forces, tendons.model
+        if holes != "present":
+            forces = tendons.at_rest(forces.measured)
+        n = len(found.rotations)
+        k = np.zeros((6 * n, 6 * n))
+        forces.add_coupling(k)
+        if holes != "present":
+            taut = tendons.driven & (forces.base_tension > 0.0)
+            add_condensed(k, forces, taut, holes == "stuck")
+        if model.geometry is not None:
+            add_neighbours(k, forces.geometric_stiffness(), model.cable_nodes)
+        to_twist = twists_by_coordinates(found.rotations, found.parameters)
+        return generalized_tangent(k, forces.nodal_wrenches()[:, 3:], to_twist)
+
+    def by_inputs(self, tendons: ElasticTendons, stuck: bool) -> Array:
+        """Change of the generalised forces with the inputs in the scene's current configuration, shape (7 N, m).
+
+        At the tensions and mobilisations of the history: by tension [N] or by displacement [m], as every tendon is
+        driven.
+
+        Parameters
+        ----------
+        tendons
+            With the history.
+        stuck
+            Whether every hole with friction sticks; else every one slides on.
+        """
+        positions, rotations, parameters = self._coordinates.poses(self._coordinates.displacements())
+        forces = tendons.at_rest(tendons.model.measure(positions, rotations))
+        columns = forces_by_inputs(forces, tendons.driven, stuck, 6 * len(positions))
+        return np.stack(
+            [generalized_forces(each.reshape(-1, 6), rotations, parameters) for each in columns.T], axis=1
+        )

@@ -38,7 +38,8 @@ def test_forces_and_tangent_are_those_of_the_general_evaluation(case):
     count = len(robot.tendons)
     handle.set_tensions([1.0, 0.4, 0.2][:count])
     actuation, rng = handle.actuation, np.random.default_rng(1)
-    straight = actuation._straight
+    scene_forces = actuation._scene_forces
+    straight = scene_forces._straight
     assert straight is not None
     reference = actuation._node_coordinates.reference
     for size in (1e-7, 1e-4, 1e-2):
@@ -47,11 +48,11 @@ def test_forces_and_tangent_are_those_of_the_general_evaluation(case):
         moved = (there - reference).ravel()
         found, tangent = [], []
         for used in (straight, None):
-            actuation._straight = used
+            scene_forces._straight = used
             found.append(actuation.forces_on_coordinates(moved.tolist(), size))
             jacobian = actuation.jacobian_on_coordinates(moved.tolist(), size, 1.0, 0.0)
             tangent.append(np.array(jacobian.Convert2DenseMatrix()))
-        actuation._straight = straight
+        scene_forces._straight = straight
         assert np.abs(found[0] - found[1]).max() <= 1e-9 * np.abs(found[1]).max()
         # By norms of Euler parameters, which constraints keep, both may differ.
         assert np.abs(tangent[0] - tangent[1]).max() <= 1e-8 * np.abs(tangent[1]).max()
