@@ -117,7 +117,9 @@ class TensionResponse(NamedTuple):
 
 
 def _inner(linear: Linearization, right: Array) -> Array:
-    """Solve at fixed tensions at the base."""
+    """Solve at fixed tensions at the base; there may be nothing to solve for."""
+    if right.size == 0:
+        return right
     factors = linear.factorisation
     return (factors.inner if isinstance(factors, BorderedFactors) else factors).solve(right)
 
