@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 from typing import Any
@@ -54,11 +55,34 @@ def add_identify_parser(commands: Any) -> None:
         help="add an effect of your own, a class in a Python file, to the candidates; may be repeated",
     )
     parser.add_argument(
+        "--minutes",
+        type=_minutes,
+        default=15.0,
+        help="time after which no further part of the search begins; the best model so far is then fitted to all load "
+        "steps and reported [%(default)s]",
+    )
+    parser.add_argument(
         "--strict",
         action="store_true",
         help="refuse bad rows (exit status 2) instead of leaving them out by name",
     )
     parser.set_defaults(handler=run)
+
+
+def _minutes(text: str) -> float:
+    """A positive number, as a type for `argparse`.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+    """
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0.0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}; must be a number of minutes above zero")
+    return number
 
 
 def run(args: argparse.Namespace) -> int:
@@ -79,6 +103,7 @@ def run(args: argparse.Namespace) -> int:
     out = check_output_folder(args.out)
     settings = IdentifySettings(
         processes=args.processes,
+        search_time=60.0 * args.minutes,
         hold_out_branches=tuple(args.hold_out),
         own_effects=read_own_effects(args.effects),
     )

@@ -33,7 +33,7 @@ from tdcr_fe.identify.outcome import (
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.rows import RowChoice
 from tdcr_fe.identify.run import run_settings
-from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.search_state import FURTHER_EFFECTS, Search, SearchState
 from tdcr_fe.identify.unlisted import describe_moment, missing_moment
 
 Array = NDArray[np.float64]
@@ -105,6 +105,7 @@ def conclude(
         left_out_candidates=dict(state.refused),
         runs=problem.forward.runs,
         wall_time=wall_time,
+        not_tried=state.not_tried,
         interrupted=state.interrupted,
         history=state.history,
         catalogue=problem.catalogue,
@@ -124,6 +125,8 @@ def _verdict(state: SearchState, explained: bool, insufficient: str, law: FoundL
         return "unfinished"
     if insufficient:
         return "cannot tell"
+    if not explained and FURTHER_EFFECTS in state.not_tried:
+        return "unfinished"
     if not explained:
         return "partly explained" if state.best.effects or law is not None else "unexplained"
     if law is not None:

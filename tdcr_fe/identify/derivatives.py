@@ -10,6 +10,7 @@ How a derivative is taken follows from what the parameter changes:
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -28,6 +29,9 @@ Array = NDArray[np.float64]
 
 #: Difference step of parameters of the observation, over their typical change [1].
 OBSERVATION_STEP = 1e-2
+
+#: One model is divided among processes where it has at least so many columns.
+FEWEST_DIVIDED = 12
 
 
 class Column(NamedTuple):
@@ -104,9 +108,28 @@ def linearize(problem: FitProblem, requests: Sequence[Request]) -> list[Linear]:
 
 
 def linearize_each(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
-    """Linearise several models, each of a problem of its own; forward model and path tolerance must be the same."""
+    """Linearise several models, each of a problem of its own; forward model and path tolerance must be the same.
+
+    With several processes each model is linearised in one of them; a single one with many columns is divided.
+    """
     if not pairs:
         return []
+    forward = pairs[0][0].forward
+    if forward.parallel and len(pairs) == 1 and len(pairs[0][1].columns) >= FEWEST_DIVIDED:
+        problem, request = pairs[0]
+        parts = [request.columns[k :: forward.processes] for k in range(forward.processes)]
+        found = _in_processes([(problem, request._replace(columns=part)) for part in parts])
+        if found is not None:
+            return [_joined(found)]
+    if forward.parallel and len(pairs) > 1:
+        found = _in_processes(pairs)
+        if found is not None:
+            return found
+    return _linearize_here(pairs)
+
+
+def _linearize_here(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
+    """Linearise models; only their runs are shared among processes."""
     forward, path_tolerance = pairs[0][0].forward, pairs[0][0].path_tolerance
     parts = [_Part(problem, request) for problem, request in pairs]
     runs = forward.run_jobs([p.job for p in parts], path_tolerance)
@@ -116,6 +139,42 @@ def linearize_each(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
         part.linear(run, [next(found) for _ in jobs])
         for part, run, jobs in zip(parts, runs, beside, strict=True)
     ]
+
+
+def _in_processes(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear] | None:
+    """Linearise models, each in a process; None where one cannot be sent there, as an effect of one's own."""
+    forward = pairs[0][0].forward
+    alone = forward.alone()
+    try:
+        texts = [pickle.dumps((replace(problem, forward=alone), request)) for problem, request in pairs]
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return None
+    if any(not type(e).__module__.startswith("tdcr_fe.") for problem, _ in pairs for e in problem.catalogue):
+        return None
+    found = forward.map(_linearize_sent, texts)
+    forward.runs += sum(count for _, count in found)
+    for (problem, request), (linear, _) in zip(pairs, found, strict=True):
+        if request.reference is None:
+            forward.keep(problem.with_effects(request.effects, request.values), request.record, linear.run)
+    return [linear for linear, _ in found]
+
+
+def _linearize_sent(text: bytes) -> tuple[Linear, int]:
+    """A model that was sent to this process, linearised; and the number of runs that took."""
+    problem, request = pickle.loads(text)
+    (linear,) = _linearize_here([(problem, request)])
+    return linear, problem.forward.runs
+
+
+def _joined(parts: Sequence[Linear]) -> Linear:
+    """One model from parts that have every n-th of its columns each."""
+    n = len(parts)
+    matrix = np.zeros((parts[0].residual.size, sum(p.matrix.shape[1] for p in parts)))
+    differenced: dict[int, str] = {}
+    for k, part in enumerate(parts):
+        matrix[:, k::n] = part.matrix
+        differenced |= {n * j + k: why for j, why in part.differenced.items()}
+    return parts[0]._replace(matrix=matrix, differenced=dict(sorted(differenced.items())))
 
 
 class _Part:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import replace
 from types import TracebackType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.run import Run, Task, run_settings, simulate_experiment
@@ -19,6 +19,9 @@ from tdcr_fe.model.settings import SolverSettings
 
 if TYPE_CHECKING:
     from tdcr_fe.solve.parameters import ModelParameter
+
+Given = TypeVar("Given")
+Found = TypeVar("Found")
 
 #: Runs kept in memory, with their paths: those without a reference path, which alone are asked for again.
 CACHE = 24
@@ -129,7 +132,7 @@ class ForwardModel:
             elif key not in self._cache:
                 todo[key] = job
         settings = run_settings(self.settings, path_tolerance)
-        runs = self._map([job.task(settings) for job in todo.values()])
+        runs = self.map(simulate_experiment, [job.task(settings) for job in todo.values()])
         self.runs += len(runs)
         made = dict(zip(todo, runs, strict=True))
         found: list[Run] = []
@@ -142,14 +145,28 @@ class ForwardModel:
             self._cache.pop(next(iter(self._cache)))
         return found
 
-    def _map(self, tasks: list[Task]) -> list[Run]:
-        if self._pool is None or len(tasks) < 2:
-            return [simulate_experiment(t) for t in tasks]
+    @property
+    def parallel(self) -> bool:
+        """Whether there are several processes."""
+        return self._pool is not None
+
+    def alone(self) -> ForwardModel:
+        """One without processes and memory, which can be sent to a process."""
+        return ForwardModel(1, self.settings)
+
+    def keep(self, experiment: Experiment, record: bool, run: Run) -> None:
+        """Keep a run without a reference path that was made elsewhere."""
+        self._cache[_key(experiment, record)] = replace(run, derivatives=None)
+
+    def map(self, function: Callable[[Given], Found], given: Sequence[Given]) -> list[Found]:
+        """Values of a function, in the processes where there are several values; in this one if the processes end."""
+        if self._pool is None or len(given) < 2:
+            return [function(x) for x in given]
         try:
-            return list(self._pool.map(simulate_experiment, tasks))
+            return list(self._pool.map(function, given))
         except BrokenProcessPool:
             self._pool = None
-            return [simulate_experiment(t) for t in tasks]
+            return [function(x) for x in given]
 
 
 def _key(experiment: Experiment, record: bool) -> str:

@@ -81,7 +81,7 @@ def identify(
     settings = settings or IdentifySettings()
     check_on(settings.own_effects, Experiment(data.robot, data.model, data.steps))
     begun = time.perf_counter()
-    search = Search(settings, progress or (lambda text, share: None))
+    search = Search(settings, progress or (lambda text, share: None), begun + settings.search_time)
     search.report("the declared model", 0.0)
     try:
         with ForwardModel(settings.processes, data.settings) as forward:

@@ -47,6 +47,8 @@ class IdentifySettings:
     max_effects : int
         At most so many effects are added; beyond four, only while each takes away a tenth of the misfit on held-out
         steps.
+    search_time : float
+        After so long no further stage of the search begins; the best model so far is the result [s].
     hold_out : float
         Fraction of the readings that is held out, about, where ``hold_out_branches`` is empty [1].
     hold_out_branches : tuple of str
@@ -62,6 +64,7 @@ class IdentifySettings:
     candidates: int = 5
     beam: int = 2
     max_effects: int = 12
+    search_time: float = 900.0
     hold_out: float = 0.3
     hold_out_branches: tuple[str, ...] = ()
     path_tolerance: float = 5e-5
@@ -471,7 +474,7 @@ class IdentificationResult:
     data : MeasuredData
     verdict : str
         One of "explained", "explained by a law found", "partly explained", "unexplained", "nothing missing",
-        "cannot tell" (too few or too noisy data), "unfinished" (interrupted).
+        "cannot tell" (too few or too noisy data), "unfinished" (interrupted, or out of time).
     effects : tuple of AddedEffect
         In the order of adding.
     before_fit, before_held_out, after_fit, after_held_out : Misfit
@@ -499,6 +502,8 @@ class IdentificationResult:
         Simulated sequences.
     wall_time : float
         [s].
+    not_tried : tuple of str
+        Parts of the search for which its time did not suffice.
     interrupted : bool
     history : tuple of str
         What was done, in sentences.
@@ -561,6 +566,7 @@ class IdentificationResult:
     next_experiment: NextExperiment | None = None
     by_set: tuple[SetErrors, ...] = ()
     searched: SearchedSteps | None = None
+    not_tried: tuple[str, ...] = ()
 
     def next_loading(self) -> str | None:
         """The next experiment as the text of a ``loading.csv``; None where there is none."""
@@ -626,6 +632,7 @@ class IdentificationResult:
             "simulations": self.runs,
             "wall_time": self.wall_time,
             "interrupted": self.interrupted,
+            "not_tried": list(self.not_tried),
             "input": dict(self.data.digests or {}),
             "versions": versions(),
         }

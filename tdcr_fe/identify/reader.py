@@ -32,6 +32,7 @@ class Reader:
     def __init__(
         self, readings: Sequence[Reading], step_ids: Sequence[int], tendon_names: Sequence[str]
     ) -> None:
+        self._made_of = tuple(readings), tuple(step_ids), tuple(tendon_names)
         index = {n: i for i, n in enumerate(step_ids)}
         self.count = len(readings)
         self.step = np.array([index[r.step] for r in readings], dtype=int)
@@ -43,6 +44,10 @@ class Reader:
         for (k, quantity), which in groups.items():
             locations = [readings[i].location for i in which]
             self._groups.setdefault(k, []).append((channel(quantity), np.array(which), locations))
+
+    def __reduce__(self) -> tuple[type[Reader], tuple[object, ...]]:
+        """Sent to a process as what it is made of: channels are functions."""
+        return Reader, self._made_of
 
     def read(self, run: Run, experiment: Experiment) -> Array:
         """What would be read, in the readings' units, shape (n,); NaN for steps that were not solved.

@@ -67,7 +67,8 @@ def headline(result: IdentificationResult) -> str:
     if verdict == "cannot tell":
         return f"Cannot tell: these readings are too few or too noisy to decide what the model lacks.{found}"
     if verdict == "unfinished":
-        return f"Unfinished: the search was interrupted before it could decide.{found}"
+        why = "was interrupted" if result.interrupted else "ran out of time"
+        return f"Unfinished: the search {why} before it could decide.{found}"
     return f"{verdict[0].upper()}{verdict[1:]}{': ' + names if names else ''}."
 
 
@@ -129,6 +130,10 @@ def sentences(result: IdentificationResult) -> list[str]:
         )
     if result.searched is not None:
         found.append(result.searched.sentence)
+    if result.not_tried:
+        found.append(
+            f"The time of the search did not suffice for {' and '.join(result.not_tried)}; --minutes gives it more."
+        )
     found += _ceiling_sentence(result)
     for s in result.by_set:
         held = (

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -24,6 +26,9 @@ Progress = Callable[[str, float], None]
 #: A stage of the search: yields every complete state, and returns the last one.
 Stage = Generator["SearchState", None, "SearchState"]
 
+#: Parts of the search that are left out where its time does not suffice.
+FURTHER_EFFECTS, EXCHANGES, PLACES = "further effects", "exchanges of effects", "places along the backbone"
+
 #: Repetitions of refining the discretisation, at most.
 REPETITIONS = 3
 
@@ -36,10 +41,18 @@ class Search:
     ----------
     settings : IdentifySettings
     report : Progress
+    deadline : float
+        Reading of `time.perf_counter` after which no further part of the search begins [s].
     """
 
     settings: IdentifySettings
     report: Progress
+    deadline: float = math.inf
+
+    @property
+    def late(self) -> bool:
+        """Whether the time of the search is over."""
+        return time.perf_counter() > self.deadline
 
     @property
     def significance(self) -> float:
@@ -67,6 +80,8 @@ class SearchState:
     rivals : mapping of str to tuple of str
         By effect of the best model, those that explain the data as well.
     history : tuple of str
+    not_tried : tuple of str
+        Parts of the search for which its time did not suffice.
     interrupted : bool
     data_fault : str
         The fault of the data that explains the misfit of the declared model; empty where there is none.
@@ -82,6 +97,7 @@ class SearchState:
     refused: Mapping[str, str] = field(default_factory=dict)
     rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     history: tuple[str, ...] = ()
+    not_tried: tuple[str, ...] = ()
     interrupted: bool = False
     data_fault: str = ""
 
@@ -93,6 +109,12 @@ class SearchState:
     def with_fit(self, fit: Fit) -> SearchState:
         """With another fit."""
         return replace(self, fits={**self.fits, frozenset(fit.names): fit})
+
+    def without_trying(self, what: str) -> SearchState:
+        """With a part of the search for which its time did not suffice."""
+        if what in self.not_tried:
+            return self
+        return replace(self, not_tried=(*self.not_tried, what)).with_history(f"out of time: {what} not tried")
 
     def with_history(self, sentence: str) -> SearchState:
         """With another sentence of history."""

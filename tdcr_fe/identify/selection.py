@@ -18,6 +18,9 @@ from tdcr_fe.identify.information import lacks_test
 from tdcr_fe.identify.local_search import local_search, search_places
 from tdcr_fe.identify.problem import Fit
 from tdcr_fe.identify.search_state import (
+    EXCHANGES,
+    FURTHER_EFFECTS,
+    PLACES,
     Search,
     SearchState,
     Stage,
@@ -42,11 +45,16 @@ def search_effects(search: Search, state: SearchState) -> Stage:
         single = replace(search, settings=replace(search.settings, max_effects=1))
         return (yield from forward_selection(single, state, locate=False))
     state = yield from forward_selection(search, state)
-    if state.best.effects:
+    if state.best.effects and search.late:
+        state = state.without_trying(EXCHANGES)
+    elif state.best.effects:
         search.report("backward selection and swaps", 0.75)
         state = yield from backward_selection(search, state)
         state = yield from swap_effects(search, state)
-    if state.best.effects or not residual_is_noise(state.problem, state.best, search.significance):
+    if search.late:
+        state = state.without_trying(PLACES)
+        yield state
+    elif state.best.effects or not residual_is_noise(state.problem, state.best, search.significance):
         search.report("local causes along the backbone", 0.85)
         state = local_search(search, state)
         yield state
@@ -63,6 +71,13 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
     level = [state.best]
     for number in range(1, search.settings.max_effects + 1):
         if len(state.best.effects) >= search.settings.max_effects:
+            break
+        if (
+            number > 1
+            and search.late
+            and not residual_is_noise(state.problem, state.best, search.significance)
+        ):
+            state = state.without_trying(FURTHER_EFFECTS)
             break
         progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
         state, proposals = propose(search, state, number, level, progress)
@@ -93,7 +108,7 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
             again = [fitting.descend(problem, f, fitting.Race(), 5) for f in others]
             others = fitting.run_fits(problem, again)
         level = [best] if explained or number > 1 else [best, *others]
-        if number == 1 and not explained and locate:
+        if number == 1 and not explained and locate and not search.late:
             # If one local cause explains everything, the search for several effects that mimic it is skipped.
             located = search_places(search, state, [state.declared])
             if located.best is not state.best and residual_is_noise(

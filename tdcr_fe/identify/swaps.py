@@ -20,7 +20,7 @@ from tdcr_fe.identify.criteria import (
 )
 from tdcr_fe.identify.problem import Point
 from tdcr_fe.identify.screening import Score
-from tdcr_fe.identify.search_state import Search, SearchState, Stage, without
+from tdcr_fe.identify.search_state import EXCHANGES, Search, SearchState, Stage, without
 
 Array = NDArray[np.float64]
 
@@ -43,6 +43,8 @@ def swap_effects(search: Search, state: SearchState) -> Stage:
 def _swap_one(search: Search, state: SearchState) -> tuple[SearchState, bool]:
     """Try others in place of each effect until one explains more; indistinguishable rivals found so far are kept."""
     for e in state.best.effects:
+        if search.late:
+            return state.without_trying(EXCHANGES), False
         state, rest = without(state, e)
         state, every = scores_beside(state, rest)
         scores = [x for x in every if x.effect.name != e.name and x.starts]

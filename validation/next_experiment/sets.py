@@ -1,0 +1,200 @@
+"""One set: readings that two effects explain alike, the experiment chosen between them, and both fits with it added."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import Effect, Experiment, Observation, effect, with_effects
+from tdcr_fe.identify import IdentifySettings, fitting
+from tdcr_fe.identify.criteria import bic, residual_is_noise
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.next_experiment import choose_next, leading_rivals
+from tdcr_fe.identify.outcome import NextExperiment
+from tdcr_fe.identify.problem import Fit, FitProblem, evaluate, refine
+from tdcr_fe.identify.screening import screen
+from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.io.measured import MeasuredData, join_measured
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.validation.blind.loading import draw_loading
+from tdcr_fe.validation.blind.readings import draw_markers, planned_readings, read
+from tdcr_fe.validation.blind.recipes import Drive
+from tdcr_fe.validation.blind.robots import draw_robot
+from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
+
+Array = NDArray[np.float64]
+
+#: Standard deviation of the readings, all of which are positions [m].
+SIGMA = 2e-4
+
+_SEARCH = Search(IdentifySettings(), lambda text, share: None)
+
+
+@dataclass(frozen=True)
+class Ambiguity:
+    """Two effects that look alike where nothing is read while the tip is loaded.
+
+    Attributes
+    ----------
+    truth, rival : str
+        Names of effects.
+    robot : str
+        Kind, see `tdcr_fe.validation.blind.recipes.ROBOTS`.
+    drive : "tension" or "displacement"
+    seed : int
+        Of robot, loading sequence, size of the effect and noise.
+    """
+
+    truth: str
+    rival: str
+    robot: str
+    drive: Drive
+    seed: int
+
+
+_KINDS: tuple[tuple[str, str, Drive], ...] = (
+    ("stiffness_scale", "actuator_gain", "tension"),
+    ("actuator_gain", "stiffness_scale", "tension"),
+)
+_ROBOTS = ("parallel", "single", "helical", "converging", "points")
+
+#: Each kind with each robot; stretch of tendons and a gain of displacements are parted by the first readings already.
+AMBIGUITIES = tuple(
+    Ambiguity(truth, rival, robot, drive, 100 * k + n)
+    for k, robot in enumerate(_ROBOTS)
+    for n, (truth, rival, drive) in enumerate(_KINDS)
+)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a set.
+
+    Attributes
+    ----------
+    ambiguous : bool
+        Whether both effects explain the first readings, within noise and with no difference that decides.
+    expected : float
+        Separation that the chosen experiment was expected to bring [sigma]; NaN where the set is not ambiguous.
+    difference : float
+        BIC of the rival less that of the truth with the experiment added [1]; NaN where the set is not ambiguous.
+    parted : bool
+        Whether the truth is then the best model and the rival is no explanation any more.
+    """
+
+    ambiguous: bool
+    expected: float = float("nan")
+    difference: float = float("nan")
+    parted: bool = False
+
+
+def run_set(which: Ambiguity) -> Outcome:
+    """Make a set, choose the next experiment between its two explanations, simulate it, add it, and fit both again."""
+    rng = np.random.default_rng([12, which.seed])
+    robot = draw_robot(which.robot, rng)
+    steps, branches = draw_loading(robot, which.drive, False, rng)
+    declared = Experiment(robot, Model(friction="none", elements_per_bay=2), steps)
+    markers = draw_markers(robot, rng)
+    declared = replace(declared, observation=Observation(markers=markers))
+    truth = {which.truth: _size(which.truth, rng)}
+    unloaded = [k for k, s in enumerate(steps) if not any(any(load.force) for load in s.loads.values())]
+    first = _measured("first", declared, truth, branches, markers, unloaded, rng)
+    state = _fitted(first, (which.truth, which.rival))
+    if not _both_explain(state):
+        return Outcome(False)
+    chosen = choose_next(_SEARCH, state)
+    if chosen is None or not chosen.separated:
+        return Outcome(True)
+    added = _added(declared, truth, chosen, markers, rng)
+    after = _fitted(join_measured([first, added]), (which.truth, which.rival))
+    right, wrong = (after.fits[frozenset({name})] for name in (which.truth, which.rival))
+    parted = after.best is right and wrong not in leading_rivals(_SEARCH, after)
+    return Outcome(
+        True, min(chosen.separation), bic(after.problem, wrong) - bic(after.problem, right), parted
+    )
+
+
+def _size(name: str, rng: np.random.Generator) -> dict[str, float]:
+    """Values of an effect, some 5 to 20 % of what the robot does."""
+    share = float(rng.uniform(0.05, 0.2))
+    if name == "actuator_gain":
+        return {"gain": 1.0 - share}
+    return {"bending": 1.0 + share, "torsion": 1.0 + share}
+
+
+def _measured(
+    name: str,
+    declared: Experiment,
+    truth: dict[str, dict[str, float]],
+    branches: Sequence[str],
+    markers: tuple[float, ...],
+    chosen: Sequence[int],
+    rng: np.random.Generator,
+) -> MeasuredData:
+    """Positions on some steps of the true robot, by the reference, with noise.
+
+    Raises
+    ------
+    RuntimeError
+        The reference does not solve the true robot.
+    """
+    setup = with_effects(declared, truth)
+    result = solve_reference(
+        setup.robot, setup.model, setup.steps, settings=ReferenceSettings(sample_at=markers, substeps=1)
+    )
+    if not result.converged:
+        raise RuntimeError(f"the true robot is not solved: {result.message}")
+    every = [m for m in planned_readings(setup, markers, []) if m[1].startswith("position_")]
+    marks = [m for m in every if m[0] in set(chosen)]
+    exact = read(result, setup, marks)
+    values = exact + rng.normal(0.0, SIGMA, len(exact))
+    readings = tuple(
+        Reading(step + 1, quantity, location, float(v), SIGMA)
+        for (step, quantity, location), v in zip(marks, values, strict=True)
+    )
+    ids = tuple(range(1, len(declared.steps) + 1))
+    return MeasuredData(name, declared.robot, declared.model, ids, declared.steps, tuple(branches), readings)
+
+
+def _added(
+    declared: Experiment,
+    truth: dict[str, dict[str, float]],
+    chosen: NextExperiment,
+    markers: tuple[float, ...],
+    rng: np.random.Generator,
+) -> MeasuredData:
+    """The chosen experiment, carried out on the true robot."""
+    steps: tuple[LoadStep, ...] = chosen.steps
+    planned = replace(declared, steps=steps)
+    return _measured("next", planned, truth, ["next"] * len(steps), markers, range(len(steps)), rng)
+
+
+def _fitted(data: MeasuredData, names: Sequence[str]) -> SearchState:
+    """Each of the effects fitted alone; the best of the state is the one with the lower BIC."""
+    held_out = np.zeros(len(data.readings), dtype=bool)
+    problem = FitProblem.of(data, np.full(held_out.size, SIGMA), held_out, ForwardModel())
+    problem, _ = refine(problem, (), {})
+    state = SearchState.start(problem, evaluate(problem, (), {}))
+    fits: list[Fit] = []
+    for e in map(effect, names):
+        (score,) = screen(problem, state.declared, [e])
+        problem = replace(problem, scales={**problem.scales, **score.scales})
+        fits.append(_refined(problem, e, score.starts[:1]))
+    best = min(fits, key=lambda f: bic(problem, f))
+    return replace(state, problem=problem, best=best, fits={frozenset(f.names): f for f in fits})
+
+
+def _refined(problem: FitProblem, e: Effect, starts: Sequence[dict[str, dict[str, float]]]) -> Fit:
+    """An effect fitted from the first start; at its null values where there is none."""
+    begin = list(starts) or [{e.name: e.null_values(problem.experiment)}]
+    return fitting.fit(problem, (e,), begin)
+
+
+def _both_explain(state: SearchState) -> bool:
+    """Whether every model leaves noise, and the other one is a rival of the best."""
+    noise = all(residual_is_noise(state.problem, f, _SEARCH.significance) for f in state.fits.values())
+    return noise and bool(leading_rivals(_SEARCH, state))
