@@ -153,6 +153,16 @@ def _draw_first_page(app: Sphinx) -> None:
         draw_moving_robot(Path(app.srcdir) / "_generated")
 
 
+# Napoleon takes what stands before the colon of a property's first line for its type.
+
+
+def _no_type_in_a_property(
+    app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
+) -> None:
+    if what in ("property", "attribute", "data") and lines:
+        lines[0] = re.sub(r"(?<!:):(?= )", ";", lines[0], count=1)
+
+
 # Napoleon does not know several attributes on one line ("length, radius : float"); each gets a line of its own.
 
 
@@ -177,6 +187,7 @@ def _one_attribute_a_line(
 def setup(app: Sphinx) -> None:
     """Prepare docstrings for Napoleon, draw the moving picture, copy MathJax, and find what needs a network."""
     app.connect("autodoc-process-docstring", _one_attribute_a_line, priority=100)
+    app.connect("autodoc-process-docstring", _no_type_in_a_property, priority=100)
     app.connect("builder-inited", _draw_first_page)
     app.connect("build-finished", _copy_mathjax)
     app.connect("build-finished", _need_no_network)
