@@ -21,6 +21,7 @@ from tdcr_fe.elements.elastic_tendons import ElasticTendons, stretch
 from tdcr_fe.elements.forces import ForceModel, TendonForces
 from tdcr_fe.elements.friction import FrictionState, TendonLaw
 from tdcr_fe.elements.history import HistoryNodes, RobotHistory
+from tdcr_fe.elements.motors import Motor, wound
 from tdcr_fe.elements.node_coordinates import NodeCoordinates
 from tdcr_fe.elements.scene_forces import Holes, Inputs, SceneForces, values_at
 from tdcr_fe.elements.section import SectionForces
@@ -66,6 +67,8 @@ class TendonActuation:
     holes : "present", "stuck" or "sliding"
         What the Jacobian of Exudyn's item assumes of holes with friction: the derivative of the forces, or that all
         stick, or that all slide on.
+    motors : tuple of Motor
+        Wind tendons; see `add_motor`. Their angles follow the coordinates of the nodes in those of Exudyn's item.
     """
 
     def __init__(
@@ -95,6 +98,7 @@ class TendonActuation:
         self.history_nodes = history
         self.connected = True
         self.holes: Holes = "present"
+        self.motors: tuple[Motor, ...] = ()
         self._node_coordinates = NodeCoordinates(system, self.nodes)
         self._scene_forces = SceneForces(self._node_coordinates, model)
         self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
@@ -208,8 +212,21 @@ class TendonActuation:
     # ------------------------------------------------------------------ forces
 
     def input_values(self, t: float = 0.0) -> Array:
-        """Tensions [N] and displacements [m] at the base, at time t."""
-        return values_at(self.inputs, t)
+        """Tensions [N] and displacements [m] at the base, at time t, with what the motors have wound in the scene."""
+        values = values_at(self.inputs, t)
+        if not self.motors:
+            return values
+        data = self.mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Current, copy=False)
+        angles = np.array([data[self.mbs.GetNodeODE2Index(motor.node)] for motor in self.motors])
+        return wound(self.motors, values, angles, self.by_displacement)
+
+    def add_motor(self, motor: Motor) -> None:
+        """Let a motor wind a tendon, before ``mbs.Assemble()``; the tendon is then driven by displacement."""
+        self.motors = (*self.motors, motor)
+        self.by_displacement = self.by_displacement.copy()
+        self.by_displacement[motor.tendon] = True
+        nodes = [int(node) for node in (*self.nodes, *(motor.node for motor in self.motors))]
+        self.mbs.SetObjectParameter(self.connectors.forces, "nodeNumbers", nodes)
 
     def current_forces(self) -> TendonForces:
         """Forces in the scene's current configuration at the tensions and mobilisations of the history."""
@@ -238,15 +255,18 @@ class TendonActuation:
     # ------------------------------------------------------------------ Exudyn's own solvers
 
     def forces_on_coordinates(self, displacements: Sequence[float], t: float) -> Array:
-        """Generalised forces of tendons and section on the coordinates of the nodes, shape (7 N,).
+        """Generalised forces of tendons and section on the coordinates of nodes and motors, shape (7 N + k,).
 
         Parameters
         ----------
         displacements
-            Coordinates of the nodes, without reference values, shape (7 N,).
+            Coordinates of the nodes, without reference values, then angles of the motors [rad], shape (7 N + k,).
         t
             Time [s].
         """
+        if self.motors:
+            nodes, inputs = self._wound(displacements, t)
+            return self._scene_forces.generalized_with_motors(nodes, t, inputs, self._elastic(), self.motors)
         return self._scene_forces.generalized(np.array(displacements), t, self.inputs, self._elastic())
 
     def jacobian_on_coordinates(
@@ -273,6 +293,10 @@ class TendonActuation:
             )
         if not self.connected:
             return self._no_jacobian
+        if self.motors:
+            nodes, inputs = self._wound(displacements, t)
+            tangent = self._scene_forces.tangent_with_motors(nodes, t, inputs, self._elastic(), self.motors)
+            return _container(-by_position * tangent)
         moved, tendons = np.array(displacements), self._elastic()
         tangent = self._scene_forces.tangent(moved, t, self.inputs, tendons, self.holes)
         return _container(-by_position * tangent)
@@ -290,6 +314,12 @@ class TendonActuation:
         """
         return self._scene_forces.by_inputs(self._elastic(), stuck)
 
+    def _wound(self, displacements: Sequence[float], t: float) -> tuple[Array, Array]:
+        """Coordinates of the nodes, and inputs with what the motors have wound."""
+        moved, count = np.array(displacements), len(self.motors)
+        values = values_at(self.inputs, t)
+        return moved[:-count], wound(self.motors, values, moved[-count:], self.by_displacement)
+
     def _elastic(self) -> ElasticTendons:
         """The tendons as Exudyn's own solvers take them, with the history of the scene."""
         return ElasticTendons(self.model, self.by_displacement, self.history, self.inextensible_stiffness)
@@ -297,7 +327,8 @@ class TendonActuation:
     def commit_scene(self, t: float) -> None:
         """Commit the scene's current state, solved at time t [s], to the friction history."""
         coordinates = self._node_coordinates.displacements().reshape(-1)
-        found = self._scene_forces.matching(coordinates, t, self.inputs, self._elastic())
+        inputs = self.input_values(t) if self.motors else self.inputs
+        found = self._scene_forces.matching(coordinates, t, inputs, self._elastic())
         driven, forces, before = self.by_displacement, found.forces, found.tendons.history
         history = RobotHistory(
             self.law.commit(forces.field),

@@ -165,6 +165,21 @@ class SceneHooks:
         finally:
             mbs.SetPostStepUserFunction(self._own_post_step)
 
+    def refuse_motors(self, function: str) -> None:
+        """Refuse a scene with motors, which only Exudyn's own solvers turn.
+
+        Raises
+        ------
+        ValueError
+            Names the function and the robot.
+        """
+        for actuation in self.actuations:
+            if actuation.motors:
+                raise ValueError(
+                    f"{function}: a tendon of robot {actuation.name!r} is wound by a motor (add_motor); "
+                    "mbs.SolveDynamic solves such scenes"
+                )
+
     def user_jacobian(self, t: float) -> np.ndarray | None:
         """The user's own part of the system Jacobian, dense, or None."""
         user = self.user_function("SystemJacobian")

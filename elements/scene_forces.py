@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from tdcr_fe.elements.generalized import (
     generalized_tangent,
     twists_by_coordinates,
 )
+from tdcr_fe.elements.motors import Motor, torques, with_motors
 from tdcr_fe.elements.node_coordinates import NodeCoordinates
 from tdcr_fe.elements.straight_tendons import IteratedTendons, StraightTendons
 
@@ -161,6 +162,25 @@ class SceneForces:
             add_neighbours(k, forces.geometric_stiffness(), model.cable_nodes)
         to_twist = twists_by_coordinates(found.rotations, found.parameters)
         return generalized_tangent(k, forces.nodal_wrenches()[:, 3:], to_twist)
+
+    def generalized_with_motors(
+        self, coordinates: Array, t: float, inputs: Inputs, tendons: ElasticTendons, motors: Sequence[Motor]
+    ) -> Array:
+        """Forces as in `generalized`, then the torques on motors [N m]; the inputs include what these have wound."""
+        found = self.at(coordinates, t, inputs, tendons)
+        on_nodes = generalized_forces(found.forces.nodal_wrenches(), found.rotations, found.parameters)
+        return np.concatenate((on_nodes, torques(motors, found.forces)))
+
+    def tangent_with_motors(
+        self, coordinates: Array, t: float, inputs: Inputs, tendons: ElasticTendons, motors: Sequence[Motor]
+    ) -> Array:
+        """Derivative of `generalized_with_motors` by the coordinates of nodes and motors, (7 N + k, 7 N + k)."""
+        tangent = self.tangent(coordinates, t, inputs, tendons, "present")
+        found = self.matching(coordinates, t, inputs, tendons)
+        to_twist = twists_by_coordinates(found.rotations, found.parameters)
+        return with_motors(
+            motors, tangent, found.forces, tendons.driven, found.rotations, found.parameters, to_twist
+        )
 
     def by_inputs(self, tendons: ElasticTendons, stuck: bool) -> Array:
         """Change of the generalised forces with the inputs in the scene's current configuration, shape (7 N, m).

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import exudyn as exu
+import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +16,7 @@ from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
 from tdcr_fe.elements.friction import hole_states
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.elements.material_damping import MaterialDamping
+from tdcr_fe.elements.motors import Motor
 from tdcr_fe.elements.tension_field import TensionField
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Model
@@ -153,6 +155,50 @@ class TDCR:
         self.loads[name] = add_point_load(self.actuation.system, node, self.name, name, frame)
         SceneHooks.of(self.mbs).point_loads.append(self.loads[name])
         return self.loads[name]
+
+    def add_motor(self, tendon: str, inertia: float, radius: float) -> Any:
+        """Let a motor with inertia wind a tendon, before ``mbs.Assemble()``; for ``mbs.SolveDynamic``.
+
+        The motor is a node with one coordinate, its angle, and a mass of Exudyn's: loads, springs and dampers at a
+        coordinate marker of the node drive it. Its angle times the radius is added to the displacement of the tendon as
+        set, and the tension times the radius is the torque of the tendon. An inextensible tendon has a stiffness EA of
+        1e5 N, as all that are driven by displacement in Exudyn's solvers. ``mbs.SolveTDCR`` refuses scenes with motors.
+
+        Parameters
+        ----------
+        tendon
+            Name of the tendon.
+        inertia
+            Of motor and drum [kg m^2].
+        radius
+            Of the drum [m]; a positive angle pulls the tendon in.
+
+        Returns
+        -------
+        NodeIndex
+            Node of the angle [rad].
+
+        Raises
+        ------
+        ValueError
+            There is no such tendon, it has a motor already, the scene is assembled, or a value is not positive.
+        """
+        names = self.robot.tendon_names
+        if tendon not in names:
+            raise ValueError(f"robot {self.name!r} has no tendon {tendon!r}; it has {', '.join(names)}")
+        number = names.index(tendon)
+        if any(motor.tendon == number for motor in self.actuation.motors):
+            raise ValueError(f"robot {self.name!r}: tendon {tendon!r} has a motor already")
+        for key, value in {"inertia": inertia, "radius": radius}.items():
+            if not (np.isfinite(value) and value > 0.0):
+                raise ValueError(f"add_motor: {key} = {value}; must be positive and finite")
+        if self.mbs.systemIsConsistent:
+            raise ValueError(f"robot {self.name!r}: add_motor must be called before mbs.Assemble()")
+        node = self.mbs.AddNode(eii.Node1D(name=f"{self.name}.{tendon}.motor", referenceCoordinates=[0.0]))
+        show = eii.VObjectMass1D(show=False)
+        self.mbs.AddObject(eii.Mass1D(nodeNumber=node, mass=inertia, visualization=show))
+        self.actuation.add_motor(Motor(number, node, radius))
+        return node
 
     def add_sensors(self, fileName: str = "", storeInternal: bool = True) -> dict[str, Any]:
         """Add sensors for ``mbs.PlotSensor`` and ``mbs.SolutionViewer``, before ``mbs.Assemble()``.

@@ -116,6 +116,7 @@ def checked_hooks(function: str, mbs: exu.MainSystem, holes: Holes) -> SceneHook
         raise ValueError("no robot in this system; add one with CreateTDCR")
     if not mbs.systemIsConsistent:
         raise ValueError("the system is not assembled; call mbs.Assemble()")
+    hooks.refuse_motors(function)
     return hooks
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import exudyn as exu
 
+from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model import arguments
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.builder import check_system
@@ -67,13 +68,14 @@ def SolveTDCR(
     TypeError
         An argument is of another type; the message names the expected type.
     ValueError
-        The system is not assembled, has no robot, or has first-order states.
+        The system is not assembled, has no robot, has first-order states, or a motor winds a tendon.
     """
     check_system("SolveTDCR", mbs)
     arguments.check_settings("SolveTDCR", settings)
     arguments.check_count("SolveTDCR", "substeps", substeps)
     for name, value in (("startTime", startTime), ("endTime", endTime)):
         arguments.check_number("SolveTDCR", name, value, "It is a time [s].")
+    SceneHooks.of(mbs).refuse_motors("SolveTDCR")
     system = SceneSystem(mbs)
     try:
         path = _solve(system, settings or SolverSettings(), startTime, endTime, substeps, sensitivities)
