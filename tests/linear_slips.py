@@ -25,7 +25,7 @@ class LinearSlips:
     """
 
     def __init__(self, by_load, matrix, start, presliding, holes=None, slack=()):
-        self.presliding = presliding
+        self.presliding, self.ends = presliding, (1.0,)
         self._load, self._matrix, self._start = np.array(by_load), np.array(matrix), np.array(start)
         holes = len(start) if holes is None else holes
         self._stiffness = np.append(np.full(holes, presliding), np.zeros(len(start) - holes))
@@ -63,6 +63,11 @@ class _State:
 
     def columns(self, which):
         return self.matrix[:, which]
+
+    def beside(self, which, change):
+        slip = self.slip - self.matrix[:, which] @ change
+        slip[which] += self.stiffness[which] * change
+        return _State(self.tension, slip, self.by_load, self.matrix, self.stiffness)
 
     def tension_rates(self, free, rate):
         return np.zeros_like(self.tension)

@@ -63,6 +63,8 @@ class Iterate(NamedTuple):
         By robot, at the last solution.
     presliding : float
         Presliding distance [m].
+    with_friction : bool
+        Whether mobilisations are among the unknowns.
     """
 
     residual: float
@@ -72,6 +74,7 @@ class Iterate(NamedTuple):
     mobilisation: tuple[Array, ...]
     history: tuple[FrictionState, ...]
     presliding: float
+    with_friction: bool = True
 
 
 def friction_error(iterate: Iterate) -> float:
@@ -79,7 +82,7 @@ def friction_error(iterate: Iterate) -> float:
     worst = 0.0
     for own, s, before in zip(iterate.forces, iterate.mobilisation, iterate.history, strict=True):
         law = own.model.law
-        if law.has_friction:
+        if law.has_friction and iterate.with_friction:
             trial = law.trial_mobilisation(own.field.slip, before, iterate.presliding)
             worst = max(worst, float((np.abs(trial.clip(-1.0, 1.0) - s) * law.frictional).max()))
     return worst

@@ -131,6 +131,7 @@ def newton(
     damped: bool = False,
     presliding: float | None = None,
     linearization: Linearization | None = None,
+    friction_fixed: bool = False,
 ) -> NewtonResult:
     """Solve for equilibrium.
 
@@ -153,6 +154,8 @@ def newton(
     linearization
         Of a state near the initial one, as that of the last load step. Where it is near enough, the first step is taken
         with it, which saves a factorisation: from a solved state that step is a prediction in any case.
+    friction_fixed
+        Keep the mobilisations of the initial state, whatever their history.
     """
     presliding = settings.presliding if presliding is None else presliding
     trial = state._replace(
@@ -165,11 +168,11 @@ def newton(
             for r, new in zip(system.robots, target.inputs, strict=True)
         ),
     )
-    numbering = system.numbering()
+    numbering = system.numbering(with_friction=not friction_fixed)
     residual = system.residual(trial, target, numbering)
     if not system.clamps_are_closed(residual):
         system.release_clamps()
-        numbering = system.numbering()
+        numbering = system.numbering(with_friction=not friction_fixed)
         residual = system.residual(trial, target, numbering)
     # Iterates far off may overflow; the residual is then not a number, which ends the solve by name.
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
@@ -259,7 +262,7 @@ def _iterate(
         residuals.append(residual.size)
         if not isfinite(residual.size):
             return end(NewtonStatus.NOT_FINITE)
-        unmet = first_unmet(_iterate_of(system, residual, step, presliding), settings)
+        unmet = first_unmet(_iterate_of(system, residual, numbering, step, presliding), settings)
         chord_allowed = step is not None and step.chords > 0 and step.friction_kept and not damped
         # A chord step costs little: it is also taken where the tolerance is only just met.
         if unmet is None and not (chord_allowed and residual.size > MARGIN * settings.tolerance):
@@ -288,14 +291,18 @@ def _iterate(
         trial, turn = _advance(system, residual.state, step, numbering, settings.max_turn)
         # Newton's steps are taken with the contact of their start, a damped motion opens and closes it on its way.
         residual = system.residual(trial, residual.target, numbering, len(residuals), hold_contact=not damped)
-        iterate = _iterate_of(system, residual, step, presliding)
+        iterate = _iterate_of(system, residual, numbering, step, presliding)
         if last and first_unmet(iterate, settings, balance=False) is None:
             residuals.append(residual.size)
             return end(NewtonStatus.STALLED)
 
 
 def _iterate_of(
-    system: SceneSystem, residual: Residual, step: NewtonStep | None, presliding: float
+    system: SceneSystem,
+    residual: Residual,
+    numbering: Numbering,
+    step: NewtonStep | None,
+    presliding: float,
 ) -> Iterate:
     """What the convergence tests see after a step; None at the start."""
     state = residual.state
@@ -307,6 +314,7 @@ def _iterate_of(
         state.mobilisation,
         state.friction,
         presliding,
+        numbering.has_friction,
     )
 
 

@@ -89,6 +89,12 @@ class Numbering(NamedTuple):
             tension, hole = tensions.stop, holes.stop
         return cls(tuple(parts), reduced, linear, hole)
 
+    def without_friction(self) -> Numbering:
+        """The same with no mobilisation among the unknowns."""
+        none = slice(self.linear, self.linear)
+        robots = tuple([part._replace(mobilisations=none) for part in self.robots])
+        return Numbering(robots, self.reduced, self.linear, self.linear)
+
     @property
     def has_friction(self) -> bool:
         """Whether friction acts anywhere."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.configuration import Unknowns
+from tdcr_fe.solve.configuration import Configuration, Unknowns
 from tdcr_fe.solve.friction_step import mobilisations, slip_changes
 from tdcr_fe.solve.linearization import Linearization
 from tdcr_fe.solve.numbering import Numbering
@@ -140,20 +140,42 @@ def _slope(line: Linearization, step: Array) -> Array:
 
 def _moved(system: SceneSystem, state: SolverState, change: Array, max_turn: float) -> SolverState | None:
     """A state with changed unknowns; None where an element turns by more than allowed [rad]."""
-    old, at = state.configuration.unknowns, 0
-    twists, tension = [], list(state.base_tension)
-    for before in old.twists:
-        moved = change[at : at + before.size].reshape(before.shape)
-        if float(np.abs(moved[:, 3:]).max()) > max_turn:
-            return None
-        twists.append(before + moved)
-        at += before.size
+    configuration = moved_elements(system, state, change, max_turn)
+    if configuration is None:
+        return None
+    tension, at = list(state.base_tension), sum(x.size for x in state.configuration.twists)
     for part in system.numbering().robots:
         if part.driven.size:
             new = tension[part.robot].copy()
             new[part.driven] = np.maximum(new[part.driven] + change[at : at + part.driven.size], 0.0)
             tension[part.robot] = new
             at += part.driven.size
-    there = Unknowns(old.coordinates, old.multipliers, tuple(twists), old.bases)
-    configuration = system.layout.space.build(there, state.configuration.parameters)
     return state._replace(configuration=configuration, base_tension=tuple(tension))
+
+
+def moved_elements(
+    system: SceneSystem, state: SolverState, change: Array, max_turn: float
+) -> Configuration | None:
+    """The configuration of a state with changed twists; None where an element turns by more than allowed.
+
+    Parameters
+    ----------
+    system
+        The scene.
+    state
+        To start from.
+    change
+        Of the twists of all elements; anything after them is left out.
+    max_turn
+        Largest change of an element's rotation [rad].
+    """
+    old, at = state.configuration.unknowns, 0
+    twists = []
+    for before in old.twists:
+        moved = change[at : at + before.size].reshape(before.shape)
+        if float(np.abs(moved[:, 3:]).max()) > max_turn:
+            return None
+        twists.append(before + moved)
+        at += before.size
+    there = Unknowns(old.coordinates, old.multipliers, tuple(twists), old.bases)
+    return system.layout.space.build(there, state.configuration.parameters)

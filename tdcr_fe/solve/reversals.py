@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -33,6 +34,8 @@ OVERSHOOT, FAR_OVERSHOOT = 2.0, 3.0
 SAFETY = 2.0
 #: Uncertainty of what located reversals cause before the substep is solved with them, as a fraction of it [1].
 CORRECTION_ERROR = 0.03
+#: Error of reversals located with twice as many states within the substep as before, over what they changed [1].
+REFINED_ERROR = 0.5
 #: Largest effect of reversals over that at first order [1].
 FIRST_ORDER = 1.25
 #: Nearest to its ends, as a fraction of it, where a substep is divided without and with a reversal located [1].
@@ -91,6 +94,8 @@ class Reversals(NamedTuple):
         Error that is left where the substep is solved with the reversals located, over the length [1].
     turning : History or None
         What the mobilisations at the end count from, where that is known.
+    path : FollowedPath or None
+        With them, where it reaches the end.
     """
 
     effect: float
@@ -98,11 +103,30 @@ class Reversals(NamedTuple):
     division: float
     uncertain: float = np.inf
     turning: History | None = None
+    path: FollowedPath | None = None
 
     @property
     def total(self) -> float:
         """Largest displacement of a node where they are left out of account, over the length [1]."""
         return FIRST_ORDER * self.effect + self.error
+
+
+class Point(NamedTuple):
+    """A solved state at an end of a substep or within it.
+
+    Attributes
+    ----------
+    factor : float
+        Load factor within the substep [1].
+    state : Equilibrium
+        Linearised exactly, with the response to the tensions of all tendons under tension at any of the points.
+    load : LoadResponse or None
+        Response to the change of the loads in the whole substep; None where no load changes.
+    """
+
+    factor: float
+    state: Equilibrium
+    load: LoadResponse | None = None
 
 
 class _Substep(NamedTuple):
@@ -138,23 +162,19 @@ class _Substep(NamedTuple):
     @classmethod
     def of(
         cls,
-        start: Equilibrium,
-        end: Equilibrium,
+        points: Sequence[Point],
         picked: TautTendons,
         targets: tuple[Target, Target],
-        loads: tuple[LoadResponse | None, LoadResponse | None],
         presliding: float,
     ) -> _Substep:
         """Of the tendons under tension."""
         holes, k = picked.holes, len(picked.holes)
-        first, final = (
-            picked.end(at, targets, i, load)
-            for i, (at, load) in enumerate(zip((start, end), loads, strict=True))
-        )
-        model = SlipModel(tension_transfer(picked.tendons), first, final, k, picked.unknown, presliding)
+        start, end = points[0].state, points[-1].state
+        ends = [picked.end(at.state, targets, at.factor, at.load) for at in points]
+        model = SlipModel(tension_transfer(picked.tendons), ends, k, picked.unknown, presliding)
         before, after = start.mobilisation[holes], end.mobilisation[holes]
         base = picked.base_tensions(1)
-        last = model.at(1.0, np.append(after, base), final.tension)
+        last = model.at(1.0, np.append(after, base), ends[-1].tension)
         every, taut = np.arange(k), k + np.flatnonzero(base > 0.0)
         by, matrix = last.segments(every), last.columns(every)
         if taut.size:
@@ -163,7 +183,7 @@ class _Substep(NamedTuple):
         slip = (end.slips - start.slips)[holes]
         assert end.response is not None
         columns = end.response.nodes @ by
-        return cls(model, first.tension, before, after, picked.base_tensions(0), slip, matrix[:k], columns)
+        return cls(model, ends[0].tension, before, after, picked.base_tensions(0), slip, matrix[:k], columns)
 
     def follow(self, uncertain: float = 1.0) -> FollowedPath:
         """The friction states followed through it, see `tdcr_fe.solve.friction_path.follow`.
@@ -207,30 +227,26 @@ class _Substep(NamedTuple):
 
 
 def find_reversals(
-    start: Equilibrium,
-    end: Equilibrium,
+    points: Sequence[Point],
     picked: TautTendons,
     targets: tuple[Target, Target],
-    loads: tuple[LoadResponse | None, LoadResponse | None],
     presliding: float,
     length: float,
     allowed: float,
     *,
     locate: bool,
-    history: History | None = None,
+    again: bool = False,
 ) -> Reversals | None:
     """Reversals of slips between two solved states.
 
     Parameters
     ----------
-    start, end
-        The states, linearised exactly; `end` is solved from `start` as a whole.
+    points
+        The states, and any that were solved within the substep; the last one is solved from the first as a whole.
     picked
-        The tendons under tension at either, to whose tensions the responses of both are known.
+        The tendons under tension in any of them.
     targets
-        Inputs and loads there.
-    loads
-        Responses of both to the change of the loads from the first to the second; None where no load changes.
+        Inputs and loads at both ends.
     presliding
         Presliding distance [m].
     length
@@ -239,30 +255,38 @@ def find_reversals(
         Largest displacement of a node that they may cause, over the length [1].
     locate
         Whether they are located where they cause more than that; else only where to divide is found.
-    history
-        What `end` was solved with, where reversals are in it already; None where it was solved as a whole.
+    again
+        Whether the last state was solved with reversals located in it; else as a whole.
 
     Returns
     -------
     Reversals or None
         None where every slip is monotone, so that the substep is exact as a whole.
     """
-    holes = picked.holes
-    substep = _Substep.of(start, end, picked, targets, loads, presliding)
+    substep = _Substep.of(points, picked, targets, presliding)
+    start, end, holes = points[0].state, points[-1].state, picked.holes
     path = substep.follow()
-    at_holes = np.abs(substep.model.bulge)
-    worst = float(at_holes.max())
-    again = history is not None
-    sure = worst <= SMALL * presliding or np.all(path.margin >= SAFETY * (OVERSHOOT - 1.0) * at_holes)
-    if path.complete and sure and not path.reversed.any() and not again:
-        return None
+    within = len(points) > 2
 
     def displacement(mobilisation: Array, other: Array) -> float:
         return substep.displacement(mobilisation - other, end.numbering) / length
 
+    at_holes = np.abs(substep.model.bulge)
+    worst = float(at_holes.max())
+    sure = worst <= SMALL * presliding or np.all(path.margin >= SAFETY * (OVERSHOOT - 1.0) * at_holes)
+    if path.complete and sure and not (path.reversed.any() or again or within):
+        return None
     scale = max(float(np.abs(substep.slip).max()), presliding)
     corrected = substep.with_reversals(path)
     effect = displacement(corrected, substep.after)
+    division = min(0.5, max(NEAR, float(np.sqrt(ROUGH * scale / max(worst, ROUGH * scale)))))
+    if path.complete and locate:
+        turning = _history(start, end, holes, path, corrected)
+        if within:
+            error = REFINED_ERROR * effect
+            return Reversals(effect, error, 0.5, error, turning, path)
+    else:
+        turning = None
     if path.complete and worst <= ROUGH * max(scale, LEAST_SLIPS * presliding):
         located = Reversals(effect, 0.0, _division(path, corrected - substep.after))
         if effect > allowed and not locate:
@@ -272,15 +296,13 @@ def find_reversals(
             if not (path.reversed.any() or beyond.reversed.any() or again):
                 return None
             spread = displacement(corrected, substep.with_reversals(beyond))
-            turning = _history(start, end, holes, path, corrected)
+            if not locate:
+                return located._replace(error=spread)
             uncertain = spread + (0.0 if again else CORRECTION_ERROR * effect)
-            if locate:
-                located = located._replace(uncertain=uncertain, division=_part(allowed, spread))
-            return located._replace(error=spread, turning=turning)
+            return Reversals(effect, spread, _part(allowed, spread), uncertain, turning, path)
     # Reversals are not located well enough; the error falls about with the square of the substep.
-    division = min(0.5, max(NEAR, float(np.sqrt(ROUGH * scale / max(worst, ROUGH * scale)))))
     error = FIRST_ORDER * displacement(corrected, substep.at_worst(path, corrected, at_holes))
-    return Reversals(effect, error, division)
+    return Reversals(effect, error, division, np.inf, turning, path if path.complete else None)
 
 
 def _history(

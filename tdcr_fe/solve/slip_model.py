@@ -1,14 +1,18 @@
-"""Slips between two solved states, as functions of load factor, mobilisations and tensions at the base.
+"""Slips between solved states, as functions of load factor, mobilisations and tensions at the base.
 
 With the configuration eliminated, slips and turning angles are smooth functions of the load factor and of the tensions
-of all segments. Their derivatives change little within a substep and are interpolated between its ends. How tensions
+of all segments. Their derivatives change little within a substep and are interpolated between its ends, or between
+states solved within it. How tensions
 follow from mobilisations and angles is not interpolated: it is the law of friction itself (`tension_transfer`).
 Derivation: documentation, page "Theory".
 """
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections.abc import Sequence
 from copy import copy
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -25,10 +29,12 @@ NEAR_TENSION, MOST_ROUNDS = 3e-3, 6
 
 
 class End(NamedTuple):
-    """One end of a substep.
+    """An end of a substep, or a state within it.
 
     Attributes
     ----------
+    factor : float
+        Load factor within the substep [1].
     tension : ndarray, shape (q,)
         Of the segments [N].
     values : ndarray, shape (k + c + r,)
@@ -40,10 +46,68 @@ class End(NamedTuple):
         Those by the load factor at fixed tensions.
     """
 
+    factor: float
     tension: Array
     values: Array
     by_tension: Array
     by_load: Array
+
+
+class _Interval(NamedTuple):
+    """Values between two solved states, and their derivatives, as polynomials of the load factor.
+
+    Attributes
+    ----------
+    start, length : float
+        Of the interval [1].
+    tension, tension_rate : ndarray, shape (q,)
+        Along a straight line between those of the states [N].
+    cubic : ndarray, shape (k + c + r, 4)
+        Coefficients of the values along this line, by the fraction of the interval.
+    response, response_change : ndarray, shape (k + c + r, q)
+        Derivatives by the tensions at its start, and their change.
+    shift : float
+        Factor on a parabola in that change [1].
+    """
+
+    start: float
+    length: float
+    tension: Array
+    tension_rate: Array
+    cubic: Array
+    response: Array
+    response_change: Array
+    shift: float
+
+    @classmethod
+    def between(cls, first: End, last: End, bulge: float) -> _Interval:
+        """Between two states; see `SlipModel` for the factor on the parabola."""
+        length, change = last.factor - first.factor, last.tension - first.tension
+        slopes = [length * at.by_load + at.by_tension @ change for at in (first, last)]
+        beyond = bulge * (last.values - first.values - 0.5 * (slopes[0] + slopes[1]))
+        square = 0.5 * (slopes[1] - slopes[0]) + 3.0 * beyond
+        return cls(
+            first.factor,
+            length,
+            first.tension,
+            change / length,
+            np.stack((first.values, slopes[0], square, -2.0 * beyond), axis=1),
+            first.by_tension,
+            last.by_tension - first.by_tension,
+            bulge - 1.0,
+        )
+
+    def at(self, factor: float) -> tuple[Array, Array, Array, Array]:
+        """Tensions on the straight line, values there and their rates, and their derivatives by the tensions."""
+        x = (factor - self.start) / self.length
+        both = self.cubic @ np.array(((1.0, 0.0), (x, 1.0), (x * x, 2.0 * x), (x * x * x, 3.0 * x * x)))
+        response = self.response + (x + self.shift * x * (1.0 - x)) * self.response_change
+        line = self.tension + (factor - self.start) * self.tension_rate
+        return line, both[:, 0], both[:, 1] / self.length, response
+
+    def paced(self, rate: Array, response: Array, more: Array) -> Array:
+        """Rates of the values at fixed tensions, which are ``more`` than those on the straight line."""
+        return np.asarray(rate + self.response_change @ more / self.length - response @ self.tension_rate)
 
 
 class SlipState:
@@ -137,6 +201,14 @@ class SlipState:
         there.tension = self.tension + part * self.tension_rates(free, rate)
         return there
 
+    def beside(self, which: Index, change: Array) -> SlipState:
+        """The state at the same load factor with some of the unknowns changed a little, with the same derivatives."""
+        there = copy(self)
+        there.slip = self.slip - self.columns(which) @ change
+        there.slip[which] += self._stiffness[which] * change
+        there.tension = self.tension + self.segments(which) @ change
+        return there
+
     def tension_rates(self, free: Index, rate: Array) -> Array:
         """Rates of the tensions of the segments, by those of the unknowns, shape (q,)."""
         return np.asarray(self._tension_by_load + self.segments(free) @ rate[free])
@@ -149,8 +221,8 @@ class SlipModel:
     ----------
     transfer
         Of the tension.
-    start, end
-        Both ends of the substep.
+    ends
+        Both ends of the substep, and states within it, by load factor.
     holes, unknown
         Numbers of frictional holes and of unknown tensions at the base.
     presliding
@@ -163,32 +235,31 @@ class SlipModel:
     def __init__(
         self,
         transfer: CapstanTransfer | LawTransfer,
-        start: End,
-        end: End,
+        ends: Sequence[End],
         holes: int,
         unknown: int,
         presliding: float,
         bulge: float = 1.0,
     ) -> None:
-        self._given = transfer, start, end, holes, unknown, presliding
+        self._given = transfer, ends, holes, unknown, presliding
         self._transfer, self.presliding, self.holes = transfer, presliding, holes
         self._count = holes + unknown
         self._stiffness = np.append(np.full(holes, presliding), np.zeros(unknown))
-        self._tension, self._tension_change = start.tension, end.tension - start.tension
-        self._response, self._response_change = start.by_tension, end.by_tension - start.by_tension
-        first, last = (at.by_load + at.by_tension @ self._tension_change for at in (start, end))
-        beyond = end.values - start.values - 0.5 * (first + last)
-        #: Change of the slips beyond that of rates linear in the load factor at fixed tensions [m], shape (k,).
-        self.bulge: Array = beyond[:holes]
-        beyond, self._shift = bulge * beyond, bulge - 1.0
-        # Values and their rates are cubics of the load factor.
-        self._cubic = np.stack(
-            (start.values, first, 0.5 * (last - first) + 3.0 * beyond, -2.0 * beyond), axis=1
-        )
+        self._intervals = [_Interval.between(a, b, bulge) for a, b in pairwise(ends)]
+        #: Load factors of all states but the first.
+        self.ends: tuple[float, ...] = tuple(at.factor for at in ends[1:])
+
+    @property
+    def bulge(self) -> Array:
+        """Change of the slips beyond that of rates linear in the load factor at fixed tensions [m], shape (k,)."""
+        return np.asarray(-0.5 * self._intervals[0].cubic[: self.holes, 3])
 
     def with_bulge(self, bulge: float) -> SlipModel:
         """The same with another factor on the parabola."""
         return SlipModel(*self._given, bulge)
+
+    def _interval(self, factor: float) -> _Interval:
+        return self._intervals[min(bisect_right(self.ends, factor), len(self.ends) - 1)]
 
     def at(self, factor: float, z: Array, tension: Array) -> SlipState:
         """Slips and their derivatives.
@@ -202,10 +273,8 @@ class SlipModel:
         tension
             Of the segments, about [N], shape (q,).
         """
-        n = self._count
-        values, rate = self._values(factor)
-        response = self._responses(factor)
-        straight = self._tension + factor * self._tension_change
+        n, part = self._count, self._interval(factor)
+        straight, values, rate, response = part.at(factor)
         for _ in range(MOST_ROUNDS):
             angles = np.maximum(values[n:] + response[n:] @ (tension - straight), 0.0)
             transfer = self._transfer.derivatives(factor, z, angles)
@@ -219,7 +288,7 @@ class SlipModel:
             if float(np.abs(off).max()) <= NEAR_TENSION * float(tension.max()):
                 break
         more = tension - straight
-        rate = rate + self._response_change @ more - response @ self._tension_change
+        rate = part.paced(rate, response, more)
         slip = values[:n] + response[:n] @ more
         factors = lu, pivots
         return SlipState(transfer, tension, slip, rate[:n], response[:n], factors, rate[n:], self._stiffness)
@@ -236,24 +305,13 @@ class SlipModel:
         near
             Slips at a load factor nearby.
         """
-        n = self._count
-        values, pace = self._values(factor)
-        response = self._responses(factor)
-        straight = self._tension + factor * self._tension_change
+        n, part = self._count, self._interval(factor)
+        straight, values, pace, response = part.at(factor)
         angles = np.maximum(values[n:] + response[n:] @ (tension - straight), 0.0)
         transfer = self._transfer.derivatives(factor, z, angles)
         more = tension + near.put_on(transfer.tension - tension) - straight
-        pace = pace + self._response_change @ more - response @ self._tension_change
+        pace = part.paced(pace, response, more)
         put_on = transfer.by_angle @ pace[n:] + transfer.by_load + transfer.by_unknown @ rate
         pulled = near.put_on(put_on)
         pulled += near.put_on(put_on - pulled + transfer.by_angle @ (response[n:] @ pulled))
         return np.asarray(pace[:n] + response[:n] @ pulled - self._stiffness * rate)
-
-    def _responses(self, x: float) -> Array:
-        """Derivatives by the tensions."""
-        return np.asarray(self._response + (x + self._shift * x * (1.0 - x)) * self._response_change)
-
-    def _values(self, x: float) -> tuple[Array, Array]:
-        """Values along the straight line of tensions between the ends, and their rates."""
-        both = self._cubic @ np.array(((1.0, 0.0), (x, 1.0), (x * x, 2.0 * x), (x * x * x, 3.0 * x * x)))
-        return both[:, 0], both[:, 1]

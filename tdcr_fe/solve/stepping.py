@@ -227,7 +227,10 @@ class LoadStepper:
                 now = now.with_rejected(part.result.iterations)._replace(here=part.start)
             else:
                 accepted = one_substep(part.result, goal)
-                accepted = replace(accepted, located=True) if part.located else accepted
+                if part.located:
+                    accepted = replace(
+                        accepted, located=True, increments=(*part.within, *accepted.increments)
+                    )
                 now = Progress(now.path.then(accepted), goal, now.error + part.error, part.end)
                 goals.pop()
         if now.here is not None:

@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil
 from typing import NamedTuple
+
+import numpy as np
 
 from tdcr_fe.solve.equilibrium import Equilibrium, near_enough
 from tdcr_fe.solve.load_path import Progress
 from tdcr_fe.solve.newton import NewtonResult
 from tdcr_fe.solve.numbering import Numbering
-from tdcr_fe.solve.reversals import History, Reversals, find_reversals
+from tdcr_fe.solve.reversals import History, Point, Reversals, find_reversals
 from tdcr_fe.solve.state import SolverState
+from tdcr_fe.solve.states_within import solve_within
 from tdcr_fe.solve.steady_slip import slips_steadily
 from tdcr_fe.solve.substep import SubstepSolver, with_history_of
 from tdcr_fe.solve.system import SceneSystem
 from tdcr_fe.solve.taut_tendons import TautTendons
-from tdcr_fe.solve.tension_response import LoadResponse
 
 #: Largest error of a substep, as a fraction of what is left of the path tolerance, within the load step and at its end;
 #: where little is left, of all [1].
 SHARE, LAST_SHARE, LEAST_SHARE = 0.3, 0.6, 0.03
 #: How often a substep is solved again with the reversals located in it.
-MOST_CORRECTIONS = 4
+MOST_CORRECTIONS = 6
+#: Largest number of states within a substep, its start included, through which slips are interpolated.
+MOST_STATES = 16
+#: And those at first.
+MOST_AT_FIRST = 4
 
 
 class Attempt(NamedTuple):
@@ -40,6 +49,8 @@ class Attempt(NamedTuple):
         Further iterations on the substep.
     located : bool
         Whether the reversals within it are solved with.
+    within : tuple of (float, SolverState)
+        Load factors and states that were solved within it.
     """
 
     result: NewtonResult
@@ -49,6 +60,29 @@ class Attempt(NamedTuple):
     end: Equilibrium | None = None
     spent: int = 0
     located: bool = False
+    within: tuple[tuple[float, SolverState], ...] = ()
+
+
+class _Span(NamedTuple):
+    """Load factors at the ends of a substep."""
+
+    start: float
+    end: float
+
+    def load_factor(self, factor: float) -> float:
+        """Load factor of the load step at a fraction of the substep."""
+        return self.start + factor * (self.end - self.start)
+
+    def states(self, points: Sequence[Point]) -> tuple[tuple[float, SolverState], ...]:
+        """States within the substep with their load factors."""
+        return tuple([(self.load_factor(at.factor), at.state.state) for at in points])
+
+
+class _Known(NamedTuple):
+    """States of a substep, from its start to its end, and the tendons under tension in any of them."""
+
+    picked: TautTendons
+    points: tuple[Point, ...]
 
 
 def has_rates(system: SceneSystem) -> bool:
@@ -80,10 +114,12 @@ class SubstepReversals:
         if line is None or not line.numbering.has_friction or has_rates(system) or goal == now.load_factor:
             return Attempt(result)
         whole = now.load_factor == 0.0 and goal == 1.0
+        # From a guess near the solution, the first iteration predicts nothing about the way there.
+        steady = result if near is None else result._replace(predicted_slips=None)
         if (
             whole
             and not (self.solver.ramp.loads_change or self.solver.ramp.curved)
-            and slips_steadily(now.path.state, result, line, system.layout.clamped, settings.presliding)
+            and slips_steadily(now.path.state, steady, line, system.layout.clamped, settings.presliding)
         ):
             return Attempt(result)
         tolerance = settings.path_tolerance
@@ -99,43 +135,104 @@ class SubstepReversals:
             end = self._linearised(result.state, goal)
         share = LAST_SHARE if goal == 1.0 else SHARE
         allowed = max(share * (tolerance - now.error), LEAST_SHARE * tolerance)
-        picked, start, end = self._with_responses(start, end)
         attempt = Attempt(result, start=start, end=end)
-        found = self._reversals(picked, start, end, now.load_factor, goal, allowed)
+        span = _Span(now.load_factor, goal)
+        known = self._linked([(0.0, start), (1.0, end)], span)
+        if known is None:
+            return attempt
+        found = self._reversals(known, span, allowed)
+        attempt = attempt._replace(start=known.points[0].state, end=known.points[-1].state)
         if found is None:
             return attempt
         attempt = attempt._replace(error=found.total, division=found.division)
         if found.total <= allowed:
             return attempt._replace(division=1.0)
-        if self.divide or found.turning is None or found.error > allowed:
+        if self.divide or found.path is None or not (found.error <= allowed or self._may_be_refined):
             return attempt
-        return self._located(attempt, now, goal, found, allowed)
+        most = min(MOST_STATES, settings.max_substeps - now.path.substeps)
+        return self._located(attempt, now.path.state, known, span, found, allowed, most)
+
+    @property
+    def _may_be_refined(self) -> bool:
+        """Whether states may be solved within a substep: nothing but robots, and inputs and loads linear in it."""
+        ramp = self.solver.ramp
+        linear = not ramp.curved and ramp.before_increment is None
+        return linear and self.solver.system.tangent_follows_from_elements()
 
     def _located(
-        self, attempt: Attempt, now: Progress, goal: float, found: Reversals, allowed: float
+        self,
+        attempt: Attempt,
+        before: SolverState,
+        known: _Known,
+        span: _Span,
+        found: Reversals,
+        allowed: float,
+        most: int,
     ) -> Attempt:
-        """A substep solved with the reversals located in it, until they are where the solution has them."""
+        """A substep solved with the reversals located in it, until they are where the solution has them.
+
+        Where that is uncertain, the slips are interpolated through more states within the substep, up to a number.
+        """
         for _ in range(MOST_CORRECTIONS):
-            end, turning = attempt.end, found.turning
-            assert attempt.start is not None and end is not None and turning is not None
-            result = self._corrected(now.path.state, attempt.result, turning, goal, end)
+            turning, points = found.turning, known.points
+            if turning is None:
+                break
+            end = points[-1].state
+            result = self._corrected(before, attempt.result, turning, span.end, end)
             if not result.converged:
                 return attempt._replace(spent=attempt.spent + result.iterations)
             spent = attempt.spent + attempt.result.iterations
             if found.uncertain <= allowed:
-                return Attempt(result, found.uncertain, start=attempt.start, spent=spent, located=True)
+                start, within = points[0].state, span.states(points[1:-1])
+                return Attempt(result, found.uncertain, start=start, spent=spent, located=True, within=within)
+            states = [(at.factor, at.state) for at in points[:-1]]
+            if found.error > allowed:
+                states = self._with_more_states(known, found, span, allowed, most)
+                if not states:
+                    return attempt._replace(spent=attempt.spent + result.iterations)
             end = Equilibrium.of(result.state, result.forces, result.linearization or end.linearization)
             if not end.exact:
-                end = self._linearised(result.state, goal)
-            picked, start, end = self._with_responses(attempt.start, end)
-            again = self._reversals(picked, start, end, now.load_factor, goal, allowed, turning)
+                end = self._linearised(result.state, span.end)
+            linked = self._linked([*states, (1.0, end)], span)
+            assert linked is not None
+            again = self._reversals(linked, span, allowed, again=True)
             assert again is not None
-            found, done = again, again.total <= allowed
-            division = 1.0 if done else found.division
-            attempt = Attempt(result, found.total, division, start, end, spent, True)
-            if done or found.turning is None or found.error > allowed:
+            diverges = again.effect > found.effect
+            known, found = linked, again
+            start, end, within = (
+                known.points[0].state,
+                known.points[-1].state,
+                span.states(known.points[1:-1]),
+            )
+            division = 1.0 if found.total <= allowed else found.division
+            attempt = Attempt(result, found.total, division, start, end, spent, True, within)
+            if found.total <= allowed or diverges or (found.error > allowed and not self._may_be_refined):
                 break
         return attempt
+
+    def _with_more_states(
+        self, known: _Known, found: Reversals, span: _Span, allowed: float, most: int
+    ) -> list[tuple[float, Equilibrium]]:
+        """States at the start of a substep and within it, with new ones; empty where there are to be no more of them.
+
+        Their number is at least doubled, and chosen at first by an error that falls with its cube.
+        """
+        parts = len(known.points) - 1
+        count = 2
+        if parts == 1:
+            count = min(MOST_AT_FIRST, most, max(2, ceil(float(np.cbrt(found.error / allowed)))))
+        states = [(at.factor, at.state) for at in known.points[:-1]]
+        if found.path is None or count < 2 or parts * count > most:
+            return []
+        for first, last in pairwise(at.factor for at in known.points):
+            for i in range(1, count):
+                factor = first + (last - first) * i / count
+                load_factor = span.load_factor(factor)
+                state = solve_within(self.solver, known.points, known.picked, found.path, factor, load_factor)
+                if state is None:
+                    return []
+                states.append((factor, state))
+        return sorted(states, key=lambda at: at[0])
 
     def _corrected(
         self, before: SolverState, result: NewtonResult, turning: History, goal: float, end: Equilibrium
@@ -158,46 +255,44 @@ class SubstepReversals:
         target = self.solver.ramp.apply(self.solver.system, load_factor)
         return Equilibrium.at(self.solver.system, state, target)
 
-    def _with_responses(
-        self, start: Equilibrium, end: Equilibrium
-    ) -> tuple[TautTendons, Equilibrium, Equilibrium]:
-        """The tendons under tension at either end, and both ends with the responses to their tensions."""
-        picked, clamped = TautTendons.of(start, end), self.solver.system.layout.clamped
-        first, last = (at.with_response(clamped, picked.numbers) for at in (start, end))
-        return picked, first, last
+    def _linked(self, states: Sequence[tuple[float, Equilibrium]], span: _Span) -> _Known | None:
+        """States of a substep with their responses to tensions and loads; None where no friction acts in it.
 
-    def _reversals(
-        self,
-        picked: TautTendons,
-        start: Equilibrium,
-        end: Equilibrium,
-        at: float,
-        goal: float,
-        allowed: float,
-        history: History | None = None,
-    ) -> Reversals | None:
-        """Slip reversals between two solved states at load factors `at` and `goal`, see `find_reversals`."""
-        solver, system = self.solver, self.solver.system
+        Parameters
+        ----------
+        states
+            With their fractions of the substep [1].
+        span
+            The substep.
+        """
+        picked = TautTendons.of([state for _, state in states])
         if not picked.holes.size:
             return None
-        first: LoadResponse | None = None
-        last: LoadResponse | None = None
-        opening = solver.ramp.apply(system, at)
-        closing = solver.ramp.apply(system, goal)
-        if solver.ramp.changes_loads:
-            first = start.load_response(system, closing)
-            solver.ramp.apply(system, at)
-            last = end.load_response(system, opening).reversed()
-        presliding, length = solver.settings.presliding, system.length
+        ramp, system = self.solver.ramp, self.solver.system
+        ready = [(x, at.with_response(system.layout.clamped, picked.numbers)) for x, at in states]
+        if not ramp.changes_loads:
+            return _Known(picked, tuple([Point(x, at) for x, at in ready]))
+        # What is left of the change of the loads, seen from every state; from the last one, back to the start.
+        closing = ramp.apply(system, span.end)
+        points = [
+            Point(x, at, at.load_response(system, closing).times(1.0 / (1.0 - x))) for x, at in ready[:-1]
+        ]
+        opening = ramp.apply(system, span.start)
+        end = ready[-1][1]
+        last = Point(1.0, end, end.load_response(system, opening).times(-1.0))
+        return _Known(picked, (*points, last))
+
+    def _reversals(self, known: _Known, span: _Span, allowed: float, again: bool = False) -> Reversals | None:
+        """Slip reversals in a substep, see `find_reversals`."""
+        system, ramp = self.solver.system, self.solver.ramp
+        targets = ramp.apply(system, span.start), ramp.apply(system, span.end)
         return find_reversals(
-            start,
-            end,
-            picked,
-            (opening, closing),
-            (first, last),
-            presliding,
-            length,
+            known.points,
+            known.picked,
+            targets,
+            self.solver.settings.presliding,
+            system.length,
             allowed,
             locate=not self.divide,
-            history=history,
+            again=again,
         )

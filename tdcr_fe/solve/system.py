@@ -83,14 +83,15 @@ class SceneSystem:
         """Length of the longest backbone [m]."""
         return self.layout.scales.length
 
-    def numbering(self) -> Numbering:
-        """Order of the unknowns for the current driving of the tendons."""
+    def numbering(self, with_friction: bool = True) -> Numbering:
+        """Order of the unknowns for the current driving of the tendons, with or without the mobilisations."""
         driven = tuple(robot.by_displacement.tobytes() for robot in self.robots)
         if driven not in self.layout.numberings:
             self.layout.numberings[driven] = Numbering.of(
                 self.robots, self.layout.space.slices, self.layout.reduction.count
             )
-        return self.layout.numberings[driven]
+        numbering = self.layout.numberings[driven]
+        return numbering if with_friction else numbering.without_friction()
 
     # ------------------------------------------------------------------ states
 

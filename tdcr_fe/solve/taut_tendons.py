@@ -1,7 +1,8 @@
-"""Tendons under tension at either end of a substep, and what their slips are there as functions of the tensions."""
+"""Tendons under tension at either end of a substep, and what their slips are in it as functions of the tensions."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -38,14 +39,16 @@ class TautTendons(NamedTuple):
     holes: Index
 
     @classmethod
-    def of(cls, start: Equilibrium, end: Equilibrium) -> TautTendons:
-        """Of the substep between two states."""
+    def of(cls, states: Sequence[Equilibrium]) -> TautTendons:
+        """Of the substep through some solved states, from its start to its end."""
+        start, end = states[0], states[-1]
         tendons, robots, numbers, holes = [], [], [], []
         hole = 0
         for part in end.numbering.robots:
             law = end.forces[part.robot].model.law
             tension = np.array([at.state.base_tension[part.robot] for at in (start, end)])
-            which = np.flatnonzero((tension > 0.0).any(axis=0))
+            taut = [at.state.base_tension[part.robot] > 0.0 for at in states]
+            which = np.flatnonzero(np.any(taut, axis=0))
             acting = part.frictional if part.has_friction else np.zeros_like(part.frictional)
             if which.size:
                 driven = np.flatnonzero(np.isin(which, part.driven))
@@ -66,15 +69,19 @@ class TautTendons(NamedTuple):
         """The unknown ones, at one end [N], shape (c,)."""
         return np.concatenate([own.tension[end, own.driven] for own in self.tendons])
 
+    def tensions(self, at: Equilibrium) -> Array:
+        """Tensions of their segments in a state [N], shape (q,)."""
+        return self._joined([own.field.tension for own in at.forces])
+
     def end(
-        self, at: Equilibrium, targets: tuple[Target, Target], end: int, load: LoadResponse | None
+        self, at: Equilibrium, targets: tuple[Target, Target], factor: float, load: LoadResponse | None
     ) -> End:
-        """One end of the substep between two targets, with the response to the change of its loads."""
+        """A state within the substep between two targets, with the response to the change of its loads."""
         forces, response = at.forces, at.response
         assert response is not None
         flexibility, turning = response.flexibility, response.angles
         if load is None:
-            load = LoadResponse(np.zeros(len(flexibility)), np.zeros(len(turning)))
+            load = LoadResponse.zero(response)
         values, by_tension, by_load = [], [], []
         bases: list[tuple[Array, Array, Array]] = []
         segment = 0
@@ -93,11 +100,12 @@ class TautTendons(NamedTuple):
             driven = own.which[own.driven]
             pulled = -both[own.driven].sum(axis=1)
             first, last = (target.inputs[robot][driven] for target in targets)
-            slack = (last if end else first) - field.base_slip[driven]
+            slack = first + factor * (last - first) - field.base_slip[driven]
             bases.append((slack, pulled[:, :-1], pulled[:, -1] + last - first))
             segment = here.stop
         return End(
-            self._joined([f.field.tension for f in forces]),
+            factor,
+            self.tensions(at),
             np.concatenate(
                 [
                     *values,

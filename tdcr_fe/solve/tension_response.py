@@ -26,18 +26,26 @@ class LoadResponse(NamedTuple):
 
     Attributes
     ----------
+    nodes : ndarray, shape (reduced,)
+        Change of the unknowns of the reduced scene.
     lengths : ndarray, shape (q,)
         [m].
     angles : ndarray, shape (r,)
         [rad].
     """
 
+    nodes: Array
     lengths: Array
     angles: Array
 
-    def reversed(self) -> LoadResponse:
-        """The response to the opposite change."""
-        return LoadResponse(-self.lengths, -self.angles)
+    @classmethod
+    def zero(cls, response: TensionResponse) -> LoadResponse:
+        """Where no load changes, beside a response to tensions."""
+        return cls(*(np.zeros(len(x)) for x in (response.nodes, response.flexibility, response.angles)))
+
+    def times(self, factor: float) -> LoadResponse:
+        """The response to a change that is larger by a factor."""
+        return LoadResponse(factor * self.nodes, factor * self.lengths, factor * self.angles)
 
 
 class TensionResponse(NamedTuple):
@@ -111,6 +119,7 @@ class TensionResponse(NamedTuple):
         turned = angles @ moved
         added = self.by_angle @ turned
         return LoadResponse(
+            moved - self.nodes @ added,
             lengths @ moved + self.flexibility @ added,
             turned - self.angles @ added,
         )
