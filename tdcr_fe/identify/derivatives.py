@@ -110,13 +110,15 @@ def linearize(problem: FitProblem, requests: Sequence[Request]) -> list[Linear]:
 def linearize_each(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
     """Linearise several models, each of a problem of its own; forward model and path tolerance must be the same.
 
-    With several processes each model is linearised in one of them; a single one with many columns is divided.
+    With several processes each model is linearised in one of them. A single one with many columns is divided where its
+    run follows another one, so that to repeat the run costs little.
     """
     if not pairs:
         return []
     forward = pairs[0][0].forward
-    if forward.parallel and len(pairs) == 1 and len(pairs[0][1].columns) >= FEWEST_DIVIDED:
-        problem, request = pairs[0]
+    problem, request = pairs[0]
+    along = request.reference is not None and len(request.columns) >= FEWEST_DIVIDED
+    if forward.parallel and len(pairs) == 1 and along:
         parts = [request.columns[k :: forward.processes] for k in range(forward.processes)]
         found = _in_processes([(problem, request._replace(columns=part)) for part in parts])
         if found is not None:

@@ -60,7 +60,7 @@ _KINDS: tuple[tuple[str, str, Drive], ...] = (
     ("stiffness_scale", "actuator_gain", "tension"),
     ("actuator_gain", "stiffness_scale", "tension"),
 )
-_ROBOTS = ("parallel", "single", "helical", "converging", "points")
+_ROBOTS = ("parallel", "single", "helical", "converging", "points", "two-segment")
 
 #: Each kind with each robot; stretch of tendons and a gain of displacements are parted by the first readings already.
 AMBIGUITIES = tuple(
