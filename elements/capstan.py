@@ -49,6 +49,12 @@ def _lower(n: int) -> Array:
     return np.tri(n)
 
 
+@cache
+def _from(h: int) -> NDArray[np.bool_]:
+    """Whether hole ``i`` comes after segment ``j``, shape (h + 1, h)."""
+    return np.arange(h) >= np.arange(h + 1)[:, None]
+
+
 def capstan(
     base_tension: Array, angles: Array, mobilisation: Array, coefficient: Array
 ) -> tuple[Array, Slopes]:
@@ -107,34 +113,41 @@ def capstan_with_adhesion(
     """
     s, a, mu = mobilisation, adhesion, coefficient
     m, h = angles.shape
-    tension = np.empty((m, h + 1))
-    slope, d_s, after = np.empty((m, h)), np.empty((m, h)), np.empty((m, h))
-    tension[:, 0] = base_tension
+    pulling = s >= 0.0
     factor = np.exp(s * (-mu * angles))
-    for k in range(h):
-        t, f, sk, ak = tension[:, k], factor[:, k], s[:, k], a[:, k]
-        pulling = sk >= 0.0
-        pulled = t * f - sk * ak
-        released = (t - sk * ak) * f
-        taut = pulled > 0.0
-        tension[:, k + 1] = np.where(pulling, np.maximum(pulled, 0.0), released)
-        open_ = ~pulling | taut
-        slope[:, k] = np.where(open_, f, 0.0)
-        mt = mu[:, k] * angles[:, k]
-        d_s[:, k] = np.where(pulling, np.where(taut, -mt * t * f - ak, 0.0), -mt * released - ak * f)
-        after[:, k] = np.where(open_, np.where(pulling, t * f, released), 0.0)
-
-    def chain() -> Array:
-        every = np.zeros((m, h + 1, h + 1))
-        every[:, 0, 0] = 1.0
-        for k in range(1, h + 1):
-            every[:, k, :k] = slope[:, k - 1, None] * every[:, k - 1, :k]
-            every[:, k, k] = 1.0
-        return every
+    gained = np.where(pulling, -s * a, -s * a * factor)
+    # By hole first: the recursion along the tendons runs on contiguous rows.
+    along = np.empty((h + 1, m))
+    along[0] = base_tension
+    least = np.where(pulling, 0.0, -np.inf).T.copy()
+    for k, (f, b) in enumerate(zip(factor.T.copy(), gained.T.copy(), strict=True)):
+        np.maximum(along[k] * f + b, least[k], out=along[k + 1])
+    tension = along.T
 
     def slopes() -> HoleSlopes:
+        before, behind = tension[:, :-1], tension[:, 1:]
+        taut = ~pulling | (behind > 0.0)
+        slope = np.where(taut, factor, 0.0)
+        # What Capstan's factor multiplies: the tension before the hole, and the adhesion too where it is released.
+        multiplied = np.where(pulling, before * slope, behind)
+        by_mobilisation = np.where(taut, -mu * angles * multiplied - a * np.where(pulling, 1.0, factor), 0.0)
+
+        def chain() -> Array:
+            # Factors of the holes from segment j on, one before it; their products reach from j to k.
+            from_segment = np.where(_from(h), slope[:, None, :], 1.0)
+            every = np.ones((m, h + 1, h + 1))
+            from_segment.cumprod(axis=2, out=every[:, :, 1:])
+            return every.swapaxes(1, 2) * _lower(h + 1)
+
         by_base = np.ones((m, h + 1))
         slope.cumprod(axis=1, out=by_base[:, 1:])
-        return HoleSlopes(slope, d_s, -mu * s * after, lambda: -angles * s * after, chain, by_base)
+        return HoleSlopes(
+            slope,
+            by_mobilisation,
+            -mu * s * multiplied,
+            lambda: -angles * s * multiplied,
+            chain,
+            by_base,
+        )
 
     return tension, slopes

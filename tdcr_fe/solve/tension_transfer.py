@@ -158,10 +158,16 @@ class LawTransfer:
     """
 
     def __init__(self, tendons: Sequence[TendonsInSubstep]) -> None:
-        self._tendons = tuple(tendons)
         self._holes = sum(t.holes for t in tendons)
         self._unknown = sum(len(t.driven) for t in tendons)
         self._size = sum(t.segments for t in tendons), sum(t.angles for t in tendons)
+        self._places: list[_Places] = []
+        segment = angle = hole = 0
+        base = self._holes
+        for own in tendons:
+            self._places.append(_Places.of(own, segment, angle, hole, base))
+            segment, angle, hole = segment + own.segments, angle + own.angles, hole + own.holes
+            base += len(own.driven)
 
     def derivatives(self, factor: float, z: Array, angles: Array) -> Transfer:
         """As of `CapstanTransfer`."""
@@ -169,33 +175,61 @@ class LawTransfer:
         found = Transfer(
             np.zeros(q), np.zeros((q, r)), np.zeros((q, self._holes + self._unknown)), np.zeros(q)
         )
-        segment = angle = hole = 0
-        base = self._holes
-        for own in self._tendons:
-            (m, n), which = own.law.shape, own.which
+        for at in self._places:
+            own, which, (m, n) = at.tendons, at.tendons.which, at.tendons.law.shape
             change = own.tension[1] - own.tension[0]
             tension = own.tension[0] + factor * change
-            tension[own.driven] = z[base : base + len(own.driven)]
+            tension[own.driven] = z[at.base]
             change[own.driven] = 0.0
             values = np.zeros(m), np.zeros((m, n)), np.zeros((m, n - 1)), np.zeros((m, own.law.groups))
             mobilisation = np.zeros(own.frictional.shape)
-            mobilisation[own.frictional] = z[hole : hole + own.holes]
+            mobilisation[own.frictional] = z[at.holes]
             values[0][which], values[3][which] = tension, mobilisation
-            values[2][which] = angles[angle : angle + own.angles].reshape(-1, n - 1)
+            values[2][which] = angles[at.angles]
             field = own.law.field(*values)
-            driven = own.driven.tolist()
-            for i, tendon in enumerate(which):
-                rows = slice(segment, segment + n)
-                found.tension[rows] = field.tension[tendon]
-                found.by_angle[rows, angle : angle + n - 1] = field.d_angle[tendon]
-                columns = field.by_mobilisation[tendon][:, own.frictional[i]]
-                found.by_unknown[rows, hole : hole + columns.shape[1]] = columns
-                if i in driven:
-                    found.by_unknown[rows, base] = field.d_base[tendon]
-                    base += 1
-                found.by_load[rows] = field.d_base[tendon] * change[i]
-                segment, angle, hole = rows.stop, angle + n - 1, hole + columns.shape[1]
+            by = field.derivatives
+            by_base = by.d_base[which]
+            found.tension[at.segments] = field.tension[which]
+            found.by_angle[at.segments[:, :, None], at.angles[:, None, :]] = by.d_angle[which]
+            tendon, group = np.nonzero(own.frictional)
+            by_hole = by.by_mobilisation[which][tendon, :, group]
+            found.by_unknown[at.segments[tendon], at.holes[:, None]] = by_hole
+            found.by_unknown[at.segments[own.driven], at.base[:, None]] = by_base[own.driven]
+            found.by_load[at.segments] = by_base * change[:, None]
         return found
+
+
+class _Places(NamedTuple):
+    """Where the numbers of one robot's tendons stand in the arrays of a `LawTransfer`.
+
+    Attributes
+    ----------
+    tendons : TendonsInSubstep
+    segments : ndarray of int, shape (m, n)
+    angles : ndarray of int, shape (m, n-1)
+    holes : ndarray of int, shape (k,)
+        Frictional mobilisations.
+    base : ndarray of int, shape (c,)
+        Unknown tensions at the base.
+    """
+
+    tendons: TendonsInSubstep
+    segments: Index
+    angles: Index
+    holes: Index
+    base: Index
+
+    @classmethod
+    def of(cls, tendons: TendonsInSubstep, segment: int, angle: int, hole: int, base: int) -> _Places:
+        """Those of tendons whose first numbers are given."""
+        m, n = len(tendons.which), tendons.law.shape[1]
+        return cls(
+            tendons,
+            segment + np.arange(m * n).reshape(m, n),
+            angle + np.arange(m * (n - 1)).reshape(m, n - 1),
+            hole + np.arange(tendons.holes),
+            base + np.arange(len(tendons.driven)),
+        )
 
 
 def tension_transfer(tendons: Sequence[TendonsInSubstep]) -> CapstanTransfer | LawTransfer:
