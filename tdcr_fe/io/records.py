@@ -85,11 +85,13 @@ class OtherHead(ValueError):
     Attributes
     ----------
     differing : tuple of str
-        Keys of the head that differ; empty where the file has no head at all.
+        Keys of the head that differ.
+    there : bool
+        Whether the file has a head at all.
     """
 
-    def __init__(self, path: Path, differing: tuple[str, ...]) -> None:
-        self.differing = differing
+    def __init__(self, path: Path, differing: tuple[str, ...], there: bool) -> None:
+        self.differing, self.there = differing, there
         what = f"{', '.join(differing)} differ" if differing else "it does not begin with a head"
         super().__init__(f"{path} holds the records of another run: {what}")
 
@@ -138,8 +140,13 @@ class Lines:
         with self.path.open("rb") as file:
             self._check(file.readline())
 
-    def records(self) -> Iterator[Any]:
-        """Contents of all lines but the head; the end of a line that a kill cut off is removed.
+    def records(self, read: Callable[[Any], Any] = lambda record: record) -> Iterator[Any]:
+        """What all lines but the head hold; from a line on that is cut off, or holds nothing, they are removed.
+
+        Parameters
+        ----------
+        read
+            From the contents of a line to what is yielded; None where it holds nothing.
 
         Raises
         ------
@@ -151,7 +158,7 @@ class Lines:
             end = file.tell()
             for line in file:
                 try:
-                    found = json.loads(line) if line.endswith(b"\n") else None
+                    found = read(json.loads(line)) if line.endswith(b"\n") else None
                 except ValueError:
                     found = None
                 if found is None:
@@ -189,7 +196,7 @@ class Lines:
         if there == expected:
             return
         known = isinstance(there, dict)
-        raise OtherHead(self.path, tuple(k for k in expected if known and there.get(k) != expected[k]))
+        raise OtherHead(self.path, tuple(k for k in expected if known and there.get(k) != expected[k]), known)
 
 
 def solve_all(

@@ -7,7 +7,7 @@ import pickle
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import closing, nullcontext
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Literal
 
@@ -166,10 +166,10 @@ def _solve(
     else:
         stream = outcomes(job, cases, executor, in_flight or max(32, 4 * (os.cpu_count() or 1)))
     # Both are closed explicitly: on an interruption workers end before this function does.
-    with nullcontext() if folder is None else journal.Journal(folder / journal.NAME) as book, closing(stream):
+    with closing(stream):
         for batch in stream:
-            if book is not None:
-                book.write(batch)
+            if folder is not None:
+                journal.write(folder / journal.NAME, batch)
             for outcome in batch:
                 collected.add(outcome)
             finished += len(batch)
