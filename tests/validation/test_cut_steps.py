@@ -1,0 +1,24 @@
+"""Load steps of random robots as a whole against the same steps cut in parts."""
+
+from __future__ import annotations
+
+import pytest
+
+from tdcr_fe.validation.random_robots.cut_steps import cut, main
+from tdcr_fe.validation.random_robots.drawing import draw
+
+
+def test_parts_of_a_step_end_where_the_step_ends():
+    case = draw(20)
+    parts = cut(case, 4)
+    assert len(parts) == 4 * len(case.steps)
+    for step, last in zip(case.steps, parts[3::4], strict=True):
+        assert last.tensions == pytest.approx(step.tensions)
+        assert last.displacements == pytest.approx(step.displacements)
+        if step.loads:
+            assert last.loads["tip"].force == pytest.approx(step.loads["tip"].force)
+
+
+def test_a_robot_of_three_tendons_does_not_depend_on_how_its_steps_are_cut(capsys):
+    assert main(["-n", "1", "--first", "20", "--parts", "8"]) == 0
+    assert "unsaid: 0" in capsys.readouterr().out
