@@ -173,6 +173,7 @@ class SubstepReversals:
 
         Where that is uncertain, the slips are interpolated through more states within the substep, up to a number.
         """
+        first = found.division
         for _ in range(MOST_CORRECTIONS):
             turning, points = found.turning, known.points
             if turning is None:
@@ -204,7 +205,7 @@ class SubstepReversals:
                 known.points[-1].state,
                 span.states(known.points[1:-1]),
             )
-            division = 1.0 if found.total <= allowed else found.division
+            division = 1.0 if found.total <= allowed else min(first, found.division)
             attempt = Attempt(result, found.total, division, start, end, spent, True, within)
             if found.total <= allowed or diverges or (found.error > allowed and not self._may_be_refined):
                 break

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tdcr_fe.validation.random_robots.cut_steps import cut, main
+from tdcr_fe.validation.cut_steps import cut
+from tdcr_fe.validation.cut_steps.__main__ import main
 from tdcr_fe.validation.random_robots.drawing import draw
 
 
