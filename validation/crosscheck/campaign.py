@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Callable, Generator, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from tdcr_fe.io.atomic import plain, write_json
-from tdcr_fe.io.processes import worker_pool
+from tdcr_fe.io.atomic import plain
+from tdcr_fe.io.records import Folder, solve_all
 from tdcr_fe.io.summary import versions as package_versions
 from tdcr_fe.validation.crosscheck.case import (
     Case,
@@ -81,19 +79,14 @@ def silence_exudyn() -> None:
 
 def recall(folder: Path, task: Task) -> Record | None:
     """The record of a task that was finished before with the same versions; None where there is none."""
-    path = folder / f"{task.id}.json"
-    try:
-        stored = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    if (
-        not isinstance(stored, dict)
-        or stored.get("digest") != digest_of(task)
-        or stored["record"].get("error")
-    ):
-        return None
-    record: Record = stored["record"]
-    return record
+    record = dict(_store(folder, [task]).recall([task.id])).get(task.id)
+    return None if record is None or _failed(record) else record
+
+
+def _store(folder: Path, tasks: Sequence[Task]) -> Folder:
+    """Where the records of tasks are kept: under a digest of task and versions."""
+    by_id = {task.id: task for task in tasks}
+    return Folder(folder, lambda key: digest_of(by_id[key]), {"versions": versions()})
 
 
 def run(
@@ -122,41 +115,21 @@ def run(
     KeyboardInterrupt
         Interrupted; finished records are kept in ``folder``.
     """
-    records: dict[str, Record] = {}
-    left: list[Task] = []
-    for task in tasks:
-        known = recall(folder, task)
-        if known is None:
-            left.append(task)
-        else:
-            records[task.id] = known
-            progress(known, True)
-    if left:
-        # closed explicitly: on an interruption the workers end before this function does
-        with closing(_solve_all(left, processes)) as solved:
-            for task, record in solved:
-                record = plain(record)
-                document = {"digest": digest_of(task), "versions": versions(), "record": record}
-                write_json(document, folder / f"{task.id}.json", indent=None)
-                records[task.id] = record
-                progress(record, False)
+    by_id, store = {task.id: task for task in tasks}, _store(folder, tasks)
+    # closed explicitly: on an interruption the workers end before this function does
+    with closing(solve_all(by_id, _plain, store, processes, silence_exudyn, again=_failed)) as solved:
+        records: dict[str, Record] = {}
+        for key, record, known in solved:
+            records[key] = record
+            progress(record, known)
     return {task.id: records[task.id] for task in tasks}
 
 
-def _solve_all(tasks: Sequence[Task], processes: int) -> Generator[tuple[Task, Record], None, None]:
-    with worker_pool(min(processes, len(tasks)), silence_exudyn) as pool:
-        waiting = iter(tasks)
-        running: dict[Future[Record], Task] = {}
-        for task in waiting:
-            running[pool.submit(solve, task)] = task
-            if len(running) < 2 * processes:
-                continue
-            yield from _finished(running)
-        while running:
-            yield from _finished(running)
+def _plain(task: Task) -> Record:
+    """The record of a case or study as JSON has it."""
+    record: Record = plain(solve(task))
+    return record
 
 
-def _finished(running: dict[Future[Record], Task]) -> Iterable[tuple[Task, Record]]:
-    done, _ = wait(running, return_when=FIRST_COMPLETED)
-    for future in done:
-        yield running.pop(future), future.result()
+def _failed(record: Record) -> bool:
+    return bool(record.get("error"))
