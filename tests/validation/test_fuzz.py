@@ -166,6 +166,15 @@ def test_the_command_continues_and_refuses_records_of_other_code(tmp_path, capsy
     assert main([*arguments, "--any-version"]) == 0
 
 
+def test_an_interruption_ends_the_command_and_keeps_no_half_case(tmp_path, monkeypatch, capsys):
+    """The solver returns what it has when it is interrupted; such a case was kept as one that did not converge."""
+    half = replace(solved(), steps=(), converged=False, message="interrupted in step 1")
+    monkeypatch.setattr("tdcr_fe.validation.fuzz.campaign.simulate", lambda *args: half)
+    assert main(["-n", "2", "--first", "30", "-o", str(tmp_path)]) == 130
+    assert len((tmp_path / "fuzz.jsonl").read_text().splitlines()) == 1
+    assert "start it again to resume" in capsys.readouterr().err
+
+
 def test_tendons_that_follow_a_backbone_whose_base_gives_way_are_refused():
     """The base was locked at a thousandth of a radian, or no load step converged."""
     with pytest.raises(ValueError, match="pass no base that gives way"):
