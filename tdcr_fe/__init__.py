@@ -59,11 +59,11 @@ if TYPE_CHECKING:
     from tdcr_fe.scene.linearized import TDCRLinearized as TDCRLinearized
     from tdcr_fe.scene.loads import PointLoad as PointLoad
     from tdcr_fe.scene.modes import TDCREigenvalues as TDCREigenvalues
-    from tdcr_fe.solve.inverse import follow_path as follow_path
-    from tdcr_fe.solve.inverse import reach as reach
-    from tdcr_fe.solve.load_path import StepFailed as StepFailed
-    from tdcr_fe.solve.local_response import local_response as local_response
-    from tdcr_fe.solve.parameters import effect_parameter as effect_parameter
+    from tdcr_fe.solve.inverse_statics.inverse import follow_path as follow_path
+    from tdcr_fe.solve.inverse_statics.inverse import reach as reach
+    from tdcr_fe.solve.load_steps.load_path import StepFailed as StepFailed
+    from tdcr_fe.solve.sensitivities.local_response import local_response as local_response
+    from tdcr_fe.solve.sensitivities.parameters import effect_parameter as effect_parameter
     from tdcr_fe.solve.simulate import simulate as simulate
     from tdcr_fe.solve.simulation import Simulation as Simulation
     from tdcr_fe.solve.stability import Stability as Stability
@@ -110,16 +110,16 @@ _PUBLIC = {
     "tdcr_fe.scene.builder": ("CreateTDCR",),
     "tdcr_fe.scene.handle": ("TDCR",),
     "tdcr_fe.scene.loads": ("PointLoad",),
-    "tdcr_fe.solve.inverse": ("follow_path", "reach"),
-    "tdcr_fe.solve.local_response": ("local_response",),
-    "tdcr_fe.solve.parameters": ("effect_parameter",),
+    "tdcr_fe.solve.inverse_statics.inverse": ("follow_path", "reach"),
+    "tdcr_fe.solve.sensitivities.local_response": ("local_response",),
+    "tdcr_fe.solve.sensitivities.parameters": ("effect_parameter",),
     "tdcr_fe.solve.simulate": ("simulate",),
     "tdcr_fe.solve.simulation": ("Simulation",),
     "tdcr_fe.solve.stability": ("Stability", "stability"),
     "tdcr_fe.scene.linearized": ("TDCRLinearized",),
     "tdcr_fe.scene.modes": ("TDCREigenvalues",),
     "tdcr_fe.solve.statics": ("SolveTDCR", "track_sensitivities"),
-    "tdcr_fe.solve.load_path": ("StepFailed",),
+    "tdcr_fe.solve.load_steps.load_path": ("StepFailed",),
     "tdcr_fe.sweeps.read": ("read_sweep",),
     "tdcr_fe.sweeps.result": ("SweepResult",),
     "tdcr_fe.sweeps.run": ("sweep",),

@@ -40,14 +40,14 @@ class LinearSlips:
         return self._first + load + self._by_unknowns(x) @ (z - self._start)
 
     def at(self, x, z, tension):
-        """As of `tdcr_fe.solve.slip_model.SlipModel`."""
+        """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`."""
         change = self._matrix[0] - self._matrix[1]
         load = (1.0 - x) * self._load[0] + x * self._load[1] + change @ (z - self._start)
         matrix = np.diag(self._stiffness) - self._by_unknowns(x)
         return _State(tension, self.slip(x, z), load, matrix, self._stiffness)
 
     def rates(self, x, z, tension, rate, near):
-        """As of `tdcr_fe.solve.slip_model.SlipModel`."""
+        """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`."""
         state = self.at(x, z, tension)
         return state.by_load - state.matrix @ rate
 

@@ -51,7 +51,7 @@ RETURN_A_MESSAGE = {
     "_taken",
 }
 #: Files in which every text is a message, or every text of one class.
-ALL_MESSAGES = {"tdcr_fe/identify/data_faults.py": "", "tdcr_fe/solve/convergence.py": "NewtonStatus"}
+ALL_MESSAGES = {"tdcr_fe/identify/data_faults.py": "", "tdcr_fe/solve/newton/convergence.py": "NewtonStatus"}
 #: Here `report` takes what is going on, not what is wrong.
 PROGRESS = "tdcr_fe/identify/"
 #: Words that make a message.

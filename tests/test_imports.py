@@ -101,6 +101,18 @@ def test_nothing_imports_a_layer_above_it(path):
     assert not above
 
 
+#: Folders of the solver, from the lowest; whatever else it has may import all of them.
+SOLVER = ("equations", "newton", "friction_path", "load_steps")
+
+
+@pytest.mark.parametrize("folder", SOLVER)
+def test_folders_of_the_solver_import_those_below(folder):
+    allowed = tuple(f"tdcr_fe.solve.{below}." for below in SOLVER[: SOLVER.index(folder) + 1])
+    for path in (ROOT / "tdcr_fe" / "solve" / folder).glob("*.py"):
+        found = {m for m in imports(path) if m.startswith("tdcr_fe.solve.")}
+        assert not {m for m in found if not m.startswith(allowed)}, path.name
+
+
 @pytest.mark.parametrize("path", REFERENCE, ids=name)
 def test_the_reference_shares_only_data(path):
     allowed = ("tdcr_fe.model", "tdcr_fe.validation.reference")

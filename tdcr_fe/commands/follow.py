@@ -191,7 +191,7 @@ def _solve(
     """Follow the path with a bar on stderr, where that is a terminal."""
     from tqdm import tqdm
 
-    from tdcr_fe.solve.inverse import follow_path
+    from tdcr_fe.solve.inverse_statics.inverse import follow_path
 
     silent = True if args.quiet else None
     with tqdm(total=len(targets), unit="target", leave=False, file=sys.stderr, disable=silent) as bar:

@@ -18,7 +18,7 @@ from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.model.settings import SolverSettings
 
 if TYPE_CHECKING:
-    from tdcr_fe.solve.parameters import ModelParameter
+    from tdcr_fe.solve.sensitivities.parameters import ModelParameter
 
 Given = TypeVar("Given")
 Found = TypeVar("Found")

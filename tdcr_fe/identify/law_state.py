@@ -25,7 +25,7 @@ from tdcr_fe.model.observed_step import ObservedChange
 from tdcr_fe.model.results import SequenceResult
 
 if TYPE_CHECKING:
-    from tdcr_fe.solve.parameters import StepInput
+    from tdcr_fe.solve.sensitivities.parameters import StepInput
     from tdcr_fe.solve.simulate import PathRecord
 
 Array = NDArray[np.float64]
@@ -304,7 +304,7 @@ def action_response(
     reference
         The run at which the response is taken.
     """
-    from tdcr_fe.solve.parameters import LOAD_COMPONENTS, StepInput
+    from tdcr_fe.solve.sensitivities.parameters import LOAD_COMPONENTS, StepInput
 
     bays = reference.state.shape[1]
     inputs = [

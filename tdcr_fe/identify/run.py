@@ -18,8 +18,8 @@ from tdcr_fe.model.settings import SolverSettings
 
 if TYPE_CHECKING:
     from tdcr_fe.model.sensitivities import Sensitivities
-    from tdcr_fe.solve.load_path import Increment
-    from tdcr_fe.solve.parameters import ModelParameter
+    from tdcr_fe.solve.load_steps.load_path import Increment
+    from tdcr_fe.solve.sensitivities.parameters import ModelParameter
     from tdcr_fe.solve.simulate import PathRecord
 
 Array = NDArray[np.float64]
@@ -282,7 +282,7 @@ class Task(NamedTuple):
     record : bool
         Whether the run keeps its own path.
     parameters : tuple of ModelParameter
-        By which the run is differentiated, see `tdcr_fe.solve.parameters.tabulated`.
+        By which the run is differentiated, see `tdcr_fe.solve.sensitivities.parameters.tabulated`.
     """
 
     experiment: Experiment
@@ -370,7 +370,7 @@ def _simulate_sequences(task: Task) -> Run:
 
 def _of_sequence(parameter: ModelParameter, number: int) -> ModelParameter:
     """A parameter of several loading sequences, for one of them."""
-    from tdcr_fe.solve.parameters import Tabulated
+    from tdcr_fe.solve.sensitivities.parameters import Tabulated
 
     table = parameter.apply
     assert isinstance(table, Tabulated)
@@ -405,7 +405,7 @@ def _differentiated(
     task: Task, settings: SolverSettings, reference: Trajectory | None, path: PathRecord | None
 ) -> tuple[SequenceResult, dict[str, str]]:
     """The simulation with all derivatives that there are; and those that there are not, with the reason."""
-    from tdcr_fe.solve.parameters import NoDerivative
+    from tdcr_fe.solve.sensitivities.parameters import NoDerivative
     from tdcr_fe.solve.simulate import simulate
 
     experiment, refused = task.experiment, dict[str, str]()

@@ -18,8 +18,7 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.sensitivities import Sensitivities
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.solve.load_path import Increment, LoadStepReport, StepFailed
-from tdcr_fe.solve.local_response import local_response
+from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, StepFailed
 from tdcr_fe.solve.mesh import (
     MOST_MESHES,
     MeshMonitor,
@@ -28,8 +27,9 @@ from tdcr_fe.solve.mesh import (
     refined,
 )
 from tdcr_fe.solve.mesh_error import MeshEstimate
-from tdcr_fe.solve.parameters import Parameter, parameters
-from tdcr_fe.solve.sensitivity import SensitivityHistory
+from tdcr_fe.solve.sensitivities.local_response import local_response
+from tdcr_fe.solve.sensitivities.parameters import Parameter, parameters
+from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import Simulation, step_warnings
 from tdcr_fe.solve.threads import one_thread
 

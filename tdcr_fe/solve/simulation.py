@@ -17,13 +17,13 @@ from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
-from tdcr_fe.solve.equilibrium import Equilibrium
-from tdcr_fe.solve.linearization import Linearization
-from tdcr_fe.solve.load_path import Increment, LoadStepReport, Path, StepFailed
-from tdcr_fe.solve.ramp import Ramp
-from tdcr_fe.solve.state import SolverState, Target
-from tdcr_fe.solve.stepping import solve_ramp
-from tdcr_fe.solve.system import SceneSystem
+from tdcr_fe.solve.equations.linearization import Linearization
+from tdcr_fe.solve.equations.state import SolverState, Target
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
+from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Path, StepFailed
+from tdcr_fe.solve.load_steps.ramp import Ramp
+from tdcr_fe.solve.load_steps.stepping import solve_ramp
 
 Array = NDArray[np.float64]
 LoadKey = tuple[str, float, str]
@@ -123,15 +123,15 @@ class Simulation:
         substeps
             Fixed number; None chooses by refinement.
         reference_path
-            See `tdcr_fe.solve.stepping.LoadStepper.solve`.
+            See `tdcr_fe.solve.load_steps.stepping.LoadStepper.solve`.
         record_path
             Where the increments of this step are appended.
         follow
             Called with the scene, the ramp, the state at its beginning, and load factors and states at the ends of all
             substeps.
         divide
-            See `tdcr_fe.solve.stepping.LoadStepper`; always so where the path is recorded. Where it is only followed,
-            it is solved once more in this way if need be.
+            See `tdcr_fe.solve.load_steps.stepping.LoadStepper`; always so where the path is recorded. Where it is
+            only followed, it is solved once more in this way if need be.
 
         Raises
         ------

@@ -28,9 +28,9 @@ from scipy.linalg import eigh, eigvals, null_space
 
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.arguments import check_instance
+from tdcr_fe.solve.equations.state import SolverState, Target
+from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.simulation import Simulation
-from tdcr_fe.solve.state import SolverState, Target
-from tdcr_fe.solve.system import SceneSystem
 
 Array = NDArray[np.float64]
 

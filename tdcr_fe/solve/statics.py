@@ -13,13 +13,13 @@ from tdcr_fe.model import arguments
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.builder import check_system
 from tdcr_fe.scene.handle import TDCR
-from tdcr_fe.solve.continuation import recall, remember
-from tdcr_fe.solve.load_path import LoadStepReport, Path
-from tdcr_fe.solve.parameters import Parameter
-from tdcr_fe.solve.ramp import Ramp
-from tdcr_fe.solve.sensitivity import SensitivityHistory
-from tdcr_fe.solve.stepping import solve_ramp
-from tdcr_fe.solve.system import SceneSystem
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.load_steps.continuation import recall, remember
+from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Path
+from tdcr_fe.solve.load_steps.ramp import Ramp
+from tdcr_fe.solve.load_steps.stepping import solve_ramp
+from tdcr_fe.solve.sensitivities.parameters import Parameter
+from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
 from tdcr_fe.solve.threads import one_thread
 
 
@@ -58,8 +58,9 @@ def SolveTDCR(
     Returns
     -------
     dict
-        The fields of `tdcr_fe.solve.load_path.LoadStepReport`: ``iterations``, ``iterations_total`` (with those of
-        rejected attempts), ``substeps``, ``residual``, ``snapped``, ``presliding_factor``, ``refinement_error``.
+        The fields of `tdcr_fe.solve.load_steps.load_path.LoadStepReport`: ``iterations``, ``iterations_total``
+        (with those of rejected attempts), ``substeps``, ``residual``, ``snapped``, ``presliding_factor``,
+        ``refinement_error``.
 
     Raises
     ------

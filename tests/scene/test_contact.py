@@ -25,7 +25,7 @@ from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.model.loading import Model
 from tdcr_fe.native import register
 from tdcr_fe.scene.builder import CreateTDCR
-from tdcr_fe.solve.load_path import StepFailed
+from tdcr_fe.solve.load_steps.load_path import StepFailed
 
 register()
 

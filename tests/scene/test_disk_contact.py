@@ -13,7 +13,7 @@ from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Model
 from tdcr_fe.native import register
 from tdcr_fe.scene import TDCR, CreateTDCR
-from tdcr_fe.solve.load_path import StepFailed
+from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.solve.statics import SolveTDCR
 
 register()

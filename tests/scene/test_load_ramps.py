@@ -10,7 +10,7 @@ from robots import BACKBONE, LENGTH, distance, paper, scene, solve, three
 
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.load_path import StepFailed
+from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.solve.statics import SolveTDCR
 
 

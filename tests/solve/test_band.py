@@ -13,13 +13,13 @@ from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve import band
-from tdcr_fe.solve.band import BandFactors, BandLayout
-from tdcr_fe.solve.factors import DenseFactors
-from tdcr_fe.solve.linearization import Linearization
+from tdcr_fe.solve.equations import band
+from tdcr_fe.solve.equations.band import BandFactors, BandLayout
+from tdcr_fe.solve.equations.factors import DenseFactors
+from tdcr_fe.solve.equations.linearization import Linearization
+from tdcr_fe.solve.equations.state import Target
+from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.simulation import Simulation
-from tdcr_fe.solve.state import Target
-from tdcr_fe.solve.system import SceneSystem
 
 
 def short_and_long() -> Robot:

@@ -9,16 +9,16 @@ import pytest
 from robots import LENGTH, distance, paper, pull, scene, solve
 from threadpoolctl import threadpool_info, threadpool_limits
 
-import tdcr_fe.solve.convergence as convergence
+import tdcr_fe.solve.newton.convergence as convergence
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve import substep
-from tdcr_fe.solve.convergence import NewtonStatus, Unmet
-from tdcr_fe.solve.newton import NewtonResult, newton
+from tdcr_fe.solve.equations.state import Target
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.load_steps import substep
+from tdcr_fe.solve.newton.convergence import NewtonStatus, Unmet
+from tdcr_fe.solve.newton.newton import NewtonResult, newton
 from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.solve.state import Target
 from tdcr_fe.solve.statics import SolveTDCR
-from tdcr_fe.solve.system import SceneSystem
 
 UNMET = {
     test.status: Unmet(test, 1e-3, tolerance)

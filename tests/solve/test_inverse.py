@@ -13,8 +13,8 @@ from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.targets import ReachStatus, TensionLimits, TipTarget
-from tdcr_fe.solve.inverse import REACHED, follow_path, reach
-from tdcr_fe.solve.least_effort import Effort
+from tdcr_fe.solve.inverse_statics.inverse import REACHED, follow_path, reach
+from tdcr_fe.solve.inverse_statics.least_effort import Effort
 from tdcr_fe.solve.simulate import simulate
 
 LIMITS = TensionLimits(largest=2.5, pretension=0.1)

@@ -13,7 +13,7 @@ from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.local_response import local_response
+from tdcr_fe.solve.sensitivities.local_response import local_response
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.solve.simulation import Simulation
 from tdcr_fe.solve.statics import SolveTDCR

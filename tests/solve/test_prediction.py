@@ -10,10 +10,10 @@ from robots import LENGTH, paper, pull, solve, three
 
 from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.prediction import predict
+from tdcr_fe.solve.equations.solved_step import SolvedStep, input_changes, unknowns
+from tdcr_fe.solve.equations.state import Target
+from tdcr_fe.solve.newton.prediction import predict
 from tdcr_fe.solve.simulation import Simulation
-from tdcr_fe.solve.solved_step import SolvedStep, input_changes, unknowns
-from tdcr_fe.solve.state import Target
 
 MODEL = Model(friction="per-hole", elements_per_bay=1)
 

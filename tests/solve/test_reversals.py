@@ -17,17 +17,17 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.equilibrium import Equilibrium
-from tdcr_fe.solve.friction_path import follow
-from tdcr_fe.solve.friction_step import FrictionCoupling
-from tdcr_fe.solve.ramp import Ramp
-from tdcr_fe.solve.reversals import Point, _Substep
+from tdcr_fe.solve.equations.state import Target
+from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
+from tdcr_fe.solve.friction_path.friction_path import follow
+from tdcr_fe.solve.friction_path.reversals import Point, _Substep
+from tdcr_fe.solve.friction_path.taut_tendons import TautTendons
+from tdcr_fe.solve.load_steps.ramp import Ramp
+from tdcr_fe.solve.load_steps.states_within import solve_within
+from tdcr_fe.solve.load_steps.substep import SubstepSolver
+from tdcr_fe.solve.newton.friction_step import FrictionCoupling
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.solve.simulation import Simulation
-from tdcr_fe.solve.state import Target
-from tdcr_fe.solve.states_within import solve_within
-from tdcr_fe.solve.substep import SubstepSolver
-from tdcr_fe.solve.taut_tendons import TautTendons
 from tdcr_fe.validation.random_robots import draw
 
 DELTA = 1e-6

@@ -18,7 +18,7 @@ from tdcr_fe.model.material import Superelastic
 from tdcr_fe.model.robot import Robot, SideSpring
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
 from tdcr_fe.model.tendon import TightHole
-from tdcr_fe.solve.parameters import effect_parameter, parameters
+from tdcr_fe.solve.sensitivities.parameters import effect_parameter, parameters
 
 #: Relative error that derivatives must meet.
 TOLERANCE = 1e-5

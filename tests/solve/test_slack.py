@@ -15,7 +15,7 @@ from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.factors import BorderedFactors, DenseFactors
+from tdcr_fe.solve.equations.factors import BorderedFactors, DenseFactors
 from tdcr_fe.solve.simulate import simulate
 
 ANGLES = {"a": (0.0, 120.0, 240.0), "b": (40.0, 160.0, 280.0)}

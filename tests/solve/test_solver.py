@@ -19,12 +19,12 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import HelicalRouting
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve import convergence
-from tdcr_fe.solve.convergence import CONVERGENCE_TESTS, ConvergenceTest, NewtonStatus
-from tdcr_fe.solve.load_path import StepFailed
-from tdcr_fe.solve.newton import newton
-from tdcr_fe.solve.state import Target
-from tdcr_fe.solve.system import SceneSystem
+from tdcr_fe.solve.equations.state import Target
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.load_steps.load_path import StepFailed
+from tdcr_fe.solve.newton import convergence
+from tdcr_fe.solve.newton.convergence import CONVERGENCE_TESTS, ConvergenceTest, NewtonStatus
+from tdcr_fe.solve.newton.newton import newton
 
 HELIX = Robot(BACKBONE, DISKS, (Tendon("t1", HelicalRouting(4.5e-3, 1.0), 0.3),), name="helix")
 

@@ -10,7 +10,7 @@ from random_robots import random_robot
 from robots import paper, pull, solve, three
 
 from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.solve import substep_reversals
+from tdcr_fe.solve.load_steps import substep_reversals
 
 
 @pytest.fixture

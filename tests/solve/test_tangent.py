@@ -10,12 +10,12 @@ from robots import paper, scene, three
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.kernel import StaticKernel
-from tdcr_fe.solve.newton import newton
-from tdcr_fe.solve.residual import Residual
-from tdcr_fe.solve.state import Target
-from tdcr_fe.solve.system import SceneSystem
-from tdcr_fe.solve.tangent import add_couplings, add_elastic, add_geometric_stiffness
+from tdcr_fe.solve.equations.kernel import StaticKernel
+from tdcr_fe.solve.equations.residual import Residual
+from tdcr_fe.solve.equations.state import Target
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.equations.tangent import add_couplings, add_elastic, add_geometric_stiffness
+from tdcr_fe.solve.newton.newton import newton
 
 TENSIONS = np.array([2.0, 0.7, 0.4])
 

@@ -10,7 +10,7 @@ from linear_slips import LinearSlips
 from robots import LENGTH, distance, solve, three
 
 from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.solve.friction_path import follow
+from tdcr_fe.solve.friction_path.friction_path import follow
 
 DELTA = 1e-6
 

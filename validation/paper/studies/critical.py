@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.solve.load_path import StepFailed
+from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.solve.simulate import Simulation
 from tdcr_fe.solve.stability import Stability, stability
 

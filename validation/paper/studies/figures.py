@@ -8,7 +8,7 @@ import numpy as np
 
 from tdcr_fe.model.loading import Model, resolve
 from tdcr_fe.model.results import StepResult
-from tdcr_fe.solve.load_path import StepFailed
+from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.solve.simulate import Simulation
 from tdcr_fe.solve.stability import Stability, stability
 from tdcr_fe.validation.paper.cases import PaperCase

@@ -1,0 +1,1 @@
+"""Equations of a scene in strain space: state, residual, tangent and its factors."""

@@ -1,0 +1,253 @@
+"""Tangent of one robot alone as a banded matrix: its factors cost in proportion to the number of disks.
+
+The tension behind a hole depends on all holes before it, so by the nodes alone the tangent of a robot with friction is
+full. With the tension of every segment as a further unknown, each equation has unknowns of neighbouring disks only:
+
+    balance of a node:      K x - d_before^T t_before - d_after^T t_after = r ,
+    transfer at a hole:     t_after - f t_before - g (turn of the tendon there) = 0 ,
+    at the base plate:      t = 0 ,
+
+with the tension changes ``t``, the derivatives ``d`` of the segments' lengths, and the slopes ``f``, ``g`` of
+`tdcr_fe.elements.capstan.HoleSlopes`. The unknowns of every node are its six increments, then the tensions of the
+segments that begin there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dgbtrf, dgbtrs
+
+from tdcr_fe.elements.actuation import TendonActuation
+from tdcr_fe.elements.backbone import NodeStiffness
+from tdcr_fe.elements.forces import TendonForces
+
+Array = NDArray[np.float64]
+_EYE6 = np.eye(6)
+#: A band pays below this fraction of the unknowns of the nodes (measured: 0.15 halves the time of the factors, 0.25
+#: lengthens it) [1].
+WIDEST = 0.2
+
+
+class BandParts(NamedTuple):
+    """Where the parts of the tangent lie in a band; all are views of `data`.
+
+    Attributes
+    ----------
+    data : ndarray
+        The band, column by column.
+    itself : ndarray, shape (N, 6, 6)
+        Every node by itself.
+    after, before : ndarray, shape (N-1, 6, 6)
+        Every node by the next one, the next one by it.
+    disk : ndarray, shape (n+1, 6, 6)
+        Every node with holes by itself.
+    next_disk, previous_disk : ndarray, shape (n, 6, 6)
+        Every node with holes by the next one, the next one by it.
+    pulled : ndarray, shape (n, 2, 6, m)
+        Both ends of every segment by its tension.
+    tensions : ndarray, shape (N, m)
+        Tensions by themselves.
+    turned : ndarray, shape (n-1, m, 3, 6)
+        Transfer at the holes by the nodes before, at and behind them.
+    passed : ndarray, shape (n-1, m)
+        Transfer at the holes by the tension before them.
+    """
+
+    data: Array
+    itself: Array
+    after: Array
+    before: Array
+    disk: Array
+    next_disk: Array
+    previous_disk: Array
+    pulled: Array
+    tensions: Array
+    turned: Array
+    passed: Array
+
+
+@dataclass(frozen=True)
+class BandLayout:
+    """Order of the unknowns in the band.
+
+    Attributes
+    ----------
+    nodes, tendons, segments : int
+        Numbers of nodes, of tendons, and of segments of the longest tendon.
+    spacing : int
+        From one node with holes to the next.
+    """
+
+    nodes: int
+    tendons: int
+    segments: int
+    spacing: int
+
+    @classmethod
+    def of(cls, robots: Sequence[TendonActuation]) -> BandLayout | None:
+        """Layout for a scene with nothing but clamped robots; None where a full matrix is needed, or is faster."""
+        if len(robots) != 1:
+            return None
+        model = robots[0].model
+        if model.geometry is None or model.section is not None:
+            return None
+        holes = model.cable_nodes
+        spacing = np.diff(holes)
+        if holes[0] != 0 or np.any(spacing != spacing[0]):
+            return None
+        m, n = model.law.shape
+        found = cls(model.mesh.arc_lengths.size, m, n, int(spacing[0]))
+        return found if found.lower <= WIDEST * 6 * found.nodes else None
+
+    @cached_property
+    def block(self) -> int:
+        """Unknowns of one node."""
+        return 6 + self.tendons
+
+    @cached_property
+    def lower(self) -> int:
+        """Diagonals below the main one: from the last tension at a disk to the disk before."""
+        return self.block * self.spacing + 5 + self.tendons
+
+    @cached_property
+    def upper(self) -> int:
+        """Diagonals above the main one: from a disk to the next."""
+        return self.block * self.spacing + 5
+
+    @property
+    def leading(self) -> int:
+        """Numbers of a column, those that elimination fills included."""
+        return 2 * self.lower + self.upper + 1
+
+    @cached_property
+    def parts(self) -> BandParts:
+        """A band to assemble in."""
+        n, m, nodes, size = self.segments, self.tendons, self.nodes, self.block
+        disk, origin = size * self.spacing, self.lower + self.upper
+        data = np.zeros(size * nodes * self.leading)
+
+        def view(row: int, column: int, shape: tuple[int, ...], *axes: tuple[int, int]) -> Array:
+            """Entries from (row, column) on; every axis moves by so many rows and columns.
+
+            In LAPACK's band, one row further is the next number, and one column further is ``leading - 1`` numbers on.
+            """
+            strides = [8 * (i + j * (self.leading - 1)) for i, j in axes]
+            offset = 8 * (origin + row + column * (self.leading - 1))
+            return np.ndarray(shape, float, data, offset, strides)
+
+        def blocks(row: int, column: int, count: int, spacing: int) -> Array:
+            return view(row, column, (count, 6, 6), (spacing, spacing), (1, 0), (0, 1))
+
+        return BandParts(
+            data,
+            itself=blocks(0, 0, nodes, size),
+            after=blocks(0, size, nodes - 1, size),
+            before=blocks(size, 0, nodes - 1, size),
+            disk=blocks(0, 0, n + 1, disk),
+            next_disk=blocks(0, disk, n, disk),
+            previous_disk=blocks(disk, 0, n, disk),
+            pulled=view(0, 6, (n, 2, 6, m), (disk, disk), (disk, 0), (1, 0), (0, 1)),
+            tensions=view(6, 6, (nodes, m), (size, size), (1, 1)),
+            turned=view(disk + 6, 0, (n - 1, m, 3, 6), (disk, disk), (1, 0), (0, disk), (0, 1)),
+            passed=view(disk + 6, 6, (n - 1, m), (disk, disk), (1, 1)),
+        )
+
+    def assemble(self, backbone: NodeStiffness, forces: TendonForces, clamped: bool) -> Array:
+        """The tangent in LAPACK's form of a band, shape (2 lower + upper + 1, unknowns).
+
+        Parameters
+        ----------
+        backbone
+            Tangent of the backbone.
+        forces
+            Of the tendons; they must have derivatives hole by hole.
+        clamped
+            Whether the base is clamped: its equations become zero increments.
+        """
+        n, m, to = self.segments, self.tendons, self.parts
+        to.data.fill(0.0)
+        to.itself[...] = backbone.itself
+        to.after[...] = backbone.after
+        to.before[...] = backbone.after.swapaxes(1, 2)
+
+        holes = forces.geometric_stiffness()
+        for part, change in (
+            (to.disk, holes.itself),
+            (to.next_disk, holes.after),
+            (to.previous_disk, holes.after.swapaxes(1, 2)),
+        ):
+            np.add(part, change, out=part)
+
+        lines, at_hole = forces.measured.shape, forces.hole_slopes()
+        rows = lines.lines.segments[:, :, 3].reshape(n, m, 2, 6)
+        np.negative(rows.transpose(0, 2, 3, 1), out=to.pulled)
+        to.tensions[...] = 1.0
+        if n > 1:
+            by_angle = -at_hole.by_angle.T[:, :, None, None]
+            np.multiply(by_angle, lines.turns.reshape(n - 1, m, 3, 6), out=to.turned)
+            np.negative(at_hole.by_tension.T, out=to.passed)
+        if clamped:
+            to.itself[0], to.after[0], to.next_disk[0], to.pulled[0, 0] = _EYE6, 0.0, 0.0, 0.0
+        return to.data.copy().reshape(len(to.data) // self.leading, self.leading).T
+
+
+class BandFactors(NamedTuple):
+    """LU factors of a banded tangent; see `tdcr_fe.solve.equations.factors.Factors`.
+
+    Attributes
+    ----------
+    lu : ndarray
+    pivots : ndarray of int
+    layout : BandLayout
+    """
+
+    lu: Array
+    pivots: NDArray[np.int_]
+    layout: BandLayout
+
+    @classmethod
+    def of(cls, band: Array, layout: BandLayout) -> BandFactors:
+        """Factorise, overwriting the band.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The matrix is singular.
+        """
+        lu, pivots, info = dgbtrf(band, layout.lower, layout.upper, overwrite_ab=True)
+        if info != 0 or not isfinite(lu[layout.lower + layout.upper, -1]):
+            raise np.linalg.LinAlgError("singular matrix")
+        return cls(lu, pivots, layout)
+
+    def solve(self, right: Array) -> Array:
+        """Increments of the nodes for one or several right sides, shape (6 N,) or (6 N, k)."""
+        layout = self.layout
+        if right.ndim == 1:
+            one = np.zeros((layout.nodes, layout.block))
+            one[:, :6] = right.reshape(layout.nodes, 6)
+            flat, _ = dgbtrs(
+                self.lu, layout.lower, layout.upper, one.reshape(-1), self.pivots, overwrite_b=True
+            )
+            return np.asarray(flat.reshape(one.shape)[:, :6].reshape(-1))
+        count = right.shape[1]
+        # Right sides one after the other, as LAPACK has them, with zeros for the transfer of the tensions.
+        both = np.zeros((count, layout.nodes, layout.block))
+        both[:, :, :6] = right.T.reshape(count, layout.nodes, 6)
+        packed = both.reshape(count, -1).T
+        found, _ = dgbtrs(self.lu, layout.lower, layout.upper, packed, self.pivots, overwrite_b=True)
+        nodes = found.T.reshape(both.shape)[:, :, :6].reshape(count, -1)
+        return np.asarray(nodes.T)
+
+    @property
+    def sign(self) -> int:
+        """Sign of the determinant of the tangent by the nodes: eliminating the tensions does not change it."""
+        diagonal = self.lu[self.layout.lower + self.layout.upper]
+        turned = np.count_nonzero((self.pivots != np.arange(len(self.pivots))) ^ (diagonal < 0.0))
+        return 1 if turned % 2 == 0 else -1

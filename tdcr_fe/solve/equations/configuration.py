@@ -1,0 +1,260 @@
+"""Configurations of a scene: element twists and base pose of the beams, coordinates of everything else.
+
+A `Configuration` is a value; `ConfigurationSpace` builds, moves and compares them and writes them into Exudyn's scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from math import acos
+from typing import NamedTuple
+
+import exudyn as exu
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.actuation import TendonActuation
+from tdcr_fe.elements.backbone import ElementChain, relative_twists
+from tdcr_fe.elements.forces import Measurement
+from tdcr_fe.elements.poses import coefficients, euler_parameters_near, exp_matrix, pose_matrix
+from tdcr_fe.solve.equations.reduction import BodyFrameReduction
+
+Array = NDArray[np.float64]
+
+_ONES4 = np.ones(4)
+_CURRENT, _INITIAL = exu.ConfigurationType.Current, exu.ConfigurationType.Initial
+
+
+class Unknowns(NamedTuple):
+    """The independent unknowns of a configuration; small, and can be pickled.
+
+    Attributes
+    ----------
+    coordinates, multipliers : ndarray
+        Of the whole scene, as in Exudyn.
+    twists : tuple of ndarray
+        By robot, relative twists of the elements, length times strain, shape (E, 6).
+    bases : tuple of ndarray
+        By robot, pose of the base node, shape (4, 4).
+    """
+
+    coordinates: Array
+    multipliers: Array
+    twists: tuple[Array, ...]
+    bases: tuple[Array, ...]
+
+
+class Configuration(NamedTuple):
+    """A configuration of the scene, with the poses that follow from its unknowns. Its arrays are never changed.
+
+    Attributes
+    ----------
+    unknowns : Unknowns
+    chains : tuple of ElementChain
+        By robot.
+    poses : tuple of (ndarray, ndarray)
+        By robot, positions (N, 3) and rotations (N, 3, 3) of the nodes, the latter in beam axes.
+    positions : ndarray, shape (N, 3)
+        Of the nodes of all robots [m].
+    parameters : ndarray, shape (N, 4)
+        Euler parameters of the nodes of all robots.
+    frames : ndarray, shape (N, 7, 6)
+        See `BodyFrameReduction.frames`.
+    measured : tuple of Measurement
+        By robot, lengths and angles of the tendons.
+    """
+
+    unknowns: Unknowns
+    chains: tuple[ElementChain, ...]
+    poses: tuple[tuple[Array, Array], ...]
+    positions: Array
+    parameters: Array
+    frames: Array
+    measured: tuple[Measurement, ...]
+
+    @property
+    def twists(self) -> tuple[Array, ...]:
+        """By robot, relative twists of the elements, shape (E, 6)."""
+        return self.unknowns.twists
+
+
+class Move(NamedTuple):
+    """Configuration after a step.
+
+    Attributes
+    ----------
+    configuration : Configuration
+    fraction : float
+        Fraction of the step that was taken [1].
+    turn : float
+        Of the element that turns most in the whole step [rad].
+    """
+
+    configuration: Configuration
+    fraction: float
+    turn: float
+
+
+class ConfigurationSpace:
+    """All configurations of a scene.
+
+    Parameters
+    ----------
+    mbs
+        An assembled system.
+    robots
+        All robots in it.
+    reduction
+        Which of Exudyn's unknowns are beam nodes, and which are kept as they are.
+    clamped
+        Numbers of the robots with a clamped base.
+
+    Attributes
+    ----------
+    slices : list of slice
+        By robot, its nodes among those of all robots.
+    """
+
+    def __init__(
+        self,
+        mbs: exu.MainSystem,
+        robots: Sequence[TendonActuation],
+        reduction: BodyFrameReduction,
+        clamped: Collection[int],
+    ) -> None:
+        self.mbs = mbs
+        self.robots = robots
+        self._reduction = reduction
+        self._clamped = frozenset(clamped)
+        ends = np.cumsum([len(r.nodes) for r in robots])
+        self.slices = [slice(int(e) - len(r.nodes), int(e)) for e, r in zip(ends, robots, strict=True)]
+        self._beam = reduction.beam
+        reference = np.array(mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Reference))
+        self._reference: Array = reference[self._beam]
+        flat = self._beam.ravel()
+        #: Where the beam nodes' coordinates lie, if in one piece and in order.
+        self._span = (
+            slice(int(flat[0]), int(flat[-1]) + 1)
+            if np.array_equal(np.diff(flat), np.ones(len(flat) - 1))
+            else None
+        )
+
+    def from_scene(self) -> Configuration:
+        """The current configuration of Exudyn's scene; clamped bases have the pose of their clamps."""
+        data = self.mbs.systemData
+        twists, bases = [], []
+        for i, robot in enumerate(self.robots):
+            p, r, _ = robot.scene_poses()
+            twists.append(relative_twists(p, r))
+            clamp = robot.clamp if i in self._clamped else None
+            bases.append(pose_matrix(*((p[0], r[0]) if clamp is None else (clamp.position, clamp.rotation))))
+        coordinates = np.array(data.GetODE2Coordinates())
+        multipliers = np.array(data.GetAECoordinates())
+        return self.build(Unknowns(coordinates, multipliers, tuple(twists), tuple(bases)))
+
+    def build(self, unknowns: Unknowns, near: Array | None = None) -> Configuration:
+        """A configuration from its unknowns.
+
+        Parameters
+        ----------
+        unknowns
+            The coordinates of beam nodes among them follow from the twists and bases; of the given ones only the
+            signs of the Euler parameters are used.
+        near
+            Euler parameters that have these signs, shape (N, 4), where they are known.
+        """
+        if near is None:
+            near = self._beams(unknowns.coordinates)[:, 3:] + self._reference[:, 3:]
+        chains = tuple([ElementChain(twists) for twists in unknowns.twists])
+        poses = tuple([chain.poses(base) for base, chain in zip(unknowns.bases, chains, strict=True)])
+        if len(poses) == 1:
+            positions, rotations = poses[0]
+        else:
+            positions = np.concatenate([p for p, _ in poses])
+            rotations = np.concatenate([r for _, r in poses])
+        # Both signs are the same rotation; Exudyn's own solvers continue from the nearer one.
+        parameters = euler_parameters_near(rotations, near)
+        coordinates = unknowns.coordinates.copy()
+        beams = self._beams(coordinates)
+        np.subtract(positions, self._reference[:, :3], out=beams[:, :3])
+        np.subtract(parameters, self._reference[:, 3:], out=beams[:, 3:])
+        if not self._span:
+            coordinates[self._beam] = beams
+        written = Unknowns(coordinates, unknowns.multipliers, unknowns.twists, unknowns.bases)
+        frames = self._reduction.frames(rotations, parameters)
+        measured = tuple(
+            [
+                robot.model.measure(*pose, twists)
+                for robot, pose, twists in zip(self.robots, poses, unknowns.twists, strict=True)
+            ]
+        )
+        return Configuration(written, chains, poses, positions, parameters, frames, measured)
+
+    def _beams(self, coordinates: Array) -> Array:
+        """Coordinates of the beam nodes, shape (N, 7); a view where they lie in one piece."""
+        return coordinates[self._span].reshape(-1, 7) if self._span else coordinates[self._beam]
+
+    def move(
+        self, start: Configuration, step: Array, chains: Sequence[ElementChain], max_turn: float
+    ) -> Move:
+        """Take a step, or the fraction of it in which no element turns by more than allowed.
+
+        Parameters
+        ----------
+        start
+            Configuration to start from.
+        step
+            Body-frame increments of the beam nodes, then changes of everything else.
+        chains
+            The elements in whose frames the increments are.
+        max_turn
+            Largest change of an element's rotation [rad].
+        """
+        reduction, old = self._reduction, start.unknowns
+        six = 6 * reduction.nodes
+        nodes = step[:six].reshape(-1, 6)
+        changes = [chain.changes(nodes[own]) for chain, own in zip(chains, self.slices, strict=True)]
+        turn = max(float(np.abs(c[:, 3:]).max()) for c in changes)
+        fraction = min(1.0, max_turn / turn) if turn > 0.0 else 1.0
+        if fraction < 1.0:
+            nodes, changes = fraction * nodes, [fraction * c for c in changes]
+        twists = tuple([t + change for t, change in zip(old.twists, changes, strict=True)])
+        bases = list(old.bases)
+        for i, own in enumerate(self.slices):
+            if i in self._clamped:
+                continue
+            first = nodes[own.start]
+            if max(map(abs, first.tolist())) > 1e-15:
+                bases[i] = bases[i] @ exp_matrix(first, coefficients(first[3:]))
+        coordinates, multipliers = old.coordinates, old.multipliers
+        if reduction.count > six:
+            rest = fraction * step[six : reduction.count]
+            n2 = len(reduction.other_coordinates)
+            coordinates, multipliers = coordinates.copy(), multipliers.copy()
+            coordinates[reduction.other_coordinates] += rest[:n2]
+            multipliers[reduction.other_multipliers] += rest[n2:]
+        moved = Unknowns(coordinates, multipliers, twists, tuple(bases))
+        return Move(self.build(moved, start.parameters), fraction, turn)
+
+    def write(self, configuration: Configuration, initial: bool = False) -> None:
+        """Make this the current configuration of Exudyn's scene; with ``initial`` the initial one, too."""
+        kinds = (_CURRENT, _INITIAL) if initial else (_CURRENT,)
+        data, unknowns = self.mbs.systemData, configuration.unknowns
+        for kind in kinds:
+            # Into Exudyn's memory: a third of the time of its functions that set coordinates.
+            data.GetODE2Coordinates(kind, copy=False)[:] = unknowns.coordinates
+            if unknowns.multipliers.size:
+                data.GetAECoordinates(kind, copy=False)[:] = unknowns.multipliers
+
+    def fits(self, unknowns: Unknowns) -> bool:
+        """Whether unknowns fit this scene: the same numbers of coordinates and the same meshes."""
+        elements = [len(r.nodes) - 1 for r in self.robots]
+        return [len(t) for t in unknowns.twists] == elements and (
+            len(unknowns.coordinates) == self._reduction.n2
+        )
+
+    @staticmethod
+    def turn_between(a: Configuration, b: Configuration) -> float:
+        """Largest rotation of any beam node from one configuration to another [rad]."""
+        cosine = np.abs((a.parameters * b.parameters) @ _ONES4).min()
+        return 2.0 * acos(min(float(cosine), 1.0))

@@ -1,0 +1,377 @@
+"""Equations of a whole scene: residual, tangent and base reactions from Exudyn's solver kernel.
+
+Residual and Jacobian come from Exudyn, except for tendons and section forces: these are a few matrix products, and
+the item that applies them is switched off while this solver works. Where nothing but robots is in the scene, the
+tangent follows from the stiffness of the elements. Every beam node is taken in body-frame increments; an increment of
+the nodes becomes an increment of the elements' strains, and the poses are rebuilt from the base by exact exponentials.
+Everything else in the scene keeps its ordinary additive update. Derivation: documentation, page "Theory".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import exudyn as exu
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.actuation import TendonActuation
+from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.solve.equations.band import BandFactors
+from tdcr_fe.solve.equations.clamp_reactions import ClampReactions
+from tdcr_fe.solve.equations.configuration import Configuration
+from tdcr_fe.solve.equations.factors import BorderedFactors, DenseFactors, Factors
+from tdcr_fe.solve.equations.kernel import StaticKernel
+from tdcr_fe.solve.equations.layout import SceneLayout
+from tdcr_fe.solve.equations.linearization import Linearization
+from tdcr_fe.solve.equations.numbering import Numbering
+from tdcr_fe.solve.equations.reduction import SceneTangent
+from tdcr_fe.solve.equations.residual import Residual
+from tdcr_fe.solve.equations.state import SolverState, StoredState, Target
+from tdcr_fe.solve.equations.tangent import (
+    add_couplings,
+    add_damping,
+    add_elastic,
+    add_geometric_stiffness,
+    add_unbalanced,
+    backbone_tangent,
+    border,
+    hold,
+)
+
+Array = NDArray[np.float64]
+
+
+class SceneSystem:
+    """Equations of equilibrium of a scene with all its robots.
+
+    Parameters
+    ----------
+    mbs
+        An assembled system.
+
+    Attributes
+    ----------
+    robots : list of TendonActuation
+    layout : SceneLayout
+        Replaced by `release_clamps`.
+
+    Raises
+    ------
+    ValueError
+        The system is not assembled, has no robot, or has states that this solver does not solve: first-order
+        states, or states with a history other than those of the robots.
+    """
+
+    def __init__(self, mbs: exu.MainSystem) -> None:
+        self.mbs = mbs
+        self.hooks = SceneHooks.of(mbs)
+        self.robots: list[TendonActuation] = self.hooks.actuations
+        if not self.robots:
+            raise ValueError("no robot in this system; add one with CreateTDCR before solving")
+        if not mbs.systemIsConsistent:
+            raise ValueError("the system is not assembled; call mbs.Assemble() before solving")
+        self._kernel = StaticKernel(mbs, self.hooks)
+        self._user_residual = self.hooks.user_function("PreNewtonResidual")
+        self.layout = SceneLayout.of(mbs, self.robots, with_clamps=True)
+        self._reactions = ClampReactions.of(self._kernel, self.layout)
+
+    @property
+    def length(self) -> float:
+        """Length of the longest backbone [m]."""
+        return self.layout.scales.length
+
+    def numbering(self, with_friction: bool = True) -> Numbering:
+        """Order of the unknowns for the current driving of the tendons, with or without the mobilisations."""
+        driven = tuple(robot.by_displacement.tobytes() for robot in self.robots)
+        if driven not in self.layout.numberings:
+            self.layout.numberings[driven] = Numbering.of(
+                self.robots, self.layout.space.slices, self.layout.reduction.count
+            )
+        numbering = self.layout.numberings[driven]
+        return numbering if with_friction else numbering.without_friction()
+
+    # ------------------------------------------------------------------ states
+
+    def current_state(self, time: float = 0.0) -> SolverState:
+        """The current state of the scene and its robots at a given time [s]; slip rates are kept."""
+        return SolverState(
+            self.layout.space.from_scene(),
+            tuple(r.base_tension for r in self.robots),
+            tuple(r.state.mobilisation for r in self.robots),
+            tuple(replace(r.friction_without_stretch(), time=time) for r in self.robots),
+            tuple(r.prescribed for r in self.robots),
+            tuple(load.applied for load in self.hooks.point_loads),
+            time,
+        )
+
+    def warm_start(self, state: SolverState, stored: StoredState) -> SolverState:
+        """A state with the unknowns of another run and its own history; unchanged where the meshes differ."""
+        if not self.layout.space.fits(stored.unknowns):
+            return state
+        return state._replace(
+            configuration=self.layout.space.build(stored.unknowns),
+            base_tension=stored.base_tension,
+            mobilisation=stored.mobilisation,
+        )
+
+    def store(self, state: SolverState, forces: Sequence[TendonForces] | None = None) -> None:
+        """Leave a solved state in the scene, as current and as initial configuration; see also `connect`.
+
+        Parameters
+        ----------
+        state
+            The state.
+        forces
+            By robot, in that state; None computes them.
+        """
+        if not forces:
+            forces = self.forces(state, state.time)
+        for robot, own, history, prescribed in zip(
+            self.robots, forces, state.friction, state.prescribed, strict=True
+        ):
+            robot.store(history, prescribed, own, state.configuration.unknowns.coordinates)
+        for item, load in zip(self.hooks.point_loads, state.loads, strict=True):
+            item.applied = load
+            item.keep()
+        self.layout.space.write(state.configuration, initial=True)
+        self._kernel.contact.keep()
+
+    def connect(self) -> None:
+        """Let Exudyn's items apply the forces of the stored state again, for Exudyn's own solvers and for drawing."""
+        for robot in self.robots:
+            robot.connect()
+
+    def bring_to_rest(self) -> None:
+        """Set the velocities and accelerations of the scene to zero."""
+        data, kinds = self.mbs.systemData, exu.ConfigurationType
+        rest = np.zeros(self.layout.reduction.n2)
+        for kind in (kinds.Current, kinds.Initial):
+            data.SetODE2Coordinates_t(rest, kind)
+            data.SetODE2Coordinates_tt(rest, kind)
+
+    # ------------------------------------------------------------------ equations
+
+    def forces(self, state: SolverState, time: float) -> tuple[TendonForces, ...]:
+        """By robot, tensions and section forces in a state at a time [s]."""
+        found = []
+        for i, robot in enumerate(self.robots):
+            measured, history = state.configuration.measured[i], state.friction[i]
+            tension, mobilisation = state.base_tension[i], state.mobilisation[i]
+            found.append(robot.model.at_mobilisation(measured, tension, mobilisation, history, time))
+        return tuple(found)
+
+    def residual(
+        self,
+        state: SolverState,
+        target: Target,
+        numbering: Numbering,
+        iteration: int = 0,
+        hold_contact: bool = False,
+    ) -> Residual:
+        """Residual of a state under a target.
+
+        Parameters
+        ----------
+        state
+            Written into the scene.
+        target
+            Inputs and time; loads are those already in the scene.
+        numbering
+            Of the unknowns.
+        iteration
+            Number of the iteration, passed to the user's ``PreNewtonResidual`` function.
+        hold_contact
+            Whether contact goes on acting where it did in the residual before, in place of where the state has it.
+        """
+        layout = self.layout
+        layout.space.write(state.configuration)
+        if not hold_contact:
+            self._kernel.contact.follow()
+        if self._user_residual is not None:
+            self._user_residual(self.mbs, target.time, iteration, 0)
+        forces = self.forces(state, target.time)
+        for robot in self.robots:
+            robot.disconnect()
+        raw = self._kernel.residual()
+        unbalanced = layout.reduction.residual(raw, state.configuration.frames)
+        for nodes, own in zip(layout.space.slices, forces, strict=True):
+            unbalanced[6 * nodes.start : 6 * nodes.stop] += own.nodal_wrenches().reshape(-1)
+        on_bases = []
+        for base in layout.clamped:
+            on_bases.append(unbalanced[base].copy())
+            unbalanced[base] = 0.0
+        size = layout.scales.relative_residual(unbalanced, state.base_tension, target.load_size)
+        for part in numbering.robots:
+            if part.driven.size:
+                own, displacement = forces[part.robot], target.inputs[part.robot]
+                size = max(size, layout.scales.displacement_error(own, displacement, part.driven))
+        return Residual(state, target, forces, unbalanced, tuple(on_bases), raw, size)
+
+    @property
+    def has_contact(self) -> bool:
+        """Whether the scene has items of contact."""
+        return self._kernel.contact.present
+
+    def contact_room(self, state: SolverState) -> float:
+        """By how much a node may move from a state without jumping over a contact [m]."""
+        if not self.has_contact:
+            return float("inf")
+        self.layout.space.write(state.configuration)
+        self._kernel.contact.follow()
+        return self._kernel.contact.room()
+
+    def may_jump_over_contact(self, before: SolverState, after: SolverState) -> bool:
+        """Whether bodies may have jumped over each other from one state to another, which is left in the scene."""
+        contact = self._kernel.contact
+        moved = after.configuration.positions - before.configuration.positions
+        if float(np.linalg.norm(moved, axis=1).max()) > contact.general_room:
+            return True
+        self.layout.space.write(before.configuration)
+        contact.follow()
+        rooms, start = contact.rooms(), contact.relative_positions()
+        self.layout.space.write(after.configuration)
+        contact.follow()
+        approach = np.linalg.norm(contact.relative_positions() - start, axis=1)
+        return bool(np.any(approach > rooms))
+
+    def scene_tangent(self, residual: Residual) -> SceneTangent:
+        """Exudyn's Jacobian: everything but the forces of the tendons and inside the sections.
+
+        Parameters
+        ----------
+        residual
+            The last one evaluated, whose state is in the scene.
+        """
+        layout, frames = self.layout, residual.state.configuration.frames
+        j = self._kernel.jacobian(
+            loads=len(layout.turning) > 0, constraints=len(layout.reduction.other_multipliers) > 0
+        )
+        extra = self.hooks.user_jacobian(residual.target.time)
+        if extra is not None:
+            j[: extra.shape[0], : extra.shape[1]] += extra
+        # Contact and the user's additions may couple further nodes.
+        changing = extra is not None or self.mbs.NumberOfGeneralContacts() > 0
+        return layout.reduction.tangent(j, frames, search_couplings=changing)
+
+    def contact_too_deep(self, state: SolverState) -> bool:
+        """Whether a body is so deep in another one that contact no longer separates them; leaves it in the scene."""
+        self.layout.space.write(state.configuration)
+        self._kernel.contact.follow()
+        return self._kernel.contact.too_deep()
+
+    def whole_tangent(self) -> Array:
+        """Exudyn's Jacobian of the scene as it is, tendons left out, joints included, shape (size, size)."""
+        return self._kernel.jacobian(loads=True)
+
+    @property
+    def robots_only(self) -> bool:
+        """Whether nothing but robots resists motion: no other objects, and no loads that turn with their nodes."""
+        if not self.layout.no_others:
+            return False
+        turning = set(self.layout.turning)
+        for load in self.hooks.point_loads if turning else ():
+            # A moment of zero does not turn.
+            for number, value in zip(load.numbers, load.value.reshape(2, 3), strict=True):
+                if not value.any():
+                    turning.discard(number)
+        return not turning
+
+    def tangent_follows_from_elements(self) -> bool:
+        """Whether the tangent follows from the elements' stiffness alone, without Exudyn's Jacobian."""
+        return (
+            self.robots_only
+            and self.mbs.NumberOfGeneralContacts() == 0
+            and self.hooks.user_function("SystemJacobian") is None
+        )
+
+    def tangent(self, residual: Residual) -> Array:
+        """Derivative of the reduced residual at fixed friction and tensions at the base.
+
+        Parameters
+        ----------
+        residual
+            The last one evaluated, whose state is in the scene.
+
+        Returns
+        -------
+        ndarray, shape (reduced, reduced)
+            Exudyn's sign: minus the stiffness.
+        """
+        scene = self.scene_tangent(residual)
+        add_geometric_stiffness(scene, residual)
+        k = scene.dense(self.layout.reduction.count)
+        add_couplings(k, residual, self.layout.space.slices)
+        return k
+
+    def linearize(
+        self,
+        residual: Residual,
+        numbering: Numbering,
+        damping: float = 0.0,
+    ) -> Linearization:
+        """Linearise equilibrium, with the tensions of tendons with prescribed displacement as further unknowns.
+
+        Parameters
+        ----------
+        residual
+            The last one evaluated, whose state is in the scene.
+        numbering
+            Of the unknowns.
+        damping
+            Of the nodes, for pseudo-transient continuation [N m].
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The tangent is singular.
+        """
+        layout = self.layout
+        own = residual.forces[0]
+        if layout.band is not None and own.has_hole_slopes and self.tangent_follows_from_elements():
+            backbone = backbone_tangent(residual, damping, self.length)
+            factors: Factors = BandFactors.of(
+                layout.band.assemble(backbone, own, bool(layout.clamped)), layout.band
+            )
+        else:
+            factors = self._dense_factors(residual, numbering, damping)
+        if numbering.any_driven:
+            factors = BorderedFactors.of(factors, *border(residual, numbering, layout.clamped))
+        return Linearization(factors, residual.state.configuration.chains, numbering, residual.forces)
+
+    def _dense_factors(self, residual: Residual, numbering: Numbering, damping: float) -> Factors:
+        """Factors of the tangent at fixed tensions, as a full matrix."""
+        layout = self.layout
+        nodes = layout.space.slices
+        if self.tangent_follows_from_elements():
+            scene = layout.reduction.empty_tangent()
+            add_elastic(scene, residual, nodes)
+        else:
+            scene = self.scene_tangent(residual)
+            add_unbalanced(scene, residual, nodes)
+        add_geometric_stiffness(scene, residual)
+        k = scene.dense(numbering.reduced)
+        add_couplings(k, residual, nodes)
+        if damping > 0.0:
+            add_damping(k, layout.reduction.nodes, damping, self.length)
+        hold(k, layout.clamped)
+        return DenseFactors.of(k)
+
+    # ------------------------------------------------------------------ clamps
+
+    def clamps_are_closed(self, residual: Residual) -> bool:
+        """Whether the joints of clamped bases are closed."""
+        n2, clamps = self.layout.reduction.n2, self.layout.clamps.values()
+        gap = max((float(np.abs(residual.raw[n2 + joint]).max()) for joint in clamps), default=0.0)
+        return gap <= 1e-9 * self.length
+
+    def release_clamps(self) -> None:
+        """Treat clamped bases as any other joint from now on, because their supports have been moved."""
+        self.layout = SceneLayout.of(self.mbs, self.robots, with_clamps=False)
+        self._reactions = ClampReactions.of(self._kernel, self.layout)
+
+    def with_base_reactions(self, residual: Residual) -> Configuration:
+        """The configuration of a state in equilibrium with the reactions of its clamps."""
+        return self._reactions.balance(residual)

@@ -1,0 +1,144 @@
+"""Tangent of a scene: the parts of robots alone, of unbalanced wrenches, of tendons, and of driven tendons."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.backbone import NodeStiffness
+from tdcr_fe.solve.equations.numbering import Numbering, zero_bases
+from tdcr_fe.solve.equations.reduction import SceneTangent
+from tdcr_fe.solve.equations.residual import Residual
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+_EYE6 = np.eye(6)
+
+
+def add_elastic(tangent: SceneTangent, residual: Residual, nodes: Sequence[slice]) -> None:
+    """Put the tangent of the backbones, in the unknowns of the solver, into a tangent of zeros.
+
+    Parameters
+    ----------
+    tangent
+        Its blocks are changed.
+    residual
+        Of a state where nothing but robots resists.
+    nodes
+        By robot, its nodes among those of all robots.
+    """
+    configuration = residual.state.configuration
+    for i, own in enumerate(nodes):
+        mesh, wrenches = residual.forces[i].model.mesh, residual.unbalanced[6 * own.start : 6 * own.stop]
+        terms = configuration.chains[i].tangent(mesh, wrenches, *configuration.poses[i])
+        tangent.put(tangent.pattern.robots[i].backbone, terms)
+
+
+def backbone_tangent(residual: Residual, damping: float, length: float) -> NodeStiffness:
+    """Tangent of the backbone of one robot alone, with damping of its nodes.
+
+    Parameters
+    ----------
+    residual
+        Of a state of a scene with nothing but this robot.
+    damping
+        Of the nodes, for pseudo-transient continuation [N m].
+    length
+        Of the longest backbone [m].
+    """
+    configuration, mesh = residual.state.configuration, residual.forces[0].model.mesh
+    found = configuration.chains[0].tangent(mesh, residual.unbalanced, *configuration.poses[0])
+    if damping > 0.0:
+        component = np.arange(6)
+        found.itself[:, component, component] -= damping_of_node(damping, length)
+    return found
+
+
+def add_unbalanced(tangent: SceneTangent, residual: Residual, nodes: Sequence[slice]) -> None:
+    """Add to Exudyn's Jacobian the geometric terms of unbalanced wrenches; arguments as in `add_elastic`."""
+    configuration = residual.state.configuration
+    for i, own in enumerate(nodes):
+        wrenches = residual.unbalanced[6 * own.start : 6 * own.stop]
+        terms = configuration.chains[i].unbalanced_terms(wrenches, *configuration.poses[i])
+        tangent.add(tangent.pattern.robots[i].backbone, terms)
+
+
+def add_geometric_stiffness(tangent: SceneTangent, residual: Residual) -> None:
+    """Add the geometric stiffness of straight tendon segments to the blocks of a tangent."""
+    for own, robot in zip(residual.forces, tangent.pattern.robots, strict=True):
+        if own.model.geometry is not None:
+            tangent.add(robot.holes, own.geometric_stiffness())
+
+
+def add_couplings(k: Array, residual: Residual, nodes: Sequence[slice]) -> None:
+    """Add the change of the tensions with the nodes, section forces, and springs to ground, to a dense tangent."""
+    for own, at in zip(residual.forces, nodes, strict=True):
+        if len(own.base_tension) or own.model.section is not None:
+            inside = slice(6 * at.start, 6 * at.stop)
+            own.add_coupling(k[inside, inside])
+        elif own.model.springs is not None:
+            own.add_springs(k[6 * at.start : 6 * at.stop, 6 * at.start : 6 * at.stop])
+
+
+def border(
+    residual: Residual, numbering: Numbering, clamped: Sequence[slice]
+) -> tuple[Array, Array, Array, Flags]:
+    """Rows and columns of tensions whose tendons have prescribed displacements.
+
+    Parameters
+    ----------
+    residual, numbering
+        State, and order of the unknowns.
+    clamped
+        Unknowns of clamped bases.
+
+    Returns
+    -------
+    columns : ndarray, shape (reduced, k)
+        Of the reduced residual by the tensions.
+    rows : ndarray, shape (k, reduced)
+        Displacements at the base by the other unknowns.
+    own : ndarray, shape (k,)
+        Every displacement by the tension of that tendon [m/N].
+    slack : ndarray of bool, shape (k,)
+        Which of the tendons have no tension.
+    """
+    count = numbering.linear - numbering.reduced
+    columns = np.zeros((numbering.reduced, count), order="F")
+    rows, own, slack = np.zeros((count, numbering.reduced)), np.zeros(count), np.zeros(count, dtype=bool)
+    for part in numbering.robots:
+        which, at = part.driven, residual.forces[part.robot]
+        if not which.size:
+            continue
+        here = slice(part.tensions.start - numbering.reduced, part.tensions.stop - numbering.reduced)
+        columns[part.nodes, here] = at.base_tension_columns()[:, which]
+        rows[here, part.nodes] = at.base_slip_rows()[which]
+        own[here] = at.base_slip_by_base()[which]
+        slack[here] = at.base_tension[which] <= 0.0
+    zero_bases(columns, clamped)
+    return columns, rows, own, slack
+
+
+def damping_of_node(damping: float, length: float) -> Array:
+    """Damping [N m] of pseudo-transient continuation by the increments of a node, shape (6,).
+
+    Forces act by a lever of the length [m].
+    """
+    return damping * np.repeat((1.0 / length**2, 1.0), 3)
+
+
+def add_damping(k: Array, nodes: int, damping: float, length: float) -> None:
+    """Add the damping of all nodes, see `damping_of_node`."""
+    # Exudyn's Jacobian is that of the right-hand side: minus the stiffness.
+    diagonal = np.arange(6 * nodes)
+    k[diagonal, diagonal] -= np.tile(damping_of_node(damping, length), nodes)
+
+
+def hold(k: Array, bases: Sequence[slice]) -> None:
+    """Replace the equations of clamped bases by zero increments."""
+    for base in bases:
+        rows = k[base]
+        rows.fill(0.0)
+        rows[:, base] = _EYE6

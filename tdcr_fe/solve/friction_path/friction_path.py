@@ -1,0 +1,363 @@
+"""Which slips reverse within a substep: the friction states followed through the linearised equilibrium.
+
+A mobilisation is an elastic-plastic function of the slip at its hole. A substep solved as a whole is exact where every
+slip is monotone: changes from stick to slip cost nothing. Only a slip that reverses within the substep makes the result
+depend on how it was reached: the mobilisation then counts from the slip where it turned, not from that at the start.
+
+With the configuration eliminated, the slips are a smooth function of load factor, mobilisations and tensions at the
+base, known from both ends of a substep (`tdcr_fe.solve.friction_path.slip_model`). The friction states are followed
+through it from event to event, which gives every turning point. Tendons driven by displacement that become slack or
+taut are events of the same kind: their tensions are unknowns too. Derivation: documentation, page "Theory".
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dgesv
+
+from tdcr_fe.solve.friction_path.slip_model import SlipState
+from tdcr_fe.solve.friction_path.slip_rates import (
+    Bounds,
+    Motion,
+    Rates,
+    distance_to_bound,
+    distance_to_closing,
+    distance_to_reversal,
+    solve_rates,
+)
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Index = NDArray[np.int_]
+
+#: Largest part of a substep over which slip rates are taken as linear in the load factor [1].
+LONGEST = 0.12
+#: Over shorter parts slip rates are taken as constant [1].
+STRAIGHT = 0.02
+#: Change of the tensions, over the largest, up to which derivatives of the slips are used again [1].
+KEPT = 0.02
+#: Shortest part, which resolves events that follow each other [1].
+SHORTEST = 1e-5
+#: Over how much of the longest part, and over which largest change of a mobilisation, slopes of rates are taken [1].
+SLOPE_PART, SLOPE_CHANGE = 0.5, 0.5
+#: Slip beyond a reversal that was not foreseen, as a fraction of the presliding distance, which is left as it is [1].
+LATE = 0.005
+#: By which fraction of itself a part is shortened at most where a reversal was not foreseen [1], and how often.
+MOST_SHORTENED, MOST_SHORTENINGS = 0.75, 4
+#: Slip rates below this fraction of the presliding distance per substep are zero [1].
+RATE_TOLERANCE = 1e-4
+#: Distance from a bound that counts as none, over the size of the unknown [1].
+NEAR_BOUND = 1e-12
+#: Upper bound of tensions, beyond all that occur [N].
+UNBOUNDED = 1e100
+
+
+class Slips(Protocol):
+    """Slips as functions of load factor, mobilisations and tensions, as in `slip_model.SlipModel`."""
+
+    @property
+    def presliding(self) -> float:
+        """Presliding distance [m]."""
+        ...
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """Load factors up to which the slips are smooth, ascending; the last one is 1 [1]."""
+        ...
+
+    def at(self, factor: float, z: Array, tension: Array) -> SlipState:
+        """Slips and derivatives at a load factor."""
+        ...
+
+    def rates(self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState) -> Array:
+        """Rates of the excess of the slips, and of minus the slack, at given rates of ``z``."""
+        ...
+
+
+class FollowedPath(NamedTuple):
+    """Friction states at the end of a substep, and where slips reversed.
+
+    Attributes
+    ----------
+    mobilisation : ndarray, shape (k + c,)
+        At its end [1], and the unknown tensions at the base [N].
+    turning_slip : ndarray, shape (k,)
+        Change of the slip up to the last reversal; zero where there is none [m].
+    turning_mobilisation : ndarray, shape (k,)
+        Mobilisation there: 1 or -1; that at the start where there is none [1].
+    turning_factor : ndarray, shape (k,)
+        Fraction of the substep at the last reversal; zero where there is none [1].
+    complete : bool
+        Whether the end of the substep was reached.
+    margin : ndarray, shape (k,)
+        Smallest slip rate in the direction of slipping over ``6 x (1 - x)``, with the fraction ``x`` of the substep
+        [m]; minus infinity where any hole sticks at any time.
+    pieces : tuple of Piece
+        The path, part by part.
+    bounds : Bounds
+        Of the unknowns.
+    """
+
+    mobilisation: Array
+    turning_slip: Array
+    turning_mobilisation: Array
+    turning_factor: Array
+    complete: bool
+    margin: Array
+    pieces: tuple[Piece, ...]
+    bounds: Bounds
+
+    @property
+    def reversed(self) -> Flags:
+        """Which slips reversed, shape (k,)."""
+        return self.turning_factor > 0.0
+
+    def at(self, factor: float) -> tuple[Array, Array]:
+        """Mobilisations and unknown tensions at the base, and tensions of the segments, at a load factor."""
+        piece = self.pieces[bisect_right(self.pieces, factor, key=lambda p: p.now) - 1]
+        _, z, tension = piece.end(factor - piece.now, self.bounds)
+        return z, tension
+
+
+class Piece(NamedTuple):
+    """A part of the substep over which the rates of all unknowns are linear in the load factor.
+
+    Attributes
+    ----------
+    now, part : float
+        Where it begins, and how long it is [1].
+    z : ndarray, shape (k + c,)
+        Unknowns where it begins.
+    motion : Motion
+        Their rates.
+    tension, tension_rate : ndarray, shape (q,)
+        Of the segments [N].
+    """
+
+    now: float
+    part: float
+    z: Array
+    motion: Motion
+    tension: Array
+    tension_rate: Array
+
+    def end(self, part: float, bounds: Bounds) -> tuple[float, Array, Array]:
+        """Load factor, unknowns, and tensions of the segments after a part of it."""
+        moved = part * self.motion.rate + (0.5 * part * part) * self.motion.rate_change
+        z = np.minimum(np.maximum(self.z + moved, bounds.lower), bounds.upper)
+        return self.now + part, z, self.tension + part * self.tension_rate
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Array) -> FollowedPath:
+    """Follow the friction states through a substep.
+
+    Parameters
+    ----------
+    slips
+        In the substep.
+    mobilisation
+        At its start, shape (k,).
+    base_tension
+        Those unknown tensions at the base there [N], shape (c,).
+    tension
+        Of the segments there [N], shape (q,).
+    """
+    k, c, presliding = len(mobilisation), len(base_tension), slips.presliding
+    z, bounds = np.append(mobilisation, base_tension), _bounds(k, base_tension)
+    tolerance = RATE_TOLERANCE * presliding
+    now, start, open_, slack = 0.0, np.zeros(0), None, np.zeros(c)
+    turning_slip, turning_factor, turning_mobilisation = np.zeros(k), np.zeros(k), mobilisation.copy()
+    stiffness = np.append(np.full(k, presliding), np.zeros(c))
+    scale = np.append(np.full(k, presliding), np.full(c, presliding / max(1e-3, float(tension.max()))))
+    free, excess = np.zeros(k + c, dtype=bool), np.zeros(k + c)
+    pieces: list[Piece] = []
+    complete, shortened, returned = False, 0, np.zeros(k + c, dtype=bool)
+    stops = iter(slips.ends)
+    stop = 0.0
+    state: SlipState | None = None
+    evaluated, evaluated_tension, within = 0.0, tension, 1.0
+    for _ in range(50 + 6 * (k + c)):
+        if state is None:
+            state = slips.at(now, z, tension)
+            evaluated, evaluated_tension, fresh, within = now, state.tension, True, 1.0
+            inside = free.nonzero()[0]
+            if inside.size:
+                change = _correction(z, state, inside, excess, stiffness)
+                within = _inside(pieces[-1], inside, z[inside] + change, bounds)
+                # What has come to its bound too early is moved back once: else its way there might never end.
+                at_bound = bounds.side(z)[inside] != 0.0
+                change[at_bound & returned[inside]] = 0.0
+                returned[inside] = at_bound
+                z, state = _changed(z, state, inside, change, bounds)
+        side = bounds.side(z)
+        if not start.size:
+            start = state.slip
+        if c:
+            slack = np.maximum(-state.slip[k:], 0.0)
+            open_ = np.append(np.zeros(k, dtype=bool), slack > tolerance)
+        rates = solve_rates(state.columns, state.by_load, side, open_, scale, tolerance)
+        # Where the interpolation leads far from both ends, numbers may overflow: the path is then not complete.
+        if rates is None or not np.isfinite(rates.excess).all():
+            break
+        held = rates.side == 0.0
+        turned = (held & (side != 0.0))[:k].nonzero()[0]
+        if turned.size and not fresh:
+            state = None
+            continue
+        if turned.size and pieces and shortened < MOST_SHORTENINGS:
+            share = _reached(pieces[-1], turned, side, state, within, LATE * presliding)
+            if share < 1.0:
+                last, shortened = pieces.pop(), shortened + 1
+                last = last._replace(part=share * last.part)
+                pieces.append(last)
+                now, z, tension = last.end(last.part, bounds)
+                state = None
+                continue
+        shortened = 0
+        new = (held & ~free).nonzero()[0]
+        excess[new] = state.slip[new] - stiffness[new] * z[new]
+        excess[k:] = 0.0
+        free = held
+        turning_slip[turned], turning_factor[turned] = (state.slip - start)[turned], now
+        turning_mobilisation[turned] = side[turned]
+        if now >= stop - 1e-12:
+            stop = next(stops, 0.0)
+            if not stop:
+                complete = True
+                break
+        motion, event = rates.motion(None), np.inf
+        if rates.free.size:
+            event = distance_to_bound(motion, z, bounds)
+        curved = event > STRAIGHT
+        if curved:
+            slope = _slope(slips, now, stop, z, state, rates, k)
+            if not np.isfinite(slope).all():
+                break
+            motion = rates.motion(slope)
+            event = min(distance_to_bound(motion, z, bounds), distance_to_reversal(motion, tolerance, k))
+        if c:
+            event = min(event, distance_to_closing(motion, slack, k))
+        part = min(stop - now, LONGEST, max(SHORTEST, event))
+        tension_rate = state.tension_rates(rates.free, rates.rate)
+        pieces.append(Piece(now, part, z, motion, state.tension, tension_rate))
+        now, z, tension = pieces[-1].end(part, bounds)
+        change = np.abs(tension - evaluated_tension).max()
+        fresh = curved or now - evaluated > STRAIGHT or now >= stop - 1e-12 or change > KEPT * tension.max()
+        state = None if fresh else state.ahead(part, rates.free, rates.rate, rates.excess)
+    throughout = all(bool(np.all(piece.motion.side[:k] != 0.0)) for piece in pieces)
+    margin = _margin(pieces, k) if throughout and pieces else np.full(k, -np.inf)
+    return FollowedPath(
+        z, turning_slip, turning_mobilisation, turning_factor, complete, margin, tuple(pieces), bounds
+    )
+
+
+def _reached(piece: Piece, turned: Index, side: Array, state: SlipState, within: float, loss: float) -> float:
+    """Up to which fraction of a part the slips have kept their direction; 1 where less slip than ``loss`` is lost.
+
+    Parameters
+    ----------
+    piece
+        The part.
+    turned
+        Holes that have turned at its end.
+    side
+        At which bounds the unknowns are.
+    state
+        Slips at its end.
+    within
+        Up to which fraction of the part all free unknowns were inside their bounds: slips turn where one comes to its
+        bound.
+    loss
+        Slip after the reversal that makes no difference [m].
+    """
+    # The rates just before its end, where nothing had turned or come to a bound.
+    free, rate = (piece.motion.side == 0.0).nonzero()[0], state.by_load
+    if free.size:
+        own = state.columns(free)
+        rate = rate - own @ np.linalg.solve(own[free], rate[free])
+    before = np.maximum(side[turned] * piece.motion.excess[turned], 0.0)
+    after = np.maximum(-side[turned] * rate[turned], 0.0)
+    beyond = after / np.maximum(before + after, 1e-300)
+    late = 0.5 * after * beyond * piece.part > loss
+    # Unknowns that only came to their bound at the end have no rate before it.
+    late &= piece.motion.side[turned] != 0.0
+    share = 1.0 - float(beyond[late].max(initial=0.0))
+    if (1.0 - within) * piece.part * float(np.abs(piece.motion.excess[turned]).max()) > loss:
+        share = min(share, within)
+    return max(share, 1.0 - MOST_SHORTENED)
+
+
+def _slope(
+    slips: Slips, now: float, stop: float, z: Array, state: SlipState, rates: Rates, holes: int
+) -> Array:
+    """Derivative of the rates of slips and slack at constant rates of the unknowns."""
+    fastest = float(np.abs(rates.rate[:holes]).max(initial=0.0))
+    part = min(SLOPE_PART * LONGEST, stop - now, SLOPE_CHANGE / max(fastest, SLOPE_CHANGE))
+    tension = state.tension + part * state.tension_rates(rates.free, rates.rate)
+    ahead = slips.rates(now + part, z + part * rates.rate, tension, rates.rate, state)
+    return np.asarray((ahead - rates.excess) / part)
+
+
+def _correction(z: Array, state: SlipState, free: Index, excess: Array, stiffness: Array) -> Array:
+    """Change of free unknowns that takes away what has accumulated of errors: they keep the excess of their slips."""
+    off = state.slip[free] - stiffness[free] * z[free] - excess[free]
+    return np.asarray(dgesv(state.columns(free)[free], off)[2])
+
+
+def _inside(piece: Piece, free: Index, z: Array, bounds: Bounds) -> float:
+    """Up to which fraction of a part all free unknowns were inside their bounds.
+
+    Parameters
+    ----------
+    piece
+        The part.
+    free, z
+        Unknowns inside their bounds, and where they are at its end without bounds.
+    bounds
+        The bounds.
+    """
+    start = piece.z[free]
+    room = np.where(z > start, bounds.upper[free] - start, bounds.lower[free] - start)
+    moved = z - start
+    share = np.divide(room, moved, out=np.ones(len(free)), where=np.abs(moved) > np.abs(room))
+    return float(share.min())
+
+
+def _changed(
+    z: Array, state: SlipState, which: Index, change: Array, bounds: Bounds
+) -> tuple[Array, SlipState]:
+    """Some of the unknowns changed within their bounds, and the state there."""
+    new = z.copy()
+    new[which] = np.minimum(np.maximum(z[which] + change, bounds.lower[which]), bounds.upper[which])
+    return new, state.beside(which, new[which] - z[which])
+
+
+def _bounds(holes: int, base_tension: Array) -> Bounds:
+    """Bounds of the mobilisations, then those of the tensions."""
+    one, count = np.ones(holes), len(base_tension)
+    near = np.full(count, NEAR_BOUND * max(1.0, float(base_tension.max(initial=0.0))))
+    return Bounds(
+        np.append(-one, np.zeros(count)),
+        np.append(one, np.full(count, UNBOUNDED)),
+        np.append(np.full(holes, NEAR_BOUND), near),
+    )
+
+
+def _margin(pieces: list[Piece], holes: int) -> Array:
+    """See `FollowedPath.margin`."""
+    now, part = np.array([(p.now, p.part) for p in pieces]).T
+    side = np.array([p.motion.side[:holes] for p in pieces])
+    slip = np.array([p.motion.excess[:holes] for p in pieces])
+    change = np.array([p.motion.excess_change[:holes] for p in pieces])
+    # Between the ends of a piece the parabola may be nearer to the rate than at them.
+    within = np.linspace(0.0, 1.0, 6)
+    at = now[:, None] + part[:, None] * within
+    rate = side[:, None] * (slip[:, None] + (part[:, None] * within)[..., None] * change[:, None])
+    rate /= (6.0 * at * (1.0 - at) + 1e-2)[..., None]
+    least: Array = rate.min(axis=(0, 1))
+    return least

@@ -1,0 +1,1 @@
+"""Inverse statics: tensions or displacements for targets of the tip."""

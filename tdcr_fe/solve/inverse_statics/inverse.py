@@ -1,0 +1,424 @@
+"""Inverse statics: tensions or displacements that take the tip to a target, or through a path of them.
+
+The step to a target is solved by Gauss-Newton iterations on the exact derivatives of trial steps. Every trial begins
+in the state that the last target was left in, so that the loading sequence, solved again, ends where the trials ended.
+Derivation: documentation, page "Inverse statics".
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from math import isfinite
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import qmc
+
+from tdcr_fe.model import arguments
+from tdcr_fe.model.loading import LoadStep, Model, resolve
+from tdcr_fe.model.plausibility import strain_warnings
+from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.targets import (
+    DriveBy,
+    EffortKind,
+    FollowResult,
+    ReachedTarget,
+    ReachStatus,
+    TensionLimits,
+    TipTarget,
+    tip_targets,
+)
+from tdcr_fe.scene.mesh import elements_of_bays
+from tdcr_fe.solve.inverse_statics.least_effort import Effort
+from tdcr_fe.solve.inverse_statics.target_search import Aim, Found, Search
+from tdcr_fe.solve.inverse_statics.trials import TrialSteps
+from tdcr_fe.solve.mesh import MOST_MESHES, MeshMonitor, error_order, mesh_warnings, refined
+from tdcr_fe.solve.simulate import CONVERGED, INTERRUPTED
+from tdcr_fe.solve.simulation import step_warnings
+from tdcr_fe.solve.threads import one_thread
+
+Array = NDArray[np.float64]
+#: A target is reached where the error is smaller [fraction of the length, rad].
+REACHED = 1e-6
+#: Tensions from which the search is started at most before a target is said to be out of reach.
+MOST_STARTS = 6
+#: Searches that end in the same nearest point, after which no more are started.
+AGREEING_STARTS = 3
+#: Random tensions whose tips are looked up for further starts.
+SAMPLES = 64
+
+
+def follow_path(
+    robot: Robot,
+    model: Model,
+    targets: ArrayLike | Sequence[TipTarget],
+    limits: TensionLimits,
+    settings: SolverSettings | None = None,
+    progress: Callable[[ReachedTarget], None] | None = None,
+    *,
+    drive_by: DriveBy = "tension",
+    effort: EffortKind = "tension",
+    before: Sequence[LoadStep] = (),
+) -> FollowResult:
+    """Find the loading sequence that takes the tip through targets, one after the other.
+
+    Parameters
+    ----------
+    robot, model
+        Description.
+    targets
+        An array of shape (n, 3) with positions [m], or (n, 6) with positions and directions of the tangent, or
+        `TipTarget` objects. An error of direction of 1 rad counts as much as one of position of the robot's length.
+    limits
+        Bounds of the tensions.
+    settings
+        Numerics.
+    progress
+        Called with what was found for every target; once more from the first on where the automatic mesh is refined.
+    drive_by
+        What the load steps prescribe: tensions or displacements. With displacements the pretension must be above zero.
+    effort
+        Where several tensions reach a target, those with the smallest sum of squares are taken ("tension"), or those
+        whose change from the target before has the smallest one ("change").
+    before
+        Load steps before the first target, such as loads that go on acting.
+
+    Returns
+    -------
+    FollowResult
+        A target that is out of reach is approached as far as possible, and says so. Where a load step has no solution,
+        or the user interrupts, all targets before it, and a message.
+
+    Raises
+    ------
+    TypeError, ValueError
+        An argument is of another type, or contradicts the robot.
+    """
+    arguments.check_robot("follow_path", robot)
+    arguments.check_model("follow_path", model)
+    arguments.check_steps("follow_path", before)
+    arguments.check_settings("follow_path", settings)
+    arguments.check_callable("follow_path", "progress", progress, "It is called with every ReachedTarget.")
+    hint = "TensionLimits(largest=5.0, pretension=0.2) makes them."
+    arguments.check_instance("follow_path", "limits", limits, TensionLimits, "TensionLimits", hint)
+    for name, value, allowed in (
+        ("drive_by", drive_by, ("tension", "displacement")),
+        ("effort", effort, ("tension", "change")),
+    ):
+        if value not in allowed:
+            raise ValueError(f'follow_path: {name} = {value!r}: must be "{allowed[0]}" or "{allowed[1]}"')
+    if not robot.tendons:
+        raise ValueError(f"follow_path: robot {robot.name!r} has no tendons")
+    lower, upper = limits.bounds(robot.tendon_names)
+    if drive_by == "displacement" and not (lower > 0.0).all():
+        raise ValueError(
+            "follow_path: driven by displacement, every tendon needs a pretension above zero, since the displacement "
+            "of a slack tendon acts on nothing"
+        )
+    task = _Task(robot, model, tip_targets(targets), lower, upper, drive_by, effort, tuple(before))
+    begun = time.perf_counter()
+    with one_thread():
+        run = _refined_runs(task, settings or SolverSettings(), progress)
+    return run.result(time.perf_counter() - begun)
+
+
+def reach(
+    robot: Robot,
+    model: Model,
+    target: ArrayLike | TipTarget,
+    limits: TensionLimits,
+    settings: SolverSettings | None = None,
+    *,
+    drive_by: DriveBy = "tension",
+    effort: EffortKind = "tension",
+    before: Sequence[LoadStep] = (),
+) -> ReachedTarget:
+    """Find the tensions or displacements that take the tip to one target; arguments as those of `follow_path`.
+
+    Returns
+    -------
+    ReachedTarget
+
+    Raises
+    ------
+    RuntimeError
+        No load step towards the target has a solution.
+    TypeError, ValueError
+        See `follow_path`.
+    """
+    found = follow_path(
+        robot,
+        model,
+        tip_targets(target)[:1],
+        limits,
+        settings,
+        drive_by=drive_by,
+        effort=effort,
+        before=before,
+    )
+    if not found.targets:
+        raise RuntimeError(found.simulation.message)
+    return found.targets[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What `follow_path` was asked for; bounds of the tensions have shape (n_tendons,) [N]."""
+
+    robot: Robot
+    model: Model
+    targets: tuple[TipTarget, ...]
+    lower: Array
+    upper: Array
+    drive_by: DriveBy
+    effort: EffortKind
+    before: tuple[LoadStep, ...]
+
+    @property
+    def scale(self) -> float:
+        """Tension that bends the backbone by about 1 rad [N]."""
+        backbone = self.robot.backbone
+        return backbone.EI / (backbone.length * self.robot.plate_radius)
+
+
+def _refined_runs(
+    task: _Task, settings: SolverSettings, progress: Callable[[ReachedTarget], None] | None
+) -> _Run:
+    """Follow the path on finer and finer meshes, until the error of the mesh is met; return the last run."""
+    counts = elements_of_bays(task.robot, task.model)
+    automatic = task.model.elements_per_bay == "auto" and isfinite(settings.mesh_tolerance)
+    guesses: tuple[Array, ...] = ()
+    for mesh in range(1, MOST_MESHES + 1):
+        run = _Run(task, counts, settings, guesses)
+        finer = run.follow(progress, automatic and mesh < MOST_MESHES)
+        if finer is None:
+            break
+        counts, guesses = finer, tuple(x.tensions for x in run.found)
+    return run
+
+
+class _Run:
+    """One pass through all targets with one mesh.
+
+    Parameters
+    ----------
+    task
+        What is asked for.
+    counts
+        Elements of every bay.
+    settings
+        Numerics.
+    guesses
+        Tensions found on a coarser mesh, by target [N].
+    """
+
+    def __init__(
+        self, task: _Task, counts: tuple[int, ...], settings: SolverSettings, guesses: tuple[Array, ...]
+    ) -> None:
+        self.task, self.counts, self.settings, self.guesses = task, counts, settings, guesses
+        self.model = replace(task.model, elements_per_bay=counts)
+        self.trials = TrialSteps(task.robot, self.model, task.before, settings)
+        self.goal = settings.mesh_tolerance * task.robot.backbone.length
+        self.monitor = MeshMonitor(self.trials.simulation, self.goal)
+        self.samples = _Samples(task, counts)
+        self.steps: list[LoadStep] = []
+        self.solved: list[StepResult] = []
+        self.found: list[ReachedTarget] = []
+        self.warnings: list[str] = []
+        self.failed: int | None = None
+        self.message = CONVERGED
+
+    def follow(
+        self, progress: Callable[[ReachedTarget], None] | None, refine: bool
+    ) -> tuple[int, ...] | None:
+        """Reach for all targets; or return the elements per bay of the finer mesh that they need."""
+        simulation, task = self.trials.simulation, self.task
+        try:
+            for step, actuation in zip(task.before, resolve(task.robot, task.before), strict=True):
+                report = simulation.advance(actuation, step.substeps)
+                self.trials.begin(actuation)
+                self._keep(step, simulation.result(len(self.solved) + 1, step.label, report, actuation))
+                self.warnings += step_warnings(len(self.solved), report)
+            for number, target in enumerate(task.targets):
+                found = self._reach(number, target)
+                if found is None:
+                    self.failed = len(self.solved) + 1
+                    self.message = (
+                        f"target {number + 1} ({target.label or 'no label'}): no load step towards it has a solution; "
+                        "try targets closer together, or a smaller pretension"
+                    )
+                    break
+                self.found.append(found)
+                if progress is not None:
+                    progress(found)
+        except KeyboardInterrupt:
+            self.failed, self.message = len(self.solved) + 1, INTERRUPTED
+            return None
+        self.monitor.flush()
+        if not refine or all(e.largest <= self.goal for e in self.monitor.estimates):
+            return None
+        order = error_order(simulation.handle)
+        finer = refined(self.counts, self.monitor.estimates, self.goal, order)
+        return None if finer == self.counts else finer
+
+    def _keep(self, step: LoadStep, result: StepResult) -> None:
+        """Take the present state of the simulation as the end of a load step."""
+        self.steps.append(step)
+        self.solved.append(result)
+        if isfinite(self.goal):
+            self.monitor.record()
+
+    def _reach(self, number: int, target: TipTarget) -> ReachedTarget | None:
+        """Reach for one target from the present state; None where no trial step has a solution."""
+        task, simulation = self.task, self.trials.simulation
+        start = simulation.state
+        aim = Aim.of(target, task.robot.backbone.length)
+        present = np.clip(start.base_tension[0], task.lower, task.upper)
+        reference = np.zeros_like(present) if task.effort == "tension" else start.base_tension[0]
+        effort = Effort(task.lower, task.upper, reference, task.scale)
+        label = target.label or f"target {number + 1}"
+        search = Search(self.trials, start, aim, effort, label, target.time)
+        guess = [self.guesses[number]] if number < len(self.guesses) else []
+        best, starts = self._from_all_starts(search, aim, [*guess, present])
+        if best is not None and task.drive_by == "displacement":
+            best = search.by_displacement(best)
+        if best is None:
+            return None
+        trial = best.trial
+        simulation.restore(trial.state)
+        self.trials.begin(trial.actuation)
+        result = simulation.result(len(self.solved) + 1, label, trial.report, trial.actuation)
+        self._keep(trial.step, result)
+        self.warnings += step_warnings(result.step, trial.report)
+        return self._outcome(target, aim, best, search.count, starts, result)
+
+    def _from_all_starts(self, search: Search, aim: Aim, first: Sequence[Array]) -> tuple[Found | None, int]:
+        """The best of several searches, which end with the first that reaches the target; and their number."""
+        ended: list[Found] = []
+        best: Found | None = None
+        starts = 0
+        for tensions in self._starts(aim, first):
+            if starts == MOST_STARTS:
+                break
+            starts += 1
+            found = search.run(tensions)
+            if found is None:
+                continue
+            ended.append(found)
+            best = found if best is None or found.better_than(best) else best
+            same = sum(x.stationary and x.size <= (1.0 + 1e-3) * best.size for x in ended)
+            if best.size <= REACHED or same == AGREEING_STARTS:
+                break
+        return best, starts
+
+    def _starts(self, aim: Aim, first: Sequence[Array]) -> Iterator[Array]:
+        """Tensions to start from: those given, then samples by the distance of their tips from the target."""
+        yield from first
+        yield from self.samples.nearest(aim)
+
+    def _outcome(
+        self, target: TipTarget, aim: Aim, best: Found, trials: int, starts: int, result: StepResult
+    ) -> ReachedTarget:
+        task, trial = self.task, best.trial
+        error, direction_error = aim.errors(trial)
+        if best.size <= REACHED:
+            status = ReachStatus.REACHED
+        else:
+            status = ReachStatus.OUT_OF_REACH if best.stationary else ReachStatus.NOT_CONVERGED
+        near = 1e-6 * task.scale
+        names = task.robot.tendon_names
+
+        def named(which: NDArray[np.bool_]) -> tuple[str, ...]:
+            return tuple(n for n, x in zip(names, which, strict=True) if x)
+
+        return ReachedTarget(
+            target,
+            status,
+            error,
+            direction_error,
+            trial.tensions,
+            trial.displacements,
+            named(trial.tensions >= task.upper - near),
+            named((trial.tensions <= task.lower + near) & (trial.tensions < task.upper - near)),
+            best.possible_gain,
+            trials,
+            starts,
+            trial.step,
+            result,
+        )
+
+    def result(self, wall_time: float) -> FollowResult:
+        """The loading sequence, and what it reaches."""
+        task, estimates = self.task, self.monitor.estimates
+        handle = self.trials.simulation.handle
+        for k, estimate in enumerate(estimates):
+            self.solved[k] = replace(
+                self.solved[k],
+                discretisation_error=estimate.largest,
+                buckling_load_fraction=float(estimate.bay_loads.max()),
+            )
+        warnings = [
+            *self.warnings,
+            *mesh_warnings(handle, task.model, estimates, self.settings.mesh_tolerance),
+            *strain_warnings(task.robot, self.solved),
+        ]
+        sequence = SequenceResult(
+            robot=task.robot,
+            model=self.model,
+            steps=tuple(self.solved),
+            converged=self.message == CONVERGED,
+            message=self.message,
+            failed_step=self.failed,
+            wall_time=wall_time,
+            warnings=tuple(warnings),
+            settings=asdict(self.settings),
+            elements_per_bay=self.counts,
+        )
+        first = len(task.before)
+        found = tuple(
+            replace(x, result=result) for x, result in zip(self.found, self.solved[first:], strict=False)
+        )
+        return FollowResult(found, tuple(self.steps), sequence, wall_time)
+
+
+class _Sample(NamedTuple):
+    """Tensions [N], and the tip and its tangent that they lead to without friction."""
+
+    tensions: Array
+    tip: Array
+    tangent: Array
+
+
+class _Samples:
+    """Tips of random tensions within the bounds, solved without friction when they are first needed."""
+
+    def __init__(self, task: _Task, counts: tuple[int, ...]) -> None:
+        self._task, self._counts = task, counts
+        self._solved: list[_Sample] = []
+
+    def nearest(self, aim: Aim) -> Iterator[Array]:
+        """Tensions by the distance of their tips from a target, nearest first."""
+        if not self._solved:
+            self._solved = list(self._solve())
+        yield from (x.tensions for x in sorted(self._solved, key=lambda x: aim.size(x.tip, x.tangent)))
+
+    def _solve(self) -> Iterator[_Sample]:
+        task = self._task
+        model = replace(task.model, friction="none", elements_per_bay=self._counts)
+        trials = TrialSteps(task.robot, model, task.before, SolverSettings())
+        for step, actuation in zip(task.before, resolve(task.robot, task.before), strict=True):
+            trials.simulation.advance(actuation, step.substeps)
+            trials.begin(actuation)
+        start = trials.simulation.state
+        points = qmc.Sobol(len(task.lower), seed=1).random(SAMPLES)
+        for point in points:
+            # Squares, since the tensions of least effort are small in most tendons.
+            tensions = task.lower + (task.upper - task.lower) * point**2
+            trial = trials.solve(start, trials.step(tensions, by_displacement=False), differentiate=False)
+            if trial is not None:
+                yield _Sample(tensions, trial.tip, trial.tangent)

@@ -1,0 +1,247 @@
+"""Search for the tensions that take the tip to one target, from one state: Gauss-Newton in a trust region.
+
+First the error is reduced; at the target, the effort is. A step of less effort leaves the target to second order, and
+is kept where the way back to the target costs less than it has gained.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.model.targets import TipTarget
+from tdcr_fe.solve.equations.state import SolverState
+from tdcr_fe.solve.inverse_statics.least_effort import Effort
+from tdcr_fe.solve.inverse_statics.trials import Trial, TrialSteps
+
+Array = NDArray[np.float64]
+#: Error at which iterations on the target end [fraction of the length, rad].
+CONVERGED = 1e-8
+#: Smallest weight of the effort against the error [1], its largest one, and the ratio of weight to error between them.
+SMALLEST_WEIGHT, LARGEST_WEIGHT, WEIGHT_RATIO = 1e-8, 1e-3, 0.03
+#: Relative gain, predicted by the linearised robot, below which error and effort are smallest.
+ERROR_GAIN, EFFORT_GAIN = 1e-4, 1e-3
+#: First radius of the trust region, in units of the scale of the tensions [1].
+FIRST_RADIUS = 0.5
+#: Trial steps on the way to a target, and refused ones in succession; steps of less effort, and refused ones.
+MOST_TRIALS, MOST_REFUSALS, MOST_ROUNDS, MOST_REFUSED_ROUNDS = 40, 8, 8, 2
+#: Trial steps on the way back to the target after a step of less effort.
+MOST_TRIALS_BACK = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Aim:
+    """A target as residuals over the length of the robot.
+
+    Attributes
+    ----------
+    position : ndarray, shape (3,)
+        [m].
+    direction : ndarray, shape (3,), or None
+        Unit vector.
+    length : float
+        Of the robot [m].
+    """
+
+    position: Array
+    direction: Array | None
+    length: float
+
+    @classmethod
+    def of(cls, target: TipTarget, length: float) -> Aim:
+        """From a target, for a robot of a length [m]."""
+        return cls(np.array(target.position), target.unit_direction, length)
+
+    def residual(self, tip: Array, tangent: Array) -> Array:
+        """Error of position over the length, and of the unit tangent where its direction matters."""
+        position = (tip - self.position) / self.length
+        return position if self.direction is None else np.concatenate((position, tangent - self.direction))
+
+    def size(self, tip: Array, tangent: Array) -> float:
+        """Norm of the residual [1]."""
+        return float(np.linalg.norm(self.residual(tip, tangent)))
+
+    def jacobian(self, trial: Trial) -> Array:
+        """Derivative of the residual by the tensions [1/N]."""
+        position = trial.motion[:3] / self.length
+        if self.direction is None:
+            return position
+        return np.vstack((position, np.cross(trial.motion[3:].T, trial.tangent).T))
+
+    def errors(self, trial: Trial) -> tuple[float, float | None]:
+        """Distance [m], and angle [rad] where the direction matters."""
+        distance = float(np.linalg.norm(trial.tip - self.position))
+        if self.direction is None:
+            return distance, None
+        sine = np.linalg.norm(np.cross(trial.tangent, self.direction))
+        return distance, float(np.arctan2(sine, trial.tangent @ self.direction))
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """End of a search.
+
+    Attributes
+    ----------
+    trial : Trial
+    size : float
+        Norm of the residual [1].
+    possible_gain : float
+        By how much the linearised robot could reduce it within the bounds [1].
+    stationary : bool
+        Whether that is nothing.
+    effort : float
+        [1].
+    """
+
+    trial: Trial
+    size: float
+    possible_gain: float
+    stationary: bool
+    effort: float
+
+    def better_than(self, other: Found) -> bool:
+        """Nearer to the target, or as near and stationary."""
+        if abs(self.size - other.size) <= 1e-9 + 1e-6 * other.size:
+            return self.stationary and not other.stationary
+        return self.size < other.size
+
+
+class Search:
+    """Searches for one target.
+
+    Parameters
+    ----------
+    trials
+        Solves trial steps.
+    start
+        State from which every trial begins.
+    aim
+        The target.
+    effort
+        Bounds of the tensions, and which are preferred.
+    label, time
+        Of the load step.
+    """
+
+    def __init__(
+        self,
+        trials: TrialSteps,
+        start: SolverState,
+        aim: Aim,
+        effort: Effort,
+        label: str,
+        time: float | None,
+    ) -> None:
+        self._trials, self._start, self._aim, self._effort = trials, start, aim, effort
+        self._label, self._time = label, time
+        self.count = 0
+
+    def run(self, tensions: Array) -> Found | None:
+        """Search from tensions [N]; None where no trial has a solution."""
+        return self._search(tensions, by_displacement=False)
+
+    def by_displacement(self, solved: Found) -> Found | None:
+        """The same target with prescribed displacements, from the solution with tensions."""
+        return self._search(solved.trial.displacements, by_displacement=True)
+
+    def _search(self, inputs: Array, by_displacement: bool) -> Found | None:
+        """Search from inputs; a search that fails near the target goes on with the substeps of its last trial.
+
+        The number of substeps changes with the inputs, and the tip then moves by up to the tolerance of the path.
+        """
+        first = self._solve(inputs, by_displacement, None)
+        if first is None:
+            return None
+        found = self._approach(first, self._effort)
+        if not found.stationary and found.size > CONVERGED:
+            trial = self._solve(found.trial.inputs, by_displacement, found.trial.report.substeps)
+            if trial is not None:
+                again = self._approach(trial, self._effort)
+                found = again if again.better_than(found) else found
+        return self._with_least_effort(found) if found.size <= CONVERGED else found
+
+    def _solve(self, inputs: Array, by_displacement: bool, substeps: int | None) -> Trial | None:
+        self.count += 1
+        step = self._trials.step(inputs, by_displacement, self._label, self._time, substeps)
+        return self._trials.solve(self._start, step)
+
+    def _moved(self, trial: Trial, step: Array) -> Trial | None:
+        """The trial with tensions changed by a step, to first order."""
+        if trial.step.displacements:
+            return self._solve(trial.inputs + trial.inputs_by_tension @ step, True, trial.step.substeps)
+        tensions = np.clip(trial.inputs + step, self._effort.lower, self._effort.upper)
+        return self._solve(tensions, False, trial.step.substeps)
+
+    def _found(self, trial: Trial, gain: float, stationary: bool) -> Found:
+        size = self._aim.size(trial.tip, trial.tangent)
+        return Found(trial, size, max(gain, 0.0), stationary, self._effort.of(trial.tensions))
+
+    def _approach(self, current: Trial, effort: Effort, most_trials: int = MOST_TRIALS) -> Found:
+        """Reduce the error by Gauss-Newton steps; of those that do, prefer tensions of little effort."""
+        aim, scale = self._aim, effort.scale
+        radius, ratio, gain = FIRST_RADIUS, WEIGHT_RATIO, np.inf
+        refused, end = 0, self.count + most_trials
+        jacobian = aim.jacobian(current)
+        while self.count < end and refused < MOST_REFUSALS:
+            residual = aim.residual(current.tip, current.tangent)
+            size = float(np.linalg.norm(residual))
+            weight = float(np.clip(ratio * size, SMALLEST_WEIGHT, LARGEST_WEIGHT))
+            # Where the state of the friction changes, the least effort may be far off: the smallest change instead.
+            prefer = effort if refused == 0 else effort.around(current.tensions)
+            step = prefer.step(current.tensions, residual, jacobian, weight, radius * scale)
+            gain = size - float(np.linalg.norm(residual + jacobian @ step))
+            moved = float(np.max(np.abs(step))) / scale
+            limited = moved >= 0.999 * radius
+            if size <= CONVERGED:
+                return self._found(current, gain, True)
+            if gain <= ERROR_GAIN * size and refused == 0:
+                if limited and radius < 1e3:
+                    radius *= 4.0
+                elif weight > SMALLEST_WEIGHT:
+                    ratio *= 0.01
+                else:
+                    return self._found(current, gain, True)
+                continue
+            trial = self._moved(current, step)
+            if trial is None:
+                radius, refused = 0.25 * moved, refused + 1
+                continue
+            nearer = size - aim.size(trial.tip, trial.tangent)
+            good = nearer >= 0.5 * gain > 0.0
+            if not good:
+                # What was seen along the step replaces the derivative there, which holes that change their state
+                # make another one on both sides (Broyden's formula).
+                seen = aim.residual(trial.tip, trial.tangent) - residual
+                step = trial.tensions - current.tensions
+                jacobian = jacobian + np.outer(seen - jacobian @ step, step) / float(step @ step)
+            if nearer < 0.1 * gain or gain <= 0.0:
+                radius, refused = 0.5 * moved, refused + 1
+                continue
+            if nearer > 0.7 * gain and limited:
+                radius *= 2.5
+            refused, current = 0, trial
+            if good:
+                jacobian = aim.jacobian(trial)
+        return self._found(current, gain, False)
+
+    def _with_least_effort(self, best: Found) -> Found:
+        """Move along the tensions that reach the target, to those of least effort."""
+        effort, aim, radius, refused = self._effort, self._aim, FIRST_RADIUS, 0
+        for _ in range(MOST_ROUNDS):
+            trial = best.trial
+            residual, jacobian = aim.residual(trial.tip, trial.tangent), aim.jacobian(trial)
+            step = effort.step(trial.tensions, residual, jacobian, SMALLEST_WEIGHT, radius * effort.scale)
+            saved = best.effort - effort.of(trial.tensions + step)
+            if saved <= EFFORT_GAIN * best.effort or refused == MOST_REFUSED_ROUNDS:
+                break
+            moved = self._moved(trial, step)
+            if moved is not None:
+                found = self._approach(moved, effort.around(moved.tensions), MOST_TRIALS_BACK)
+                if found.size <= CONVERGED and best.effort - found.effort >= 0.1 * saved:
+                    best, refused = found, 0
+                    continue
+            radius, refused = 0.25 * float(np.max(np.abs(step))) / effort.scale, refused + 1
+        return best

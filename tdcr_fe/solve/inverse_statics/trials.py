@@ -1,0 +1,170 @@
+"""Trial load steps from one state: the tip that inputs lead to, and its exact derivative by them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import Experiment
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION
+from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.equations.state import SolverState
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.load_steps.load_path import LoadStepReport, StepFailed
+from tdcr_fe.solve.load_steps.ramp import Ramp
+from tdcr_fe.solve.sensitivities.parameters import parameters
+from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
+from tdcr_fe.solve.simulation import Simulation
+
+Array = NDArray[np.float64]
+#: Derivatives of a trial that was not differentiated.
+_UNKNOWN = np.zeros((6, 0)), np.zeros((0, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A solved trial step.
+
+    Attributes
+    ----------
+    step : LoadStep
+        With all inputs.
+    actuation : Actuation
+        The same, resolved.
+    report : LoadStepReport
+    state : SolverState
+        At its end.
+    tip, tangent : ndarray, shape (3,)
+        Position [m] and unit tangent of the tip.
+    tensions, displacements : ndarray, shape (m,)
+        At the base [N, m].
+    motion : ndarray, shape (6, m)
+        Of the tip (position and world rotation vector) by the tension of each tendon [m/N, rad/N]; empty where it was
+        not differentiated.
+    inputs_by_tension : ndarray, shape (m, m)
+        Derivative of the inputs by the tensions; empty where it was not differentiated.
+    """
+
+    step: LoadStep
+    actuation: Actuation
+    report: LoadStepReport
+    state: SolverState
+    tip: Array
+    tangent: Array
+    tensions: Array
+    displacements: Array
+    motion: Array
+    inputs_by_tension: Array
+
+    @property
+    def inputs(self) -> Array:
+        """Tensions [N] or displacements [m] that drive the tendons, shape (m,)."""
+        return self.actuation.values
+
+
+class TrialSteps:
+    """Load steps of one robot, each tried any number of times from the same state.
+
+    Parameters
+    ----------
+    robot, model
+        Description; the mesh is that of the model.
+    before
+        Load steps before the first trial; their loads go on acting.
+    settings
+        Numerics.
+
+    Attributes
+    ----------
+    simulation : Simulation
+    """
+
+    def __init__(
+        self, robot: Robot, model: Model, before: Sequence[LoadStep], settings: SolverSettings
+    ) -> None:
+        self.robot, self.before = robot, tuple(before)
+        self.simulation = Simulation(robot, model, resolve(robot, self.before), settings)
+        experiment = Experiment(robot, model, (*self.before, LoadStep()))
+        chosen = parameters(experiment, [f"inputs.{name}" for name in robot.tendon_names])
+        self._history = SensitivityHistory.of(self.simulation, experiment, chosen)
+        self._last = Actuation(np.zeros(len(robot.tendons), dtype=bool), np.zeros(len(robot.tendons)))
+
+    def begin(self, actuation: Actuation) -> None:
+        """Take the inputs, loads and time of the last step that was kept."""
+        self._last = actuation
+
+    def step(
+        self,
+        inputs: Array,
+        by_displacement: bool,
+        label: str = "",
+        time: float | None = None,
+        substeps: int | None = None,
+    ) -> LoadStep:
+        """A load step with these inputs for all tendons."""
+        named = {n: float(x) for n, x in zip(self.robot.tendon_names, inputs, strict=True)}
+        if by_displacement:
+            return LoadStep(label, displacements=named, substeps=substeps, time=time)
+        return LoadStep(label, tensions=named, substeps=substeps, time=time)
+
+    def solve(self, start: SolverState, step: LoadStep, differentiate: bool = True) -> Trial | None:
+        """Solve a step from a state, and differentiate; None where it has no solution."""
+        simulation, names = self.simulation, self.robot.tendon_names
+        simulation.restore(start)
+        by_displacement = bool(step.displacements)
+        inputs = step.displacements if by_displacement else step.tensions
+        target = Actuation(
+            np.full(len(names), by_displacement),
+            np.array([inputs[n] for n in names]),
+            self._last.loads,
+            self._last.time if step.time is None else step.time,
+        )
+        self._history.steps.clear()
+        try:
+            follow = self._differentiate if differentiate else None
+            report = simulation.advance(target, step.substeps, follow=follow)
+        except (
+            StepFailed,
+            np.linalg.LinAlgError,
+        ):  # the latter where the tangent of the derivatives is singular
+            return None
+        motion, inputs_by_tension = self._derivatives(by_displacement) if differentiate else _UNKNOWN
+        state = simulation.state
+        positions, rotations = state.configuration.poses[0]
+        return Trial(
+            step,
+            target,
+            report,
+            state,
+            positions[-1].copy(),
+            rotations[-1] @ BEAM_TO_SECTION.T[:, 2],
+            state.base_tension[0].copy(),
+            simulation.displacement,
+            motion,
+            inputs_by_tension,
+        )
+
+    def _derivatives(self, by_displacement: bool) -> tuple[Array, Array]:
+        """Derivatives of the tip and of the inputs by the tensions, at the end of the trial."""
+        found = self._history.result()
+        by = [found[f"inputs.{n}"] for n in self.robot.tendon_names]
+        motion = np.array([(*x.positions[-1, -1], *x.rotations[-1, -1]) for x in by]).T
+        if not by_displacement:
+            return motion, np.eye(len(by))
+        inputs_by_tension = np.linalg.pinv(np.array([x.base_tensions[-1] for x in by]).T, rcond=1e-12)
+        return motion @ inputs_by_tension, inputs_by_tension
+
+    def _differentiate(
+        self,
+        system: SceneSystem,
+        ramp: Ramp,
+        before: SolverState,
+        increments: tuple[tuple[float, SolverState], ...],
+    ) -> None:
+        """Derivatives along the substeps of a trial."""
+        self._history.advance(system, ramp, before, increments)

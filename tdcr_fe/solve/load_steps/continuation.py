@@ -1,0 +1,118 @@
+"""What a call of `SolveTDCR` leaves to the next one: the last state with its linearisation, as in `simulate`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import exudyn as exu
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.forces import ForceModel
+from tdcr_fe.solve.equations.linearization import Linearization
+from tdcr_fe.solve.equations.state import SolverState
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.friction_path.reversals import Equilibrium
+from tdcr_fe.solve.load_steps.load_path import Path
+
+Array = NDArray[np.float64]
+
+#: Key of the last solution in ``mbs.variables``.
+KEY = "tdcr_fe.last_solution"
+#: Difference by which Exudyn, asked for what was set, may be off [m, N, 1].
+ROUND_OFF = 1e-13
+
+
+class LastSolution(NamedTuple):
+    """The end of a solved load step, and the scene that it left.
+
+    Attributes
+    ----------
+    state : SolverState
+    linearization : Linearization or None
+    end : Equilibrium or None
+    scene : tuple of ndarray
+        Everything that Exudyn keeps of it, see `_scene`.
+    models : tuple of ForceModel
+        By robot.
+    """
+
+    state: SolverState
+    linearization: Linearization | None
+    end: Equilibrium | None
+    scene: tuple[Array, ...]
+    models: tuple[ForceModel, ...]
+
+
+class Start(NamedTuple):
+    """Where a load step begins.
+
+    Attributes
+    ----------
+    state : SolverState
+    linearization : Linearization or None
+        Of a state near it, for the first iteration.
+    end : Equilibrium or None
+        Of this very state, for the search of reversals.
+    """
+
+    state: SolverState
+    linearization: Linearization | None = None
+    end: Equilibrium | None = None
+
+
+def remember(system: SceneSystem, path: Path) -> None:
+    """Keep the end of a path for the next load step, after the scene was left in it."""
+    models = tuple(robot.model for robot in system.robots)
+    system.mbs.variables[KEY] = LastSolution(path.state, path.linearization, path.end, _scene(system), models)
+
+
+def recall(system: SceneSystem, time: float) -> Start:
+    """Where the next load step begins: with what the last one found, if nothing in the scene has changed since.
+
+    Parameters
+    ----------
+    system
+        The scene.
+    time
+        At which the load step begins [s].
+    """
+    last: Any = system.mbs.variables.get(KEY)
+    if not isinstance(last, LastSolution) or not _is_as_left(system, last):
+        return Start(system.current_state(time))
+    friction = tuple(replace(each, time=time) for each in last.state.friction)
+    return Start(last.state._replace(friction=friction, time=time), last.linearization, last.end)
+
+
+def _is_as_left(system: SceneSystem, last: LastSolution) -> bool:
+    """Whether a scene of robots alone is as it was left; what else may be in a scene could have changed unseen."""
+    users = any(system.hooks.user_function(kind) for kind in ("PreNewtonResidual", "SystemJacobian"))
+    if not system.layout.no_others or system.layout.user_loads or users or system.has_contact:
+        return False
+    if len(last.models) != len(system.robots) or any(
+        robot.model is not model for robot, model in zip(system.robots, last.models, strict=True)
+    ):
+        return False
+    return all(
+        len(now) == len(before) and np.allclose(now, before, rtol=ROUND_OFF, atol=ROUND_OFF)
+        for now, before in zip(_scene(system), last.scene, strict=True)
+    )
+
+
+def _scene(system: SceneSystem) -> tuple[Array, ...]:
+    """Coordinates, multipliers, data and the user's own loads of a scene."""
+    mbs, data = system.mbs, system.mbs.systemData
+    current = exu.ConfigurationType.Current
+    ramped = {int(number) for item in system.hooks.point_loads for number in item.numbers}
+    loads = [
+        np.atleast_1d(mbs.GetLoadParameter(i, "load" if "load" in load else "loadVector"))
+        for i, load in ((i, mbs.GetLoad(i)) for i in range(data.NumberOfLoads()))
+        if i not in ramped
+    ]
+    return (
+        data.GetODE2Coordinates(current).copy(),
+        np.array(data.GetAECoordinates(current)),
+        np.array(data.GetDataCoordinates(current)),
+        np.concatenate([np.asarray(x, dtype=float) for x in loads]) if loads else np.zeros(0),
+    )

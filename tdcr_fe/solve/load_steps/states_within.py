@@ -1,0 +1,130 @@
+"""States within a substep, solved at the friction of the followed path: further data for the slips between its ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.solve.equations.state import SolverState
+from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
+from tdcr_fe.solve.friction_path.friction_path import FollowedPath
+from tdcr_fe.solve.friction_path.reversals import Point
+from tdcr_fe.solve.friction_path.taut_tendons import TautTendons
+from tdcr_fe.solve.load_steps.substep import SubstepSolver
+from tdcr_fe.solve.newton.newton import newton
+from tdcr_fe.solve.newton.prediction import moved_elements
+
+Array = NDArray[np.float64]
+
+
+def solve_within(
+    solver: SubstepSolver,
+    points: Sequence[Point],
+    picked: TautTendons,
+    path: FollowedPath,
+    factor: float,
+    load_factor: float,
+) -> Equilibrium | None:
+    """Solve a state within a substep, at the mobilisations of the followed path; None where that fails.
+
+    Whether the path leads there exactly does not matter: in any equilibrium slips, angles and their derivatives belong
+    to its own tensions.
+
+    Parameters
+    ----------
+    solver
+        Of the load step.
+    points
+        The states known so far, by load factor.
+    picked
+        The tendons whose slips are followed.
+    path
+        The followed path.
+    factor
+        Load factor within the substep [1].
+    load_factor
+        Of the load step [1].
+    """
+    system = solver.system
+    guess = _guess(solver, points, picked, path, factor)
+    if guess is None:
+        return None
+    target = solver.ramp.apply(system, load_factor)
+    result = newton(system, guess, target, solver.settings, friction_fixed=True)
+    if not result.converged:
+        return None
+    if result.linearization is not None:
+        line = result.linearization._replace(numbering=system.numbering())
+        found = Equilibrium.of(result.state, result.forces, line)
+        if found.exact:
+            return found
+    return Equilibrium.at(system, result.state, target)
+
+
+def _guess(
+    solver: SubstepSolver,
+    points: Sequence[Point],
+    picked: TautTendons,
+    path: FollowedPath,
+    factor: float,
+) -> SolverState | None:
+    """The state at a load factor by the interpolation with which the path was followed; None where it is far off."""
+    z, tension = path.at(factor)
+    last = next(i for i, at in enumerate(points) if at.factor >= factor)
+    first, then = points[last - 1], points[last]
+    length = then.factor - first.factor
+    x = (factor - first.factor) / length
+    ends = [picked.tensions(at.state) for at in (first, then)]
+    change, more = ends[1] - ends[0], tension - ends[0] - x * (ends[1] - ends[0])
+    slopes = [_twist_change(at, change, length) for at in (first, then)]
+    whole = _twists(then.state) - _twists(first.state)
+    beyond = whole - 0.5 * (slopes[0] + slopes[1])
+    step = x * slopes[0] + x * x * (0.5 * (slopes[1] - slopes[0]) + (3.0 - 2.0 * x) * beyond)
+    step += (1.0 - x) * _twist_change(first, more, 0.0) + x * _twist_change(then, more, 0.0)
+    state = first.state.state
+    configuration = moved_elements(solver.system, state, step, solver.settings.max_turn)
+    if configuration is None:
+        return None
+    numbering, k = first.state.numbering, len(picked.holes)
+    mobilised = first.state.mobilisation.copy()
+    mobilised[picked.holes] = z[:k]
+    mobilisation, tensions, hole = list(state.mobilisation), list(state.base_tension), 0
+    for part in numbering.robots:
+        i = part.robot
+        if part.has_friction:
+            count = int(np.count_nonzero(part.frictional))
+            own = mobilisation[i].copy()
+            own[part.frictional] = mobilised[hole : hole + count]
+            mobilisation[i], hole = own, hole + count
+        if part.driven.size:
+            tensions[i] = tensions[i].copy()
+            tensions[i][part.driven] = 0.0
+    for own_tendons, i in zip(picked.tendons, picked.robots, strict=True):
+        driven = own_tendons.which[own_tendons.driven]
+        tensions[i][driven] = z[k : k + len(driven)]
+        k += len(driven)
+    return state._replace(
+        configuration=configuration, mobilisation=tuple(mobilisation), base_tension=tuple(tensions)
+    )
+
+
+def _twists(at: Equilibrium) -> Array:
+    """Twists of all elements."""
+    return np.concatenate([twists.reshape(-1) for twists in at.state.configuration.twists])
+
+
+def _twist_change(at: Point, tension: Array, load: float) -> Array:
+    """Change of the twists of all elements by one of the tensions [N], and by a part of the change of the loads."""
+    line, response = at.state.linearization, at.state.response
+    assert response is not None
+    nodes = response.nodes @ tension
+    if at.load is not None and load:
+        nodes = nodes + load * at.load.nodes
+    return np.concatenate(
+        [
+            chain.changes(nodes[part.nodes].reshape(-1, 6)).reshape(-1)
+            for chain, part in zip(line.chains, line.numbering.robots, strict=True)
+        ]
+    )

@@ -1,0 +1,325 @@
+"""Substeps of a load step, chosen by convergence and by the path dependence of friction.
+
+With friction the solution depends on the path, but only through slips that reverse: a substep in which every slip is
+monotone is exact, however many holes change between stick and slip in it. So the rest of a load step is solved as a
+whole, reversals within it are located, and it is divided where they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.equations.linearization import Linearization
+from tdcr_fe.solve.equations.state import SolverState
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
+from tdcr_fe.solve.load_steps.load_path import Increment, Path, Progress, StepFailed, one_substep
+from tdcr_fe.solve.load_steps.ramp import Ramp
+from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver, with_history_of
+from tdcr_fe.solve.load_steps.substep_reversals import SubstepReversals, has_rates
+from tdcr_fe.solve.newton.newton import NewtonResult
+
+#: Parts of a load step to begin with where functions of the user set inputs or loads.
+CURVED_PARTS = 8
+
+
+class _Goal(NamedTuple):
+    """End of a part of a load step that is still to be solved.
+
+    Attributes
+    ----------
+    load_factor : float
+        [1].
+    near : Equilibrium or None
+        A solution there that is near the one looked for.
+    """
+
+    load_factor: float
+    near: Equilibrium | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LoadStepper:
+    """Takes a scene through a load step, in substeps.
+
+    Attributes
+    ----------
+    solver : SubstepSolver
+        Solves the substeps.
+    start : Equilibrium or None
+        The state at the beginning of the load step with its linearisation, where known.
+    linearization : Linearization or None
+        The last one of the load step before, with which the first iteration begins.
+    divide : bool
+        Whether substeps always end where slips reverse, so that each has the history of the one before, as derivatives
+        along the path need it. Else a substep may be solved with the reversals located in it.
+    """
+
+    solver: SubstepSolver
+    start: Equilibrium | None = None
+    linearization: Linearization | None = None
+    divide: bool = False
+
+    def solve(
+        self,
+        state: SolverState,
+        substeps: int | None = None,
+        reference_path: Sequence[Increment] | None = None,
+    ) -> Path:
+        """Solve the load step.
+
+        Parameters
+        ----------
+        state
+            At its beginning.
+        substeps
+            A fixed number (each is still halved where it does not converge); None divides it where slips
+            reverse.
+        reference_path
+            Increments of a similar run: the same substeps are taken, each from the state of that run. For
+            sensitivities by finite differences: the path is then divided in the same way, so that differences are
+            smooth, and two iterations a substep are enough.
+
+        Raises
+        ------
+        StepFailed
+        """
+        if reference_path is not None:
+            return self._along_reference(state, reference_path)
+        if substeps is None:
+            return self._resolved(state)
+        return self._equal_substeps(state, substeps)
+
+    def _equal_substeps(self, state: SolverState, count: int) -> Path:
+        path = Path(state, linearization=self.linearization)
+        for k in range(count):
+            path = self._extended(path, k / count, (k + 1) / count)
+        return path
+
+    def _extended(self, path: Path, start: float, end: float) -> Path:
+        """A path with one more substep."""
+        try:
+            return path.then(self._substep(path, start, end))
+        except StepFailed as failure:
+            failure.iterations += path.iterations + path.rejected
+            raise
+
+    def _substep(self, before: Path, start: float, end: float) -> Path:
+        """One substep after a path, halved only where it does not converge."""
+        state = before.state
+        result = self.solver.solve(state, end, before.linearization, state)
+        if result.converged:
+            return one_substep(result, end)
+        if not self.solver.may_be_halved(end - start, result.status):
+            solved = self.solver.rescue(state, start, end, result)
+        else:
+            middle = 0.5 * (start + end)
+            solved = self._extended(self._substep(before, start, middle), middle, end)
+        return replace(solved, rejected=solved.rejected + result.iterations)
+
+    def _along_reference(self, state: SolverState, reference: Sequence[Increment]) -> Path:
+        """The substeps of a reference path, each started from its solution; if one fails, it is solved without."""
+        path, start = Path(state, linearization=self.linearization), 0.0
+        for point in reference:
+            end = point.load_factor
+            guess = self.solver.system.warm_start(path.state, point.state)
+            result = self.solver.solve(guess, end, path.linearization, path.state)
+            if result.converged:
+                path = path.then(one_substep(result, end))
+            else:
+                path = self._extended(replace(path, rejected=path.rejected + result.iterations), start, end)
+            start = end
+        return path
+
+    def _resolved(self, state: SolverState) -> Path:
+        """The load step with its path dependence resolved; halved where reversals are not all there is to it."""
+        count = CURVED_PARTS if self.solver.ramp.curved else 1
+        path = self._divided(state, count)
+        needed = 2 if self._depends_on_rates(state, path.state) else 0
+        if not needed:
+            spent, confirmed = self._jumps_examined(state, path)
+            path, needed = replace(path, rejected=path.rejected + spent), 0 if confirmed else 1
+        agreed, error = 0, 0.0
+        while agreed < needed and 2 * count <= self.solver.settings.max_substeps:
+            count *= 2
+            try:
+                finer = self._divided(state, count)
+            except StepFailed as failure:
+                # The coarser path is kept, with its refinement error.
+                error = max(error, 2.0 * self.solver.settings.path_tolerance)
+                path = replace(path, rejected=path.rejected + failure.iterations)
+                self.solver.ramp.apply(self.solver.system, 1.0)
+                break
+            error = self.solver.distance(finer.state, path.state)
+            agreed = agreed + 1 if error <= 2.0 * self.solver.settings.path_tolerance else 0
+            path = replace(finer, rejected=finer.rejected + path.iterations + path.rejected)
+        return path if agreed >= needed else replace(path, refinement_error=max(path.refinement_error, error))
+
+    def _jumps_examined(self, state: SolverState, path: Path) -> tuple[int, bool]:
+        """Solve substeps that may have jumped to another branch again, in halves.
+
+        Returns
+        -------
+        iterations : int
+            Spent on them.
+        confirmed : bool
+            Whether all halves end where the substep did.
+        """
+        spent, start, before, confirmed = 0, 0.0, state, True
+        for end, after in path.increments:
+            if self.solver.jump_suspected(before, after):
+                try:
+                    halves = self._followed(Progress(Path(before), start), (0.5 * (start + end), end))
+                    spent += halves.iterations + halves.rejected
+                    away = self.solver.distance(halves.state, after)
+                    confirmed = away <= 2.0 * self.solver.settings.path_tolerance
+                except StepFailed as failure:
+                    spent, confirmed = spent + failure.iterations, False
+                if not confirmed:
+                    break
+            start, before = end, after
+        self.solver.ramp.apply(self.solver.system, 1.0)
+        return spent, confirmed
+
+    def _divided(self, state: SolverState, count: int) -> Path:
+        """The load step in equal parts, each divided further where slips reverse."""
+        goals = [(k + 1) / count for k in range(count)]
+        path = Path(state, linearization=self.linearization)
+        return self._followed(Progress(path, here=self.start), goals)
+
+    def _followed(self, now: Progress, ends: Sequence[float]) -> Path:
+        """From a state on, in parts with these ends."""
+        reversals = SubstepReversals(self.solver, self.divide)
+        goals = [_Goal(end) for end in reversed(ends)]
+        while goals:
+            goal, near = goals[-1]
+            guess, line = now.path.state, now.path.linearization
+            if near is not None:
+                guess, line = with_history_of(near.state, guess), near.linearization
+            result = self.solver.solve(guess, goal, line, now.path.state)
+            if not result.converged:
+                if near is not None:
+                    goals[-1] = _Goal(goal)
+                elif self.solver.may_be_halved(goal - now.load_factor, result.status):
+                    goals.append(_Goal(0.5 * (now.load_factor + goal)))
+                else:
+                    now = Progress(self._rescued(now, goal, result), goal, now.error)
+                    goals.pop()
+                    continue
+                now = now.with_rejected(result.iterations)
+                continue
+            part = reversals.attempt(now, goal, result, near)
+            now = now.with_rejected(part.spent)
+            length = goal - now.load_factor
+            room = (
+                now.path.substeps + len(goals) < self.solver.settings.max_substeps and length > SMALLEST_PART
+            )
+            if part.division < 1.0 and room:
+                goals[-1] = _Goal(
+                    goal, None if self.solver.jump_suspected(now.path.state, part.result.state) else part.end
+                )
+                goals.append(_Goal(now.load_factor + part.division * length))
+                now = now.with_rejected(part.result.iterations)._replace(here=part.start)
+            else:
+                accepted = one_substep(part.result, goal)
+                if part.located:
+                    accepted = replace(
+                        accepted, located=True, increments=(*part.within, *accepted.increments)
+                    )
+                now = Progress(now.path.then(accepted), goal, now.error + part.error, part.end)
+                goals.pop()
+        if now.here is not None:
+            # The search for reversals looked at other loads.
+            self.solver.ramp.apply(self.solver.system, 1.0)
+        error = now.error if now.error > self.solver.settings.path_tolerance else 0.0
+        if error == 0.0 and now.here is None:
+            return now.path
+        return replace(now.path, refinement_error=error, end=now.here)
+
+    def _rescued(self, now: Progress, goal: float, failed: NewtonResult) -> Path:
+        """The path with a smallest substep that does not converge."""
+        try:
+            part = self.solver.rescue(now.path.state, now.load_factor, goal, failed)
+        except StepFailed as failure:
+            failure.iterations += now.path.iterations + now.path.rejected
+            raise
+        return now.path.then(replace(part, rejected=part.rejected + failed.iterations))
+
+    def _depends_on_rates(self, before: SolverState, after: SolverState) -> bool:
+        """Whether slip rates may matter: coefficients follow laws, and a hole under tension changed its state.
+
+        Slip rates are means over a substep, so the result depends on its length. Where loads change, slip may reverse
+        and return.
+        """
+        if not has_rates(self.solver.system):
+            return False
+        for i, robot in enumerate(self.solver.system.robots):
+            taut = (np.maximum(before.base_tension[i], after.base_tension[i]) > 0.0)[:, None]
+            changed = np.trunc(before.mobilisation[i]) != np.trunc(after.mobilisation[i])
+            if np.any((changed | self.solver.ramp.loads_change) & taut & robot.law.frictional):
+                return True
+        return False
+
+
+def solve_ramp(
+    system: SceneSystem,
+    state: SolverState,
+    ramp: Ramp,
+    settings: SolverSettings,
+    substeps: int | None = None,
+    reference_path: Sequence[Increment] | None = None,
+    start: Equilibrium | None = None,
+    linearization: Linearization | None = None,
+    divide: bool = False,
+) -> Path:
+    """Take a scene through a load step and leave it in the state reached; the one driver of all load steps.
+
+    Parameters
+    ----------
+    system
+        The scene.
+    state
+        At the beginning of the step.
+    ramp
+        The step.
+    settings
+        Numerics.
+    substeps, reference_path
+        See `LoadStepper.solve`.
+    start
+        The end of the path before, where nothing has changed since.
+    linearization
+        The last one of the path before, for the first iteration.
+    divide
+        See `LoadStepper`.
+
+    Returns
+    -------
+    Path
+        All substeps.
+
+    Raises
+    ------
+    StepFailed
+        The scene is then in the last state that converged. Where anything else interrupts, it is back at the beginning
+        of the step.
+    """
+    try:
+        path = LoadStepper(SubstepSolver(system, ramp, settings), start, linearization, divide).solve(
+            state, substeps, reference_path
+        )
+    except BaseException as stop:
+        reached, load_factor = (
+            (stop.state, stop.load_factor) if isinstance(stop, StepFailed) else (state, 0.0)
+        )
+        ramp.apply(system, load_factor)
+        system.store(reached)
+        ramp.set_end()
+        raise
+    system.store(path.state, path.forces)
+    return path

@@ -1,0 +1,180 @@
+"""One substep of a load step: its Newton solve, the checks of it, and what is tried where it does not converge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.equations.free_motion import freely_moving
+from tdcr_fe.solve.equations.linearization import Linearization
+from tdcr_fe.solve.equations.solved_step import SolvedStep, input_changes, same_loads
+from tdcr_fe.solve.equations.state import SolverState, Target
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.load_steps.load_path import Path, StepFailed, one_substep
+from tdcr_fe.solve.load_steps.ramp import Ramp
+from tdcr_fe.solve.newton.convergence import NewtonStatus
+from tdcr_fe.solve.newton.newton import NewtonResult, newton
+from tdcr_fe.solve.newton.prediction import predict
+
+Array = NDArray[np.float64]
+
+#: A jump of a node by more than this fraction of the length in a damped solve is a snap-through [1].
+SNAP = 0.02
+#: Factors on the presliding distance that are tried where the smallest substep does not converge [1].
+RESCUE_FACTORS = (1.0, 10.0, 100.0)
+#: Smallest part of a load step that is divided further for the sake of slip reversals [1].
+SMALLEST_PART = 1e-4
+
+
+def with_history_of(state: SolverState, start: SolverState) -> SolverState:
+    """The unknowns of a state, as a guess in a step that begins in another one."""
+    return start._replace(
+        configuration=state.configuration, base_tension=state.base_tension, mobilisation=state.mobilisation
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SubstepSolver:
+    """Solves substeps of one load step of a scene.
+
+    Attributes
+    ----------
+    system : SceneSystem
+    ramp : Ramp
+        The load step.
+    settings : SolverSettings
+    """
+
+    system: SceneSystem
+    ramp: Ramp
+    settings: SolverSettings
+
+    def solve(
+        self,
+        state: SolverState,
+        load_factor: float,
+        linearization: Linearization | None,
+        start: SolverState,
+    ) -> NewtonResult:
+        """Solve at a load factor, from a guess, a substep that begins in the state `start`."""
+        target = self.ramp.apply(self.system, load_factor)
+        changes = input_changes(start, target)
+        result, slope = self._solved(state, target, changes, linearization)
+        line = result.linearization
+        if line is not None:
+            solved = None
+            if result.converged and same_loads(start, target):
+                solved = SolvedStep.of(start, result.state, changes, line.numbering, slope)
+            result = result._replace(linearization=line._replace(solved=solved))
+        return self._unless_contact_passed(result, start)
+
+    def _solved(
+        self,
+        state: SolverState,
+        target: Target,
+        changes: tuple[Array, ...],
+        line: Linearization | None,
+    ) -> tuple[NewtonResult, Array | None]:
+        """A solve from a prediction, where there is one that leads to a solution, else from a state.
+
+        With the slope at the beginning of the step, see `SolvedStep`; None where it is unknown.
+        """
+        spent = 0
+        first = None if line is None else predict(self.system, state, target, changes, line, self.settings)
+        if first is not None:
+            result = newton(self.system, first.state, target, self.settings)
+            if result.converged:
+                # Without any iteration, the linearisation is that of the step before.
+                near = result.linearization or line
+                return result._replace(linearization=near, predicted_slips=first.slips), first.slope
+            spent = result.iterations
+        result = newton(self.system, state, target, self.settings, linearization=line)
+        return result._replace(iterations=result.iterations + spent), None
+
+    def _unless_contact_passed(self, result: NewtonResult, start: SolverState) -> NewtonResult:
+        """A solve, not converged where bodies may have jumped over each other since the beginning of its substep."""
+        if not (self.system.has_contact and result.converged):
+            return result
+        if self.system.contact_too_deep(result.state):
+            return result._replace(status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
+        if not self.system.may_jump_over_contact(start, result.state):
+            return result
+        return result._replace(status=NewtonStatus.CONTACT_PASSED, unmet=None)
+
+    def may_be_halved(self, length: float, status: NewtonStatus) -> bool:
+        """Whether a substep of this length that did not converge is divided."""
+        passed = status is NewtonStatus.CONTACT_PASSED
+        return length > (
+            min(SMALLEST_PART, self.settings.min_substep) if passed else self.settings.min_substep
+        )
+
+    def distance(self, a: SolverState, b: SolverState) -> float:
+        """Largest distance of any coordinate of a node between two states over the length [1]."""
+        moved = a.configuration.positions - b.configuration.positions
+        return float(np.max(np.abs(moved))) / self.system.length
+
+    def jump_suspected(self, before: SolverState, after: SolverState) -> bool:
+        """Whether a substep may have jumped to another branch: large rotation or a sign change of the tangent."""
+        turn = self.system.layout.space.turn_between(before.configuration, after.configuration)
+        return turn > self.settings.max_substep_turn or before.tangent_sign * after.tangent_sign < 0
+
+    def rescue(self, state: SolverState, start: float, end: float, failed: NewtonResult) -> Path:
+        """For a smallest substep that does not converge: try snap-through, then a larger presliding distance."""
+        spent = 0
+        for factor in RESCUE_FACTORS:
+            result = newton(
+                self.system,
+                state,
+                self.ramp.apply(self.system, end),
+                self.settings,
+                damped=True,
+                presliding=factor * self.settings.presliding,
+            )
+            if result.converged and self.system.has_contact and self.system.contact_too_deep(result.state):
+                result = result._replace(status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
+            if result.converged:
+                return replace(
+                    one_substep(result, end),
+                    rejected=spent,
+                    snapped=self.distance(result.state, state) > SNAP,
+                    presliding_factor=factor,
+                )
+            spent += result.iterations
+        raise self._failure(state, start, end, failed, spent + failed.iterations)
+
+    def _failure(
+        self, state: SolverState, start: float, end: float, failed: NewtonResult, iterations: int
+    ) -> StepFailed:
+        message = (
+            f"{failed.reason(self.settings)}, between load factors {start:.4f} and {end:.4f} of the step, the "
+            f"smallest substep allowed. {advice(failed.status)}"
+        )
+        if failed.status is NewtonStatus.SINGULAR:
+            free = freely_moving(self.system, state)
+            message += f" What moves freely: {', '.join(map(repr, free))}." if free else ""
+        return StepFailed(message, start, failed.residual, state, iterations)
+
+
+def advice(status: NewtonStatus) -> str:
+    """What to try where a step fails."""
+    if status is NewtonStatus.SINGULAR:
+        return "Fix or support what moves freely."
+    if status is NewtonStatus.CONTACT_TOO_DEEP:
+        return "Give contact a larger stiffness, or the robot a smaller load."
+    if status is NewtonStatus.CONTACT_PASSED:
+        return "No equilibrium in contact was found near the last one; try smaller load steps."
+    if status is NewtonStatus.NO_CONTACT_STATE:
+        return "Try smaller load steps, or a smaller contact stiffness."
+    if status is NewtonStatus.NO_FRICTION_STATE:
+        return (
+            "Try smaller load steps, or a larger presliding distance: presliding = 1e-5 in the [solver] table "
+            "(SolverSettings in Python)."
+        )
+    return (
+        "Try smaller load steps. If the load is near the point where the robot buckles or snaps through, no "
+        "equilibrium follows this path. Where holes change between stick and slip, a larger presliding distance "
+        "helps: presliding = 1e-5 in the [solver] table (SolverSettings in Python)."
+    )

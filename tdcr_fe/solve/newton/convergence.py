@@ -1,0 +1,190 @@
+"""When an iteration has converged: the list of tests.
+
+Adding a test takes its function here, its entry in `CONVERGENCE_TESTS`, and what it says in `NewtonStatus`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.friction import FrictionState
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.equations.scales import ResidualScales
+
+Array = NDArray[np.float64]
+
+#: Largest allowed difference between a mobilisation and that of its trial state [1].
+FRICTION_TOLERANCE = 1e-4
+#: Only below this relative residual may an iteration end because its steps have become too small [1].
+STALLED_RESIDUAL = 1e-3
+
+
+class NewtonStatus(Enum):
+    """How a Newton solve ended."""
+
+    CONVERGED = "converged"
+    STALLED = "converged: the steps have become so small that the rest of the residual is round-off"
+    NO_BALANCE = "the forces do not balance"
+    NO_FRICTION_STATE = "the stick-slip iteration did not converge"
+    NO_CONTACT_STATE = "contact goes on opening and closing"
+    CONTACT_PASSED = "nodes move by more than half the size of a contact, which they might jump over"
+    CONTACT_TOO_DEEP = "contact is too soft: the centre of one body is inside another"
+    SINGULAR = "the tangent is singular: something in the scene moves freely"
+    NOT_FINITE = "the residual is not a number"
+
+    @property
+    def converged(self) -> bool:
+        """Whether there is a solution."""
+        return self in (NewtonStatus.CONVERGED, NewtonStatus.STALLED)
+
+
+class Iterate(NamedTuple):
+    """What the tests see of an iteration.
+
+    Attributes
+    ----------
+    residual : float
+        Largest unbalanced force, gap or miss of a prescribed displacement over its scale [1].
+    step : ndarray or None
+        Change of all unknowns that led here, for `ResidualScales.step_size`; None at the start.
+    scales : ResidualScales
+    forces : tuple of TendonForces
+        By robot.
+    mobilisation : tuple of ndarray
+        By robot [1].
+    history : tuple of FrictionState
+        By robot, at the last solution.
+    presliding : float
+        Presliding distance [m].
+    with_friction : bool
+        Whether mobilisations are among the unknowns.
+    """
+
+    residual: float
+    step: Array | None
+    scales: ResidualScales
+    forces: tuple[TendonForces, ...]
+    mobilisation: tuple[Array, ...]
+    history: tuple[FrictionState, ...]
+    presliding: float
+    with_friction: bool = True
+
+
+def friction_error(iterate: Iterate) -> float:
+    """Largest distance of any mobilisation from the one that its slip leads to [1]."""
+    worst = 0.0
+    for own, s, before in zip(iterate.forces, iterate.mobilisation, iterate.history, strict=True):
+        law = own.model.law
+        if law.has_friction and iterate.with_friction:
+            trial = law.trial_mobilisation(own.field.slip, before, iterate.presliding)
+            worst = max(worst, float((np.abs(trial.clip(-1.0, 1.0) - s) * law.frictional).max()))
+    return worst
+
+
+@dataclass(frozen=True)
+class ConvergenceTest:
+    """One condition that a solution meets.
+
+    Attributes
+    ----------
+    error : function
+        From an iterate to a number, not negative [1].
+    tolerance : function
+        From the settings to the largest error allowed [1].
+    status : NewtonStatus
+        Of a solve that does not meet it.
+    measured : str
+        What the error is, in words.
+    """
+
+    error: Callable[[Iterate], float]
+    tolerance: Callable[[SolverSettings], float]
+    status: NewtonStatus
+    measured: str
+
+
+#: All conditions of a solution, in the order in which they are tested; a test is made where those before it are met.
+CONVERGENCE_TESTS: tuple[ConvergenceTest, ...] = (
+    ConvergenceTest(
+        lambda iterate: iterate.residual,
+        lambda settings: settings.tolerance,
+        NewtonStatus.NO_BALANCE,
+        "the relative residual is",
+    ),
+    ConvergenceTest(
+        friction_error,
+        lambda settings: FRICTION_TOLERANCE,
+        NewtonStatus.NO_FRICTION_STATE,
+        "a mobilisation is off by",
+    ),
+)
+
+
+class Unmet(NamedTuple):
+    """A test that is not met.
+
+    Attributes
+    ----------
+    test : ConvergenceTest
+    error, tolerance : float
+        What was found, and what is allowed [1].
+    """
+
+    test: ConvergenceTest
+    error: float
+    tolerance: float
+
+    @property
+    def status(self) -> NewtonStatus:
+        """Of a solve that ends here."""
+        return self.test.status
+
+    @property
+    def text(self) -> str:
+        """What is measured, how large it is, and what is allowed."""
+        return f"{self.test.measured} {self.error:.1e}, tolerance {self.tolerance:.0e}"
+
+
+def first_unmet(iterate: Iterate, settings: SolverSettings, *, balance: bool = True) -> Unmet | None:
+    """The first test that an iterate does not meet; None where it is a solution.
+
+    Parameters
+    ----------
+    iterate
+        State of the iteration.
+    settings
+        Of the solver.
+    balance
+        Whether balance is among the tests; it is not where an iteration has stalled, see `stalled`.
+    """
+    for test in CONVERGENCE_TESTS:
+        if test.status is NewtonStatus.NO_BALANCE and not balance:
+            continue
+        error, tolerance = test.error(iterate), test.tolerance(settings)
+        if not error <= tolerance:
+            return Unmet(test, error, tolerance)
+    return None
+
+
+def stalled(residual: float, step: Array, scales: ResidualScales, settings: SolverSettings) -> bool:
+    """Whether a step is so small that the remaining residual is round-off of very stiff parts.
+
+    Parameters
+    ----------
+    residual
+        Relative residual before the step [1].
+    step
+        Change of the unknowns.
+    scales
+        Of the scene.
+    settings
+        Of the solver.
+    """
+    return residual < STALLED_RESIDUAL and scales.step_size(step) <= settings.step_tolerance

@@ -1,0 +1,181 @@
+"""Prediction of the next solution, where Newton's method then begins.
+
+Where a step goes on in the direction of the last one and every hole goes on slipping in its own, the solutions of both
+lie on one smooth curve. Of this curve the ends of the last step are known, and the slopes there by linearisations that
+are at hand. Hermite's polynomial through them is as near to the solution as one Newton iteration or nearer, and costs
+one right side (E. L. Allgower, K. Georg, Introduction to Numerical Continuation Methods (2003), ch. 6).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.equations.configuration import Configuration, Unknowns
+from tdcr_fe.solve.equations.linearization import Linearization
+from tdcr_fe.solve.equations.numbering import Numbering
+from tdcr_fe.solve.equations.solved_step import SolvedStep, same_loads, unknowns
+from tdcr_fe.solve.equations.state import SolverState, Target
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.newton.friction_step import mobilisations, slip_changes
+
+Array = NDArray[np.float64]
+
+#: Changes of the inputs are in one direction if they are proportional up to this [1].
+SAME_DIRECTION = 1e-6
+#: No prediction for a step that is longer than the last one times this [1].
+LONGEST = 2.5
+#: Nor where the polynomial adds more than this fraction of the linear change [1].
+MOST_CURVED = 0.5
+
+
+class Prediction(NamedTuple):
+    """A predicted solution.
+
+    Attributes
+    ----------
+    state : SolverState
+        The state at the beginning of the step with predicted unknowns.
+    slope : ndarray
+        Derivative of the unknowns at the beginning of the step, times its length, see `SolvedStep`.
+    slips : ndarray, shape (k,)
+        That of the slips [m].
+    """
+
+    state: SolverState
+    slope: Array
+    slips: Array
+
+
+def predict(
+    system: SceneSystem,
+    state: SolverState,
+    target: Target,
+    changes: tuple[Array, ...],
+    line: Linearization,
+    settings: SolverSettings,
+) -> Prediction | None:
+    """Predict the solution of a step.
+
+    Parameters
+    ----------
+    system
+        The scene.
+    state
+        Solution at the beginning of the step.
+    target
+        Inputs and loads at its end.
+    changes
+        By robot, changes of the inputs in it, see `input_changes`.
+    line
+        Linearisation at the end of the last step, or near it.
+    settings
+        Numerics.
+
+    Returns
+    -------
+    Prediction or None
+        None where the last step says nothing about this one, or not enough.
+    """
+    last = line.solved
+    if last is None or not system.robots_only or not same_loads(state, target):
+        return None
+    numbering = system.numbering()
+    length = _length_of(last, np.concatenate(changes))
+    if (
+        length is None
+        or not line.numbering.same_unknowns(numbering)
+        or not np.array_equal(unknowns(state, numbering), last.end)
+    ):
+        return None
+    step = line.response(changes, system.layout.clamped)
+    slips = np.zeros(0)
+    if numbering.has_friction:
+        slips = slip_changes(numbering, line.forces, step, changes)
+        if not _all_keep_slipping(state, slips, numbering):
+            return None
+    slope = _slope(line, step)
+    bend = last.curvature(length, slope)
+    if float(np.abs(bend).max()) > MOST_CURVED * float(np.abs(slope).max()):
+        return None
+    moved = _moved(system, state, slope + bend, settings.max_turn)
+    return None if moved is None else Prediction(moved, slope, slips)
+
+
+def _length_of(last: SolvedStep, loading: Array) -> float | None:
+    """Length of the last step over that of this one; None where it has another direction or is too short."""
+    size = float(loading @ loading)
+    if size == 0.0:
+        return None
+    length = float(last.loading @ loading) / size
+    if length * LONGEST < 1.0:
+        return None
+    off = float(np.abs(last.loading - length * loading).max())
+    return length if off <= SAME_DIRECTION * float(np.abs(last.loading).max()) else None
+
+
+def _all_keep_slipping(state: SolverState, slips: Array, numbering: Numbering) -> bool:
+    """Whether all holes of tendons under tension slip, and continue in the same direction."""
+    mobilised = mobilisations(numbering, state)
+    if np.minimum(np.abs(mobilised) - 1.0, mobilised * slips).min() >= 0.0:
+        return True
+    tension = [
+        t[:, None] + np.zeros(s.shape) for t, s in zip(state.base_tension, state.mobilisation, strict=True)
+    ]
+    tense = numbering.at_frictional_holes(tension) > 0.0
+    return not ((np.abs(mobilised) < 1.0) | (mobilised * slips < 0.0))[tense].any()
+
+
+def _slope(line: Linearization, step: Array) -> Array:
+    """Unknowns of `SolvedStep` from those of a linearised step."""
+    parts = [
+        chain.changes(step[part.nodes].reshape(-1, 6)).reshape(-1)
+        for chain, part in zip(line.chains, line.numbering.robots, strict=True)
+    ]
+    return np.concatenate((*parts, step[line.numbering.reduced :]))
+
+
+def _moved(system: SceneSystem, state: SolverState, change: Array, max_turn: float) -> SolverState | None:
+    """A state with changed unknowns; None where an element turns by more than allowed [rad]."""
+    configuration = moved_elements(system, state, change, max_turn)
+    if configuration is None:
+        return None
+    tension, at = list(state.base_tension), sum(x.size for x in state.configuration.twists)
+    for part in system.numbering().robots:
+        if part.driven.size:
+            new = tension[part.robot].copy()
+            new[part.driven] = np.maximum(new[part.driven] + change[at : at + part.driven.size], 0.0)
+            tension[part.robot] = new
+            at += part.driven.size
+    return state._replace(configuration=configuration, base_tension=tuple(tension))
+
+
+def moved_elements(
+    system: SceneSystem, state: SolverState, change: Array, max_turn: float
+) -> Configuration | None:
+    """The configuration of a state with changed twists; None where an element turns by more than allowed.
+
+    Parameters
+    ----------
+    system
+        The scene.
+    state
+        To start from.
+    change
+        Of the twists of all elements; anything after them is left out.
+    max_turn
+        Largest change of an element's rotation [rad].
+    """
+    old, at = state.configuration.unknowns, 0
+    twists = []
+    for before in old.twists:
+        moved = change[at : at + before.size].reshape(before.shape)
+        if float(np.abs(moved[:, 3:]).max()) > max_turn:
+            return None
+        twists.append(before + moved)
+        at += before.size
+    there = Unknowns(old.coordinates, old.multipliers, tuple(twists), old.bases)
+    return system.layout.space.build(there, state.configuration.parameters)

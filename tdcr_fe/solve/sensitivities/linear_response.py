@@ -1,0 +1,367 @@
+"""Linear response of a solved state: motion, tensions and mobilisations under small changes of whatever acts.
+
+Every hole keeps its state: one that slips goes on slipping at full friction, the mobilisation of one that sticks
+follows its slip. The linearisation is taken at the state itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lu_factor, lu_solve
+
+from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.friction import FrictionState
+from tdcr_fe.solve.equations.linearization import Linearization
+from tdcr_fe.solve.equations.numbering import Numbering, RobotUnknowns
+from tdcr_fe.solve.equations.residual import Residual
+from tdcr_fe.solve.equations.state import SolverState, Target
+from tdcr_fe.solve.equations.stiff_elements import Solve, linearize
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.sensitivities.cable_variation import hole_disturbance, shift_variation
+
+Array = NDArray[np.float64]
+#: Mobilisations this near to their bounds are at them [1].
+AT_BOUND = 1e-7
+
+
+class TendonChange(NamedTuple):
+    """Change of the tendons of one robot; right sides are the last axis.
+
+    Attributes
+    ----------
+    base_tension : ndarray, shape (m, P)
+        [N].
+    mobilisation : ndarray, shape (m, g, P)
+    tension, released : ndarray, shape (m, n, P)
+        Tensions [N] and released lengths [m] of the segments.
+    """
+
+    base_tension: Array
+    mobilisation: Array
+    tension: Array
+    released: Array
+
+
+class Response(NamedTuple):
+    """Change of a solved state; right sides are the last axis.
+
+    Attributes
+    ----------
+    unknowns : ndarray, shape (linear, P)
+        Body-frame increments of the nodes, changes of everything else and of tensions at the base that are unknowns.
+    tendons : tuple of TendonChange
+        By robot.
+    """
+
+    unknowns: Array
+    tendons: tuple[TendonChange, ...]
+
+
+class Disturbance(NamedTuple):
+    """What changes at one robot while its nodes stay where they are; right sides are the last axis.
+
+    Attributes
+    ----------
+    wrenches : ndarray, shape (6 N, P)
+        On the nodes, in their own frames.
+    inputs : ndarray, shape (m, P)
+        Tensions [N] or displacements [m] at the base.
+    tension, released : ndarray, shape (m, n, P)
+        Of the segments, at the same tension at the base [N, m].
+    slip : ndarray, shape (m, g, P)
+        Slips at the beginning of the increment [m].
+    mobilisation : ndarray, shape (m, g, P)
+        Mobilisations at the beginning of the increment [1].
+    """
+
+    wrenches: Array
+    inputs: Array
+    tension: Array
+    released: Array
+    slip: Array
+    mobilisation: Array
+
+    @classmethod
+    def none(cls, forces: TendonForces, count: int) -> Disturbance:
+        """No disturbance, for ``count`` right sides."""
+        law = forces.model.law
+        (m, n), g = law.shape, law.groups
+        nodes = 6 * forces.model.mesh.arc_lengths.size
+        return cls(
+            np.zeros((nodes, count)),
+            np.zeros((m, count)),
+            np.zeros((m, n, count)),
+            np.zeros((m, n, count)),
+            np.zeros((m, g, count)),
+            np.zeros((m, g, count)),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedPoint:
+    """A solved state, linearised.
+
+    Attributes
+    ----------
+    system : SceneSystem
+    numbering : Numbering
+    state : SolverState
+        With the history at the beginning of its increment.
+    forces : tuple of TendonForces
+        By robot.
+    linearization : Linearization
+    solve : callable
+        Solves the linearised equilibrium at fixed friction for several right sides.
+    sticking : tuple of ndarray of bool, shape (m, g)
+        By robot, whose mobilisations follow their slips.
+    presliding : float
+        Presliding distance [m].
+    """
+
+    system: SceneSystem
+    numbering: Numbering
+    state: SolverState
+    forces: tuple[TendonForces, ...]
+    linearization: Linearization
+    solve: Solve
+    sticking: tuple[NDArray[np.bool_], ...]
+    presliding: float
+
+    @classmethod
+    def of(
+        cls,
+        system: SceneSystem,
+        state: SolverState,
+        target: Target,
+        presliding: float,
+        *,
+        numbering: Numbering | None = None,
+        all_stick: bool = False,
+    ) -> SolvedPoint:
+        """Linearise a solved state.
+
+        Parameters
+        ----------
+        system
+            The scene. It is left in this state where there is more in it than robots.
+        state
+            With the history at the beginning of its increment.
+        target
+            Inputs and time; loads are those already in the scene.
+        presliding
+            Presliding distance [m].
+        numbering
+            Of the unknowns; None is that of the scene.
+        all_stick
+            Let holes that slip stick, as where all motion reverses.
+        """
+        numbering = system.numbering() if numbering is None else numbering
+        residual = _balanced(system, state, target, numbering)
+        linear, solve = linearize(system, residual, numbering)
+        sticking = tuple(
+            own.model.law.frictional & (all_stick | ~_slips(own, mobilisation, history, presliding))
+            for own, mobilisation, history in zip(
+                residual.forces, state.mobilisation, state.friction, strict=True
+            )
+        )
+        return cls(system, numbering, state, residual.forces, linear, solve, sticking, presliding)
+
+    def respond(self, disturbances: tuple[Disturbance, ...]) -> Response:
+        """Response to disturbances, one of each robot."""
+        response = self._respond_with_holes(disturbances)
+        for i, own in enumerate(self.forces):
+            if own.model.geometry is not None and own.model.geometry.clearance is not None:
+                response = self._with_shifts(response, i)
+        return response
+
+    def _with_shifts(self, response: Response, robot: int) -> Response:
+        """A response with the shift of a robot's tendons in oversized holes, which the tangent leaves out.
+
+        The shift follows from the motion, and the motion from the shift: one small linear system.
+        """
+        own, poses = self.forces[robot], self.state.configuration.poses[robot]
+        geometry, which = own.model.geometry, own.model.cable_nodes
+        assert geometry is not None
+        (m, n), nodes = own.model.law.shape, self.numbering.robots[robot].nodes
+        inner = np.zeros((n + 1, 3, m), dtype=bool)
+        inner[0, 1:] = True
+        inner[1:-1, 1:] = geometry.mask[:, 1:].T[:, None]
+        places = np.flatnonzero(inner.ravel())
+
+        def shifts(unknowns: Array) -> Array:
+            """Shifts of the holes that can shift as the robot moves, shape (q, P)."""
+            count = unknowns.shape[1]
+            moved = unknowns[nodes].reshape(-1, 6, count)[which]
+            still = np.zeros((n + 1, 3, m, count)), np.zeros((m, count))
+            found = shift_variation(geometry, poses[0][which], poses[1][which], moved, *still)
+            return np.asarray(found.reshape(-1, count)[places])
+
+        units = np.zeros((inner.size, len(places)))
+        units[places, np.arange(len(places))] = 1.0
+        none = [Disturbance.none(x, len(places)) for x in self.forces]
+        pushed = hole_disturbance(
+            own,
+            poses[1],
+            units.reshape(n + 1, 3, m, -1),
+            slice(None),
+            none[robot].tension,
+            none[robot].released,
+        )
+        none[robot] = none[robot]._replace(**pushed._asdict())
+        by_shift = self._respond_with_holes(tuple(none))
+        found = np.linalg.solve(np.eye(len(places)) - shifts(by_shift.unknowns), shifts(response.unknowns))
+        tendons = tuple(
+            TendonChange(*(a + b @ found for a, b in zip(x, y, strict=True)))
+            for x, y in zip(response.tendons, by_shift.tendons, strict=True)
+        )
+        return Response(response.unknowns + by_shift.unknowns @ found, tendons)
+
+    def _respond_with_holes(self, disturbances: tuple[Disturbance, ...]) -> Response:
+        """Response where tendons do not shift inside their holes."""
+        numbering, count = self.numbering, disturbances[0].wrenches.shape[1]
+        right = np.zeros((numbering.linear, count), order="F")
+        known = []
+        for part, disturbance in zip(numbering.robots, disturbances, strict=True):
+            known.append(self._right_side(right, part, disturbance))
+        for clamped in self.system.layout.clamped:
+            right[clamped] = 0.0
+        unknowns = self.solve(right)
+        stuck = [
+            x if part.has_friction else np.zeros_like(x)
+            for part, x in zip(numbering.robots, self.sticking, strict=True)
+        ]
+        total = sum(int(np.count_nonzero(x)) for x in stuck)
+        changes = [np.zeros((*x.shape, count)) for x in stuck]
+        if total:
+            unknowns = self._with_sticking(unknowns, disturbances, known, stuck, changes, total)
+        found = []
+        for part, own, change, tension, disturbance in zip(
+            numbering.robots, self.forces, changes, known, disturbances, strict=True
+        ):
+            base = tension.copy()
+            base[part.driven] = unknowns[part.tensions]
+            by_motion = tendon_change(own, unknowns[part.nodes], base, change)
+            found.append(
+                TendonChange(
+                    base, change, by_motion[0] + disturbance.tension, by_motion[1] + disturbance.released
+                )
+            )
+        return Response(unknowns, tuple(found))
+
+    def _right_side(self, right: Array, part: RobotUnknowns, disturbance: Disturbance) -> Array:
+        """Enter a robot's disturbance; returns the known changes of its tensions at the base, shape (m, P)."""
+        own = self.forces[part.robot]
+        known = disturbance.inputs.copy()
+        known[part.driven] = 0.0
+        right[part.nodes] -= disturbance.wrenches
+        free = np.flatnonzero(known.any(axis=1))
+        if free.size:
+            right[part.nodes] -= own.base_tension_columns()[:, free] @ known[free]
+        if part.driven.size:
+            gap = disturbance.released.sum(axis=1)[part.driven] - disturbance.inputs[part.driven]
+            gap[self.linearization.slack[part.robot]] = 0.0
+            right[part.tensions] = -gap
+        return known
+
+    def _with_sticking(
+        self,
+        fixed: Array,
+        disturbances: tuple[Disturbance, ...],
+        known: list[Array],
+        stuck: list[NDArray[np.bool_]],
+        changes: list[Array],
+        total: int,
+    ) -> Array:
+        """Unknowns with the mobilisations of sticking holes, whose changes are entered into ``changes``."""
+        numbering = self.numbering
+        columns = np.zeros((numbering.linear, total), order="F")
+        rows, own = np.zeros((total, numbering.linear)), np.zeros((total, total))
+        excess = np.zeros((total, fixed.shape[1]))
+        start, places = 0, []
+        for part, sticks, disturbance, tension in zip(
+            numbering.robots, stuck, disturbances, known, strict=True
+        ):
+            which = sticks[part.frictional]
+            here = slice(start, start + int(np.count_nonzero(which)))
+            start = here.stop
+            places.append(here)
+            if here.stop == here.start:
+                continue
+            at = self.forces[part.robot]
+            columns[part.nodes, here] = at.mobilisation_columns()[:, which]
+            by_nodes, by_tension, by_mobilisation = at.slip_rows()
+            rows[here, part.nodes] = by_nodes[which]
+            own[here, here] = by_mobilisation[np.ix_(which, which)]
+            excess[here] = by_tension[which] @ tension
+            if part.driven.size:
+                by_base = at.base_slip_by_mobilisation()[part.driven][:, which]
+                by_base[self.linearization.slack[part.robot]] = 0.0
+                columns[part.tensions, here] = by_base
+                rows[here, part.tensions] = by_tension[which][:, part.driven]
+            slips = at.model.law.slip_operator @ disturbance.released
+            excess[here] += (slips - disturbance.slip + self.presliding * disturbance.mobilisation)[sticks]
+        for base in self.system.layout.clamped:
+            columns[base] = 0.0
+        response = -self.solve(columns)
+        matrix = self.presliding * np.eye(total) - rows @ response - own
+        found = lu_solve(lu_factor(matrix), rows @ fixed + excess)
+        for here, sticks, change in zip(places, stuck, changes, strict=True):
+            change[sticks] = found[here]
+        return np.asarray(fixed + response @ found)
+
+
+def _balanced(system: SceneSystem, state: SolverState, target: Target, numbering: Numbering) -> Residual:
+    """Residual of a solved state; where nothing but robots is in the scene, Exudyn need not compute that it is zero."""
+    if not system.tangent_follows_from_elements():
+        return system.residual(state, target, numbering)
+    zero = np.zeros(system.layout.reduction.count)
+    nothing = tuple(np.zeros(6) for _ in system.layout.clamped)
+    return Residual(state, target, system.forces(state, target.time), zero, nothing, zero, 0.0)
+
+
+def _slips(
+    own: TendonForces, mobilisation: Array, history: FrictionState, presliding: float
+) -> NDArray[np.bool_]:
+    """Which holes slip: full friction acts, and so it follows from the slip since the history, shape (m, g)."""
+    trial = own.model.law.trial_mobilisation(own.field.slip, history, presliding)
+    return np.asarray(np.minimum(np.abs(mobilisation), np.abs(trial)) >= 1.0 - AT_BOUND)
+
+
+def tendon_change(
+    own: TendonForces, nodes: Array, base_tension: Array, mobilisation: Array
+) -> tuple[Array, Array]:
+    """Change of tensions and released lengths with the unknowns.
+
+    Parameters
+    ----------
+    own
+        Forces of the robot.
+    nodes
+        Body-frame increments of all nodes, shape (6 N, P).
+    base_tension
+        Shape (m, P) [N].
+    mobilisation
+        Shape (m, g, P).
+
+    Returns
+    -------
+    tension, released : ndarray, shape (m, n, P)
+        [N], [m].
+    """
+    field, shape, count = own.field, own.measured.shape, nodes.shape[1]
+    m, n = own.model.law.shape
+    moved = nodes if own.model.columns is None else nodes[own.model.columns]
+    width = moved.shape[0]
+    lengths = (shape.d_lengths.reshape(-1, width) @ moved).reshape(m, n, count)
+    tension = field.d_base[:, :, None] * base_tension[:, None, :] + field.by_mobilisation @ mobilisation
+    if shape.d_angles.shape[1]:
+        angles = (shape.d_angles.reshape(-1, width) @ moved).reshape(m, -1, count)
+        tension = tension + field.d_angle @ angles
+    if field.depends_on_length:
+        tension = tension + field.d_length @ lengths
+    released = field.released_d_length[:, :, None] * lengths + field.released_d_tension[:, :, None] * tension
+    return tension, released

@@ -1,0 +1,424 @@
+"""Derivatives of a simulation by parameters, carried along its load steps.
+
+At the end of every substep the equations are satisfied, so their total derivative vanishes: the tangent at the solved
+state times the derivative of the unknowns, plus the explicit derivative by the parameter, plus what the substep
+inherits (slips and mobilisations at its beginning, inputs and loads from which it is ramped). Derivation:
+documentation, page "Sensitivities".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import log10
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import Experiment
+from tdcr_fe.elements.friction import FrictionState
+from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.model.loading import Load, LoadStep
+from tdcr_fe.model.sensitivities import Sensitivities, Sensitivity
+from tdcr_fe.scene.handle import TDCR
+from tdcr_fe.scene.loads import PointLoad
+from tdcr_fe.scene.mesh import elements_of_bays
+from tdcr_fe.solve.equations.robot_model import RobotModel, RobotPoint, load_wrench
+from tdcr_fe.solve.equations.state import SolverState
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.load_steps.ramp import Ramp
+from tdcr_fe.solve.sensitivities.explicit import ExplicitDerivatives
+from tdcr_fe.solve.sensitivities.input_derivatives import InputDerivatives, InputValues
+from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint, TendonChange
+from tdcr_fe.solve.sensitivities.neighbours import Inherited, Neighbours, load_positions, neighbours
+from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, parameters
+from tdcr_fe.solve.simulation import Simulation
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Derivative:
+    """Derivative of the state at the end of a substep, on which the next one depends; parameters are the last axis.
+
+    Attributes
+    ----------
+    slip, mobilisation, slip_rate : ndarray, shape (m, g, P)
+        Of the history.
+    base_tension, base_slip, inputs : ndarray, shape (m, P)
+        Tension and slip at the base plate, and prescribed tension or displacement [N, m].
+    loads : ndarray, shape (L, 6, P)
+        Of the concentrated loads.
+    time : ndarray, shape (P,)
+        [s].
+    """
+
+    slip: Array
+    mobilisation: Array
+    slip_rate: Array
+    base_tension: Array
+    base_slip: Array
+    inputs: Array
+    loads: Array
+    time: Array
+
+    @classmethod
+    def unloaded(cls, released: Array, operator: Array, loads: int) -> Derivative:
+        """Of a robot that was never loaded.
+
+        Parameters
+        ----------
+        released
+            Derivatives of the released lengths, which are not zero where tendons have pretension, shape (m, n, P).
+        operator
+            From released lengths to slips, shape (g, n).
+        loads
+            Number of concentrated loads.
+        """
+        slip, base = operator @ released, released.sum(axis=1)
+        history, none = np.zeros_like(slip), np.zeros_like(base)
+        count = released.shape[2]
+        return cls(slip, history, history, none, base, none, np.zeros((loads, 6, count)), np.zeros(count))
+
+    def without(self, which: NDArray[np.bool_]) -> Derivative:
+        """Zero for some parameters, shape (P,)."""
+        if not which.any():
+            return self
+        keep = (~which).astype(float)
+        return Derivative(*(x * keep for x in vars(self).values()))
+
+
+class _Carried(NamedTuple):
+    """What one substep hands on to the next.
+
+    Attributes
+    ----------
+    derivative : Derivative
+    mobilisation : ndarray, shape (m, g)
+        Of the holes, also of those without friction at the present values.
+    slip : ndarray, shape (m, g)
+        Slips to which these belong [m].
+    """
+
+    derivative: Derivative
+    mobilisation: Array
+    slip: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _StepValues:
+    """Derivatives at the end of one substep, for the result, and what the next one begins with."""
+
+    nodes: Array
+    rotations: Array
+    tendons: TendonChange
+    displacements: Array
+    slips: Array
+    carried: _Carried
+
+
+@dataclass(frozen=True)
+class NodeLoad:
+    """Where a concentrated load acts: node of the robot, -1 for one of another robot, and its frame."""
+
+    node: int
+    frame: str
+
+
+@dataclass(frozen=True, eq=False)
+class SensitivityHistory:
+    """Derivatives along the load steps of a robot.
+
+    Attributes
+    ----------
+    handle : TDCR
+        The robot in its scene.
+    presliding : float
+        [m].
+    parameters : tuple of Parameter
+    explicit : ExplicitDerivatives
+    inputs : InputDerivatives
+    loads : tuple of NodeLoad
+        All concentrated loads of the scene.
+    steps : list
+        What has been computed, by load step. Cleared, the history begins anew.
+    """
+
+    handle: TDCR
+    presliding: float
+    parameters: tuple[Parameter, ...]
+    explicit: ExplicitDerivatives
+    inputs: InputDerivatives
+    loads: tuple[NodeLoad, ...]
+    steps: list[_StepValues] = field(default_factory=list)
+
+    @classmethod
+    def of(
+        cls, simulation: Simulation, experiment: Experiment, chosen: Sequence[Parameter]
+    ) -> SensitivityHistory:
+        """Derivatives of a simulation that has not begun.
+
+        Parameters
+        ----------
+        simulation
+            Of the experiment.
+        experiment
+            Robot, model and steps.
+        chosen
+            By what is differentiated.
+
+        Raises
+        ------
+        ValueError
+            There is no derivative by a parameter; the message says why.
+        """
+        handle, presliding = simulation.handle, simulation.settings.presliding
+        loads = tuple(NodeLoad(handle.mesh.node_at(at, 1e-6), frame) for _, at, frame in simulation.loads)
+        present, found = _models(handle, experiment, chosen, presliding)
+        inputs = InputDerivatives.of(experiment, simulation, chosen, found)
+        return cls._begun(handle, presliding, chosen, present, found, inputs, loads)
+
+    @classmethod
+    def of_scene(cls, arm: TDCR, names: Sequence[str | Parameter]) -> SensitivityHistory:
+        """Derivatives of a robot in a scene; see `tdcr_fe.solve.statics.track_sensitivities`."""
+        if arm.compliance_factor != 1.0 or arm.robot.backbone.creep_rate != 0.0:
+            raise ValueError(f"robot {arm.name!r}: no sensitivities of a backbone that creeps in a scene")
+        if arm.robot.springs and arm.actuation.clamp is None:
+            raise ValueError(f"robot {arm.name!r}: no sensitivities of springs to ground on a moving base")
+        # A step that names all loads and all nodes stands for those to come.
+        named = {name: Load(at=_arc_length(arm, load)) for name, load in arm.loads.items()}
+        nodes = {f"node {k}": Load(at=float(s)) for k, s in enumerate(arm.mesh.arc_lengths)}
+        experiment = Experiment(arm.robot, arm.model, (LoadStep(loads={**nodes, **named}),))
+        chosen = parameters(experiment, names)
+        for p in chosen:
+            if p.name.startswith(("steps", "effects.actuator", "loads.node ")):
+                raise ValueError(
+                    f"sensitivities: {p.name!r}: a scene has no load steps; name inputs of the call"
+                )
+        presliding = arm.actuation.law.presliding
+        present, found = _models(arm, experiment, chosen, presliding)
+        own = {id(load): name for name, load in arm.loads.items()}
+        items = SceneHooks.of(arm.mbs).point_loads
+        loads = tuple(
+            NodeLoad(arm.mesh.node_at(named[own[id(x)]].at, 1e-6), arm.loads[own[id(x)]].frame)
+            if id(x) in own
+            else NodeLoad(-1, "world")
+            for x in items
+        )
+        labels = [own.get(id(x), "") for x in items]
+        inputs = InputDerivatives.of_inputs(len(arm.robot.tendons), labels, chosen)
+        return cls._begun(arm, presliding, chosen, present, found, inputs, loads)
+
+    @classmethod
+    def _begun(
+        cls,
+        handle: TDCR,
+        presliding: float,
+        chosen: Sequence[Parameter],
+        present: RobotModel,
+        found: Sequence[Neighbours],
+        inputs: InputDerivatives,
+        loads: tuple[NodeLoad, ...],
+    ) -> SensitivityHistory:
+        """A history before the first step."""
+        explicit = ExplicitDerivatives(present, found, len(chosen))
+        return cls(handle, presliding, tuple(chosen), explicit, inputs, loads)
+
+    @property
+    def carried(self) -> _Carried:
+        """What the next load step begins with."""
+        if self.steps:
+            return self.steps[-1].carried
+        law = self.explicit.present.forces.law
+        slip = law.released_unloaded() @ self.explicit.law.slip_operator(law.shape[1]).T
+        released = self.explicit.released_unloaded()
+        return _Carried(
+            Derivative.unloaded(released, law.slip_operator, len(self.loads)), np.zeros_like(slip), slip
+        )
+
+    # ------------------------------------------------------------------ along the path
+
+    def advance(
+        self,
+        system: SceneSystem,
+        ramp: Ramp,
+        before: SolverState,
+        increments: Sequence[tuple[float, SolverState]],
+        presliding: float | None = None,
+    ) -> None:
+        """Differentiate one solved load step. The scene is left in another state.
+
+        Parameters
+        ----------
+        system
+            The scene.
+        ramp
+            The load step.
+        before
+            State at its beginning.
+        increments
+            Load factors and states at the ends of its substeps.
+        presliding
+            Presliding distance it was solved with [m]; None is that given at the beginning.
+        """
+        presliding = self.presliding if presliding is None else presliding
+        robot, goal = system.robots.index(self.handle.actuation), self.inputs.at(len(self.steps))
+        carried = self.carried
+        begin = carried.derivative.without(self.inputs.restarts)
+        carried = carried._replace(derivative=begin)
+        driven = self.handle.actuation.by_displacement
+        start = begin.base_tension
+        if driven.any():
+            prescribed = np.isnan(before.prescribed[robot])[:, None]
+            start = np.where(
+                driven[:, None], np.where(prescribed, begin.base_slip, begin.inputs), begin.base_tension
+            )
+        history, values = before, None
+        for factor, state in increments:
+            first = InputValues(start, begin.loads, begin.time)
+            inputs = InputValues(*((1.0 - factor) * a + factor * b for a, b in zip(first, goal, strict=True)))
+            target = ramp.apply(system, factor)
+            solved = SolvedPoint.of(
+                system,
+                state._replace(friction=history.friction),
+                target,
+                presliding * _presliding_factor(state.friction[robot], history.friction[robot], presliding),
+            )
+            values = self._substep(solved, robot, target.time, inputs, carried)
+            history, carried = state, values.carried
+        assert values is not None
+        self.steps.append(values)
+
+    def _substep(
+        self, solved: SolvedPoint, robot: int, time: float, inputs: InputValues, carried: _Carried
+    ) -> _StepValues:
+        """Differentiate one substep."""
+        before, state, own = carried.derivative, solved.state, solved.forces[robot]
+        history = state.friction[robot]
+        point = RobotPoint.of(
+            state.configuration.poses[robot],
+            state.configuration.twists[robot],
+            state.base_tension[robot],
+            state.mobilisation[robot],
+            history,
+            time,
+        )
+        mobilisation, at_slip = self._mobilisation(solved, robot, carried)
+        inherited = Inherited(before.slip, before.slip_rate, inputs.time, inputs.time - before.time)
+        explicit = self.explicit.at(own, point, mobilisation, inherited)
+        wrenches = explicit.wrenches + self._load_wrenches(point, inputs.loads)
+        disturbance = Disturbance(
+            wrenches, inputs.tendons, explicit.tension, explicit.released, before.slip, before.mobilisation
+        )
+        others = [Disturbance.none(x, len(self.parameters)) for x in solved.forces]
+        others[robot] = disturbance
+        response = solved.respond(tuple(others))
+        change = response.tendons[robot]
+        law = own.model.law
+        slip = law.slip_operator @ change.released
+        elapsed = time - history.time
+        rate = before.slip_rate
+        if elapsed > 0.0:
+            travel = (own.field.slip - history.slip)[:, :, None] / elapsed
+            rate = (slip - before.slip - travel * inherited.elapsed) / elapsed
+        after = Derivative(
+            slip, change.mobilisation, rate, change.base_tension, change.released.sum(axis=1), *inputs
+        )
+        part = solved.numbering.robots[robot]
+        moved = response.unknowns[part.nodes].reshape(-1, 2, 3, len(self.parameters))
+        world = point.rotations[:, None] @ moved
+        holes = np.triu(np.ones((law.shape[1] - 1, law.shape[1])), 1)
+        displacements = after.base_slip.copy()
+        displacements[part.driven] = inputs.tendons[part.driven]
+        slips = holes @ change.released
+        carried = _Carried(after, mobilisation, at_slip)
+        return _StepValues(world[:, 0], world[:, 1], change, displacements, slips, carried)
+
+    def _mobilisation(self, solved: SolvedPoint, robot: int, carried: _Carried) -> tuple[Array, Array]:
+        """Mobilisations at the end of a substep, also of holes that have friction only at neighbouring values.
+
+        With the slips to which they belong [m].
+        """
+        own, presliding = solved.forces[robot], solved.presliding
+        law = own.model.law
+        if law.groups == carried.mobilisation.shape[1] and law.frictional.all():
+            return solved.state.mobilisation[robot], carried.slip
+        operator = self.explicit.law.slip_operator(law.shape[1])
+        slip = own.field.released_length @ operator.T
+        free = np.clip(carried.mobilisation + (slip - carried.slip) / presliding, -1.0, 1.0)
+        if law.groups == free.shape[1]:
+            free = np.where(law.frictional, solved.state.mobilisation[robot], free)
+        return free, slip
+
+    def _load_wrenches(self, point: RobotPoint, loads: Array) -> Array:
+        """Derivatives of the concentrated loads on the nodes, shape (6 N, P)."""
+        nodes = np.zeros((len(point.positions), len(self.parameters), 6))
+        for load, values in zip(self.loads, loads, strict=True):
+            if load.node >= 0 and values.any():
+                nodes[load.node] += load_wrench(values.T, load.frame, point.rotations[load.node])
+        return nodes.transpose(0, 2, 1).reshape(-1, len(self.parameters))
+
+    # ------------------------------------------------------------------ result
+
+    def result(self) -> Sensitivities:
+        """Derivatives at the ends of all load steps so far."""
+        if not self.steps:
+            return Sensitivities()
+        robot = self.handle.robot
+        counts = [len(robot.hole_arc_lengths(t)) - 1 for t in robot.tendons]
+        continuous = self.explicit.present.forces.geometry is None
+        found = []
+        for k, parameter in enumerate(self.parameters):
+            tensions, slips = [], []
+            for i, n in enumerate(counts):
+                along = np.array([s.tendons.tension[i, :, k] for s in self.steps]).reshape(
+                    len(self.steps), -1
+                )
+                tensions.append(np.repeat(along[:, :1], n, axis=1) if continuous else along[:, :n])
+                through = np.array([s.slips[i, :, k] for s in self.steps]).reshape(len(self.steps), -1)
+                slips.append(through[:, : n - 1])
+            found.append(
+                Sensitivity(
+                    parameter.name,
+                    parameter.value if isinstance(parameter, ModelParameter) else np.nan,
+                    np.array([s.nodes[:, :, k] for s in self.steps]),
+                    np.array([s.rotations[:, :, k] for s in self.steps]),
+                    np.array([s.tendons.base_tension[:, k] for s in self.steps]),
+                    np.array([s.displacements[:, k] for s in self.steps]),
+                    tuple(tensions),
+                    tuple(slips),
+                    self.explicit.arc_lengths[:, k],
+                )
+            )
+        return Sensitivities(tuple(found))
+
+
+def _presliding_factor(state: FrictionState, history: FrictionState, presliding: float) -> float:
+    """Factor on the presliding distance that the solver needed in a substep, a power of ten [1].
+
+    From the holes that stick: they have slipped by the presliding distance times the change of mobilisation.
+    """
+    change = state.mobilisation - history.mobilisation
+    sticks = (np.abs(state.mobilisation) < 1.0 - 1e-6) & (np.abs(change) > 1e-3)
+    if not sticks.any():
+        return 1.0
+    found = float(np.median((state.slip - history.slip)[sticks] / change[sticks])) / presliding
+    return float(10.0 ** max(0, round(log10(max(found, 1.0)))))
+
+
+def _models(
+    handle: TDCR, experiment: Experiment, chosen: Sequence[Parameter], presliding: float
+) -> tuple[RobotModel, tuple[Neighbours, ...]]:
+    """Model of a robot in a scene, and its neighbours by all parameters."""
+    counts = elements_of_bays(handle.robot, handle.model)
+    experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
+    present = RobotModel.of(experiment.robot, experiment.model, load_positions(experiment), presliding)
+    return present, neighbours(experiment, present, chosen, presliding)
+
+
+def _arc_length(arm: TDCR, load: PointLoad) -> float:
+    """Arc length of a concentrated load in a scene [m]."""
+    marker = arm.mbs.GetLoad(load.lForce)["markerNumber"]
+    node = arm.mbs.GetMarker(marker)["nodeNumber"]
+    return float(arm.mesh.arc_lengths[[int(n) for n in arm.nNodes].index(int(node))])
