@@ -224,7 +224,8 @@ def fit_and_rank(
     known = min([known, *(state.fits[names_with(*x)].cost for x in starters if names_with(*x) in state.fits)])
     if new:
         search.report(f"fitting {listed_names([score.effect.name for _, score in new])}", progress)
-    race = fitting.Race(known)
+    # The first effect is fitted to the end, whatever time that takes.
+    race = fitting.Race(known, search.deadline if state.best.effects else math.inf)
     fittings = [
         candidate_fit(state.problem, parent, score, race, (more or {}).get(score.effect.name, ()))
         for parent, score in new

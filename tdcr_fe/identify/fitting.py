@@ -10,6 +10,7 @@ among the processes, and one that cannot come near the best is stopped.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Generator, Sequence
 from dataclasses import replace
 
@@ -42,19 +43,26 @@ LEFT_BEHIND = (1.3, 60.0)
 
 
 class Race:
-    """Lowest cost reached so far by fits that compete.
+    """Lowest cost reached so far by fits that compete, and the time when they end where they are.
 
     Attributes
     ----------
     lowest : float
+    deadline : float
+        Reading of `time.perf_counter` [s].
     """
 
-    def __init__(self, lowest: float = float("inf")) -> None:
-        self.lowest = lowest
+    def __init__(self, lowest: float = float("inf"), deadline: float = float("inf")) -> None:
+        self.lowest, self.deadline = lowest, deadline
 
     def reached(self, cost: float) -> None:
         """One of the fits has this cost."""
         self.lowest = min(self.lowest, cost)
+
+    @property
+    def over(self) -> bool:
+        """Whether the time is over."""
+        return time.perf_counter() > self.deadline
 
     @property
     def limit(self) -> float:
@@ -136,6 +144,8 @@ def begin(
         if best is None or new.cost < best.cost:
             best = new
         race.reached(new.cost)
+        if race.over:
+            break
     assert best is not None
     return best
 
@@ -183,7 +193,8 @@ def descend(
         With its derivatives.
     race
         The iteration ends where the cost cannot come below its limit: where the linear model does not lead there by
-        more than the error that it has just made, or where the cost stagnates and the linear model does not lead there.
+        more than the error that it has just made, or where the cost stagnates and the linear model does not lead there;
+        and where the time of the race is over.
     max_iterations
         Steps.
     predicted
@@ -194,6 +205,8 @@ def descend(
     damping = 1e-3
     error = float("inf") if predicted is None else _distance(problem, now.residual, predicted)
     for _ in range(max_iterations if now.free else 0):
+        if race.over:
+            break
         z, step, promised = _proposal(problem, now, damping)
         if promised < 0.02 + 2e-4 * now.cost:
             break

@@ -56,7 +56,7 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
     if not chosen:
         return state
     search.report(f"fitting {listed_names([score.effect.name for _, score in chosen])}", 0.9)
-    race = fitting.Race(state.best.cost)
+    race = fitting.Race(state.best.cost, search.deadline)
     fits = fitting.run_fits(state.problem, [candidate_fit(state.problem, b, x, race) for b, x in chosen])
     fits = [
         new

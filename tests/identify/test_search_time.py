@@ -5,7 +5,7 @@ import pytest
 from identify_data import measured
 
 from tdcr_fe.effects import EFFECTS, effect
-from tdcr_fe.identify import IdentifySettings, identify
+from tdcr_fe.identify import IdentifySettings, fitting, identify
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import FitProblem, evaluate
@@ -25,6 +25,23 @@ def test_search_without_time_ends_with_the_first_effect_and_says_what_is_not_tri
     assert headline(result).startswith("Unfinished: the search ran out of time")
     assert any("did not suffice for further effects" in s for s in sentences(result))
     assert result.after_fit.rms_position < result.before_fit.rms_position
+
+
+def test_a_fit_ends_where_it_is_when_the_time_is_over():
+    """A fit in the search of places once ran for minutes on robots that cannot be solved."""
+    own = problem(ForwardModel())
+    gravity = effect("gravity")
+    starts = [{"gravity": {"g_x": g, "g_y": 0.0, "g_z": 0.0}} for g in (1.0, 2.0)]
+
+    def fitted(deadline):
+        race = fitting.Race(deadline=deadline)
+        now = yield from fitting.begin(own, (gravity,), starts, race)
+        return (yield from fitting.descend(own, now, race))
+
+    (ended,) = fitting.run_fits(own, [fitted(0.0)])
+    (whole,) = fitting.run_fits(own, [fitted(float("inf"))])
+    assert ended.values == starts[0] and ended.solved
+    assert whole.cost < 0.5 * ended.cost
 
 
 def problem(forward):
