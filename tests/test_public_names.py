@@ -56,8 +56,8 @@ def test_type_checkers_see_the_same_names_at_the_same_places():
 
 def test_identify_is_the_function_and_still_a_package():
     """Both in one interpreter, whichever is used first."""
-    before = "import tdcr_fe as t; t.identify; import tdcr_fe.identify.outcome as o; "
-    after = "import tdcr_fe.identify.outcome as o; import tdcr_fe as t; "
+    before = "import tdcr_fe as t; t.identify; import tdcr_fe.identify.settings as o; "
+    after = "import tdcr_fe.identify.settings as o; import tdcr_fe as t; "
     show = "print(callable(t.identify), o.IdentifySettings is t.IdentifySettings)"
     for code in (before, after):
         assert python(code + show, ROOT, Path(tdcr.__file__).parents[1]) == "True True"

@@ -91,9 +91,10 @@ def run(args: argparse.Namespace) -> int:
 
     from tdcr_fe.identify.corrected import corrected_files
     from tdcr_fe.identify.identification import NotSolved, identify
-    from tdcr_fe.identify.outcome import IdentifySettings
     from tdcr_fe.identify.replay import corrected_motion
-    from tdcr_fe.identify.report import summary, write_report
+    from tdcr_fe.identify.report import write_report
+    from tdcr_fe.identify.sentences import summary
+    from tdcr_fe.identify.settings import IdentifySettings
     from tdcr_fe.io.atomic import check_output_folder, write_json, write_text
     from tdcr_fe.io.measured import join_measured, read_measured
     from tdcr_fe.io.own_effects import read_own_effects

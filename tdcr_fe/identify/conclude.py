@@ -13,21 +13,20 @@ from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.identify.ceiling import held_out_ceiling
 from tdcr_fe.identify.criteria import chi_square_threshold, reduced_chi_square, residual_is_noise
 from tdcr_fe.identify.data_faults import wrong_sigma
+from tdcr_fe.identify.estimate import Estimate
 from tdcr_fe.identify.fitting import covariance
+from tdcr_fe.identify.found_law import FoundLaw
 from tdcr_fe.identify.information import insufficient_data
+from tdcr_fe.identify.misfit import Noise, Structure
 from tdcr_fe.identify.noise import outliers, structure
 from tdcr_fe.identify.outcome import (
     THE_DATA,
     AddedEffect,
-    Estimate,
-    FoundLaw,
     IdentificationResult,
     NextExperiment,
-    Noise,
     Remainder,
     SetErrors,
     Shapes,
-    Structure,
     Verdict,
 )
 from tdcr_fe.identify.problem import Fit, FitProblem
@@ -61,7 +60,7 @@ def conclude(
     law
         On no list, and part of the state's best model.
     next_experiment
-        That would tell most.
+        That helps most.
     rows
         Load steps that the search used; None for all.
     """

@@ -13,16 +13,18 @@ from tdcr_fe.identify.conclude import conclude
 from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
 from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.found_law import FoundLaw
 from tdcr_fe.identify.holdout import choose_held_out, held_out_branches
 from tdcr_fe.identify.information import unusable_data
 from tdcr_fe.identify.law import LEAST_SECONDS, find_law
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma
-from tdcr_fe.identify.outcome import FoundLaw, IdentificationResult, IdentifySettings, NextExperiment
+from tdcr_fe.identify.outcome import IdentificationResult, NextExperiment
 from tdcr_fe.identify.problem import FitProblem, evaluate, refine
 from tdcr_fe.identify.rows import RowChoice, choose_rows, fit_to_all_rows, problem_of_rows
 from tdcr_fe.identify.search_state import Progress, Search, SearchState
 from tdcr_fe.identify.selection import search_effects, with_intermediate_models
+from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.identify.without_friction import (
     friction_explains_little,
     restore_friction,
@@ -127,7 +129,7 @@ class _Prepared(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """What a search has found: its last state, a law on no list, and the experiment that would tell most."""
+    """What a search has found: its last state, a law on no list, and the experiment that helps most."""
 
     state: SearchState
     law: FoundLaw | None = None

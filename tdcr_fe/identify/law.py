@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.identify.criteria import BIC_DIFFERENCE, bic, effective_noise, residual_is_noise
+from tdcr_fe.identify.estimate import Estimate
 from tdcr_fe.identify.fitting import covariance
+from tdcr_fe.identify.found_law import FoundLaw, LawTerm
 from tdcr_fe.identify.information import lacks_test
 from tdcr_fe.identify.law_fit import LawFit
 from tdcr_fe.identify.law_search import LOWER, Budget, LawSearch, law_bic, search_law
 from tdcr_fe.identify.law_state import run_with_action
 from tdcr_fe.identify.law_terms import CURVATURE, Term
-from tdcr_fe.identify.outcome import Estimate, FoundLaw, LawTerm
 from tdcr_fe.identify.problem import Fit
 from tdcr_fe.identify.search_state import Search, SearchState
 

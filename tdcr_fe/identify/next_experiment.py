@@ -1,8 +1,8 @@
-"""The next experiment: a short loading sequence that parts the leading explanations, or shrinks the widest interval.
+"""The next experiment: a short loading sequence that separates the leading explanations, or narrows an interval.
 
 Candidates stay within the inputs that were measured: commands of measured steps, means of two of them, and tip forces
 that were applied. Each starts from the unloaded robot. An explanation that fits the data as well as the best one is
-parted from it by the difference of their predictions over the noise, where both may still be wrong within the
+separated from it by the difference of their predictions over the noise, where both may still be wrong within the
 uncertainty of their parameters (T-optimality: A. C. Atkinson and V. V. Fedorov, Biometrika 62, 1975). Without such
 rivals, the experiment minimises the standard error of the parameter that is known worst in proportion to its value.
 """
@@ -45,7 +45,7 @@ class _Model:
 
 
 def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
-    """The loading sequence that would tell most after this search; None where nothing is to be told apart or refined.
+    """The loading sequence that helps most after this search; None where nothing is to be separated or refined.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def _linearized(planned: Sequence[FitProblem], models: Sequence[_Model]) -> list
 
 
 def _parting(models: Sequence[_Model], planned: Sequence[FitProblem]) -> NextExperiment:
-    """The candidate at which the least parted rival differs most from the best model."""
+    """The candidate at which the least separated rival differs most from the best model."""
     found = _linearized(planned, models)
     values = np.zeros((len(planned), len(models) - 1))
     for n in range(len(planned)):

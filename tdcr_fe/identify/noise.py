@@ -11,7 +11,7 @@ from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import norm
 
 from tdcr_fe.identify.holdout import directions, inputs
-from tdcr_fe.identify.outcome import Structure
+from tdcr_fe.identify.misfit import Structure
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 

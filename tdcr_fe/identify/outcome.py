@@ -1,4 +1,4 @@
-"""Settings and result of an identification, and its ``result.json``."""
+"""Result of an identification, and its ``result.json``."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment
+from tdcr_fe.identify.estimate import Estimate
+from tdcr_fe.identify.found_law import FoundLaw
+from tdcr_fe.identify.misfit import Misfit, Noise, Structure
 from tdcr_fe.io.atomic import plain
 from tdcr_fe.io.loading_table import loading_text
 from tdcr_fe.io.measured import MeasuredData
@@ -28,113 +31,6 @@ Verdict = Literal[
     "cannot tell",
     "unfinished",
 ]
-
-
-@dataclass(frozen=True)
-class IdentifySettings:
-    """How the search works; nothing about the robot.
-
-    Attributes
-    ----------
-    processes : int
-        Worker processes. More than one needs a main module that may be imported.
-    significance : float
-        Chance of adding an effect to data that miss nothing, over all candidates [1].
-    candidates : int
-        How many of the best candidates of a round are fitted.
-    beam : int
-        How many models of a round are carried to the next.
-    max_effects : int
-        At most so many effects are added; beyond four, only while each takes away a tenth of the misfit on held-out
-        steps.
-    search_time : float
-        After so long no further stage of the search begins; the best model so far is the result [s].
-    hold_out : float
-        Fraction of the readings that is held out, about, where ``hold_out_branches`` is empty [1].
-    hold_out_branches : tuple of str
-        Shell patterns; every branch of ``loading.csv`` that matches one is held out, and no other step.
-    path_tolerance : float
-        Of the solver: accuracy of the path of loading over the length [1].
-    own_effects : tuple of Effect
-        Candidates besides the listed ones; see `tdcr_fe.io.own_effects.read_own_effects`.
-    """
-
-    processes: int = 1
-    significance: float = 1e-3
-    candidates: int = 5
-    beam: int = 2
-    max_effects: int = 12
-    search_time: float = 900.0
-    hold_out: float = 0.3
-    hold_out_branches: tuple[str, ...] = ()
-    path_tolerance: float = 5e-5
-    own_effects: tuple[Effect, ...] = ()
-
-    @property
-    def catalogue(self) -> tuple[Effect, ...]:
-        """All candidates, in the order in which several are applied."""
-        return (*EFFECTS, *self.own_effects)
-
-
-@dataclass(frozen=True)
-class Misfit:
-    """How far a model is from the readings.
-
-    Attributes
-    ----------
-    rms_position, max_position : float or None
-        Distance between measured and predicted markers in space, over all markers and steps [m]; of a marker of
-        which not all three coordinates were measured, those that were. None where there are none.
-    rms_coordinate : float or None
-        Of single position coordinates, over all markers, axes and steps [m]; `rms_position` over the square root of
-        three where all three coordinates were measured.
-    rms_angle : float or None
-        [rad].
-    rms_by_quantity : mapping of str to float
-        Root mean square by measured quantity, in the unit of the quantity, such as "position_x" [m].
-    chi2_per_dof : float
-        Sum of squares in units of sigma over the number of readings less fitted parameters [1].
-    count : int
-        Readings.
-    """
-
-    rms_position: float | None
-    rms_angle: float | None
-    max_position: float | None
-    chi2_per_dof: float
-    count: int = 0
-    rms_coordinate: float | None = None
-    rms_by_quantity: Mapping[str, float] = field(default_factory=dict)
-
-    def to_json(self) -> dict[str, float | None]:
-        """As in ``result.json``."""
-        return {
-            "rms_position": self.rms_position,
-            "rms_angle": self.rms_angle,
-            "max_position": self.max_position,
-            "chi2_per_dof": self.chi2_per_dof,
-        }
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Noise of the measurement that misfits are compared with; from sigma, given or estimated.
-
-    Attributes
-    ----------
-    rms_position, rms_coordinate, rms_angle : float or None
-        What the noise alone gives for the measures of `Misfit` of the same names [m, m, rad].
-    rms_by_quantity : mapping of str to float
-        Root mean square of sigma by measured quantity, in its unit.
-    estimated : bool
-        Whether any sigma was not given, and so estimated.
-    """
-
-    rms_position: float | None
-    rms_coordinate: float | None
-    rms_angle: float | None
-    rms_by_quantity: Mapping[str, float]
-    estimated: bool
 
 
 @dataclass(frozen=True)
@@ -165,26 +61,6 @@ class Shapes:
     after: Array
     backbone_before: Array
     backbone_after: Array
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """One fitted number.
-
-    Attributes
-    ----------
-    value : float
-    std_error : float or None
-        None where the data do not determine it (it keeps its null value) or it sits at a bound.
-    unit : str
-    note : str
-        Such as "at its bound".
-    """
-
-    value: float
-    std_error: float | None
-    unit: str
-    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -243,25 +119,6 @@ class Candidate:
     note: str = ""
 
 
-@dataclass(frozen=True)
-class Structure:
-    """One test of whether a residual is noise.
-
-    Attributes
-    ----------
-    group : str
-        Which readings, or which kind of pattern.
-    statistic : float
-        In standard deviations of what noise would give [1].
-    p_value : float
-        Chance of as much from noise alone [1].
-    """
-
-    group: str
-    statistic: float
-    p_value: float
-
-
 #: Where the error remains if the data have a fault.
 THE_DATA = "the data"
 
@@ -283,84 +140,6 @@ class Remainder:
     description: str
     moment: Array | None = None
     bays: Array | None = None
-
-
-@dataclass(frozen=True)
-class LawTerm:
-    """One term of a law.
-
-    Attributes
-    ----------
-    product : str
-        Factors and direction, such as ``"|kappa| kappa"``.
-    coefficient : Estimate
-    where : str
-        "all bays", or one bay or disk.
-    is_force : bool
-        A force on a disk; else a bending moment.
-    """
-
-    product: str
-    coefficient: Estimate
-    where: str
-    is_force: bool = False
-
-
-@dataclass(frozen=True)
-class FoundLaw:
-    """A law on no list: what acts besides the declared model, as a function of the state.
-
-    Attributes
-    ----------
-    terms : tuple of LawTerm
-        Their sum is the law.
-    sentence : str
-        The law in words.
-    after_fit, after_held_out : Misfit
-        With the law.
-    alternatives : tuple of str
-        Other single terms that explain these data as well.
-    steps : tuple of LoadStep
-        The simulated loading sequence, with the moments and forces of the law as concentrated loads.
-    """
-
-    terms: tuple[LawTerm, ...]
-    sentence: str
-    after_fit: Misfit
-    after_held_out: Misfit
-    alternatives: tuple[str, ...]
-    steps: tuple[LoadStep, ...]
-
-    @property
-    def formula(self) -> str:
-        """With numbers, 95 % half-widths and units."""
-        parts = []
-        for t in self.terms:
-            c = t.coefficient
-            width = "" if c.std_error is None else f" +- {1.96 * c.std_error:.2g}"
-            place = "" if t.where == "all bays" else f" [{t.where}]"
-            parts.append(f"({c.value:.4g}{width}) {c.unit} {t.product}{place}")
-        return ("F = " if all(t.is_force for t in self.terms) else "m = ") + " + ".join(parts)
-
-    def to_json(self) -> dict[str, Any]:
-        """As in ``result.json``."""
-        return {
-            "formula": self.formula,
-            "where": "; ".join(dict.fromkeys(t.where for t in self.terms)),
-            "after": {"fit": self.after_fit.to_json(), "held_out": self.after_held_out.to_json()},
-            "sentence": self.sentence,
-            "terms": [
-                {
-                    "product": t.product,
-                    "coefficient": t.coefficient.value,
-                    "std_error": t.coefficient.std_error,
-                    "unit": t.coefficient.unit,
-                    "where": t.where,
-                }
-                for t in self.terms
-            ],
-            "alternatives": list(self.alternatives),
-        }
 
 
 @dataclass(frozen=True)
@@ -393,25 +172,25 @@ class SetErrors:
         }
 
 
-#: An experiment helps if it parts explanations by so many sigma, or leaves so much of a standard error at most.
+#: An experiment helps if it separates explanations by so many sigma, or leaves so much of a standard error at most.
 LEAST_SEPARATION, MOST_REMAINING = 2.0, 0.9
 
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """A loading sequence, from the unloaded robot, that would tell most.
+    """A loading sequence, from the unloaded robot, that helps most.
 
     Attributes
     ----------
     steps : tuple of LoadStep
     purpose : str
-        What it tells, with the expected separation or reduction.
+        What it shows, with the expected separation or reduction.
     separated : tuple of str
-        Explanations that it parts from the result's; empty where it refines a parameter.
+        Explanations that it separates from the result's; empty where it refines a parameter.
     separation : tuple of float
         Expected difference from each, over the noise and the uncertainty of the parameters [sigma].
     parameter : str
-        Whose standard error it reduces; empty where it parts explanations.
+        Whose standard error it reduces; empty where it separates explanations.
     remaining_share : float
         Of that standard error [1].
     """
@@ -425,7 +204,7 @@ class NextExperiment:
 
     @property
     def helps(self) -> bool:
-        """Whether it tells anything worth measuring."""
+        """Whether it is worth measuring."""
         if self.separated:
             return min(self.separation) >= LEAST_SEPARATION
         return self.remaining_share <= MOST_REMAINING
@@ -524,7 +303,7 @@ class IdentificationResult:
     ceiling : Misfit or None
         Held-out misfit that a flexible regression of the residual leaves at best; None where it was not tried.
     next_experiment : NextExperiment or None
-        None where nothing is to be told apart or refined.
+        None where nothing is to be separated or refined.
     by_set : tuple of SetErrors
         Of every data set, where several were given.
     searched : SearchedSteps or None
@@ -574,6 +353,11 @@ class IdentificationResult:
             return None
         steps = self.next_experiment.steps
         return loading_text(range(1, len(steps) + 1), steps, ["next"] * len(steps))
+
+    def __repr__(self) -> str:
+        from tdcr_fe.identify.sentences import summary
+
+        return summary(self)
 
     @property
     def effects_table(self) -> dict[str, dict[str, float]]:

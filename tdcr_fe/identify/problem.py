@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import EFFECTS, Effect, ExcitationRange, Experiment
 from tdcr_fe.identify.divide import divide_steps
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.outcome import Misfit
+from tdcr_fe.identify.misfit import Misfit
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.run import Run
 from tdcr_fe.io.measured import MeasuredData

@@ -1,8 +1,7 @@
-"""The report on an identification: one HTML page, its first screen for readers without statistics, and a summary."""
+"""The report on an identification: one HTML page, its first screen for readers without statistics."""
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 from typing import Any
@@ -10,18 +9,18 @@ from typing import Any
 from tdcr_fe.effects import effect
 from tdcr_fe.identify import figures
 from tdcr_fe.identify.corrected import corrected_files, effects_block, observation_effects
-from tdcr_fe.identify.outcome import THE_DATA, IdentificationResult, Misfit
+from tdcr_fe.identify.misfit import Misfit
+from tdcr_fe.identify.outcome import IdentificationResult
 from tdcr_fe.identify.remarks import half_width, remarks
+from tdcr_fe.identify.sentences import headline, measure, noise_size, sentences, size
 from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.summary import versions
 from tdcr_fe.model.channels import channel
 from tdcr_fe.report import page as kit
 from tdcr_fe.report import viewer
-from tdcr_fe.report.environment import SPACE, estimate, fixed, quantity, shown_unit, significant, words
+from tdcr_fe.report.environment import fixed, quantity, shown_unit, significant, words
 from tdcr_fe.report.motion import Motion
 from tdcr_fe.report.page import Card, Level, Page, Picture, Section
-
-__all__ = ["half_width", "headline", "render", "sentences", "summary", "write_report"]
 
 #: Level of the verdict line, by verdict.
 LEVELS: dict[str, Level] = {
@@ -33,236 +32,6 @@ LEVELS: dict[str, Level] = {
     "unfinished": "open",
     "unexplained": "bad",
 }
-
-
-# ------------------------------------------------------------------------------------------------ sentences
-
-
-def _joined(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
-
-
-def headline(result: IdentificationResult) -> str:
-    """The verdict in one sentence."""
-    names = _joined([words(e.name) for e in result.effects]) if result.effects else ""
-    verdict: str = result.verdict
-    if verdict == "nothing missing":
-        return "Nothing is missing: the declared model explains the measurement down to its noise."
-    if verdict == "explained":
-        return f"Explained: the declared model lacks {names}."
-    if result.law is not None:
-        beside = f" beside {names}" if names else ""
-        rest = "" if verdict == "explained by a law found" else "; part of the error remains"
-        return f"{verdict[0].upper()}{verdict[1:]}: a law on no list{beside}{rest}."
-    if verdict == "partly explained" and result.remaining.where == "not known":
-        return f"Partly explained: {names} may explain the measurement, but it has too few readings to test that."
-    if verdict == "partly explained":
-        verb = "remove" if len(result.effects) > 1 else "removes"
-        return f"Partly explained: {names} {verb} part of the error; no listed effect explains the rest."
-    if verdict == "unexplained":
-        return "Unexplained: the model lacks something that no listed effect explains."
-    found = f" Found so far: {names}." if names else ""
-    if verdict == "cannot tell" and result.remaining.where == THE_DATA:
-        return "Cannot tell: the data have a fault. Mend it in the files, and run this again."
-    if verdict == "cannot tell":
-        return f"Cannot tell: these readings are too few or too noisy to decide what the model lacks.{found}"
-    if verdict == "unfinished":
-        why = "was interrupted" if result.interrupted else "ran out of time"
-        return f"Unfinished: the search {why} before it could decide.{found}"
-    return f"{verdict[0].upper()}{verdict[1:]}{': ' + names if names else ''}."
-
-
-def measure(result: IdentificationResult) -> str:
-    """Measure of the errors on the first screen, in words."""
-    if result.before_fit.rms_position is not None:
-        return "rms distance in space between measured and predicted markers"
-    if result.before_fit.rms_angle is not None:
-        return "rms error of the angles"
-    return "rms error over the standard uncertainty"
-
-
-def _millimetres(length: float | None) -> str:
-    """Errors before and after have one unit, so that they compare at a glance."""
-    return significant(None if length is None else 1e3 * length) + f"{SPACE}mm"
-
-
-def size(misfit: Misfit) -> str:
-    """The error in the measure of the first screen."""
-    if misfit.rms_position is not None:
-        return _millimetres(misfit.rms_position)
-    if misfit.rms_angle is not None:
-        return quantity(misfit.rms_angle, "rad")
-    return f"{significant(math.sqrt(misfit.chi2_per_dof))} sigma"
-
-
-def noise_size(result: IdentificationResult) -> str:
-    """The noise in the same measure."""
-    if result.before_fit.rms_position is not None:
-        return _millimetres(result.noise.rms_position)
-    if result.before_fit.rms_angle is not None:
-        return quantity(result.noise.rms_angle, "rad")
-    return "1 sigma"
-
-
-def sentences(result: IdentificationResult) -> list[str]:
-    """Further sentences on the first screen."""
-    what = measure(result)
-    if result.effects or result.law:
-        text = f"The {what} falls from {size(result.before_fit)} to {size(result.after_fit)}"
-    else:
-        text = f"The {what} is {size(result.before_fit)}"
-    found = [f"{text}; the noise alone gives {noise_size(result)}."]
-    found += _estimated_noise(result)
-    if result.law is not None:
-        found = [result.law.sentence, f"{result.law.formula}.", *found]
-        if result.law.alternatives:
-            others = " or ".join(result.law.alternatives)
-            found.append(f"Another form of the law explains these data as well: {others}.")
-    if result.held_out_steps and (result.effects or result.law):
-        found.append(
-            f"{len(result.held_out_steps)} of {len(result.data.steps)} steps were held out and not used for fitting. "
-            f"On them it goes from {size(result.before_held_out)} to {size(result.after_held_out)}"
-            + (
-                ": the corrected model predicts steps that it was not fitted to."
-                if result.after_held_out.chi2_per_dof < min(2.0, 0.5 * result.before_held_out.chi2_per_dof)
-                else "."
-            )
-        )
-    if result.searched is not None:
-        found.append(result.searched.sentence)
-    if result.not_tried:
-        found.append(
-            f"The time of the search did not suffice for {' and '.join(result.not_tried)}; --minutes gives it more."
-        )
-    found += _ceiling_sentence(result)
-    for s in result.by_set:
-        held = (
-            ""
-            if not s.after_held_out.count
-            else (f", held out {size(s.before_held_out)} to {size(s.after_held_out)}")
-        )
-        fit = "" if not s.after_fit.count else f"fitted steps {size(s.before_fit)} to {size(s.after_fit)}"
-        found.append(f"{s.name} (steps {s.first} to {s.last}): {f'{fit}{held}'.removeprefix(', ')}.")
-    alike = [
-        f"{words(e.name)} from {' or '.join(words(n) for n in e.indistinguishable_from)}"
-        for e in result.effects
-        if e.indistinguishable_from
-    ]
-    if alike:
-        found.append(
-            f"Indistinguishable on these data: {'; '.join(alike)}. Experiments that separate them are listed with the "
-            "effects below."
-        )
-    if result.verdict in ("partly explained", "unexplained"):
-        # What is known of the location; the size of the moment and the tests are in the section on the rest.
-        first = result.remaining.description.split("; ")[0]
-        plain = first.startswith("not on the list") or not result.remaining.where.startswith("bay")
-        found.append(f"Remaining error: {first if plain else 'largest in ' + result.remaining.where}.")
-    if result.verdict in ("unexplained", "partly explained"):
-        found += _never_driven(result)
-    if result.data.left_out:
-        found.append(f"{len(result.data.left_out)} faulty rows were left out; they are listed below.")
-    if result.outliers:
-        found.append(f"{len(result.outliers)} readings are outliers; they are listed below.")
-    if result.verdict == "cannot tell":
-        reason = result.remaining.description
-        found.insert(0, f"{reason[:1].upper()}{reason[1:]}.")
-    found += next_sentence(result)
-    if result.interrupted and result.verdict != "unfinished":
-        found.append("Unfinished: the search was interrupted, and this is its state at that time.")
-    return found
-
-
-def _estimated_noise(result: IdentificationResult) -> list[str]:
-    """Where sigma is not given: how the noise is known."""
-    if not result.sigma_estimated:
-        return []
-    without = sorted({r.channel.family for r in result.data.readings if r.sigma is None})
-    return [
-        f"No sigma is given for {_joined(without)}: the noise is estimated from the scatter of the readings about "
-        "smooth curves. An error that changes from step to step without order counts as noise."
-    ]
-
-
-def _never_driven(result: IdentificationResult) -> list[str]:
-    """Tendons without an input in any step, although others have one."""
-    driven = {
-        n for s in result.data.steps for x in (s.tensions, s.displacements) for n, v in x.items() if v != 0.0
-    }
-    idle = [n for n in result.data.robot.tendon_names if n not in driven]
-    if not idle or not driven:
-        return []
-    what, verb = ("Tendon", "has") if len(idle) == 1 else ("Tendons", "have")
-    return [f"{what} {_joined(idle)} {verb} no input in any step: is that recorded in loading.csv?"]
-
-
-def next_sentence(result: IdentificationResult) -> list[str]:
-    """What to measure next; nothing where there is no next experiment."""
-    planned = result.next_experiment
-    if planned is None:
-        return []
-    commands = []
-    for step in planned.steps:
-        parts = [f"{n} = {quantity(v, 'N')}" for n, v in step.tensions.items() if v != 0.0]
-        parts += [f"{n} = {quantity(v, 'm')}" for n, v in step.displacements.items() if v != 0.0]
-        parts += [
-            f"tip force ({', '.join(f'{x:.3g}' for x in load.force)}) N"
-            for load in step.loads.values()
-            if any(load.force)
-        ]
-        commands.append(", ".join(parts) or "all tendons at zero, no force at the tip")
-    # a step in which nothing changes is no step of the experiment
-    how = "; then ".join(text for text, _ in itertools.groupby(commands))
-    if not planned.helps:
-        return [
-            "No experiment within the inputs measured tells much more. The best one (next/loading.csv) "
-            f"{planned.purpose}: {how}. Measure other quantities (tensions at the base, further markers), or apply "
-            "forces at the tip."
-        ]
-    return [f"Next experiment (next/loading.csv), which {planned.purpose}: {how}."]
-
-
-def _ceiling_sentence(result: IdentificationResult) -> list[str]:
-    """How much of what can be removed on the held-out steps is removed; nothing where that is not known."""
-    if result.ceiling is None:
-        return []
-    before, after, least = result.before_held_out, result.after_held_out, result.ceiling
-    how = "a flexible regression of the residual (Gaussian process on inputs, their history and time)"
-    if before.rms_position is not None and least.rms_position is not None and after.rms_position is not None:
-        removable, removed = (
-            before.rms_position - least.rms_position,
-            before.rms_position - after.rms_position,
-        )
-        text = f"{_millimetres(removed)} of the {_millimetres(removable)}"
-    else:
-        start, end, low = (math.sqrt(m.chi2_per_dof) for m in (before, after, least))
-        removable, removed = start - low, start - end
-        text = f"{significant(removed)} of the {significant(removable)} sigma"
-    if removable <= 0.0:
-        return [f"On the held-out steps, {how} removes nothing from the error of the declared model."]
-    what = "law" if result.law is not None and not result.effects else "effects"
-    verb = "removes" if what == "law" else "remove"
-    if not result.effects and result.law is None:
-        return [
-            f"On the held-out steps, {how} leaves {size(least)} of {size(before)}: so much could be explained."
-        ]
-    return [f"On the held-out steps the {what} {verb} {text} that can be removed, as {how} shows."]
-
-
-def summary(result: IdentificationResult) -> str:
-    """The verdict and the effects with their values, as plain text."""
-    lines = [headline(result), *sentences(result)]
-    for e in result.effects:
-        for name, p in e.parameters.items():
-            text = f"    {e.name}.{name} = {estimate(p.value, half_width(p), p.unit)}"
-            lines.append(
-                text + (" (95 %)" if p.std_error is not None else "") + (f" ({p.note})" if p.note else "")
-            )
-        lines += [f"    {text}" for text in remarks(result).get(e.name, [])]
-    return "\n".join(lines)
-
-
-# -------------------------------------------------------------------------------------------------- sections
 
 
 def _effect_rows(result: IdentificationResult) -> list[dict[str, Any]]:

@@ -9,9 +9,9 @@ from identify_data import MODEL, ROBOT, measured
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.ceiling import StepFeatures, held_out_ceiling, predicted_residuals
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.outcome import IdentifySettings
 from tdcr_fe.identify.problem import Fit, FitProblem
-from tdcr_fe.identify.report import sentences
+from tdcr_fe.identify.sentences import sentences
+from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep

@@ -7,7 +7,7 @@ import pytest
 from identify_data import measured
 
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.report import headline, sentences
+from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.io.readings import BadRow
 
 

@@ -28,10 +28,11 @@ from tdcr_fe.identify.law_terms import (
     Term,
     library,
 )
-from tdcr_fe.identify.outcome import IdentifySettings
 from tdcr_fe.identify.problem import FitProblem, evaluate
-from tdcr_fe.identify.report import headline, render, summary
+from tdcr_fe.identify.report import render
 from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.sentences import headline, summary
+from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep

@@ -14,9 +14,9 @@ from tdcr_fe.identify.next_experiment import candidate_sequences, choose_next, l
 from tdcr_fe.identify.outcome import IdentificationResult
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.report import next_sentence
 from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.sentences import next_sentence
 from tdcr_fe.io.loading_table import read_loading
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep
@@ -139,4 +139,4 @@ def test_the_report_says_when_no_experiment_helps(ambiguous):
         planned, separated=(), separation=(), parameter="a.b", remaining_share=0.97
     )
     (text,) = next_sentence(Made())
-    assert text.startswith("No experiment within the inputs measured tells much more.")
+    assert text.startswith("No experiment within the inputs measured helps much.")

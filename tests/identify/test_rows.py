@@ -8,11 +8,11 @@ from identify_data import MODEL, ROBOT
 
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify import identify, rows
-from tdcr_fe.identify.outcome import IdentifySettings
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.report import sentences
 from tdcr_fe.identify.rows import IN_BRANCH, LONG, PIECE, SEARCHED, choose_rows
 from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.sentences import sentences
+from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep

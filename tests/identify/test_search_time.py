@@ -9,8 +9,8 @@ from tdcr_fe.identify import IdentifySettings, fitting, identify
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import FitProblem, evaluate
-from tdcr_fe.identify.report import headline, sentences
 from tdcr_fe.identify.screening import screen
+from tdcr_fe.identify.sentences import headline, sentences
 
 TWO = {"gravity": {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}, "precurvature": {"kappa_x": 0.9, "kappa_y": -0.7}}
 

@@ -19,8 +19,8 @@ from tdcr_fe.identify.candidates import identifiable
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.information import unknown_noise
 from tdcr_fe.identify.problem import FitProblem, evaluate
-from tdcr_fe.identify.report import headline, sentences
 from tdcr_fe.identify.screening import screen
+from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.io.measured import write_measured
 from tdcr_fe.io.processes import STATUS_SIGINT, STATUS_SIGTERM
 

@@ -13,20 +13,14 @@ from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.effects.base import Observation
 from tdcr_fe.identify import figures
 from tdcr_fe.identify.corrected import corrected_files, effects_block
-from tdcr_fe.identify.outcome import (
-    AddedEffect,
-    Estimate,
-    FoundLaw,
-    IdentificationResult,
-    Misfit,
-    Noise,
-    Remainder,
-    Shapes,
-    Structure,
-)
+from tdcr_fe.identify.estimate import Estimate
+from tdcr_fe.identify.found_law import FoundLaw
+from tdcr_fe.identify.misfit import Misfit, Noise, Structure
+from tdcr_fe.identify.outcome import AddedEffect, IdentificationResult, Remainder, Shapes
 from tdcr_fe.identify.remarks import largest_strain, remarks
 from tdcr_fe.identify.replay import corrected_motion, markers, replay
-from tdcr_fe.identify.report import render, summary
+from tdcr_fe.identify.report import render
+from tdcr_fe.identify.sentences import headline, summary
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.result_folder import read_motion
@@ -291,3 +285,10 @@ def test_a_turned_measuring_frame_turns_the_markers_back():
     assert turn.apply(seen.declared.reshape(-1, 3)) == pytest.approx(
         found.shapes.backbone_before.reshape(-1, 3)
     )
+
+
+def test_a_printed_result_is_its_summary_as_the_command_prints_it():
+    """It used to be every field of the result, arrays and all."""
+    found = result(GRAVITY)
+    assert repr(found) == summary(found)
+    assert repr(found).startswith(headline(found)) and len(repr(found).splitlines()) < 30
