@@ -191,3 +191,17 @@ def test_a_scenario_names_effects_at_places(tmp_path):
     assert robot.backbone.patches[0].precurvature == (1.0, 0.0)
     assert robot.tendons[1].tight_holes[0].at == pytest.approx(S[4])
     assert effect("kink").places(robot)
+
+
+@pytest.mark.parametrize("stiffness", [2.0, 200.0])
+def test_a_spring_at_a_disk_is_solved_without_any_load(stiffness):
+    """The banded tangent of a robot alone had no springs: such a robot did not converge; loads hid it."""
+    robot = three(0.3)
+    at = robot.disks.positions[6]
+    free, held = (
+        solve(replace(robot, springs=springs), [LoadStep(tensions={"t1": 1.0, "t2": 0.2, "t3": 0.2})])
+        for springs in ((), (SideSpring(at=at, stiffness=stiffness),))
+    )
+    aside = [r.steps[0].positions[7, :2] for r in (free, held)]
+    assert np.linalg.norm(aside[1]) < 0.9 * np.linalg.norm(aside[0])
+    assert held.steps[0].iterations < 25

@@ -96,7 +96,7 @@ class BandLayout:
         if len(robots) != 1:
             return None
         model = robots[0].model
-        if model.geometry is None or model.section is not None:
+        if model.geometry is None or model.section is not None or model.springs is not None:
             return None
         holes = model.cable_nodes
         spacing = np.diff(holes)
