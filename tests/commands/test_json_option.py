@@ -160,6 +160,11 @@ def test_a_command_that_is_interrupted_says_so(tmp_path, monkeypatch, capsys, nu
 
     monkeypatch.setattr("tdcr_fe.solve.simulate.simulate", interrupted)
     path = write(tmp_path, scenario=changed(SCENARIO, SMALL))
-    found = call(capsys, "run", path, "-o", tmp_path / "out", "--no-pictures")
+    # A shell that runs the tests in the background has SIGINT ignored.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        found = call(capsys, "run", path, "-o", tmp_path / "out", "--no-pictures")
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert (found["exit_status"], found["status"]) == (status, word)
     assert found["message"] == "interrupted; no results were written" and found["files"] == []

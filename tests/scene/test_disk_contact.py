@@ -71,7 +71,7 @@ def test_an_obstacle_gives_the_shape_of_the_static_solver_of_exudyn(add, mu, ele
     assert keep and mbs.systemIsConsistent
 
 
-@pytest.mark.parametrize(("mu", "begin", "most", "steps"), [(0.0, 7.0, 9.0, 60), (0.05, 10.0, 10.5, 300)])
+@pytest.mark.parametrize(("mu", "begin", "most", "steps"), [(0.0, 7.0, 9.0, 240), (0.05, 10.0, 10.5, 300)])
 def test_a_robot_bent_to_a_ring_touches_itself(mu, begin, most, steps):
     """Its tip against its first disk, with the shape of the static solver of Exudyn from shortly before on."""
     keep, _mbs, handle, contact = pulled(three(mu, disks=LARGE), itself, np.arange(0.5, most + 0.1, 0.5))

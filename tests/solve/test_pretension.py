@@ -44,9 +44,10 @@ def test_pretension_is_displacement_that_was_pulled_in_before():
     values = [(1.5e-3, -5e-4, 0.0), (-4e-4, 1e-3, 2e-4)]
     a = solve(tightened(0.2), [moved(*v) for v in values])
     b = solve(tightened(0.2, 0.0), [moved(*(x + before for x in v)) for v in values])
-    assert distance(a.tips, b.tips) < 1e-9
+    # Their friction paths are interpolated from different states; the path's tolerance is 1e-5 of the length.
+    assert distance(a.tips, b.tips) < 1e-6
     for x, y in zip(a.steps, b.steps, strict=True):
-        np.testing.assert_allclose(x.base_tensions, y.base_tensions, atol=1e-9)
+        np.testing.assert_allclose(x.base_tensions, y.base_tensions, atol=1e-5)
 
 
 def test_a_tendon_let_out_is_slack_only_beyond_its_stretch():
