@@ -15,15 +15,17 @@ Table = Mapping[str, Mapping[str, float]]
 
 def observation_effects(result: IdentificationResult) -> list[str]:
     """Effects that act on the measurement only; a scenario cannot have them."""
-    data = result.data
-    declared = data.experiment
-    found = []
-    for name, values in result.effects_table.items():
+    # In the order in which they are applied: pretension needs the stretch of the tendons before it.
+    order = [e.name for e in result.catalogue]
+    table = sorted(result.effects_table.items(), key=lambda item: order.index(item[0]))
+    before, found = result.data.experiment, set()
+    for name, values in table:
         e = effect(name, result.catalogue)
-        changed = e.apply(declared, {**e.null_values(declared), **values})
-        if changed.observation != declared.observation:
-            found.append(name)
-    return found
+        changed = e.apply(before, {**e.null_values(before), **values})
+        if changed.observation != before.observation:
+            found.add(name)
+        before = changed
+    return [name for name in result.effects_table if name in found]
 
 
 def effects_block(result: IdentificationResult) -> str:

@@ -292,3 +292,12 @@ def test_a_printed_result_is_its_summary_as_the_command_prints_it():
     found = result(GRAVITY)
     assert repr(found) == summary(found)
     assert repr(found).startswith(headline(found)) and len(repr(found).splitlines()) < 30
+
+
+def test_pretension_beside_the_stretch_that_it_needs_is_written():
+    """Each effect used to be applied alone, and the command ended in a traceback after the search."""
+    both = (
+        added("pretension", tension=(2.0, 0.1, "N")),
+        added("tendon_stretch", axial_stiffness=(400.0, 5.0, "N")),
+    )
+    assert "pretension = 2.0" in corrected_files(result(*both))["robot.toml"]
