@@ -10,7 +10,7 @@ import numpy as np
 
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.criteria import chi_square_threshold, rank, reduced_chi_square
+from tdcr_fe.identify.criteria import rank, reduced_chi_square, required_drop
 from tdcr_fe.identify.outcome import Candidate
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.screening import Score, screen
@@ -46,8 +46,7 @@ def propose(
         noise = reduced_chi_square(state.problem, fit)
         for score in scores:
             note = score.note
-            threshold = chi_square_threshold(score.count, search.significance) * max(1.0, noise * 0.02)
-            if score.drop > threshold:
+            if score.drop > required_drop(score.count, search.significance, noise):
                 if identifiable(state.problem, fit, score):
                     expected = fit.cost - score.drop + score.count * math.log(state.problem.count)
                     proposals.append((expected, fit, score))
@@ -91,6 +90,7 @@ def _pairs(
         BIC to first order; the model with the other effect; and the score beside it.
     """
     problem = state.problem
+    noise = reduced_chi_square(problem, fit)
     experiment = problem.with_effects(fit.effects, fit.values)
     excitation = problem.excitation_range(fit.run)
     present = {e.listed for e in fit.effects}
@@ -109,11 +109,10 @@ def _pairs(
                 state = with_screened(state, [score])
                 drop = fit.cost - (base.cost - score.drop)
                 count = len(base.free) - len(fit.free) + score.count
-                noise = reduced_chi_square(problem, fit)
                 entry = Candidate(number, base.names, score.effect.name, drop / noise)
                 state = replace(state, candidates=(*state.candidates, entry))
-                threshold = chi_square_threshold(count, search.significance) * max(1.0, noise * 0.02)
-                if drop > threshold and identifiable(problem, base, score):
+                needed = required_drop(count, search.significance, noise)
+                if drop > needed and identifiable(problem, base, score):
                     expected = fit.cost - drop + count * math.log(problem.count)
                     found.append((expected, base, score))
     return state, found

@@ -85,6 +85,21 @@ def chi_square_threshold(parameters: int, significance: float) -> float:
     return float(chi2_distribution.isf(significance / len(EFFECTS), max(1, parameters)))
 
 
+def required_drop(parameters: int, significance: float, level: float) -> float:
+    """Fall of the sum of squares to first order that makes a candidate worth a fit.
+
+    Parameters
+    ----------
+    parameters
+        That the candidate adds.
+    significance
+        See `chi_square_threshold`.
+    level
+        Reduced chi-square of the model beside which it is tried: far above noise a fiftieth of it counts as noise.
+    """
+    return chi_square_threshold(parameters, significance) * max(1.0, 0.02 * level)
+
+
 def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float) -> bool:
     """Whether a larger model improves the criteria enough, on the fitted and on the held-out readings."""
     if not new.solved:

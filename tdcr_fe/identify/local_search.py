@@ -12,9 +12,9 @@ from tdcr_fe.identify.candidates import candidate_fit, local_scores_beside, name
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
     bic,
-    chi_square_threshold,
     is_improvement,
     reduced_chi_square,
+    required_drop,
     residual_is_noise,
 )
 from tdcr_fe.identify.problem import Fit
@@ -43,9 +43,8 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
         # has more margin, because the linearisation is inaccurate.
         margin = 0.1 * base.cost + 5.0 * state.best.cost if base is not state.best else math.inf
         state, scored = local_scores_beside(state, base)
-        threshold = chi_square_threshold(1, search.significance)
-        level = max(1.0, reduced_chi_square(state.problem, base) * 0.02)
-        scores = [x for x in scored if x.drop > threshold * level]
+        needed = required_drop(1, search.significance, reduced_chi_square(state.problem, base))
+        scores = [x for x in scored if x.drop > needed]
         found += [
             (x.cost(state.problem), base, x)
             for i, x in enumerate(scores[:2])

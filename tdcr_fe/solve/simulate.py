@@ -237,9 +237,8 @@ class _Run:
         self.warnings: list[str] = []
         self.failed: int | None = None
         self.message = CONVERGED
-        # Estimates for steps to come, see `_pilot`.
-        self.pilots: list[MeshEstimate] = []
-        self.piloted = False
+        # Estimates for steps to come, see `_pilot`; None until there is need of them.
+        self.pilots: list[MeshEstimate] | None = None
 
     def take_steps(self, reference_path: PathRecord | None, refine: bool) -> tuple[int, ...] | None:
         """Solve all steps; or return the elements per bay of the finer mesh that they need."""
@@ -282,12 +281,10 @@ class _Run:
         """
         changed = self.monitor.record()
         costly = report.iterations_total > report.iterations
-        if not refine or self.piloted or not costly or number == len(self.steps):
+        if not refine or self.pilots is not None or not costly or number == len(self.steps):
             return changed
-        self.piloted = True
         self.monitor.flush()
-        if not self._too_coarse():
-            self.pilots = self._pilot(self.targets[number:])
+        self.pilots = [] if self._too_coarse() else self._pilot(self.targets[number:])
         return True
 
     def _pilot(self, targets: Sequence[Actuation]) -> list[MeshEstimate]:
@@ -318,15 +315,19 @@ class _Run:
         assert isinstance(counts, tuple)
         return counts
 
+    @property
+    def _estimates(self) -> tuple[MeshEstimate, ...]:
+        """Of all steps so far, and of those to come where these were estimated."""
+        return (*self.monitor.estimates, *(self.pilots or ()))
+
     def _too_coarse(self) -> bool:
-        """Whether any step estimated so far misses the tolerance, those to come among them."""
-        return any(not e.largest <= self.goal for e in (*self.monitor.estimates, *self.pilots))
+        """Whether any step estimated so far misses the tolerance."""
+        return any(not e.largest <= self.goal for e in self._estimates)
 
     def _refined_mesh(self) -> tuple[int, ...] | None:
         """Elements per bay of a finer mesh; None where the limit is reached."""
         order = error_order(self.simulation.handle)
-        estimates = (*self.monitor.estimates, *self.pilots)
-        finer = refined(self.elements_per_bay, estimates, self.goal, order)
+        finer = refined(self.elements_per_bay, self._estimates, self.goal, order)
         return None if finer == self.elements_per_bay else finer
 
 

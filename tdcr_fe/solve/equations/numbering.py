@@ -111,6 +111,26 @@ class Numbering(NamedTuple):
         parts = [by_robot[p.robot][p.frictional] for p in self.robots if p.has_friction]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
+    def with_frictional_holes(self, by_robot: Sequence[Array], values: Array) -> tuple[Array, ...]:
+        """The inverse of `at_frictional_holes`: values at all holes with those at the frictional ones replaced.
+
+        Parameters
+        ----------
+        by_robot
+            At all holes, shape (m, g); unchanged.
+        values
+            At the frictional ones, of all robots one after the other, shape (k,).
+        """
+        found, first = list(by_robot), 0
+        for part in self.robots:
+            if not part.has_friction:
+                continue
+            last = first + int(np.count_nonzero(part.frictional))
+            new = by_robot[part.robot].copy()
+            new[part.frictional] = values[first:last]
+            found[part.robot], first = new, last
+        return tuple(found)
+
     @property
     def any_driven(self) -> bool:
         """Whether the displacement of any tendon is prescribed."""

@@ -61,22 +61,14 @@ class History(NamedTuple):
 
     def of(self, state: SolverState, numbering: Numbering) -> SolverState:
         """A state with this history, and with the mobilisations that follow from it."""
-        friction, mobilisation, first = list(state.friction), list(state.mobilisation), 0
-        for part in numbering.robots:
-            if not part.has_friction:
-                continue
-            i, last = part.robot, first + int(np.count_nonzero(part.frictional))
-            slip, turned, now = (
-                friction[i].slip.copy(),
-                friction[i].mobilisation.copy(),
-                mobilisation[i].copy(),
-            )
-            slip[part.frictional] = self.slip[first:last]
-            turned[part.frictional] = self.mobilisation[first:last]
-            now[part.frictional] = self.at_end[first:last]
-            friction[i], mobilisation[i] = replace(friction[i], slip=slip, mobilisation=turned), now
-            first = last
-        return state._replace(friction=tuple(friction), mobilisation=tuple(mobilisation))
+        slips = numbering.with_frictional_holes([f.slip for f in state.friction], self.slip)
+        turned = numbering.with_frictional_holes([f.mobilisation for f in state.friction], self.mobilisation)
+        friction = [
+            replace(own, slip=slip, mobilisation=mobilisation)
+            for own, slip, mobilisation in zip(state.friction, slips, turned, strict=True)
+        ]
+        now = numbering.with_frictional_holes(state.mobilisation, self.at_end)
+        return state._replace(friction=tuple(friction), mobilisation=now)
 
 
 class Reversals(NamedTuple):

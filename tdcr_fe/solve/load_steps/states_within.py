@@ -90,23 +90,19 @@ def _guess(
     numbering, k = first.state.numbering, len(picked.holes)
     mobilised = first.state.mobilisation.copy()
     mobilised[picked.holes] = z[:k]
-    mobilisation, tensions, hole = list(state.mobilisation), list(state.base_tension), 0
+    tensions = list(state.base_tension)
     for part in numbering.robots:
-        i = part.robot
-        if part.has_friction:
-            count = int(np.count_nonzero(part.frictional))
-            own = mobilisation[i].copy()
-            own[part.frictional] = mobilised[hole : hole + count]
-            mobilisation[i], hole = own, hole + count
         if part.driven.size:
-            tensions[i] = tensions[i].copy()
-            tensions[i][part.driven] = 0.0
+            tensions[part.robot] = tensions[part.robot].copy()
+            tensions[part.robot][part.driven] = 0.0
     for own_tendons, i in zip(picked.tendons, picked.robots, strict=True):
         driven = own_tendons.which[own_tendons.driven]
         tensions[i][driven] = z[k : k + len(driven)]
         k += len(driven)
     return state._replace(
-        configuration=configuration, mobilisation=tuple(mobilisation), base_tension=tuple(tensions)
+        configuration=configuration,
+        mobilisation=numbering.with_frictional_holes(state.mobilisation, mobilised),
+        base_tension=tuple(tensions),
     )
 
 
