@@ -44,7 +44,7 @@ def ambiguous():
     return state
 
 
-def test_an_ambiguity_is_parted_by_the_experiment_that_was_chosen(ambiguous):
+def test_an_ambiguity_is_separated_by_the_experiment_that_was_chosen(ambiguous):
     """Gain and stiffness: only a tip force tells; simulated there, the rival's misfit is far above the noise."""
     (rival,) = leading_rivals(SEARCH, ambiguous)
     assert rival.names == ("actuator_gain",)

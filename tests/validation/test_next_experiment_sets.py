@@ -20,7 +20,7 @@ def test_command_refuses_a_count_of_zero():
 
 
 @pytest.mark.slow
-def test_stiffness_is_parted_from_gain_by_the_experiment_that_was_chosen():
+def test_stiffness_is_separated_from_gain_by_the_experiment_that_was_chosen():
     """Readings without tip forces fit both; with the chosen steps added, the truth is the only explanation."""
     outcome = run_set(AMBIGUITIES[2])
-    assert outcome.ambiguous and outcome.parted and outcome.expected > 2.0 and outcome.difference > 6.0
+    assert outcome.ambiguous and outcome.separated and outcome.expected > 2.0 and outcome.difference > 6.0

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
-from contextlib import closing
 from pathlib import Path
 
 from tdcr_fe.commands.status import FAILURE, SUCCESS, at_least_one
 from tdcr_fe.io.atomic import write_text
-from tdcr_fe.io.processes import sigterm_as_interrupt
 from tdcr_fe.io.records import Folder, solve_all
 from tdcr_fe.validation.broken_files.campaign import Outcome, cases, run_case
 from tdcr_fe.validation.broken_files.report import summary, to_frame, to_markdown
+from tdcr_fe.validation.collecting import collect
 from tdcr_fe.validation.crosscheck.campaign import silence_exudyn
 
 
@@ -54,34 +52,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.first < 0 or args.own_processes < 0:
         parser.error("--first and --own-processes must be at least 0")
 
-    from tqdm import tqdm
-
     out = Path(args.o)
     tasks = {str(case.number): case for case in cases(args.n, args.first, args.own_processes)}
-    outcomes = []
 
     def wrong(record: dict[str, object]) -> bool:
         return not Outcome(**record).passed  # type: ignore[arg-type]
 
-    with sigterm_as_interrupt() as termination:
-        try:
-            found = solve_all(
-                tasks,
-                run_case,
-                Folder(out / "cases"),
-                args.processes,
-                silence_exudyn,
-                own_process=args.processes > 1,
-                again=wrong if args.again else None,
-            )
-            with closing(found), tqdm(total=len(tasks), unit="input") as bar:
-                for _, record, _ in found:
-                    outcomes.append(Outcome(**record))
-                    bar.update()
-        except KeyboardInterrupt:
-            print("interrupted; start it again to resume", file=sys.stderr)
-            return termination.status
-    outcomes.sort(key=lambda o: o.number)
+    records = solve_all(
+        tasks,
+        run_case,
+        Folder(out / "cases"),
+        args.processes,
+        silence_exudyn,
+        own_process=args.processes > 1,
+        again=wrong if args.again else None,
+    )
+    found, interrupted = collect(records, len(tasks), "input")
+    if interrupted is not None:
+        return interrupted
+    outcomes = sorted((Outcome(**record) for _, record, _ in found), key=lambda o: o.number)
     to_frame(outcomes).to_csv(out / "broken_files.csv", index=False)
     write_text(to_markdown(outcomes), out / "broken_files.md")
     print("\n".join(summary(outcomes)))

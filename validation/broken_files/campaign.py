@@ -130,9 +130,9 @@ def run_case(case: Case) -> Record:
         outcome = judge(case, ran, seconds, list(out.rglob("*")) if out.exists() else [])
         text = ran.errors.replace(str(folder) + "/", "")
     found = case.change
-    told = (found.file, found.mutation, found.key[:60], found.value[:60])
+    broken = (found.file, found.mutation, found.key[:60], found.value[:60])
     return asdict(
-        Outcome(case.number, case.inputs.name, *told, outcome, ran.status, round(seconds, 3), text[:600])
+        Outcome(case.number, case.inputs.name, *broken, outcome, ran.status, round(seconds, 3), text[:600])
     )
 
 
@@ -201,8 +201,10 @@ def every_mistake_has_a_name(case: Case, errors: str) -> bool:
     head, *problems = errors.strip().splitlines()
     files = (*files_of(case.inputs), "-o")
     listed = [p.strip() for p in problems if not re.fullmatch(r"\s+and \d+ more", p)]
-    told = "in the input; nothing was written" in head and bool(listed)
-    return told and all(any(f"{f}: " in p for f in files) or p.split(": ")[0].endswith("/in") for p in listed)
+    refused = "in the input; nothing was written" in head and bool(listed)
+    return refused and all(
+        any(f"{f}: " in p for f in files) or p.split(": ")[0].endswith("/in") for p in listed
+    )
 
 
 def names(changed: Change, errors: str) -> bool:

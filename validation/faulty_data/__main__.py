@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
-from contextlib import closing
 from pathlib import Path
 
 import pandas as pd
 
 from tdcr_fe.commands.status import FAILURE, SUCCESS, at_least_one
-from tdcr_fe.io.processes import sigterm_as_interrupt
+from tdcr_fe.validation.collecting import collect
 from tdcr_fe.validation.faulty_data.campaign import run_all
 from tdcr_fe.validation.faulty_data.faults import FAULTS
 
@@ -44,22 +42,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not chosen:
         parser.error(f"--only: numbers from 1 to {len(FAULTS)}")
 
-    from tqdm import tqdm
-
     out = Path(args.o)
-    outcomes = []
-    with sigterm_as_interrupt() as termination:
-        try:
-            with (
-                closing(run_all(chosen, out, args.processes)) as found,
-                tqdm(total=len(chosen), unit="set") as bar,
-            ):
-                for outcome in found:
-                    outcomes.append(outcome)
-                    bar.update()
-        except KeyboardInterrupt:
-            print("interrupted; start it again to resume", file=sys.stderr)
-            return termination.status
+    outcomes, interrupted = collect(run_all(chosen, out, args.processes), len(chosen), "set")
+    if interrupted is not None:
+        return interrupted
     order = [f.name for f in FAULTS]
     outcomes.sort(key=lambda o: order.index(o.fault))
     table = pd.DataFrame(

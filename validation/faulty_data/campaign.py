@@ -8,14 +8,14 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Generator, Sequence
-from concurrent.futures import as_completed
-from dataclasses import asdict, dataclass
+from contextlib import closing
+from dataclasses import asdict, dataclass, fields
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from tdcr_fe.io.atomic import write_json
-from tdcr_fe.io.processes import worker_pool
+from tdcr_fe.io.records import Folder, Record, solve_all
 from tdcr_fe.validation.blind.maker import make_blind
 from tdcr_fe.validation.blind.recipes import Recipe
 from tdcr_fe.validation.crosscheck.campaign import silence_exudyn
@@ -82,34 +82,24 @@ def run_all(faults: Sequence[Fault], out: Path, processes: int) -> Generator[Out
     for drive, recipe in BASES.items():
         if not (out / "base" / drive).exists():
             make_blind(out / "base" / drive, recipe)
-    left = []
-    for fault in faults:
-        known = _known(fault, out)
-        if known is None:
-            left.append(fault.name)
-        else:
-            yield known
-    if not left:
-        return
-    with worker_pool(min(processes, len(left)), silence_exudyn) as pool:
-        for done in as_completed([pool.submit(run_one, name, out) for name in left]):
-            yield done.result()
+    tasks = {str(_number(fault.name)): fault.name for fault in faults}
+    solve, store = partial(run_one, out=out), Folder(out, indent=2)
+    with closing(solve_all(tasks, solve, store, processes, silence_exudyn, again=_other_fields)) as found:
+        for _, record, _ in found:
+            yield Outcome(**{**record, "effects": tuple(record["effects"])})
 
 
-def _known(fault: Fault, out: Path) -> Outcome | None:
-    try:
-        kept = json.loads((out / f"{_number(fault.name)}.json").read_text(encoding="utf-8"))
-        return Outcome(**{**kept, "effects": tuple(kept["effects"])})
-    except (OSError, ValueError, TypeError, KeyError):
-        return None
+def _other_fields(record: Record) -> bool:
+    """Whether a record is not that of an outcome, as one of an earlier version."""
+    return set(record) != {field.name for field in fields(Outcome)}
 
 
 def _number(name: str) -> int:
     return 1 + [f.name for f in FAULTS].index(name)
 
 
-def run_one(name: str, out: Path) -> Outcome:
-    """Make the set with this fault, run the command, judge and keep what it says."""
+def run_one(name: str, out: Path) -> Record:
+    """Make the set with this fault, run the command, and judge what it says: the fields of an `Outcome`."""
     number = _number(name)
     fault = FAULTS[number - 1]
     tables = Tables.read(out / "base" / fault.base, STEPS, MARKERS)
@@ -127,9 +117,7 @@ def run_one(name: str, out: Path) -> Outcome:
         str(report),
     ]
     done = subprocess.run([*command, "--processes", "1"], capture_output=True, text=True, check=False)
-    outcome = judge(fault, done.returncode, done.stderr, done.stdout, report)
-    write_json(asdict(outcome), out / f"{number}.json")
-    return outcome
+    return asdict(judge(fault, done.returncode, done.stderr, done.stdout, report))
 
 
 def judge(fault: Fault, status: int, errors: str, output: str, report: Path) -> Outcome:

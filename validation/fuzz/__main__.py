@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from contextlib import closing
 from pathlib import Path
 
 from tdcr_fe.commands.status import FAILURE, SUCCESS, WRONG_INPUT, at_least_one
-from tdcr_fe.io.processes import sigterm_as_interrupt
 from tdcr_fe.io.records import Lines, OtherHead, solve_all
+from tdcr_fe.validation.collecting import collect
 from tdcr_fe.validation.crosscheck.campaign import silence_exudyn
 from tdcr_fe.validation.fuzz.campaign import head, outcome_of, solve_case
 from tdcr_fe.validation.fuzz.report import summary, to_frame
@@ -48,8 +47,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.first < 0:
         parser.error("--first must be at least 0")
 
-    from tqdm import tqdm
-
     out = Path(args.o)
     store = Lines(out / "fuzz.jsonl", head())
     if args.any_version:
@@ -60,21 +57,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{error}; give another folder, or --any-version", file=sys.stderr)
         return WRONG_INPUT
     tasks = {str(n): n for n in range(args.first, args.first + args.n)}
-    outcomes = []
     again = (lambda record: not outcome_of(record).passed) if args.again else None
-    with sigterm_as_interrupt() as termination:
-        try:
-            found = solve_all(
-                tasks, solve_case, store, args.processes, silence_exudyn, own_process=False, again=again
-            )
-            with closing(found), tqdm(total=len(tasks), unit="robot") as bar:
-                for _, record, _ in found:
-                    outcomes.append(outcome_of(record))
-                    bar.update()
-        except KeyboardInterrupt:
-            print("interrupted; start it again to resume", file=sys.stderr)
-            return termination.status
-    outcomes.sort(key=lambda o: o.number)
+    records = solve_all(
+        tasks, solve_case, store, args.processes, silence_exudyn, own_process=False, again=again
+    )
+    found, interrupted = collect(records, len(tasks), "robot")
+    if interrupted is not None:
+        return interrupted
+    outcomes = sorted((outcome_of(record) for _, record, _ in found), key=lambda o: o.number)
     to_frame(outcomes).to_csv(out / "fuzz.csv", index=False)
     print("\n".join(summary(outcomes)))
     return SUCCESS if all(o.passed for o in outcomes) else FAILURE

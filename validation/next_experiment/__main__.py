@@ -1,4 +1,4 @@
-"""The command ``python -m tdcr_fe.validation.next_experiment``: whether it parts two explanations."""
+"""The command ``python -m tdcr_fe.validation.next_experiment``: whether it separates two explanations."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0 nine tenths of the ambiguous sets were parted, 1 fewer were.
+        Exit status: 0 nine tenths of the ambiguous sets were separated, 1 fewer were.
     """
     parser = argparse.ArgumentParser(
         prog="python -m tdcr_fe.validation.next_experiment",
@@ -45,14 +45,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"{name}: the first readings decide", flush=True)
             continue
         outcomes.append(outcome)
-        told = "parted" if outcome.parted else "not parted"
+        said = "separated" if outcome.separated else "not separated"
         print(
-            f"{name}: {told}; {outcome.expected:.1f} sigma expected, difference of BIC {outcome.difference:.0f}",
+            f"{name}: {said}; {outcome.expected:.1f} sigma expected, difference of BIC {outcome.difference:.0f}",
             flush=True,
         )
-    parted = sum(o.parted for o in outcomes)
-    print(f"{parted} of {len(outcomes)} sets with two explanations are parted")
-    return SUCCESS if outcomes and parted >= 0.9 * len(outcomes) else FAILURE
+    separated = sum(o.separated for o in outcomes)
+    print(f"{separated} of {len(outcomes)} sets with two explanations are separated")
+    return SUCCESS if outcomes and separated >= 0.9 * len(outcomes) else FAILURE
 
 
 if __name__ == "__main__":

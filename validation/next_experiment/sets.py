@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.effects import Effect, Experiment, Observation, effect, with_effects
+from tdcr_fe.effects import Experiment, Observation, effect, with_effects
 from tdcr_fe.identify import IdentifySettings, fitting
 from tdcr_fe.identify.criteria import bic, residual_is_noise
 from tdcr_fe.identify.forward import ForwardModel
@@ -62,7 +62,7 @@ _KINDS: tuple[tuple[str, str, Drive], ...] = (
 )
 _ROBOTS = ("parallel", "single", "helical", "converging", "points", "two-segment")
 
-#: Each kind with each robot; stretch of tendons and a gain of displacements are parted by the first readings already.
+#: Each kind with each robot; stretch of tendons and a gain of displacements are separated by the first readings.
 AMBIGUITIES = tuple(
     Ambiguity(truth, rival, robot, drive, 100 * k + n)
     for k, robot in enumerate(_ROBOTS)
@@ -82,14 +82,14 @@ class Outcome:
         Separation that the chosen experiment was expected to bring [sigma]; NaN where the set is not ambiguous.
     difference : float
         BIC of the rival less that of the truth with the experiment added [1]; NaN where the set is not ambiguous.
-    parted : bool
+    separated : bool
         Whether the truth is then the best model and the rival is no explanation any more.
     """
 
     ambiguous: bool
     expected: float = float("nan")
     difference: float = float("nan")
-    parted: bool = False
+    separated: bool = False
 
 
 def run_set(which: Ambiguity) -> Outcome:
@@ -112,9 +112,9 @@ def run_set(which: Ambiguity) -> Outcome:
     added = _added(declared, truth, chosen, markers, rng)
     after = _fitted(join_measured([first, added]), (which.truth, which.rival))
     right, wrong = (after.fits[frozenset({name})] for name in (which.truth, which.rival))
-    parted = after.best is right and wrong not in leading_rivals(_SEARCH, after)
+    separated = after.best is right and wrong not in leading_rivals(_SEARCH, after)
     return Outcome(
-        True, min(chosen.separation), bic(after.problem, wrong) - bic(after.problem, right), parted
+        True, min(chosen.separation), bic(after.problem, wrong) - bic(after.problem, right), separated
     )
 
 
@@ -183,15 +183,10 @@ def _fitted(data: MeasuredData, names: Sequence[str]) -> SearchState:
     for e in map(effect, names):
         (score,) = screen(problem, state.declared, [e])
         problem = replace(problem, scales={**problem.scales, **score.scales})
-        fits.append(_refined(problem, e, score.starts[:1]))
+        starts = score.starts[:1] or [{e.name: e.null_values(problem.experiment)}]
+        fits.append(fitting.fit(problem, (e,), starts))
     best = min(fits, key=lambda f: bic(problem, f))
     return replace(state, problem=problem, best=best, fits={frozenset(f.names): f for f in fits})
-
-
-def _refined(problem: FitProblem, e: Effect, starts: Sequence[dict[str, dict[str, float]]]) -> Fit:
-    """An effect fitted from the first start; at its null values where there is none."""
-    begin = list(starts) or [{e.name: e.null_values(problem.experiment)}]
-    return fitting.fit(problem, (e,), begin)
 
 
 def _both_explain(state: SearchState) -> bool:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
-from contextlib import closing
 from pathlib import Path
 
 from tdcr_fe.commands.status import FAILURE, SUCCESS, at_least_one
-from tdcr_fe.io.processes import sigterm_as_interrupt
+from tdcr_fe.validation.collecting import collect
 from tdcr_fe.validation.random_robots.campaign import solve_all
 from tdcr_fe.validation.random_robots.report import summary, to_frame
 
@@ -46,21 +44,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.first < 0:
         parser.error("--first must be at least 0")
 
-    from tqdm import tqdm
-
     folder = Path(args.o)
     numbers = range(args.first, args.first + args.n)
-    records = []
-    with sigterm_as_interrupt() as termination:
-        try:
-            solved = solve_all(numbers, folder, args.processes, keep_reference=args.keep_reference)
-            with closing(solved), tqdm(total=args.n, unit="robot") as bar:
-                for record in solved:
-                    records.append(record)
-                    bar.update()
-        except KeyboardInterrupt:
-            print("interrupted; start it again to resume", file=sys.stderr)
-            return termination.status
+    solved = solve_all(numbers, folder, args.processes, keep_reference=args.keep_reference)
+    records, interrupted = collect(solved, args.n, "robot")
+    if interrupted is not None:
+        return interrupted
     records.sort(key=lambda record: record.number)
     to_frame(records).to_csv(folder / "random_robots.csv", index=False)
     print("\n".join(summary(records)))
