@@ -14,6 +14,7 @@ from tdcr_fe.solve.equations.numbering import Numbering
 from tdcr_fe.solve.equations.state import SolverState
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.equilibrium import Equilibrium, near_enough
+from tdcr_fe.solve.friction_path.friction_path import FollowedPath
 from tdcr_fe.solve.friction_path.reversals import History, Point, Reversals, find_reversals
 from tdcr_fe.solve.friction_path.steady_slip import slips_steadily
 from tdcr_fe.solve.friction_path.taut_tendons import TautTendons
@@ -31,6 +32,9 @@ MOST_CORRECTIONS = 6
 MOST_STATES = 16
 #: And those at first.
 MOST_AT_FIRST = 4
+#: Largest difference between a tension of a state within a substep and that of the followed path, over the largest
+#: tension, with which the state is kept where more states are solved; else it is solved again, on the path [1].
+NEAR_PATH = 0.01
 
 
 class Attempt(NamedTuple):
@@ -83,6 +87,12 @@ class _Known(NamedTuple):
 
     picked: TautTendons
     points: tuple[Point, ...]
+
+    def near_path(self, at: Point, path: FollowedPath) -> bool:
+        """Whether a state's tensions are near those of a followed path."""
+        tension = self.picked.tensions(at.state)
+        off = np.abs(path.at(at.factor)[1] - tension)
+        return at.factor == 0.0 or bool(off.max() <= NEAR_PATH * tension.max())
 
 
 def has_rates(system: SceneSystem) -> bool:
@@ -216,23 +226,28 @@ class SubstepReversals:
     ) -> list[tuple[float, Equilibrium]]:
         """States at the start of a substep and within it, with new ones; empty where there are to be no more of them.
 
-        Their number is at least doubled, and chosen at first by an error that falls with its cube.
+        Their number is at least doubled, and chosen at first by an error that falls with its cube. States that were
+        solved far from the path that is known now are solved again: the interpolation is linear in the tensions, so
+        the error that they leave would not fall with the number of states.
         """
         parts = len(known.points) - 1
         count = 2
         if parts == 1:
             count = min(MOST_AT_FIRST, most, max(2, ceil(float(np.cbrt(found.error / allowed)))))
-        states = [(at.factor, at.state) for at in known.points[:-1]]
         if found.path is None or count < 2 or parts * count > most:
             return []
-        for first, last in pairwise(at.factor for at in known.points):
-            for i in range(1, count):
-                factor = first + (last - first) * i / count
-                load_factor = span.load_factor(factor)
-                state = solve_within(self.solver, known.points, known.picked, found.path, factor, load_factor)
-                if state is None:
-                    return []
-                states.append((factor, state))
+        states = [(at.factor, at.state) for at in known.points[:-1] if known.near_path(at, found.path)]
+        factors = {
+            first + (last - first) * i / count
+            for first, last in pairwise(at.factor for at in known.points)
+            for i in range(count)
+        }
+        for factor in sorted(factors - {factor for factor, _ in states}):
+            load_factor = span.load_factor(factor)
+            state = solve_within(self.solver, known.points, known.picked, found.path, factor, load_factor)
+            if state is None:
+                return []
+            states.append((factor, state))
         return sorted(states, key=lambda at: at[0])
 
     def _corrected(
