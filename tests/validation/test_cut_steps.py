@@ -26,6 +26,6 @@ def test_a_robot_of_three_tendons_does_not_depend_on_how_its_steps_are_cut(capsy
 
 
 def test_states_far_from_the_path_do_not_spoil_it(capsys):
-    """Near a buckling load: solved with states on a path far off, the last step moved by 1.2e-5 of the length unsaid."""
+    """Near a buckling load: with states that lay far from the path, the last step moved by 1.2e-5 unsaid."""
     assert main(["-n", "1", "--first", "16", "--tendons", "5", "--parts", "16"]) == 0
     assert "unsaid: 0" in capsys.readouterr().out
