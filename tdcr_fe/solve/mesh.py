@@ -72,7 +72,7 @@ def refined(
     """Elements per bay with which the error should stay below a goal, and the number of elements be smallest.
 
     With the error ``c_b (n_b / n'_b)^p`` of bay b, the smallest sum of ``n'_b`` has ``n'_b`` in proportion to
-    ``(c_b n_b^p)^(1/(p+1))``.
+    ``(c_b n_b^p)^(1/(p+1))``. Where an estimate is infinite, its bay gets as many elements as one refinement allows.
 
     Parameters
     ----------
@@ -92,10 +92,12 @@ def refined(
             worst[: len(found.by_bay)] = np.maximum(worst[: len(found.by_bay)], found.by_bay)
     if not worst.any():
         return tuple(counts)
-    scaled = worst * n**order
+    most = np.minimum(GROWTH * n, max(MOST_PER_BAY, *n.tolist()))
+    known = np.isfinite(worst)
+    scaled = np.where(known, worst, 0.0) * n**order
     root = scaled ** (1.0 / (order + 1))
     factor = (root.sum() / (0.5 * goal)) ** (1.0 / order)
-    wanted = np.clip(np.ceil(factor * root), n, np.minimum(GROWTH * n, max(MOST_PER_BAY, *n.tolist())))
+    wanted = np.where(known, np.clip(np.ceil(factor * root), n, most), most)
     total = wanted.sum()
     if total > MOST_ELEMENTS:
         wanted = np.maximum(n, np.floor(wanted * MOST_ELEMENTS / total))

@@ -91,6 +91,7 @@ class MeshEstimate:
         Estimated displacement of the nodes 1 .. N-1 to their positions with exact elements, world axes [m].
     by_bay : ndarray, shape (B,), or None
         Largest displacement of a node that each bay's own defect causes [m]; None where the error is below the goal.
+        Infinite where the equations along an element have no finite solution under its wrench.
     bay_loads : ndarray, shape (B,)
         Axial compression of each bay over its buckling load, see `bay_loads`; zero where it is not defined [1].
     """
@@ -203,6 +204,11 @@ def _largest(moved: Array) -> Array:
     return np.asarray(np.sqrt(np.max(np.einsum("...i,...i->...", moved, moved), axis=-1)))
 
 
+def _finite(moved: Array) -> Array:
+    """The same displacements, infinite where they are not numbers."""
+    return np.where(np.isfinite(moved), moved, np.inf)
+
+
 def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float = np.inf) -> list[MeshEstimate]:
     """Estimated discretisation error of solved states of one mesh.
 
@@ -225,8 +231,17 @@ def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float = n
     twists = np.stack([s.twists for s in states])
     rotations = np.stack([s.rotations for s in states])
     tensions = np.stack([s.tensions for s in states])
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _estimate(model, states, goal, (twists, rotations, tensions))
+
+
+def _estimate(
+    model: ElementModel, states: Sequence[SolvedState], goal: float, arrays: tuple[Array, Array, Array]
+) -> list[MeshEstimate]:
+    """`estimate` from the twists, rotations and tensions of the states, each with one axis for the states in front."""
+    twists, rotations, tensions = arrays
     forces, couples = defects(model, twists, rotations, tensions)
-    moved = displacements(states, twists, rotations, forces, couples)
+    moved = _finite(displacements(states, twists, rotations, forces, couples))
     loads = bay_loads(model, twists, tensions)
     found = []
     for k, size in enumerate(_largest(moved)):
@@ -234,12 +249,14 @@ def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float = n
         if not size <= goal:
             inside = (model.bays == np.arange(int(model.bays.max()) + 1)[:, None])[..., None]
             by_bay = _largest(
-                displacements(
-                    [states[k]] * len(inside),
-                    np.broadcast_to(twists[k], (len(inside), *twists[k].shape)),
-                    np.broadcast_to(rotations[k], (len(inside), *rotations[k].shape)),
-                    inside * forces[k],
-                    None if couples is None else inside * couples[k],
+                _finite(
+                    displacements(
+                        [states[k]] * len(inside),
+                        np.broadcast_to(twists[k], (len(inside), *twists[k].shape)),
+                        np.broadcast_to(rotations[k], (len(inside), *rotations[k].shape)),
+                        np.where(inside, forces[k], 0.0),
+                        None if couples is None else np.where(inside, couples[k], 0.0),
+                    )
                 )
             )
         found.append(MeshEstimate(moved[k], by_bay, loads[k]))

@@ -316,6 +316,24 @@ def test_refinement_gives_elements_to_the_bays_that_need_them() -> None:
     assert counts[2] > counts[0] > 2
 
 
+def test_a_bay_without_a_finite_estimate_is_refined_as_far_as_allowed() -> None:
+    """Version 0.1.0 had no estimate; the first one ended such a run with "cannot convert float NaN to integer"."""
+    estimate = MeshEstimate(np.full((4, 3), np.inf), np.array([1e-5, 0.0, np.inf]), np.zeros(3))
+    known = MeshEstimate(np.zeros((4, 3)), np.array([1e-5, 0.0, 0.0]), np.zeros(3))
+    counts = refined((2, 2, 2), [estimate], 1e-6, 4)
+    assert counts == (*refined((2, 2, 2), [known], 1e-6, 4)[:2], 2 * mesh.GROWTH)
+
+
+def test_the_error_is_infinite_where_the_equations_along_an_element_have_no_finite_solution() -> None:
+    """Lengths in mm and a modulus in GPa, read as SI units: the own weight strains the backbone by a factor of 1e8."""
+    backbone = Backbone(300.0, 0.7, 60.0, 0.3, 5600.0)
+    tendon = Tendon("t1", ParallelRouting(8.0))
+    robot = Robot(backbone, Disks.equally_spaced(15, 300.0, mass=2e-4, radius=10.0), (tendon,))
+    model = Model(friction="none", gravity=(0.0, 0.0, -9.81), elements_per_bay=2)
+    result = simulate(robot, model, [LoadStep(tensions={"t1": 1.0})])
+    assert result.steps[0].discretisation_error == np.inf
+
+
 def test_elements_per_bay_can_be_given_for_every_bay() -> None:
     counts = (3, 1, 2, 4)
     robot = replace(paper(), disks=Disks((0.05, 0.1, 0.2)), tendons=())
