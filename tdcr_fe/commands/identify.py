@@ -6,6 +6,7 @@ import argparse
 import math
 import os
 import sys
+from dataclasses import replace
 from typing import Any
 
 from tdcr_fe.commands.machine import add_json_option, note
@@ -58,8 +59,8 @@ def add_identify_parser(commands: Any) -> None:
         "--minutes",
         type=_minutes,
         default=15.0,
-        help="time after which no further part of the search begins; the best model so far is then fitted to all load "
-        "steps and reported [%(default)s]",
+        help="time limit of the whole identification: the search ends in time for the final fit to all load steps, and "
+        "the report says what was left out [%(default)s]",
     )
     parser.add_argument(
         "--strict",
@@ -95,16 +96,18 @@ def run(args: argparse.Namespace) -> int:
     from tdcr_fe.identify.report import write_report
     from tdcr_fe.identify.sentences import summary
     from tdcr_fe.identify.settings import IdentifySettings
+    from tdcr_fe.identify.time_limit import GRACE_OF_TABLES, TABLES, OutOfTime, clock
     from tdcr_fe.io.atomic import check_output_folder, write_json, write_text
     from tdcr_fe.io.measured import join_measured, read_measured
     from tdcr_fe.io.own_effects import read_own_effects
     from tdcr_fe.model.plausibility import plausibility_warnings
 
+    begun = clock()
     data = join_measured([read_measured(folder, strict=args.strict) for folder in args.folder])
     out = check_output_folder(args.out)
     settings = IdentifySettings(
         processes=args.processes,
-        search_time=60.0 * args.minutes,
+        time_limit=60.0 * args.minutes,
         hold_out_branches=tuple(args.hold_out),
         own_effects=read_own_effects(args.effects),
     )
@@ -139,9 +142,13 @@ def run(args: argparse.Namespace) -> int:
     motion, interrupted = None, result.interrupted
     try:
         several = bool(data.parts)  # the panel shows one loading sequence
-        motion = None if interrupted or several else corrected_motion(result, out)
+        deadline = begun + (1.0 + GRACE_OF_TABLES) * settings.time_limit
+        motion = None if interrupted or several else corrected_motion(result, out, deadline)
     except KeyboardInterrupt:  # the report is written without the 3D panel
         interrupted = True
+    except OutOfTime:
+        result = replace(result, not_tried=(*result.not_tried, TABLES))
+        write_json(result.to_json(), out / "result.json")
     write_report(result, out / "report.html", motion)
     document = result.to_json()
     names = ["result.json", "report.html", *corrected_files(result)]

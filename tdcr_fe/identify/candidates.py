@@ -22,6 +22,7 @@ from tdcr_fe.identify.search_state import (
     mean_cost,
     with_note_on_differences,
 )
+from tdcr_fe.identify.time_limit import OutOfTime
 from tdcr_fe.identify.unlisted import local_candidates
 
 #: Two effects are tried together where that promises a criterion smaller by this share than the first of them alone.
@@ -250,7 +251,10 @@ def candidate_fit(
     if now.cost > max(1.5 * race.lowest, parent.cost - 0.7 * drop):
         starts += score.starts[1:]
     if starts:
-        other = yield from fitting.begin(problem, effects, starts, race, parent.run)
+        try:
+            other = yield from fitting.begin(problem, effects, starts, race, parent.run)
+        except OutOfTime:
+            return now
         other = yield from fitting.descend(problem, other, race, 12 if more else 5)
         now = min(now, other, key=lambda f: f.cost)
     if now.solved and now.cost <= race.limit:

@@ -17,7 +17,7 @@ from tdcr_fe.identify.estimate import Estimate
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.found_law import FoundLaw
 from tdcr_fe.identify.information import insufficient_data
-from tdcr_fe.identify.misfit import Noise, Structure
+from tdcr_fe.identify.misfit import NOT_EVALUATED, Misfit, Noise, Structure
 from tdcr_fe.identify.noise import outliers, structure
 from tdcr_fe.identify.outcome import (
     THE_DATA,
@@ -32,7 +32,8 @@ from tdcr_fe.identify.outcome import (
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.rows import RowChoice
 from tdcr_fe.identify.run import run_settings
-from tdcr_fe.identify.search_state import FURTHER_EFFECTS, Search, SearchState
+from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.time_limit import CEILING, FURTHER_EFFECTS, clock
 from tdcr_fe.identify.unlisted import describe_moment, missing_moment
 
 Array = NDArray[np.float64]
@@ -42,7 +43,7 @@ def conclude(
     search: Search,
     state: SearchState,
     sigma_estimated: bool,
-    wall_time: float,
+    begun: float,
     law: FoundLaw | None = None,
     next_experiment: NextExperiment | None = None,
     rows: RowChoice | None = None,
@@ -52,11 +53,11 @@ def conclude(
     Parameters
     ----------
     search, state
-        The search and its last state.
+        The search, with the deadline of these conclusions, and its last state.
     sigma_estimated
         Whether any sigma was not given.
-    wall_time
-        [s].
+    begun
+        Reading of `tdcr_fe.identify.time_limit.clock` at the begin of the identification [s].
     law
         On no list, and part of the state's best model.
     next_experiment
@@ -64,6 +65,8 @@ def conclude(
     rows
         Load steps that the search used; None for all.
     """
+    wall_time = clock() - begun
+    state, ceiling = _with_ceiling(search, state)
     problem, best, declared = state.problem, state.best, state.declared
     data, held_out, fitted = problem.data, problem.held_out, problem.fitted
     explained = residual_is_noise(problem, best, search.significance)
@@ -112,10 +115,17 @@ def conclude(
         next_experiment=next_experiment,
         searched=None if rows is None else rows.described(data),
         by_set=_by_set(problem, declared, best),
-        ceiling=None
-        if insufficient or faulty or state.interrupted
-        else held_out_ceiling(problem, declared, best),
+        ceiling=None if insufficient or faulty else ceiling,
     )
+
+
+def _with_ceiling(search: Search, state: SearchState) -> tuple[SearchState, Misfit | None]:
+    """The ceiling of the held-out misfit, if the time suffices."""
+    if state.interrupted or state.data_fault:
+        return state, None
+    if search.late:
+        return state.without_trying(CEILING), None
+    return state, held_out_ceiling(state.problem, state.declared, state.best)
 
 
 def _verdict(state: SearchState, explained: bool, insufficient: str, law: FoundLaw | None) -> Verdict:
@@ -191,37 +201,57 @@ def _added(search: Search, state: SearchState, deviation: Array) -> tuple[AddedE
     """Effects in the order of adding, with the evidence for each."""
     problem, best = state.problem, state.best
     added = []
-    before = state.declared
+    before: Fit | None = state.declared
     for i, e in enumerate(best.effects):
-        after = best
+        after: Fit | None = best
         if i < len(best.effects) - 1 or ("law" in {k for k, _ in best.free}):
-            after = state.fits.get(frozenset(x.name for x in best.effects[: i + 1]), best)
+            after = state.fits.get(frozenset(x.name for x in best.effects[: i + 1]))
         rivals = tuple(state.rivals.get(e.name, ()))
         threshold = chi_square_threshold(len(e.parameters), search.significance)
-        evidence = {
-            "chi2_drop_fit": before.cost - after.cost,
-            "chi2_drop_held_out": before.held_cost - after.held_cost,
-            "needed_drop": threshold * reduced_chi_square(problem, after),
-        }
-        experiment = ""
-        if rivals:
-            others = [x for x in problem.catalogue if any(n.split(" (")[0] == x.name for n in rivals)]
-            experiment = f"for {e.name}: {e.separating_experiment}" + "".join(
-                f"; for {x.name}: {x.separating_experiment}" for x in others
-            )
+        after_fit = after_held_out = NOT_EVALUATED
+        evidence: dict[str, float] = {}
+        if after is not None:
+            after_fit = problem.misfit(after.residual, problem.fitted, len(after.free))
+            after_held_out = problem.misfit(after.residual, problem.held_out)
+        if before is not None and after is not None:
+            evidence = {
+                "chi2_drop_fit": before.cost - after.cost,
+                "chi2_drop_held_out": before.held_cost - after.held_cost,
+                "needed_drop": threshold * reduced_chi_square(problem, after),
+            }
         added.append(
             AddedEffect(
                 e.listed,
                 _estimates(problem, best, e, deviation),
-                problem.misfit(after.residual, problem.fitted, len(after.free)),
-                problem.misfit(after.residual, problem.held_out),
+                after_fit,
+                after_held_out,
                 evidence,
                 rivals,
-                experiment,
+                separating_experiments(e, rivals, problem.catalogue),
             )
         )
         before = after
     return tuple(added)
+
+
+def separating_experiments(e: Effect, rivals: Sequence[str], catalogue: Sequence[Effect]) -> str:
+    """Experiments that separate an effect from its rivals, those of each listed effect once; empty without rivals.
+
+    Parameters
+    ----------
+    e
+        In the final model.
+    rivals
+        Names of effects that explain the data as well, which may be other forms of the same listed effect.
+    catalogue
+        The candidates.
+    """
+    if not rivals:
+        return ""
+    listed = {name.split(" (")[0] for name in rivals} - {e.listed}
+    others = [x for x in catalogue if x.name in listed]
+    sentences = [f"for {e.listed}: {e.separating_experiment}"]
+    return "; ".join([*sentences, *(f"for {x.name}: {x.separating_experiment}" for x in others)])
 
 
 def _estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> dict[str, Estimate]:

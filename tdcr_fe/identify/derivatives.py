@@ -114,10 +114,11 @@ def linearize(problem: FitProblem, requests: Sequence[Request]) -> list[Linear]:
 
 
 def linearize_each(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
-    """Linearise several models, each of a problem of its own; forward model and path tolerance must be the same.
+    """Linearise several models, each of a problem of its own.
 
-    With several processes each model is linearised in one of them. A single one with many columns is divided where its
-    run follows another one, so that to repeat the run costs little.
+    Forward model, path tolerance and deadline are those of the first. With several processes each model is linearised
+    in one of them. A single one with many columns is divided where its run follows another one, so that to repeat the
+    run costs little.
     """
     if not pairs:
         return []
@@ -138,11 +139,12 @@ def linearize_each(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
 
 def _linearize_here(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
     """Linearise models; only their runs are shared among processes."""
-    forward, path_tolerance = pairs[0][0].forward, pairs[0][0].path_tolerance
+    first = pairs[0][0]
+    forward, path_tolerance, deadline = first.forward, first.path_tolerance, first.deadline
     parts = [_Part(problem, request) for problem, request in pairs]
-    runs = forward.run_jobs([p.job for p in parts], path_tolerance)
+    runs = forward.run_jobs([p.job for p in parts], path_tolerance, deadline)
     beside = [p.differences(run) for p, run in zip(parts, runs, strict=True)]
-    found = iter(forward.run_jobs([job for jobs in beside for job in jobs], path_tolerance))
+    found = iter(forward.run_jobs([job for jobs in beside for job in jobs], path_tolerance, deadline))
     return [
         part.linear(run, [next(found) for _ in jobs])
         for part, run, jobs in zip(parts, runs, beside, strict=True)

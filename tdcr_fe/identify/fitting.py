@@ -10,7 +10,6 @@ among the processes, and one that cannot come near the best is stopped.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Generator, Sequence
 from dataclasses import replace
 
@@ -22,6 +21,7 @@ from tdcr_fe.effects import Effect
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.run import Run
+from tdcr_fe.identify.time_limit import OutOfTime, clock
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class Race:
     ----------
     lowest : float
     deadline : float
-        Reading of `time.perf_counter` [s].
+        Reading of `tdcr_fe.identify.time_limit.clock` [s].
     """
 
     def __init__(self, lowest: float = float("inf"), deadline: float = float("inf")) -> None:
@@ -62,7 +62,7 @@ class Race:
     @property
     def over(self) -> bool:
         """Whether the time is over."""
-        return time.perf_counter() > self.deadline
+        return clock() > self.deadline
 
     @property
     def limit(self) -> float:
@@ -71,14 +71,25 @@ class Race:
 
 
 def run_fits(problem: FitProblem, fittings: Sequence[Fitting]) -> list[Fit]:
-    """Run several fits to their ends; what all of them need at a time is simulated at a time."""
+    """Run several fits to their ends; what all of them need at a time is simulated at a time.
+
+    At the deadline of the problem every fit ends with its last complete model.
+
+    Raises
+    ------
+    OutOfTime
+        The deadline has passed before each had a complete model.
+    """
     found: list[Fit | None] = [None] * len(fittings)
     pending: dict[int, Request] = {}
 
-    def advance(number: int, linear: Linear | None) -> None:
+    def advance(number: int, linear: Linear | OutOfTime | None) -> None:
+        fitting = fittings[number]
         try:
-            fitting = fittings[number]
-            pending[number] = next(fitting) if linear is None else fitting.send(linear)
+            if isinstance(linear, OutOfTime):
+                pending[number] = fitting.throw(linear)
+            else:
+                pending[number] = next(fitting) if linear is None else fitting.send(linear)
         except StopIteration as end:
             found[number] = end.value
 
@@ -87,8 +98,13 @@ def run_fits(problem: FitProblem, fittings: Sequence[Fitting]) -> list[Fit]:
     while pending:
         numbers, requests = list(pending), list(pending.values())
         pending.clear()
-        for number, linear in zip(numbers, linearize(problem, requests), strict=True):
-            advance(number, linear)
+        answers: Sequence[Linear | OutOfTime]
+        try:
+            answers = linearize(problem, requests)
+        except OutOfTime as end:
+            answers = [end] * len(requests)
+        for number, answer in zip(numbers, answers, strict=True):
+            advance(number, answer)
     return [f for f in found if f is not None]
 
 
@@ -140,7 +156,12 @@ def begin(
     every = tuple((e.name, p.name) for e in effects for p in e.parameters)
     best: Fit | None = None
     for point in starts:
-        new = yield from evaluated(problem, effects, point, every, reference)
+        try:
+            new = yield from evaluated(problem, effects, point, every, reference)
+        except OutOfTime:
+            if best is None:
+                raise
+            break
         if best is None or new.cost < best.cost:
             best = new
         race.reached(new.cost)
@@ -214,7 +235,10 @@ def descend(
         if np.sqrt(reach) - error > np.sqrt(race.limit):
             return replace(now, given_up=True)
         point = problem.point(now.effects, now.values, now.free, z)
-        trial = yield from evaluated(problem, now.effects, point, now.free, now.run)
+        try:
+            trial = yield from evaluated(problem, now.effects, point, now.free, now.run)
+        except OutOfTime:
+            break
         if not trial.cost < now.cost:
             damping *= 100.0
             if damping > 1e6:
@@ -244,7 +268,10 @@ def finish(problem: FitProblem, now: Fit, race: Race, max_iterations: int = 12) 
         before, now = now, (yield from descend(problem, now, race, max_iterations))
         if now.given_up or (now is before and now.on_own_path):
             break
-        again = yield from evaluated(problem, now.effects, now.values, now.free)
+        try:
+            again = yield from evaluated(problem, now.effects, now.values, now.free)
+        except OutOfTime:
+            break
         change = abs(again.cost - now.cost)
         now = again
         if not np.isfinite(now.cost) or change < 1.0 + 1e-2 * now.cost:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import pickle
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -46,10 +47,10 @@ class Job(NamedTuple):
     record: bool = False
     parameters: tuple[ModelParameter, ...] = ()
 
-    def task(self, settings: SolverSettings) -> Task:
+    def task(self, settings: SolverSettings, deadline: float) -> Task:
         """What the process is given."""
         trajectory = None if self.reference is None else self.reference.trajectory
-        return Task(self.experiment, settings, trajectory, self.record, self.parameters)
+        return Task(self.experiment, settings, trajectory, self.record, self.parameters, deadline)
 
 
 class ForwardModel:
@@ -91,6 +92,7 @@ class ForwardModel:
         path_tolerance: float,
         reference: Run | None = None,
         record: bool = False,
+        deadline: float = math.inf,
     ) -> list[Run]:
         """Simulate experiments, those that were simulated before from memory.
 
@@ -105,18 +107,30 @@ class ForwardModel:
             A neighbouring run with its trajectory, used as reference path; three times as fast, for sensitivities.
         record
             Record trajectories.
-        """
-        return self.run_jobs([Job(e, reference, record) for e in experiments], path_tolerance)
+        deadline
+            Reading of `tdcr_fe.identify.time_limit.clock` at which simulations end [s].
 
-    def run_jobs(self, jobs: Sequence[Job], path_tolerance: float) -> list[Run]:
+        Raises
+        ------
+        OutOfTime
+            The deadline has passed.
+        """
+        return self.run_jobs([Job(e, reference, record) for e in experiments], path_tolerance, deadline)
+
+    def run_jobs(self, jobs: Sequence[Job], path_tolerance: float, deadline: float = math.inf) -> list[Run]:
         """Simulate jobs at a time; those without derivatives and reference that were simulated before from memory.
 
         Parameters
         ----------
         jobs
             What to simulate.
-        path_tolerance
+        path_tolerance, deadline
             See `run`.
+
+        Raises
+        ------
+        OutOfTime
+            The deadline has passed.
         """
         keys = []
         for job in jobs:
@@ -132,7 +146,7 @@ class ForwardModel:
             elif key not in self._cache:
                 todo[key] = job
         settings = run_settings(self.settings, path_tolerance)
-        runs = self.map(simulate_experiment, [job.task(settings) for job in todo.values()])
+        runs = self.map(simulate_experiment, [job.task(settings, deadline) for job in todo.values()])
         self.runs += len(runs)
         made = dict(zip(todo, runs, strict=True))
         found: list[Run] = []

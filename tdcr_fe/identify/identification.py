@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -22,9 +21,10 @@ from tdcr_fe.identify.noise import estimate_sigma
 from tdcr_fe.identify.outcome import IdentificationResult, NextExperiment
 from tdcr_fe.identify.problem import FitProblem, evaluate, refine
 from tdcr_fe.identify.rows import RowChoice, choose_rows, fit_to_all_rows, problem_of_rows
-from tdcr_fe.identify.search_state import Progress, Search, SearchState
+from tdcr_fe.identify.search_state import Progress, Search, SearchState, in_time
 from tdcr_fe.identify.selection import search_effects, with_intermediate_models
 from tdcr_fe.identify.settings import IdentifySettings
+from tdcr_fe.identify.time_limit import A_LAW, FAULTS, FRICTION, NEXT_EXPERIMENT, OutOfTime, Schedule, clock
 from tdcr_fe.identify.without_friction import (
     friction_explains_little,
     restore_friction,
@@ -82,22 +82,23 @@ def identify(
     check_callable("identify", "progress", progress, "It is called with a sentence and a fraction.")
     settings = settings or IdentifySettings()
     check_on(settings.own_effects, Experiment(data.robot, data.model, data.steps))
-    begun = time.perf_counter()
-    search = Search(settings, progress or (lambda text, share: None), begun + settings.search_time)
+    begun = clock()
+    search = Search(settings, progress or (lambda text, share: None))
     search.report("the declared model", 0.0)
     try:
         with ForwardModel(settings.processes, data.settings) as forward:
             prepared = _prepare(without_unread_steps(data), settings, forward)
-            found = _search(search, _declared(prepared.searched), prepared)
+            state = _declared(prepared.searched)
+            schedule = Schedule.of(begun, settings.time_limit, prepared.all_steps, prepared.with_friction)
+            found = _search(search, state, prepared, schedule)
             search.report("conclusions", 0.97)
     except _Interrupted as interruption:  # the workers have ended
         found, prepared = _Found(interruption.state), interruption.prepared
-    duration = time.perf_counter() - begun
     return conclude(
-        search,
+        replace(search, deadline=begun + settings.time_limit),
         found.state,
         prepared.sigma_estimated,
-        duration,
+        begun,
         found.law,
         found.next_experiment,
         prepared.rows,
@@ -119,6 +120,11 @@ class _Prepared(NamedTuple):
         Where the search runs without friction: what its end runs with.
     sigma_estimated : bool
         Whether any sigma was not given.
+    all_steps : float
+        About how long a run over all load steps takes, where the search uses some of them; else zero [s].
+    with_friction : float
+        About how long a run with friction over the chosen load steps takes, where the search runs without; else zero
+        [s].
     """
 
     problem: FitProblem
@@ -126,6 +132,8 @@ class _Prepared(NamedTuple):
     rows: RowChoice | None
     frictional: FitProblem | None
     sigma_estimated: bool
+    all_steps: float = 0.0
+    with_friction: float = 0.0
 
 
 class _Found(NamedTuple):
@@ -144,34 +152,67 @@ class _Interrupted(KeyboardInterrupt):
         self.state, self.prepared = state, prepared
 
 
-def _search(search: Search, state: SearchState, prepared: _Prepared) -> _Found:
+def _search(search: Search, state: SearchState, prepared: _Prepared, schedule: Schedule) -> _Found:
     """Run the search to its end, with a law where effects do not suffice; an interruption carries the last state.
 
     A search on some of the load steps ends with a fit to all of them.
     """
-    begun = time.perf_counter()
+    begun = clock()
+    latest = schedule.end + schedule.grace
     try:
         if unusable_data(state.problem, state.declared):
             return _Found(state)
-        fault = data_fault(state.problem, state.declared)
-        if fault:
-            return _Found(replace(state, data_fault=fault))
-        for latest in search_effects(search, state):
-            state = latest
+        state = _with_data_fault(state.ending_at(latest))
+        if state.data_fault:
+            return _Found(state)
+        state = state.ending_at(schedule.search + schedule.grace)
+        for latest_state in search_effects(replace(search, deadline=schedule.search), state):
+            state = latest_state
         state = with_intermediate_models(state)
-        if prepared.rows is not None:
-            planned = choose_next(search, state)
-            if prepared.frictional is not None:
-                for latest in restore_friction(search, state, prepared.frictional):
-                    state = latest
-            return _Found(fit_to_all_rows(search, state, prepared.problem), None, planned)
-        # A law may take as long to find as the listed effects took.
-        law, state = find_law(search, state, max(LEAST_SECONDS, time.perf_counter() - begun))
-        return _Found(state, law, choose_next(search, state))
+        whole = replace(search, deadline=schedule.end)
+        if prepared.rows is None:
+            # A law may take as long to find as the listed effects took.
+            law, state = _law(whole, state.ending_at(latest), max(LEAST_SECONDS, clock() - begun))
+            planned, state = _planned(whole, state)
+            return _Found(state, law, planned)
+        planned, state = _planned(whole, state.ending_at(schedule.friction + schedule.grace))
+        if prepared.frictional is not None:
+            frictional = replace(prepared.frictional, deadline=schedule.friction + schedule.grace)
+            own = replace(search, deadline=schedule.friction)
+            for latest_state in in_time(state, restore_friction(own, state, frictional), FRICTION):
+                state = latest_state
+        return _Found(
+            fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest)), None, planned
+        )
     except KeyboardInterrupt:
         last = replace(state, interrupted=True)
         last = last.with_history("interrupted; what was found until then is reported")
         raise _Interrupted(last, prepared) from None
+
+
+def _with_data_fault(state: SearchState) -> SearchState:
+    """With the fault of the data, if there is one."""
+    try:
+        return replace(state, data_fault=data_fault(state.problem, state.declared))
+    except OutOfTime:
+        return state.without_trying(FAULTS)
+
+
+def _law(search: Search, state: SearchState, seconds: float) -> tuple[FoundLaw | None, SearchState]:
+    """A law on no list, if the time suffices."""
+    try:
+        law, state = find_law(search, state, seconds)
+    except OutOfTime:
+        return None, state.without_trying(A_LAW)
+    return law, state if law is None else with_intermediate_models(state)
+
+
+def _planned(search: Search, state: SearchState) -> tuple[NextExperiment | None, SearchState]:
+    """The next experiment, if the time suffices."""
+    try:
+        return choose_next(search, state), state
+    except OutOfTime:
+        return None, state.without_trying(NEXT_EXPERIMENT)
 
 
 def _prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> _Prepared:
@@ -195,14 +236,19 @@ def _prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMod
         tolerance = float(np.clip(share, problem.path_tolerance, LOOSEST))
         problem = replace(problem, path_tolerance=tolerance)
     rows, searched, frictional = choose_rows(data, sorted(positions)), problem, None
+    all_steps = with_friction = 0.0
     if rows is not None:
         searched = problem_of_rows(problem, rows)
+        begun = clock()
+        evaluate(searched, (), {})
+        duration = clock() - begun
+        all_steps = duration * rows.total / len(rows.steps)
         if friction_explains_little(searched):
-            frictional = searched
+            frictional, with_friction = searched, duration
             rows = choose_rows(data, sorted(positions), history=False) or rows
             searched = without_friction(problem_of_rows(problem, rows))
     searched, _ = refine(searched, (), {})
-    return _Prepared(problem, searched, rows, frictional, estimated)
+    return _Prepared(problem, searched, rows, frictional, estimated, all_steps, with_friction)
 
 
 def _declared(problem: FitProblem) -> SearchState:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -20,6 +19,7 @@ from tdcr_fe.identify.law_state import run_with_action
 from tdcr_fe.identify.law_terms import CURVATURE, Term
 from tdcr_fe.identify.problem import Fit
 from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.time_limit import OutOfTime, clock
 
 Array = NDArray[np.float64]
 
@@ -44,13 +44,18 @@ def find_law(
     search, state
         What the search for listed effects has ended with.
     seconds
-        Time that the search may take; the last fit ends after it [s].
+        Time that the search may take, if the time limit allows; the last fit ends after it [s].
 
     Returns
     -------
     law : FoundLaw or None
     state : SearchState
         Where a law was found, its best model has the law, and the listed effects that remain beside it.
+
+    Raises
+    ------
+    OutOfTime
+        The time limit has passed.
     """
     problem, best = state.problem, state.best
     if problem.experiment.restarts:
@@ -59,7 +64,10 @@ def find_law(
         return None, state
     if residual_is_noise(problem, best, search.significance):
         return None, state
-    budget = Budget(problem.forward, problem.forward.runs + MOST_RUNS, time.perf_counter() + seconds)
+    if search.late:
+        raise OutOfTime
+    deadline = min(clock() + seconds, search.deadline)
+    budget = Budget(problem.forward, problem.forward.runs + MOST_RUNS, deadline)
     found: LawFit | None = None
     alternatives: tuple[Term, ...] = ()
     for base in _bases(state):

@@ -9,7 +9,6 @@ into the model and fitted in full, and the number of terms is that at which the 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -34,6 +33,7 @@ from tdcr_fe.identify.law_state import (
 )
 from tdcr_fe.identify.law_terms import Term, library
 from tdcr_fe.identify.problem import Fit, FitProblem
+from tdcr_fe.identify.time_limit import clock
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ class Budget:
     runs : int
         Count at which the budget is spent.
     deadline : float
-        Reading of `time.perf_counter` at which it is spent [s].
+        Reading of `tdcr_fe.identify.time_limit.clock` at which it is spent [s].
     """
 
     forward: ForwardModel
@@ -74,7 +74,7 @@ class Budget:
     @property
     def spent(self) -> bool:
         """Whether nothing further may begin."""
-        return self.forward.runs >= self.runs or time.perf_counter() > self.deadline
+        return self.forward.runs >= self.runs or clock() > self.deadline
 
 
 @dataclass(frozen=True)
@@ -102,13 +102,13 @@ class LawSearch:
     @classmethod
     def of(cls, problem: FitProblem, base: Fit, most_seconds: float = math.inf) -> LawSearch | None:
         """Beside a fitted model; None where it is not solved with loads at every disk, or one run takes too long."""
-        begun = time.perf_counter()
+        begun = clock()
         experiment = problem.with_effects(base.effects, base.values)
         steps, bays = len(problem.data.steps), len(experiment.robot.bay_edges) - 1
         zero = np.zeros((steps, bays, COMPONENTS))
         upright = np.broadcast_to(np.eye(3), (steps, bays, 3, 3))
         run = run_with_action(problem, experiment, zero, upright)
-        if not run.solved or time.perf_counter() - begun > most_seconds:
+        if not run.solved or clock() - begun > most_seconds:
             return None
         response, run = action_response(problem, experiment, run)
         for _ in range(READINGS):

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.problem import FitProblem
 from tdcr_fe.identify.run import INTERRUPTED, SMALLEST_ON_REFERENCE, Ends, Run, last_parts, run_settings
+from tdcr_fe.identify.time_limit import ending_at
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Load, LoadStep, resolve
@@ -181,21 +182,29 @@ def run_with_action(
         A similar run, whose path is followed.
     inputs
         Loads by which the result is differentiated.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        The simulation was interrupted.
+    OutOfTime
+        The deadline of the problem has passed.
     """
     from tdcr_fe.solve.simulate import simulate
 
     acted = with_action(experiment, action, rotation)
     settings = run_settings(problem.forward.settings, problem.path_tolerance)
+    end = ending_at(problem.deadline)
     path: PathRecord = []
     result = None
     if reference is not None and reference.ends == acted.step_ends and reference.solved:
         quick = replace(settings, min_substep=max(settings.min_substep, SMALLEST_ON_REFERENCE))
-        result = simulate(acted.robot, acted.model, acted.steps, quick, reference_path=reference.path,
+        result = simulate(acted.robot, acted.model, acted.steps, quick, end, reference_path=reference.path,
                           record_path=path, sensitivities=inputs)  # fmt: skip
     if result is None or not result.converged:
         path = []
         result = simulate(
-            acted.robot, acted.model, acted.steps, settings, record_path=path, sensitivities=inputs
+            acted.robot, acted.model, acted.steps, settings, end, record_path=path, sensitivities=inputs
         )
     if result.message == INTERRUPTED:
         raise KeyboardInterrupt

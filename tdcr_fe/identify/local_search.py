@@ -19,10 +19,18 @@ from tdcr_fe.identify.criteria import (
 )
 from tdcr_fe.identify.problem import Fit
 from tdcr_fe.identify.screening import Score
-from tdcr_fe.identify.search_state import Names, Search, SearchState, listed_names, refined, without
+from tdcr_fe.identify.search_state import (
+    Names,
+    Search,
+    SearchState,
+    Stage,
+    listed_names,
+    refined,
+    without,
+)
 
 
-def local_search(search: Search, state: SearchState) -> SearchState:
+def local_search(search: Search, state: SearchState) -> Stage:
     """Try single bays, and springs at one location, beside the best model, smaller ones, and the declared one."""
     bases: dict[Names, Fit] = {frozenset(): state.declared}
     if not residual_is_noise(state.problem, state.best, search.significance):
@@ -31,7 +39,9 @@ def local_search(search: Search, state: SearchState) -> SearchState:
         state, smaller = without(state, e)
         if smaller.solved:
             bases[frozenset(smaller.names)] = smaller
-    return search_places(search, state, list(bases.values()))
+    state = search_places(search, state, list(bases.values()))
+    yield state
+    return state
 
 
 def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> SearchState:

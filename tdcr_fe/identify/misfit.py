@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -44,6 +45,10 @@ class Misfit:
             "max_position": self.max_position,
             "chi2_per_dof": self.chi2_per_dof,
         }
+
+
+#: Of a model that was not evaluated, for want of time.
+NOT_EVALUATED = Misfit(None, None, None, math.nan)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.outcome import NextExperiment
 from tdcr_fe.identify.problem import Fit, FitProblem, Readings
 from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.time_limit import OutOfTime
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep, resolve
 
@@ -51,10 +52,17 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
     ----------
     search, state
         The search and its last state, before the workers have ended.
+
+    Raises
+    ------
+    OutOfTime
+        The time limit has passed.
     """
     problem, best = state.problem, state.best
     if not best.effects or not best.solved or any(name == "law" for name, _ in best.free):
         return None
+    if search.late:
+        raise OutOfTime
     search.report("the next experiment", 0.96)
     rivals = leading_rivals(search, state)
     models = [_Model(f, covariance(problem, f)) for f in (best, *rivals)]

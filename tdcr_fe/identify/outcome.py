@@ -73,9 +73,9 @@ class AddedEffect:
     parameters : mapping of str to Estimate
         From the final model.
     after_fit, after_held_out : Misfit
-        With this effect and all before it.
+        With this effect and all before it; `NOT_EVALUATED` where the time did not suffice for that model.
     evidence : mapping
-        Evidence for it.
+        Evidence for it; empty where the model with it, or that before it, was not evaluated.
     indistinguishable_from : tuple of str
         Effects that explain these data as well.
     separating_experiment : str
@@ -282,7 +282,7 @@ class IdentificationResult:
     wall_time : float
         [s].
     not_tried : tuple of str
-        Parts of the search for which its time did not suffice.
+        Parts of the identification for which the time limit did not suffice.
     interrupted : bool
     history : tuple of str
         What was done, in sentences.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -103,6 +104,8 @@ class FitProblem:
         Typical step of a parameter in its fitted coordinate, by effect and parameter; from the score tests.
     catalogue : tuple of Effect
         The candidates, in the order in which several are applied.
+    deadline : float
+        Reading of `tdcr_fe.identify.time_limit.clock` at which simulations end with `OutOfTime` [s].
     """
 
     data: MeasuredData
@@ -117,6 +120,7 @@ class FitProblem:
     mesh_error: float = 0.0
     scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
     catalogue: tuple[Effect, ...] = EFFECTS
+    deadline: float = math.inf
 
     @classmethod
     def of(
@@ -169,7 +173,7 @@ class FitProblem:
         self, experiments: Sequence[Experiment], reference: Run | None = None, record: bool = False
     ) -> list[Run]:
         """Simulate experiments; see `ForwardModel.run`."""
-        return self.forward.run(experiments, self.path_tolerance, reference, record)
+        return self.forward.run(experiments, self.path_tolerance, reference, record, self.deadline)
 
     def residuals(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,10 +23,17 @@ Array = NDArray[np.float64]
 DECLARED_POINTS = 80
 
 
-def replay(result: IdentificationResult) -> SequenceResult:
+def replay(result: IdentificationResult, deadline: float = math.inf) -> SequenceResult:
     """Simulate the corrected robot once more, with tensions along the tendons and states of the holes.
 
     A law that was found acts as the concentrated loads that it gives on this loading.
+
+    Parameters
+    ----------
+    result
+        What was found.
+    deadline
+        Reading of `tdcr_fe.identify.time_limit.clock` at which the simulation ends [s].
 
     Returns
     -------
@@ -36,12 +44,14 @@ def replay(result: IdentificationResult) -> SequenceResult:
     ------
     KeyboardInterrupt
         The simulation was interrupted.
+    OutOfTime
+        The deadline has passed.
     """
     mesh = result.commanded.model.elements_per_bay
     experiment = replace(result.corrected, model=replace(result.corrected.model, elements_per_bay=mesh))
     if result.law is not None:
         experiment = replace(experiment, steps=result.law.steps)
-    solved = solve_commanded_steps(experiment, result.solver)
+    solved = solve_commanded_steps(experiment, result.solver, deadline)
     named = zip(solved.steps, result.data.step_ids, result.data.branches, strict=False)
     return replace(solved, steps=tuple(replace(s, step=n, label=branch) for s, n, branch in named))
 
@@ -61,7 +71,7 @@ def markers(result: IdentificationResult, steps: int) -> Markers:
     )
 
 
-def corrected_motion(result: IdentificationResult, out: Path) -> Motion | None:
+def corrected_motion(result: IdentificationResult, out: Path, deadline: float = math.inf) -> Motion | None:
     """Simulate the corrected robot, write its tables into the folder ``corrected``, and give its motion.
 
     Parameters
@@ -70,13 +80,22 @@ def corrected_motion(result: IdentificationResult, out: Path) -> Motion | None:
         What was found.
     out
         Folder of the results.
+    deadline
+        Reading of `tdcr_fe.identify.time_limit.clock` at which the simulation ends [s].
 
     Returns
     -------
     Motion or None
         None where no step of the corrected robot could be solved.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        The simulation was interrupted.
+    OutOfTime
+        The deadline has passed.
     """
-    sequence = replay(result)
+    sequence = replay(result, deadline)
     if not sequence.steps:
         return None
     seen = markers(result, len(sequence.steps))

@@ -24,8 +24,9 @@ from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.holdout import blocks, inputs
 from tdcr_fe.identify.outcome import SearchedSteps
-from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate
+from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.time_limit import ALL_STEPS, SMALLER_MODELS, OutOfTime, clock
 from tdcr_fe.io.measured import MeasuredData
 
 Array = NDArray[np.float64]
@@ -211,20 +212,21 @@ def problem_of_rows(problem: FitProblem, rows: RowChoice) -> FitProblem:
 def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> SearchState:
     """The best model of a search on chosen load steps, fitted to all of them.
 
-    The mesh is that of the search. Smaller models, on the way to the best one, are evaluated on all load steps with the
-    parameters that the search has found.
+    The mesh is that of the search. First the best model is evaluated on all load steps with the parameters that the
+    search has found; then it is fitted for as long as the time suffices. If time is left, smaller models on the way to
+    the best one are evaluated with the parameters that the search has found for them.
 
     Parameters
     ----------
     search, state
-        The search and its last state.
+        The search, with the deadline of this part, and its last state.
     problem
         Of all load steps.
 
     Returns
     -------
     SearchState
-        Of all load steps; the state of the search where a model is not solved on all of them.
+        Of all load steps; the state of the search where a model is not solved on all of them, or not in time.
     """
     search.report("the final fit to all load steps", 0.8)
     mesh = state.problem.experiment.model.elements_per_bay
@@ -232,30 +234,72 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
     problem = replace(
         problem, experiment=experiment, scales=state.problem.scales, mesh_error=state.problem.mesh_error
     )
-    declared = evaluate(problem, (), {})
-    threshold = robust_threshold(declared.residual) if declared.solved else problem.robust_threshold
-    problem = replace(problem, robust_threshold=threshold)
-    effects = state.best.effects
-    parts = [effects[:i] for i in range(1, len(effects))]
-    cost, held_cost = problem.cost(declared.residual)
-    found = [replace(declared, cost=cost, held_cost=held_cost)]
-    if effects:
-        fits = [_evaluated(problem, part, _known_values(state, part)) for part in parts]
-        found += fitting.run_fits(problem, [_final(problem, state.best), *fits])
+    begun = clock()
+    try:
+        problem, found = _evaluated(problem, state.best)
+    except OutOfTime:
+        return state.without_trying(ALL_STEPS)
     unsolved = [f for f in found if not f.solved]
     if unsolved:
         model = " + ".join(unsolved[0].names) or "the declared model"
         return state.with_history(f"no fit to all load steps: {model}: {unsolved[0].run.message}")
-    best = found[1] if effects else found[0]
-    return replace(
-        state,
-        problem=problem,
-        declared=found[0],
-        best=best,
-        fits={frozenset(f.names): f for f in found},
-        scores={},
-        local_scores={},
+    duration = clock() - begun
+    declared, best = found[0], found[-1]
+    if best.effects:
+        # An iteration is followed by a run on the path of the new parameters.
+        race = fitting.Race(deadline=search.deadline - 2.0 * duration)
+        (best,) = fitting.run_fits(problem, [fitting.finish(problem, best, race, FINAL_ITERATIONS)])
+    fits = {frozenset(f.names): f for f in (declared, best)}
+    everything = replace(
+        state, problem=problem, declared=declared, best=best, fits=fits, scores={}, local_scores={}
     )
+    return _with_smaller_models(search, state, everything, duration)
+
+
+def _evaluated(problem: FitProblem, best: Fit) -> tuple[FitProblem, list[Fit]]:
+    """The declared model, and the best one with its derivatives, on all load steps, with the robust threshold there."""
+    fits = [fitting.evaluated(problem, (), {}, ())]
+    if best.effects:
+        start = _within(problem, best.effects, best.values)
+        fits.append(fitting.begin(problem, best.effects, [start], fitting.Race()))
+    found = fitting.run_fits(problem, fits)
+    if found[0].solved:
+        problem = replace(problem, robust_threshold=robust_threshold(found[0].residual))
+    costs = [problem.cost(f.residual) for f in found]
+    return problem, [replace(f, cost=a, held_cost=b) for f, (a, b) in zip(found, costs, strict=True)]
+
+
+def _with_smaller_models(
+    search: Search, searched: SearchState, state: SearchState, duration: float
+) -> SearchState:
+    """With smaller models on the way to the best one, evaluated on all load steps where the time suffices.
+
+    Parameters
+    ----------
+    search
+        With the deadline.
+    searched
+        State of the search on chosen load steps.
+    state
+        Of all load steps.
+    duration
+        Of one run over all load steps with derivatives, which takes longer than without [s].
+    """
+    problem, effects = state.problem, state.best.effects
+    parts = [effects[:i] for i in range(1, len(effects))]
+    together = problem.forward.processes
+    for first in range(0, len(parts), together):
+        if clock() + duration > search.deadline:
+            return state.without_trying(SMALLER_MODELS)
+        models = [(part, _known_values(searched, part)) for part in parts[first : first + together]]
+        fits = [fitting.evaluated(problem, e, _within(problem, e, v), ()) for e, v in models]
+        try:
+            found = fitting.run_fits(problem, fits)
+        except OutOfTime:
+            return state.without_trying(SMALLER_MODELS)
+        for fit in found:
+            state = state.with_fit(fit)
+    return state
 
 
 def _known_values(state: SearchState, part: Sequence[Effect]) -> Point:
@@ -263,20 +307,6 @@ def _known_values(state: SearchState, part: Sequence[Effect]) -> Point:
     names = [e.name for e in part]
     known = state.fits.get(frozenset(names))
     return {n: (known or state.best).values[n] for n in names}
-
-
-def _evaluated(problem: FitProblem, effects: Sequence[Effect], values: Point) -> fitting.Fitting:
-    """A model at given values, within the bounds of a problem."""
-    return (yield from fitting.evaluated(problem, effects, _within(problem, effects, values), ()))
-
-
-def _final(problem: FitProblem, best: Fit) -> fitting.Fitting:
-    """The best model from the parameters that the search has found."""
-    start = _within(problem, best.effects, best.values)
-    now = yield from fitting.begin(problem, best.effects, [start], fitting.Race())
-    if not now.solved:
-        return now
-    return (yield from fitting.finish(problem, now, fitting.Race(), FINAL_ITERATIONS))
 
 
 def _within(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Point:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.identify.time_limit import ending_at
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.settings import SolverSettings
 
@@ -283,6 +284,8 @@ class Task(NamedTuple):
         Whether the run keeps its own path.
     parameters : tuple of ModelParameter
         By which the run is differentiated, see `tdcr_fe.solve.sensitivities.parameters.tabulated`.
+    deadline : float
+        Reading of `tdcr_fe.identify.time_limit.clock` at which the simulation ends [s].
     """
 
     experiment: Experiment
@@ -290,6 +293,7 @@ class Task(NamedTuple):
     reference: Trajectory | None = None
     record: bool = False
     parameters: tuple[ModelParameter, ...] = ()
+    deadline: float = math.inf
 
 
 def run_settings(declared: SolverSettings, path_tolerance: float) -> SolverSettings:
@@ -316,6 +320,8 @@ def simulate_experiment(task: Task) -> Run:
     ------
     KeyboardInterrupt
         The simulation was interrupted.
+    OutOfTime
+        The deadline has passed.
     """
     if task.experiment.restarts:
         return _simulate_sequences(task)
@@ -384,17 +390,28 @@ def last_parts(experiment: Experiment) -> list[int]:
     return [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
 
 
-def solve_commanded_steps(experiment: Experiment, settings: SolverSettings) -> SequenceResult:
+def solve_commanded_steps(
+    experiment: Experiment, settings: SolverSettings, deadline: float = math.inf
+) -> SequenceResult:
     """Simulate an experiment with all its results, those of a divided step at its end only.
+
+    Parameters
+    ----------
+    experiment, settings
+        What is simulated.
+    deadline
+        Reading of `tdcr_fe.identify.time_limit.clock` at which the simulation ends [s].
 
     Raises
     ------
     KeyboardInterrupt
         The simulation was interrupted.
+    OutOfTime
+        The deadline has passed.
     """
     from tdcr_fe.solve.simulate import simulate
 
-    result = simulate(experiment.robot, experiment.model, experiment.steps, settings)
+    result = simulate(experiment.robot, experiment.model, experiment.steps, settings, ending_at(deadline))
     if result.message == INTERRUPTED:
         raise KeyboardInterrupt
     solved = len(result.steps)
@@ -418,6 +435,7 @@ def _differentiated(
                 experiment.model,
                 experiment.steps,
                 settings,
+                ending_at(task.deadline),
                 reference_path=along,
                 record_path=path,
                 sensitivities=chosen,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -17,6 +16,7 @@ from tdcr_fe.identify.outcome import Candidate
 from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, refine
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.settings import IdentifySettings
+from tdcr_fe.identify.time_limit import OutOfTime, clock
 
 Array = NDArray[np.float64]
 Names = frozenset[str]
@@ -26,9 +26,6 @@ Progress = Callable[[str, float], None]
 
 #: A stage of the search: yields every complete state, and returns the last one.
 Stage = Generator["SearchState", None, "SearchState"]
-
-#: Parts of the search that are left out where its time does not suffice.
-FURTHER_EFFECTS, EXCHANGES, PLACES = "further effects", "exchanges of effects", "places along the backbone"
 
 #: Repetitions of refining the discretisation, at most.
 REPETITIONS = 3
@@ -43,7 +40,8 @@ class Search:
     settings : IdentifySettings
     report : Progress
     deadline : float
-        Reading of `time.perf_counter` after which no further part of the search begins [s].
+        Reading of `tdcr_fe.identify.time_limit.clock` after which nothing further of the search begins, and fits end
+        where they are [s].
     """
 
     settings: IdentifySettings
@@ -53,7 +51,7 @@ class Search:
     @property
     def late(self) -> bool:
         """Whether the time of the search is over."""
-        return time.perf_counter() > self.deadline
+        return clock() > self.deadline
 
     @property
     def significance(self) -> float:
@@ -82,7 +80,7 @@ class SearchState:
         By effect of the best model, those that explain the data as well.
     history : tuple of str
     not_tried : tuple of str
-        Parts of the search for which its time did not suffice.
+        Parts of the identification for which its time did not suffice.
     interrupted : bool
     data_fault : str
         The fault of the data that explains the misfit of the declared model; empty where there is none.
@@ -112,14 +110,43 @@ class SearchState:
         return replace(self, fits={**self.fits, frozenset(fit.names): fit})
 
     def without_trying(self, what: str) -> SearchState:
-        """With a part of the search for which its time did not suffice."""
+        """With a part of the identification for which its time did not suffice."""
         if what in self.not_tried:
             return self
         return replace(self, not_tried=(*self.not_tried, what)).with_history(f"out of time: {what} not tried")
 
+    def ending_at(self, deadline: float) -> SearchState:
+        """With another deadline of all simulations, see `FitProblem.deadline`."""
+        return replace(self, problem=replace(self.problem, deadline=deadline))
+
     def with_history(self, sentence: str) -> SearchState:
         """With another sentence of history."""
         return replace(self, history=(*self.history, sentence))
+
+
+def in_time(state: SearchState, stage: Stage, what: str) -> Stage:
+    """A stage that ends with its last complete state where the time limit passes within a simulation.
+
+    Parameters
+    ----------
+    state
+        With which the stage begins.
+    stage
+        The stage.
+    what
+        The part of the identification that is then noted as not tried.
+    """
+    while True:
+        try:
+            state = next(stage)
+        except StopIteration as end:
+            last: SearchState = end.value
+            return last
+        except OutOfTime:
+            state = state.without_trying(what)
+            yield state
+            return state
+        yield state
 
 
 def fitted_model(

@@ -18,13 +18,11 @@ from tdcr_fe.identify.information import lacks_test
 from tdcr_fe.identify.local_search import local_search, search_places
 from tdcr_fe.identify.problem import Fit
 from tdcr_fe.identify.search_state import (
-    EXCHANGES,
-    FURTHER_EFFECTS,
-    PLACES,
     Search,
     SearchState,
     Stage,
     fitted_model,
+    in_time,
     listed_names,
     mean_cost,
     parent_of,
@@ -32,6 +30,7 @@ from tdcr_fe.identify.search_state import (
     without,
 )
 from tdcr_fe.identify.swaps import swap_effects
+from tdcr_fe.identify.time_limit import EXCHANGES, FURTHER_EFFECTS, PLACES, SMALLER_MODELS, OutOfTime
 
 #: An effect beyond so many is added only where it removes at least so much of the misfit on held-out steps [1].
 MANY_EFFECTS, WORTHWHILE = 4, 0.1
@@ -43,21 +42,21 @@ def search_effects(search: Search, state: SearchState) -> Stage:
     if lacks_test(state.problem, state.declared):
         # Too few readings to separate several effects, or to locate a cause: one effect, at most.
         single = replace(search, settings=replace(search.settings, max_effects=1))
-        return (yield from forward_selection(single, state, locate=False))
-    state = yield from forward_selection(search, state)
+        one = forward_selection(single, state, locate=False)
+        return (yield from in_time(state, one, FURTHER_EFFECTS))
+    state = yield from in_time(state, forward_selection(search, state), FURTHER_EFFECTS)
     if state.best.effects and search.late:
         state = state.without_trying(EXCHANGES)
     elif state.best.effects:
         search.report("backward selection and swaps", 0.75)
-        state = yield from backward_selection(search, state)
-        state = yield from swap_effects(search, state)
+        state = yield from in_time(state, backward_selection(search, state), EXCHANGES)
+        state = yield from in_time(state, swap_effects(search, state), EXCHANGES)
     if search.late:
         state = state.without_trying(PLACES)
         yield state
     elif state.best.effects or not residual_is_noise(state.problem, state.best, search.significance):
         search.report("local causes along the backbone", 0.85)
-        state = local_search(search, state)
-        yield state
+        state = yield from in_time(state, local_search(search, state), PLACES)
     return state
 
 
@@ -141,13 +140,16 @@ def backward_selection(search: Search, state: SearchState) -> Stage:
 
 
 def with_intermediate_models(state: SearchState) -> SearchState:
-    """Fit the models between the declared and the best one where a swap has skipped them."""
+    """Fit the models between the declared and the best one where a swap has skipped them, as far as time suffices."""
     effects = state.best.effects
     for i in range(1, len(effects)):
         part = effects[:i]
         known = state.fits.get(frozenset(e.name for e in part))
         if known is None or not known.solved:
-            state, _ = fitted_model(state, part, [{e.name: state.best.values[e.name] for e in part}])
+            try:
+                state, _ = fitted_model(state, part, [{e.name: state.best.values[e.name] for e in part}])
+            except OutOfTime:
+                return state.without_trying(SMALLER_MODELS)
     return state
 
 

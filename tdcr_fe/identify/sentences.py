@@ -105,7 +105,7 @@ def sentences(result: IdentificationResult) -> list[str]:
         found.append(result.searched.sentence)
     if result.not_tried:
         found.append(
-            f"The time of the search did not suffice for {' and '.join(result.not_tried)}; --minutes gives it more."
+            f"The time limit did not suffice for {_joined(list(result.not_tried))}; --minutes sets it."
         )
     found += _ceiling_sentence(result)
     for s in result.by_set:

@@ -24,8 +24,9 @@ class IdentifySettings:
     max_effects : int
         At most so many effects are added; beyond four, only while each takes away a tenth of the misfit on held-out
         steps.
-    search_time : float
-        After so long no further stage of the search begins; the best model so far is the result [s].
+    time_limit : float
+        Of the whole identification; what it does not suffice for is left out and reported. Only the declared model is
+        simulated whatever time that takes [s].
     hold_out : float
         Fraction of the readings that is held out, about, where ``hold_out_branches`` is empty [1].
     hold_out_branches : tuple of str
@@ -41,7 +42,7 @@ class IdentifySettings:
     candidates: int = 5
     beam: int = 2
     max_effects: int = 12
-    search_time: float = 900.0
+    time_limit: float = 900.0
     hold_out: float = 0.3
     hold_out_branches: tuple[str, ...] = ()
     path_tolerance: float = 5e-5

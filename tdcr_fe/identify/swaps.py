@@ -20,7 +20,8 @@ from tdcr_fe.identify.criteria import (
 )
 from tdcr_fe.identify.problem import Point
 from tdcr_fe.identify.screening import Score
-from tdcr_fe.identify.search_state import EXCHANGES, Search, SearchState, Stage, without
+from tdcr_fe.identify.search_state import Search, SearchState, Stage, without
+from tdcr_fe.identify.time_limit import EXCHANGES
 
 Array = NDArray[np.float64]
 

@@ -1,18 +1,25 @@
 """Rows of long data: a search takes whole branches with their turning points, and the final fit takes all rows."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from identify_data import MODEL, ROBOT
 
-from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify import identify, rows
+from tdcr_fe.identify.conclude import conclude
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.rows import IN_BRANCH, LONG, PIECE, SEARCHED, choose_rows
+from tdcr_fe.identify.report import write_report
+from tdcr_fe.identify.rows import IN_BRANCH, LONG, PIECE, SEARCHED, choose_rows, problem_of_rows
 from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.search_state import Search, SearchState, fitted_model
 from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.settings import IdentifySettings
+from tdcr_fe.identify.time_limit import ALL_STEPS, CEILING, SMALLER_MODELS
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep
@@ -175,3 +182,46 @@ def test_the_final_fit_and_all_errors_are_of_all_rows():
     assert text.startswith(
         f"The search used {len(result.searched.steps)} of 220 load steps; the final fit and all"
     )
+
+
+@pytest.fixture(scope="module")
+def searched():
+    """All load steps, the choice of them, and a search that has found two effects on these."""
+    truth = {
+        "gravity": {"g_x": 0.0, "g_y": -6.0, "g_z": -7.0},
+        "precurvature": {"kappa_x": 0.9, "kappa_y": 0.0},
+    }
+    data = long_data(11, truth=truth)
+    held = [k for k, b in enumerate(data.branches) if int(b.split()[1]) % 3 == 0]
+    held_out = np.array([r.step - 1 in held for r in data.readings])
+    problem = FitProblem.of(data, np.full(len(data.readings), SIGMA), held_out, ForwardModel())
+    chosen = choose_rows(data, held)
+    part = problem_of_rows(problem, chosen)
+    state = SearchState.start(part, evaluate(part, (), {}))
+    effects = tuple(effect(name) for name in truth)
+    for some in (effects[:1], effects):
+        state, best = fitted_model(state, some, [{e.name: truth[e.name] for e in some}])
+    return problem, chosen, replace(state, best=best)
+
+
+@pytest.mark.parametrize(
+    ("hard", "missed"), [(0.0, {ALL_STEPS, CEILING}), (math.inf, {SMALLER_MODELS, CEILING})]
+)
+def test_a_final_fit_that_the_time_does_not_suffice_for_loses_nothing(searched, tmp_path, hard, missed):
+    """Without any time no simulation of all load steps ends; with some, nothing further begins after the first."""
+    problem, chosen, state = searched
+    search = Search(IdentifySettings(), lambda text, share: None, 0.0)
+    state = rows.fit_to_all_rows(search, state, replace(problem, deadline=hard))
+    result = conclude(search, state, False, 0.0, rows=chosen)
+    assert [e.name for e in result.effects] == ["gravity", "precurvature"]
+    assert set(result.not_tried) == missed
+    assert result.searched.fitted_to_all == (ALL_STEPS not in missed)
+    count = len(problem.data.readings) if result.searched.fitted_to_all else 6 * len(chosen.steps)
+    assert result.after_fit.count + result.after_held_out.count == count
+    assert result.after_held_out.chi2_per_dof < 0.1 * result.before_held_out.chi2_per_dof
+    first, second = result.effects
+    assert (first.evidence == {}) == (SMALLER_MODELS in missed) and second.parameters
+    assert math.isnan(first.after_fit.chi2_per_dof) == (SMALLER_MODELS in missed)
+    write_report(result, tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert ("What it adds alone is not known" in page) == (SMALLER_MODELS in missed)

@@ -1,30 +1,92 @@
 """A search ends in its time, with the best model so far; several processes give what one gives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from identify_data import measured
 
 from tdcr_fe.effects import EFFECTS, effect
-from tdcr_fe.identify import IdentifySettings, fitting, identify
+from tdcr_fe.identify import IdentifySettings, fitting, identify, time_limit
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import headline, sentences
+from tdcr_fe.identify.time_limit import (
+    A_LAW,
+    CEILING,
+    EXCHANGES,
+    FURTHER_EFFECTS,
+    NEXT_EXPERIMENT,
+    PLACES,
+    OutOfTime,
+)
 
 TWO = {"gravity": {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}, "precurvature": {"kappa_x": 0.9, "kappa_y": -0.7}}
 
 
-def test_search_without_time_ends_with_the_first_effect_and_says_what_is_not_tried():
-    """Two effects are missing; after the first one the time is over. It used to go on for as long as it took."""
-    result = identify(measured(TWO), IdentifySettings(candidates=2, search_time=1e-3))
+class Watch:
+    """A clock that stands still, and jumps when a stage of the identification is reported.
+
+    Attributes
+    ----------
+    jumps : dict of str to float
+        Reading of the clock, over the time limit, from the report of a stage on that begins so.
+    """
+
+    LIMIT = 1e6
+
+    def __init__(self, jumps):
+        self.jumps, self.now = jumps, 0.0
+
+    def __call__(self):
+        return self.now
+
+    def report(self, text, share):
+        self.now = max(
+            [self.now, *(self.LIMIT * x for start, x in self.jumps.items() if text.startswith(start))]
+        )
+
+
+def identified(monkeypatch, data, jumps, **settings):
+    """What is found where the clock jumps."""
+    watch = Watch(jumps)
+    monkeypatch.setattr(time_limit.time, "perf_counter", watch)
+    return identify(data, IdentifySettings(time_limit=watch.LIMIT, **settings), watch.report)
+
+
+def test_search_without_time_ends_with_the_first_effect_and_says_what_is_not_tried(monkeypatch):
+    """Two effects are missing; when the first is fitted the time is over. It used to go on for as long as it took."""
+    result = identified(monkeypatch, measured(TWO), {"fitting": 1.05}, candidates=2)
     assert len(result.effects) == 1 and result.verdict == "unfinished" and not result.interrupted
-    assert result.not_tried[0] == "further effects" and result.to_json()["not_tried"] == list(
-        result.not_tried
-    )
+    assert result.not_tried[0] == FURTHER_EFFECTS and result.to_json()["not_tried"] == list(result.not_tried)
+    assert {PLACES, A_LAW, NEXT_EXPERIMENT, CEILING} < set(result.not_tried) and result.ceiling is None
     assert headline(result).startswith("Unfinished: the search ran out of time")
     assert any("did not suffice for further effects" in s for s in sentences(result))
     assert result.after_fit.rms_position < result.before_fit.rms_position
+
+
+def test_simulations_end_with_the_time_limit_and_the_declared_model_is_reported(monkeypatch):
+    """In version 0.1 the first effect was fitted whatever time that took."""
+    result = identified(monkeypatch, measured(TWO), {"fitting": 1.2})
+    assert result.effects == () and result.verdict == "unfinished" and result.not_tried[0] == FURTHER_EFFECTS
+    assert result.after_fit == result.before_fit and result.next_experiment is None
+
+
+@pytest.mark.parametrize(("stage", "missed"), [("backward selection", EXCHANGES), ("local causes", PLACES)])
+def test_what_was_found_before_the_time_limit_remains(monkeypatch, stage, missed):
+    one = {"gravity": TWO["gravity"]}
+    result = identified(monkeypatch, measured(one), {stage: 1.2}, candidates=2)
+    assert [e.name for e in result.effects] == ["gravity"] and result.verdict == "explained"
+    assert missed in result.not_tried and NEXT_EXPERIMENT in result.not_tried
+
+
+def test_a_simulation_ends_at_its_deadline():
+    own = problem(ForwardModel())
+    with pytest.raises(OutOfTime):
+        evaluate(replace(own, deadline=0.0), (), {})
+    assert evaluate(own, (), {}).solved
 
 
 def test_a_fit_ends_where_it_is_when_the_time_is_over():
