@@ -1,4 +1,4 @@
-"""Divide commanded steps of an experiment into parts, to resolve path dependence."""
+"""Commanded steps in parts: divided to resolve path dependence, and joined where no state depends on those before."""
 
 from __future__ import annotations
 
@@ -71,3 +71,46 @@ def divide_steps(experiment: Experiment, which: set[int], parts: int) -> Experim
     if len(steps) == len(experiment.steps):
         return experiment
     return replace(experiment, steps=tuple(steps), ends=tuple(ends))
+
+
+def join_steps(experiment: Experiment) -> Experiment:
+    """Join the parts into which effects have divided commanded steps, where no state depends on those before.
+
+    Without friction the robot has no history: what counts is the end of a commanded step. Effects that have a history
+    of their own, such as backlash, have acted already.
+
+    Parameters
+    ----------
+    experiment
+        Of one loading sequence, with all its effects.
+
+    Returns
+    -------
+    Experiment
+        The same one where there is friction, or nothing is divided.
+    """
+    if experiment.model.friction != "none" or experiment.ends is None:
+        return experiment
+    steps: list[LoadStep] = []
+    passed: LoadStep | None = None
+    for j, (step, (k, _)) in enumerate(zip(experiment.steps, experiment.ends, strict=True)):
+        passed = step if passed is None else _after(passed, step)
+        if j + 1 == len(experiment.ends) or experiment.ends[j + 1][0] != k:
+            steps.append(passed)
+            passed = None
+    if len(steps) == len(experiment.steps):
+        return experiment
+    return replace(experiment, steps=tuple(steps), ends=None)
+
+
+def _after(first: LoadStep, second: LoadStep) -> LoadStep:
+    """One step for two, of which the second keeps what it does not name."""
+    tensions = {n: v for n, v in first.tensions.items() if n not in second.displacements}
+    displacements = {n: v for n, v in first.displacements.items() if n not in second.tensions}
+    return replace(
+        second,
+        tensions={**tensions, **second.tensions},
+        displacements={**displacements, **second.displacements},
+        loads={**first.loads, **second.loads},
+        time=first.time if second.time is None else second.time,
+    )

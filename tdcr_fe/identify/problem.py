@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import EFFECTS, Effect, ExcitationRange, Experiment
-from tdcr_fe.identify.divide import divide_steps
+from tdcr_fe.identify.divide import divide_steps, join_steps
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.misfit import Misfit
 from tdcr_fe.identify.reader import Reader
@@ -165,7 +165,7 @@ class FitProblem:
         def apply(experiment: Experiment) -> Experiment:
             for e in ordered:
                 experiment = e.apply(experiment, values[e.name])
-            return experiment
+            return join_steps(experiment)
 
         return self.experiment.with_sequences(apply)
 

@@ -16,6 +16,7 @@ from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS, Experiment, effect
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.candidates import identifiable
+from tdcr_fe.identify.conclude import separating_experiments
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.information import unknown_noise
 from tdcr_fe.identify.problem import FitProblem, evaluate
@@ -205,3 +206,12 @@ def test_an_interruption_ends_all_processes_and_keeps_what_was_found(bent, tmp_p
     assert document["verdict"] == "unfinished" and document["interrupted"]
     assert "interrupted" in errors
     assert "nfinished" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_forms_of_one_effect_are_separated_by_one_experiment():
+    """``pretension`` for all tendons beside the same for each: the sentence on it stood there twice."""
+    own, other = effect("pretension"), effect("gravity")
+    text = separating_experiments(own, ("pretension (each)", "gravity"), EFFECTS)
+    assert text == f"for pretension: {own.separating_experiment}; for gravity: {other.separating_experiment}"
+    assert separating_experiments(own, ("pretension (each)",), EFFECTS).count(own.separating_experiment) == 1
+    assert separating_experiments(own, (), EFFECTS) == ""
