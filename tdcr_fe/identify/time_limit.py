@@ -26,7 +26,7 @@ TABLES = "the tables of the corrected robot"
 
 #: From the first deadline of a part to the second, and from the time limit to the end of the simulation that the tables
 #: of the corrected robot take, over the time limit [1].
-GRACE, GRACE_OF_TABLES = 0.1, 0.2
+GRACE, GRACE_OF_TABLES = 0.1, 0.15
 
 #: The final fit to all load steps takes about so many runs over all of them, and so much of the time limit at most [1].
 RUNS_OF_FIT, MOST_OF_FIT = 7, 0.4
