@@ -187,7 +187,12 @@ class TendonActuation:
             Its coordinates, of the whole scene.
         """
         history = RobotHistory(
-            friction, forces.base_tension, prescribed, stretch(forces, self.inextensible_stiffness)
+            friction,
+            forces.base_tension,
+            prescribed,
+            stretch(
+                self.law, forces.field.tension, forces.measured.shape.lengths, self.inextensible_stiffness
+            ),
         )
         kept = self.history_nodes.write(history, forces.field.tension, forces.field.base_slip, initial=True)
         self._solved = everything[self.coordinates], kept, forces
@@ -299,7 +304,8 @@ class TendonActuation:
             return _container(-by_position * tangent)
         moved, tendons = np.array(displacements), self._elastic()
         tangent = self._scene_forces.tangent(moved, t, self.inputs, tendons, self.holes)
-        return _container(-by_position * tangent)
+        tangent *= -by_position
+        return _container(tangent)
 
     def forces_by_inputs(self, stuck: bool) -> Array:
         """Change of the generalised forces on the coordinates of the nodes with the inputs, shape (7 N, m).
@@ -328,16 +334,17 @@ class TendonActuation:
         """Commit the scene's current state, solved at time t [s], to the friction history."""
         coordinates = self._node_coordinates.displacements().reshape(-1)
         inputs = self.input_values(t) if self.motors else self.inputs
-        found = self._scene_forces.matching(coordinates, t, inputs, self._elastic())
-        driven, forces, before = self.by_displacement, found.forces, found.tendons.history
+        end = self._scene_forces.step_end(coordinates, t, inputs, self._elastic())
+        driven = self.by_displacement
+        stretched = stretch(self.law, end.tension, end.lengths, self.inextensible_stiffness)
         history = RobotHistory(
-            self.law.commit(forces.field),
-            forces.base_tension,
-            np.where(driven, found.values, np.nan),
-            np.where(driven[:, None], before.stretch, stretch(forces, self.inextensible_stiffness)),
+            end.friction,
+            end.base_tension,
+            np.where(driven, end.values, np.nan),
+            np.where(driven[:, None], self.history.stretch, stretched),
         )
-        self.history_nodes.write(history, forces.field.tension, forces.field.base_slip)
-        show_shifts(self.mbs, self.connectors, forces)
+        self.history_nodes.write(history, end.tension, end.base_slip)
+        self._show_shifts(end.offsets)
 
     def attach(self, force_function: Callable[..., Any], jacobian_function: Callable[..., Any]) -> None:
         """Give Exudyn's item its user functions."""
@@ -356,7 +363,11 @@ class TendonActuation:
         if not self.connected:
             self.connected = True
             self.mbs.SetObjectParameter(self.connectors.forces, "forceUserFunction", self._force_function)
-            show_shifts(self.mbs, self.connectors, self.current_forces())
+            self._show_shifts(self.current_forces().measured.offsets)
+
+    def _show_shifts(self, offsets: Array | None) -> None:
+        """Draw the tendons where they lie in their holes."""
+        show_shifts(self.mbs, self.connectors, float(self.mesh.lengths[0]), offsets)
 
 
 def _container(matrix: Array) -> exu.MatrixContainer:

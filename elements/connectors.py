@@ -9,8 +9,6 @@ import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.forces import TendonForces
-
 Array = NDArray[np.float64]
 
 
@@ -62,7 +60,9 @@ class Clamp:
     rotation: Array
 
 
-def show_shifts(mbs: exu.MainSystem, connectors: Connectors, forces: TendonForces) -> None:
+def show_shifts(
+    mbs: exu.MainSystem, connectors: Connectors, first_element: float, offsets: Array | None
+) -> None:
     """Move the markers of the drawn tendons to where these lie in their holes.
 
     Parameters
@@ -71,14 +71,16 @@ def show_shifts(mbs: exu.MainSystem, connectors: Connectors, forces: TendonForce
         The system.
     connectors
         Items of the robot.
-    forces
-        Its forces, which hold the offsets of the tendons.
+    first_element
+        Length of its first beam [m].
+    offsets
+        Of the tendons in their holes, see `tdcr_fe.elements.forces.Measurement`; None where they cannot shift.
     """
-    if forces.measured.offsets is None:
+    if offsets is None:
         return
-    half = 0.5 * float(forces.model.mesh.lengths[0])
-    for markers, offsets in zip(connectors.hole_markers, forces.measured.offsets, strict=True):
-        for k, (marker, offset) in enumerate(zip(markers, offsets.tolist(), strict=False)):
+    half = 0.5 * first_element
+    for markers, of_tendon in zip(connectors.hole_markers, offsets, strict=True):
+        for k, (marker, offset) in enumerate(zip(markers, of_tendon.tolist(), strict=False)):
             # The base plate's holes sit on the first beam, whose origin is its middle.
             x = -half if k == 0 else 0.0
             mbs.SetMarkerParameter(marker, "localPosition", [x, offset[1], offset[2]])

@@ -90,18 +90,20 @@ class ElasticTendons(NamedTuple):
         )
 
 
-def stretch(forces: TendonForces, stiffness: float) -> Array:
+def stretch(law: TendonLaw, tension: Array, lengths: Array, stiffness: float) -> Array:
     """Stretch, see `RobotHistory`, with which tendons of their own elasticity take over at these tensions [m], (m, n).
 
     Parameters
     ----------
-    forces
+    law
         Of the tendons as they are.
+    tension, lengths
+        Of the segments [N, m], shape (m, n).
     stiffness
         EA used for an inextensible tendon [N].
     """
-    relative = forces.field.tension / stiffness
-    stretched = -forces.measured.shape.lengths * relative / (1.0 + relative)
-    parameters = forces.model.law.parameters
+    relative = tension / stiffness
+    stretched = -lengths * relative / (1.0 + relative)
+    parameters = law.parameters
     stretched = np.where(parameters.mask, stretched, 0.0)
     return np.where(parameters.compliance[:, None] == 0.0, stretched, 0.0)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.condensation import add_condensed, forces_by_inputs
 from tdcr_fe.elements.elastic_tendons import ElasticTendons
 from tdcr_fe.elements.forces import ForceModel, TendonForces
+from tdcr_fe.elements.friction import FrictionState
 from tdcr_fe.elements.generalized import (
     add_neighbours,
     generalized_forces,
@@ -63,6 +64,31 @@ class Evaluation(NamedTuple):
     rotations: Array
     parameters: Array
     forces: TendonForces
+
+
+class StepEnd(NamedTuple):
+    """What a solved step leaves to the history, and to what is drawn.
+
+    Attributes
+    ----------
+    friction : FrictionState
+    values, base_tension : ndarray, shape (m,)
+        Inputs at the end of the step, and tensions at the base [N].
+    tension, lengths : ndarray, shape (m, n)
+        Of the segments [N, m].
+    base_slip : ndarray, shape (m,)
+        Tendon pulled in at the base plate [m].
+    offsets : ndarray, shape (m, n+1, 3), or None
+        Of the tendons in their holes [m]; None where they cannot shift.
+    """
+
+    friction: FrictionState
+    values: Array
+    base_tension: Array
+    tension: Array
+    lengths: Array
+    base_slip: Array
+    offsets: Array | None
 
 
 class SceneForces:
@@ -122,6 +148,26 @@ class SceneForces:
         forces = tendons.forces(measured, values, near, t)
         self._last = Evaluation(coordinates, t, inputs, tendons, values, rotations, parameters, forces)
         return self._last
+
+    def step_end(self, coordinates: Array, t: float, inputs: Inputs, tendons: ElasticTendons) -> StepEnd:
+        """What is to be committed where a solved step ends; arguments as in `at`."""
+        if self._straight is not None and not tendons.driven.any():
+            values = values_at(inputs, t)
+            reference, state = self._coordinates.reference, tendons.history.friction
+            friction, base_slip, pull = self._straight.step_end(coordinates, reference, t, state, values)
+            return StepEnd(friction, values, values, pull.tension.T, pull.lengths.T, base_slip, None)
+        found = self.matching(coordinates, t, inputs, tendons)
+        forces, field = found.forces, found.forces.field
+        measured = forces.measured
+        return StepEnd(
+            tendons.model.law.commit(field),
+            found.values,
+            forces.base_tension,
+            field.tension,
+            measured.shape.lengths,
+            field.base_slip,
+            measured.offsets,
+        )
 
     # ------------------------------------------------------------------ on the coordinates of the nodes
 
