@@ -93,9 +93,6 @@ class FollowedPath(NamedTuple):
         Fraction of the substep at the last reversal; zero where there is none [1].
     complete : bool
         Whether the end of the substep was reached.
-    margin : ndarray, shape (k,)
-        Smallest slip rate in the direction of slipping over ``6 x (1 - x)``, with the fraction ``x`` of the substep
-        [m]; minus infinity where any hole sticks at any time.
     pieces : tuple of Piece
         The path, part by part.
     bounds : Bounds
@@ -107,7 +104,6 @@ class FollowedPath(NamedTuple):
     turning_mobilisation: Array
     turning_factor: Array
     complete: bool
-    margin: Array
     pieces: tuple[Piece, ...]
     bounds: Bounds
 
@@ -121,6 +117,38 @@ class FollowedPath(NamedTuple):
         piece = self.pieces[bisect_right(self.pieces, factor, key=lambda p: p.now) - 1]
         _, z, tension = piece.end(factor - piece.now, self.bounds)
         return z, tension
+
+    def certain(self, error: Array, presliding: float) -> Flags:
+        """Holes whose mobilisation at the end is the same with other slips, shape (k,).
+
+        They slip up to the end in one direction, faster than the error changes, all the time or over a distance that
+        leaves nothing of their history.
+
+        Parameters
+        ----------
+        error
+            Error of the change of the slips; its rate is that times ``6 x (1 - x)``, with the fraction ``x`` of the
+            substep [m], shape (k,).
+        presliding
+            Presliding distance [m].
+        """
+        k = len(error)
+        now, part = np.array([(p.now, p.part) for p in self.pieces]).T
+        side = np.array([p.motion.side[:k] for p in self.pieces])
+        rate = np.array([p.motion.excess[:k] for p in self.pieces])
+        change = np.array([p.motion.excess_change[:k] for p in self.pieces])
+        last = side[-1]
+        final = np.logical_and.accumulate((side == last)[::-1])[::-1]
+        slip = part[:, None] * (rate + (0.5 * part)[:, None] * change)
+        distance = last * np.where(final, slip, 0.0).sum(axis=0)
+        # Between the ends of a piece the parabola may be nearer to the rate than at them.
+        within = part[:, None] * np.linspace(0.0, 1.0, 6)
+        at = now[:, None] + within
+        pace = last * (rate[:, None] + within[..., None] * change[:, None])
+        pace /= (6.0 * at * (1.0 - at) + 1e-2)[..., None]
+        slowest = np.where(final[:, None], pace, np.inf).min(axis=(0, 1))
+        forgotten = final[0] | (distance >= 2.0 * presliding + error)
+        return np.asarray((last != 0.0) & (slowest >= error) & forgotten)
 
 
 class Piece(NamedTuple):
@@ -249,10 +277,8 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
         change = np.abs(tension - evaluated_tension).max()
         fresh = curved or now - evaluated > STRAIGHT or now >= stop - 1e-12 or change > KEPT * tension.max()
         state = None if fresh else state.ahead(part, rates.free, rates.rate, rates.excess)
-    throughout = all(bool(np.all(piece.motion.side[:k] != 0.0)) for piece in pieces)
-    margin = _margin(pieces, k) if throughout and pieces else np.full(k, -np.inf)
     return FollowedPath(
-        z, turning_slip, turning_mobilisation, turning_factor, complete, margin, tuple(pieces), bounds
+        z, turning_slip, turning_mobilisation, turning_factor, complete, tuple(pieces), bounds
     )
 
 
@@ -346,18 +372,3 @@ def _bounds(holes: int, base_tension: Array) -> Bounds:
         np.append(one, np.full(count, UNBOUNDED)),
         np.append(np.full(holes, NEAR_BOUND), near),
     )
-
-
-def _margin(pieces: list[Piece], holes: int) -> Array:
-    """See `FollowedPath.margin`."""
-    now, part = np.array([(p.now, p.part) for p in pieces]).T
-    side = np.array([p.motion.side[:holes] for p in pieces])
-    slip = np.array([p.motion.excess[:holes] for p in pieces])
-    change = np.array([p.motion.excess_change[:holes] for p in pieces])
-    # Between the ends of a piece the parabola may be nearer to the rate than at them.
-    within = np.linspace(0.0, 1.0, 6)
-    at = now[:, None] + part[:, None] * within
-    rate = side[:, None] * (slip[:, None] + (part[:, None] * within)[..., None] * change[:, None])
-    rate /= (6.0 * at * (1.0 - at) + 1e-2)[..., None]
-    least: Array = rate.min(axis=(0, 1))
-    return least

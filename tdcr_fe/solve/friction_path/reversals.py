@@ -30,8 +30,11 @@ ROUGH, LEAST_SLIPS = 0.1, 10.0
 #: Times what is uncertain in the interpolation with which the path is followed once more: where its error is below
 #: `ROUGH` of the slips, and where it is above [1].
 OVERSHOOT, FAR_OVERSHOOT = 2.0, 3.0
-#: Slips are monotone where their rates are this many times larger than the rates of what is uncertain [1].
+#: Slips keep their direction where their rates are this many times larger than the rates of what is uncertain [1].
 SAFETY = 2.0
+#: Displacement by all holes of which that is not so, at first order, up to which the path is not followed once more: as
+#: a fraction of that allowed, since holes that reverse earlier or later move others [1].
+NEGLIGIBLE = 0.01
 #: Uncertainty of what located reversals cause before the substep is solved with them, as a fraction of it [1].
 CORRECTION_ERROR = 0.03
 #: Error of reversals located with twice as many states within the substep as before, over what they changed [1].
@@ -121,6 +124,21 @@ class Point(NamedTuple):
     load: LoadResponse | None = None
 
 
+class _Spread(NamedTuple):
+    """What is uncertain in a followed path.
+
+    Attributes
+    ----------
+    displacement : float
+        Of a node at the end of the substep, the largest [m].
+    reverses : bool
+        Whether a slip may reverse by it.
+    """
+
+    displacement: float
+    reverses: bool
+
+
 class _Substep(NamedTuple):
     """Taut tendons of a substep that was solved as a whole.
 
@@ -204,18 +222,84 @@ class _Substep(NamedTuple):
         since = (self.slip - path.turning_slip) / self.model.presliding
         return self.corrected(path.turning_mobilisation + since)
 
-    def at_worst(self, path: FollowedPath, mobilisation: Array, error: Array) -> Array:
+    def at_worst(self, path: FollowedPath, mobilisation: Array) -> Array:
         """Mobilisations at the end if every hole that slips there has just reversed by an error, shape (k,)."""
         presliding = self.model.presliding
-        lost = np.abs(error) if path.complete else np.abs(self.slip) + presliding
+        lost = self.uncertain if path.complete else np.abs(self.slip) + presliding
         side = np.trunc(mobilisation)
         return self.corrected(np.where(side != 0.0, side * (1.0 - lost / presliding), mobilisation))
 
     def displacement(self, change: Array, numbering: Numbering) -> float:
         """Largest displacement of a node by a change of the mobilisations, shape (k,), at first order [m]."""
-        step = self.columns @ change
-        nodes = np.concatenate([step[p.nodes] for p in numbering.robots]).reshape(-1, 6)
-        return float(np.linalg.norm(nodes[:, :3], axis=1).max())
+        return _largest_displacement(self.columns @ change, numbering)
+
+    @property
+    def uncertain(self) -> Array:
+        """What is uncertain in the change of the slips [m], shape (k,)."""
+        return np.abs(self.model.bulge)
+
+    @property
+    def scale(self) -> float:
+        """Largest slip [m]."""
+        return max(float(np.abs(self.slip).max()), self.model.presliding)
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether the interpolation is too uncertain to locate reversals."""
+        return float(self.uncertain.max()) > ROUGH * max(self.scale, LEAST_SLIPS * self.model.presliding)
+
+    @property
+    def rough_division(self) -> float:
+        """Where to divide the substep if reversals are not located, as a fraction of it [1]."""
+        rough = ROUGH * self.scale
+        return min(0.5, max(NEAR, float(np.sqrt(rough / max(float(self.uncertain.max()), rough)))))
+
+    def spread(
+        self, path: FollowedPath, mobilisation: Array, numbering: Numbering, allowed: float, matters: bool
+    ) -> _Spread | None:
+        """What is uncertain in a complete path by the interpolation of the slips; None where that is too rough to say.
+
+        Parameters
+        ----------
+        path
+            The path.
+        mobilisation
+            That follow from it at the end, shape (k,).
+        numbering
+            Of the unknowns.
+        allowed
+            Displacement of a node that is allowed [m].
+        matters
+            Whether the effect of the reversals is larger than that.
+        """
+        overshoot = OVERSHOOT if self.uncertain.max() <= ROUGH * self.scale else FAR_OVERSHOOT
+        error = SAFETY * (overshoot - 1.0) * self.uncertain
+        if not (self.is_rough and matters):
+            left = self._displacement_by(error, path, numbering)
+            if left <= NEGLIGIBLE * allowed:
+                return _Spread(left, False)
+        if self.is_rough:
+            return None
+        beyond = self.follow(overshoot)
+        if not beyond.complete:
+            return None
+        moved = self.displacement(mobilisation - self.with_reversals(beyond), numbering)
+        return _Spread(moved, bool(beyond.reversed.any()))
+
+    def _displacement_by(self, error: Array, path: FollowedPath, numbering: Numbering) -> float:
+        """Largest displacement of a node by an error of the slips, see `FollowedPath.certain`, at first order [m]."""
+        presliding = self.model.presliding
+        which = np.flatnonzero(~path.certain(error, presliding))
+        if not which.size:
+            return 0.0
+        response = self.columns[:, which] @ np.linalg.inv(self.matrix[np.ix_(which, which)])
+        return _largest_displacement(np.abs(response) @ np.minimum(error[which], 2.0 * presliding), numbering)
+
+
+def _largest_displacement(step: Array, numbering: Numbering) -> float:
+    """Largest displacement of a node in a change of the unknowns of the reduced scene [m]."""
+    nodes = np.concatenate([step[p.nodes] for p in numbering.robots]).reshape(-1, 6)
+    return float(np.linalg.norm(nodes[:, :3], axis=1).max())
 
 
 def find_reversals(
@@ -258,43 +342,29 @@ def find_reversals(
     substep = _Substep.of(points, picked, targets, presliding)
     start, end, holes = points[0].state, points[-1].state, picked.holes
     path = substep.follow()
-    within = len(points) > 2
-
-    def displacement(mobilisation: Array, other: Array) -> float:
-        return substep.displacement(mobilisation - other, end.numbering) / length
-
-    at_holes = np.abs(substep.model.bulge)
-    worst = float(at_holes.max())
-    sure = worst <= SMALL * presliding or np.all(path.margin >= SAFETY * (OVERSHOOT - 1.0) * at_holes)
-    if path.complete and sure and not (path.reversed.any() or again or within):
-        return None
-    scale = max(float(np.abs(substep.slip).max()), presliding)
     corrected = substep.with_reversals(path)
-    effect = displacement(corrected, substep.after)
-    division = min(0.5, max(NEAR, float(np.sqrt(ROUGH * scale / max(worst, ROUGH * scale)))))
-    if path.complete and locate:
-        turning = _history(start, end, holes, path, corrected)
-        if within:
-            error = REFINED_ERROR * effect
-            return Reversals(effect, error, 0.5, error, turning, path)
-    else:
-        turning = None
-    if path.complete and worst <= ROUGH * max(scale, LEAST_SLIPS * presliding):
+    effect = substep.displacement(corrected - substep.after, end.numbering) / length
+    turning = _history(start, end, holes, path, corrected) if path.complete and locate else None
+    if turning is not None and len(points) > 2:
+        error = REFINED_ERROR * effect
+        return Reversals(effect, error, 0.5, error, turning, path)
+    if path.complete:
         located = Reversals(effect, 0.0, _division(path, corrected - substep.after))
-        if effect > allowed and not locate:
+        if effect > allowed and not locate and not substep.is_rough:
             return located
-        beyond = substep.follow(OVERSHOOT if worst <= ROUGH * scale else FAR_OVERSHOOT)
-        if beyond.complete:
-            if not (path.reversed.any() or beyond.reversed.any() or again):
+        spread = substep.spread(path, corrected, end.numbering, allowed * length, effect > allowed)
+        if spread is not None:
+            if not (path.reversed.any() or spread.reverses or again):
                 return None
-            spread = displacement(corrected, substep.with_reversals(beyond))
+            error = spread.displacement / length
             if not locate:
-                return located._replace(error=spread)
-            uncertain = spread + (0.0 if again else CORRECTION_ERROR * effect)
-            return Reversals(effect, spread, _part(allowed, spread), uncertain, turning, path)
+                return located._replace(error=error)
+            uncertain = error + (0.0 if again else CORRECTION_ERROR * effect)
+            return Reversals(effect, error, _part(allowed, error), uncertain, turning, path)
     # Reversals are not located well enough; the error falls about with the square of the substep.
-    error = FIRST_ORDER * displacement(corrected, substep.at_worst(path, corrected, at_holes))
-    return Reversals(effect, error, division, np.inf, turning, path if path.complete else None)
+    lost = substep.at_worst(path, corrected)
+    error = FIRST_ORDER * substep.displacement(corrected - lost, end.numbering) / length
+    return Reversals(effect, error, substep.rough_division, np.inf, turning, path if path.complete else None)
 
 
 def _history(
