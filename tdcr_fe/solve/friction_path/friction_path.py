@@ -40,6 +40,8 @@ LONGEST = 0.12
 STRAIGHT = 0.02
 #: Change of the tensions, over the largest, up to which derivatives of the slips are used again [1].
 KEPT = 0.02
+#: Part of these two with which derivatives still show that a slip reverses [1].
+DECISIVE = 0.25
 #: Shortest part, which resolves events that follow each other [1].
 SHORTEST = 1e-5
 #: Over how much of the longest part, and over which largest change of a mobilisation, slopes of rates are taken [1].
@@ -151,6 +153,26 @@ class FollowedPath(NamedTuple):
         return np.asarray((last != 0.0) & (slowest >= error) & forgotten)
 
 
+class _Evaluated(NamedTuple):
+    """Where the derivatives of the slips were evaluated.
+
+    Attributes
+    ----------
+    factor : float
+        Load factor [1].
+    tension : ndarray, shape (q,)
+        Of the segments [N].
+    """
+
+    factor: float
+    tension: Array
+
+    def serves(self, factor: float, tension: Array, share: float = 1.0) -> bool:
+        """Whether the derivatives serve at another load factor and other tensions, within a part of the limits."""
+        change = float(np.abs(tension - self.tension).max())
+        return factor - self.factor <= share * STRAIGHT and change <= share * KEPT * float(tension.max())
+
+
 class Piece(NamedTuple):
     """A part of the substep over which the rates of all unknowns are linear in the load factor.
 
@@ -208,11 +230,12 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
     stops = iter(slips.ends)
     stop = 0.0
     state: SlipState | None = None
-    evaluated, evaluated_tension, within = 0.0, tension, 1.0
+    evaluated, within = _Evaluated(0.0, tension), 1.0
     for _ in range(50 + 6 * (k + c)):
         if state is None:
             state = slips.at(now, z, tension)
-            evaluated, evaluated_tension, fresh, within = now, state.tension, True, 1.0
+            tension, within = state.tension, 1.0
+            evaluated = _Evaluated(now, tension)
             inside = free.nonzero()[0]
             if inside.size:
                 change = _correction(z, state, inside, excess, stiffness)
@@ -234,7 +257,7 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
             break
         held = rates.side == 0.0
         turned = (held & (side != 0.0))[:k].nonzero()[0]
-        if turned.size and not fresh:
+        if turned.size and not evaluated.serves(now, tension, DECISIVE):
             state = None
             continue
         if turned.size and pieces and shortened < MOST_SHORTENINGS:
@@ -274,9 +297,10 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
         tension_rate = state.tension_rates(rates.free, rates.rate)
         pieces.append(Piece(now, part, z, motion, state.tension, tension_rate))
         now, z, tension = pieces[-1].end(part, bounds)
-        change = np.abs(tension - evaluated_tension).max()
-        fresh = curved or now - evaluated > STRAIGHT or now >= stop - 1e-12 or change > KEPT * tension.max()
-        state = None if fresh else state.ahead(part, rates.free, rates.rate, rates.excess)
+        if curved or now >= stop - 1e-12 or not evaluated.serves(now, tension):
+            state = None
+        else:
+            state, within = state.ahead(part, rates.free, rates.rate, rates.excess), 1.0
     return FollowedPath(
         z, turning_slip, turning_mobilisation, turning_factor, complete, tuple(pieces), bounds
     )
