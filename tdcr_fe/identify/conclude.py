@@ -21,8 +21,10 @@ from tdcr_fe.identify.misfit import NOT_EVALUATED, Misfit, Noise, Structure
 from tdcr_fe.identify.noise import outliers, structure
 from tdcr_fe.identify.outcome import (
     THE_DATA,
+    THE_INPUTS,
     AddedEffect,
     IdentificationResult,
+    InputScatter,
     NextExperiment,
     Remainder,
     SetErrors,
@@ -38,6 +40,9 @@ from tdcr_fe.identify.unlisted import describe_moment, missing_moment
 
 Array = NDArray[np.float64]
 
+#: What remains where errors of the inputs account for it.
+INPUTS_EXPLAIN = "errors of the inputs, other ones in every step, would account for all that is left"
+
 
 def conclude(
     search: Search,
@@ -47,6 +52,7 @@ def conclude(
     law: FoundLaw | None = None,
     next_experiment: NextExperiment | None = None,
     rows: RowChoice | None = None,
+    input_scatter: InputScatter | None = None,
 ) -> IdentificationResult:
     """What a search has found.
 
@@ -64,6 +70,8 @@ def conclude(
         That helps most.
     rows
         Load steps that the search used; None for all.
+    input_scatter
+        That would account for a part of what is left.
     """
     wall_time = clock() - begun
     state, ceiling = _with_ceiling(search, state)
@@ -71,7 +79,9 @@ def conclude(
     data, held_out, fitted = problem.data, problem.held_out, problem.fitted
     explained = residual_is_noise(problem, best, search.significance)
     insufficient = insufficient_data(problem, state.declared, best, explained)
-    faulty = state.data_fault or ("" if insufficient or best.effects or law else wrong_sigma(problem, best))
+    alone = not (insufficient or best.effects or law)
+    inputs_explain = alone and input_scatter is not None and input_scatter.explains_all
+    faulty = state.data_fault or (wrong_sigma(problem, best) if alone and not inputs_explain else "")
     tests = structure(data, best.residual, len(best.free))
     spread = covariance(problem, best)
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
@@ -81,14 +91,14 @@ def conclude(
     declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
     return IdentificationResult(
         data=data,
-        verdict=_verdict(state, explained, insufficient or faulty, law),
+        verdict=_verdict(state, explained, bool(insufficient or faulty or inputs_explain), law),
         effects=_added(search, state, deviation),
         before_fit=problem.misfit(declared.residual, fitted),
         before_held_out=problem.misfit(declared.residual, held_out),
         after_fit=problem.misfit(best.residual, fitted, len(best.free)),
         after_held_out=problem.misfit(best.residual, held_out),
         held_out_steps=tuple(held_ids),
-        remaining=_remaining(state, explained, insufficient, faulty, tests, moment, edges),
+        remaining=_remaining(state, explained, insufficient, faulty, inputs_explain, tests, moment, edges),
         candidates=state.candidates,
         structure=tests[:12],
         residual_before=declared.residual * problem.sigma,
@@ -113,6 +123,7 @@ def conclude(
         catalogue=problem.catalogue,
         law=law,
         next_experiment=next_experiment,
+        input_scatter=input_scatter,
         searched=None if rows is None else rows.described(data),
         by_set=_by_set(problem, declared, best),
         ceiling=None if insufficient or faulty else ceiling,
@@ -128,8 +139,8 @@ def _with_ceiling(search: Search, state: SearchState) -> tuple[SearchState, Misf
     return state, held_out_ceiling(state.problem, state.declared, state.best)
 
 
-def _verdict(state: SearchState, explained: bool, insufficient: str, law: FoundLaw | None) -> Verdict:
-    """The verdict; ``insufficient`` is the reason why the data do not suffice, empty where they do."""
+def _verdict(state: SearchState, explained: bool, insufficient: bool, law: FoundLaw | None) -> Verdict:
+    """The verdict; ``insufficient`` where the data do not suffice or are faulty."""
     if state.interrupted:
         return "unfinished"
     if insufficient:
@@ -285,6 +296,7 @@ def _remaining(
     explained: bool,
     insufficient: str,
     faulty: str,
+    inputs_explain: bool,
     tests: Sequence[Structure],
     moment: Array,
     edges: Array,
@@ -295,6 +307,8 @@ def _remaining(
         return Remainder(THE_DATA, faulty, moment, edges)
     if insufficient:
         return Remainder("not known", insufficient, moment, edges)
+    if inputs_explain:
+        return Remainder(THE_INPUTS, INPUTS_EXPLAIN, moment, edges)
     if explained:
         text = "what is left has the size and the structure of the noise"
         return Remainder("nowhere", text, moment, edges)

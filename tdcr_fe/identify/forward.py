@@ -19,7 +19,7 @@ from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.model.settings import SolverSettings
 
 if TYPE_CHECKING:
-    from tdcr_fe.solve.sensitivities.parameters import ModelParameter
+    from tdcr_fe.solve.sensitivities.parameters import Parameter
 
 Given = TypeVar("Given")
 Found = TypeVar("Found")
@@ -38,14 +38,14 @@ class Job(NamedTuple):
         A neighbouring run with its trajectory, used as reference path.
     record : bool
         Record the trajectory.
-    parameters : tuple of ModelParameter
+    parameters : tuple of Parameter
         By which the run is differentiated.
     """
 
     experiment: Experiment
     reference: Run | None = None
     record: bool = False
-    parameters: tuple[ModelParameter, ...] = ()
+    parameters: tuple[Parameter, ...] = ()
 
     def task(self, settings: SolverSettings, deadline: float) -> Task:
         """What the process is given."""

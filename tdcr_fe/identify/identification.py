@@ -9,22 +9,32 @@ import numpy as np
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.conclude import conclude
-from tdcr_fe.identify.criteria import robust_threshold
+from tdcr_fe.identify.criteria import residual_is_noise, robust_threshold
 from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.found_law import FoundLaw
 from tdcr_fe.identify.holdout import choose_held_out, held_out_branches
 from tdcr_fe.identify.information import unusable_data
+from tdcr_fe.identify.input_scatter import find_input_scatter
 from tdcr_fe.identify.law import LEAST_SECONDS, find_law
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma
-from tdcr_fe.identify.outcome import IdentificationResult, NextExperiment
+from tdcr_fe.identify.outcome import IdentificationResult, InputScatter, NextExperiment
 from tdcr_fe.identify.problem import FitProblem, evaluate, refine
 from tdcr_fe.identify.rows import RowChoice, choose_rows, fit_to_all_rows, problem_of_rows
 from tdcr_fe.identify.search_state import Progress, Search, SearchState, in_time
 from tdcr_fe.identify.selection import search_effects, with_intermediate_models
 from tdcr_fe.identify.settings import IdentifySettings
-from tdcr_fe.identify.time_limit import A_LAW, FAULTS, FRICTION, NEXT_EXPERIMENT, OutOfTime, Schedule, clock
+from tdcr_fe.identify.time_limit import (
+    A_LAW,
+    FAULTS,
+    FRICTION,
+    INPUT_SCATTER,
+    NEXT_EXPERIMENT,
+    OutOfTime,
+    Schedule,
+    clock,
+)
 from tdcr_fe.identify.without_friction import (
     friction_explains_little,
     restore_friction,
@@ -102,6 +112,7 @@ def identify(
         found.law,
         found.next_experiment,
         prepared.rows,
+        found.input_scatter,
     )
 
 
@@ -137,11 +148,12 @@ class _Prepared(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """What a search has found: its last state, a law on no list, and the experiment that helps most."""
+    """What a search has found: its last state, a law on no list, the experiment that helps most, scatter of inputs."""
 
     state: SearchState
     law: FoundLaw | None = None
     next_experiment: NextExperiment | None = None
+    input_scatter: InputScatter | None = None
 
 
 class _Interrupted(KeyboardInterrupt):
@@ -174,16 +186,17 @@ def _search(search: Search, state: SearchState, prepared: _Prepared, schedule: S
             # A law may take as long to find as the listed effects took.
             law, state = _law(whole, state.ending_at(latest), max(LEAST_SECONDS, clock() - begun))
             planned, state = _planned(whole, state)
-            return _Found(state, law, planned)
+            scatter, state = _input_scatter(whole, state)
+            return _Found(state, law, planned, scatter)
         planned, state = _planned(whole, state.ending_at(schedule.friction + schedule.grace))
         if prepared.frictional is not None:
             frictional = replace(prepared.frictional, deadline=schedule.friction + schedule.grace)
             own = replace(search, deadline=schedule.friction)
             for latest_state in in_time(state, restore_friction(own, state, frictional), FRICTION):
                 state = latest_state
-        return _Found(
-            fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest)), None, planned
-        )
+        state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
+        scatter, state = _input_scatter(whole, state)
+        return _Found(state, None, planned, scatter)
     except KeyboardInterrupt:
         last = replace(state, interrupted=True)
         last = last.with_history("interrupted; what was found until then is reported")
@@ -213,6 +226,16 @@ def _planned(search: Search, state: SearchState) -> tuple[NextExperiment | None,
         return choose_next(search, state), state
     except OutOfTime:
         return None, state.without_trying(NEXT_EXPERIMENT)
+
+
+def _input_scatter(search: Search, state: SearchState) -> tuple[InputScatter | None, SearchState]:
+    """Scatter of the inputs that would account for what is left, where that is not noise, if the time suffices."""
+    if residual_is_noise(state.problem, state.best, search.significance):
+        return None, state
+    try:
+        return find_input_scatter(state.problem, state.best), state
+    except OutOfTime:
+        return None, state.without_trying(INPUT_SCATTER)
 
 
 def _prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> _Prepared:

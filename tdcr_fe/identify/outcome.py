@@ -119,8 +119,8 @@ class Candidate:
     note: str = ""
 
 
-#: Where the error remains if the data have a fault.
-THE_DATA = "the data"
+#: Where the error remains if the data have a fault, or if errors of the inputs account for all of it.
+THE_DATA, THE_INPUTS = "the data", "the inputs"
 
 
 @dataclass(frozen=True)
@@ -217,6 +217,46 @@ class NextExperiment:
         return aim | {"parameter": self.parameter, "remaining_share": self.remaining_share}
 
 
+#: Squares over sigma squared per reading that count as noise, at most [1].
+MOST_NOISE = 2.0
+
+#: In proportion to every input, or alike for all.
+ScatterKind = Literal["relative", "absolute"]
+
+
+@dataclass(frozen=True)
+class InputScatter:
+    """Scatter of the inputs that would account for a part of the residual.
+
+    Attributes
+    ----------
+    kind : str
+        "relative": in proportion to every input; "absolute": alike for all.
+    size : float
+        Standard deviation, over the input [1] or in `unit`.
+    unit : str
+        "1", "N" or "m".
+    before, after : Misfit
+        Of all readings: the final model's, and with the most likely errors of the inputs.
+    """
+
+    kind: ScatterKind
+    size: float
+    unit: str
+    before: Misfit
+    after: Misfit
+
+    @property
+    def explains_all(self) -> bool:
+        """Whether what it leaves is of the size of the noise."""
+        return self.after.chi2_per_dof < MOST_NOISE
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``result.json``."""
+        own = {"kind": self.kind, "size": self.size, "unit": self.unit}
+        return own | {"before": self.before.to_json(), "after": self.after.to_json()}
+
+
 @dataclass(frozen=True)
 class SearchedSteps:
     """Load steps that the search used, where that are not all.
@@ -304,6 +344,8 @@ class IdentificationResult:
         Held-out misfit that a flexible regression of the residual leaves at best; None where it was not tried.
     next_experiment : NextExperiment or None
         None where nothing is to be separated or refined.
+    input_scatter : InputScatter or None
+        Errors of the inputs that would account for a part of what is left; None where there are none such.
     by_set : tuple of SetErrors
         Of every data set, where several were given.
     searched : SearchedSteps or None
@@ -343,6 +385,7 @@ class IdentificationResult:
     law: FoundLaw | None = None
     ceiling: Misfit | None = None
     next_experiment: NextExperiment | None = None
+    input_scatter: InputScatter | None = None
     by_set: tuple[SetErrors, ...] = ()
     searched: SearchedSteps | None = None
     not_tried: tuple[str, ...] = ()
@@ -396,6 +439,7 @@ class IdentificationResult:
             **({} if self.law is None else {"law": self.law.to_json()}),
             **({} if self.ceiling is None else {"ceiling": {"held_out": self.ceiling.to_json()}}),
             **({} if self.next_experiment is None else {"next_experiment": self.next_experiment.to_json()}),
+            **({} if self.input_scatter is None else {"input_scatter": self.input_scatter.to_json()}),
             "remaining": {"where": self.remaining.where, "description": self.remaining.description},
             "left_out": [str(b) for b in self.data.left_out],
             "outliers": [

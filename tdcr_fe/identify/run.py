@@ -20,7 +20,7 @@ from tdcr_fe.model.settings import SolverSettings
 if TYPE_CHECKING:
     from tdcr_fe.model.sensitivities import Sensitivities
     from tdcr_fe.solve.load_steps.load_path import Increment
-    from tdcr_fe.solve.sensitivities.parameters import ModelParameter
+    from tdcr_fe.solve.sensitivities.parameters import Parameter
     from tdcr_fe.solve.simulate import PathRecord
 
 Array = NDArray[np.float64]
@@ -282,7 +282,7 @@ class Task(NamedTuple):
         Path that the run follows.
     record : bool
         Whether the run keeps its own path.
-    parameters : tuple of ModelParameter
+    parameters : tuple of Parameter
         By which the run is differentiated, see `tdcr_fe.solve.sensitivities.parameters.tabulated`.
     deadline : float
         Reading of `tdcr_fe.identify.time_limit.clock` at which the simulation ends [s].
@@ -292,7 +292,7 @@ class Task(NamedTuple):
     settings: SolverSettings
     reference: Trajectory | None = None
     record: bool = False
-    parameters: tuple[ModelParameter, ...] = ()
+    parameters: tuple[Parameter, ...] = ()
     deadline: float = math.inf
 
 
@@ -374,10 +374,12 @@ def _simulate_sequences(task: Task) -> Run:
     return Run.joined(runs, lengths)
 
 
-def _of_sequence(parameter: ModelParameter, number: int) -> ModelParameter:
+def _of_sequence(parameter: Parameter, number: int) -> Parameter:
     """A parameter of several loading sequences, for one of them."""
-    from tdcr_fe.solve.sensitivities.parameters import Tabulated
+    from tdcr_fe.solve.sensitivities.parameters import StepInput, Tabulated
 
+    if isinstance(parameter, StepInput):
+        return parameter
     table = parameter.apply
     assert isinstance(table, Tabulated)
     own = {offset: e.sequences[number] for offset, e in table.experiments.items()}

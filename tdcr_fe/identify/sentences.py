@@ -6,7 +6,7 @@ import itertools
 import math
 
 from tdcr_fe.identify.misfit import Misfit
-from tdcr_fe.identify.outcome import THE_DATA, IdentificationResult
+from tdcr_fe.identify.outcome import THE_DATA, THE_INPUTS, IdentificationResult
 from tdcr_fe.identify.remarks import half_width, remarks
 from tdcr_fe.report.environment import SPACE, estimate, quantity, significant, words
 
@@ -37,6 +37,8 @@ def headline(result: IdentificationResult) -> str:
     found = f" Found so far: {names}." if names else ""
     if verdict == "cannot tell" and result.remaining.where == THE_DATA:
         return "Cannot tell: the data have a fault. Mend it in the files, and run this again."
+    if verdict == "cannot tell" and result.remaining.where == THE_INPUTS:
+        return "Cannot tell: the inputs scatter too much to decide what the model lacks."
     if verdict == "cannot tell":
         return f"Cannot tell: these readings are too few or too noisy to decide what the model lacks.{found}"
     if verdict == "unfinished":
@@ -133,6 +135,7 @@ def sentences(result: IdentificationResult) -> list[str]:
         found.append(f"Remaining error: {first if plain else 'largest in ' + result.remaining.where}.")
     if result.verdict in ("unexplained", "partly explained"):
         found += _never_driven(result)
+    found += _scatter_sentence(result)
     if result.data.left_out:
         found.append(f"{len(result.data.left_out)} faulty rows were left out; they are listed below.")
     if result.outliers:
@@ -154,6 +157,27 @@ def _estimated_noise(result: IdentificationResult) -> list[str]:
     return [
         f"No sigma is given for {_joined(without)}: the noise is estimated from the scatter of the readings about "
         "smooth curves. An error that changes from step to step without order counts as noise."
+    ]
+
+
+def _scatter_sentence(result: IdentificationResult) -> list[str]:
+    """Errors of the inputs that would account for a part of what is left."""
+    scatter = result.input_scatter
+    if scatter is None:
+        return []
+    if scatter.kind == "relative":
+        how = f"{significant(100.0 * scatter.size, 2)}{SPACE}% of each"
+    else:
+        how = f"{quantity(scatter.size, scatter.unit, 2)}"
+    what, measured = (
+        ("displacements", "them") if scatter.unit == "m" else ("tensions", "them with load cells")
+    )
+    if scatter.unit == "1":
+        what, measured = "inputs", "tensions and displacements at the base"
+    return [
+        f"Errors of the {what} of {how} (standard deviation), other ones in every step, would account for a part of "
+        f"what is left: {size(scatter.before)} fall to {size(scatter.after)} over all steps. No effect predicts such "
+        f"errors; measure {measured}."
     ]
 
 

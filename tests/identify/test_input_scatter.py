@@ -1,0 +1,92 @@
+"""Scatter of the inputs: found with its size where each step has other errors, and nowhere else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from identify_data import LENGTH, MODEL, ROBOT
+
+from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.identify import identify
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.input_scatter import find_input_scatter
+from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.model.settings import SolverSettings
+
+SIGMA = 1e-4
+PULLS = [(a, b) for a in (0.0, 0.3, 0.6, 0.9, 1.2) for b in (0.0, 0.3, 0.6, 0.9, 1.2) if a or b]
+#: Displacements are pulled one tendon at a time: the other one is slack.
+PATHS = [(x, 0.0) for x in np.linspace(5e-4, 6e-3, 12)] + [(0.0, x) for x in np.linspace(5e-4, 6e-3, 12)]
+
+
+def data(factors, added, by="tensions", pulls=PULLS, truth=None):
+    """Readings of a robot whose inputs are the commanded ones times factors plus what is added, with noise."""
+    commanded = [LoadStep(**{by: {"t1": float(a), "t2": float(b)}}) for a, b in pulls]
+    actual = np.array(pulls) * factors + added * (np.array(pulls) > 0.0)
+    steps = tuple(LoadStep(**{by: {"t1": float(a), "t2": float(b)}}) for a, b in actual)
+    ids = tuple(range(1, len(steps) + 1))
+    readings = [Reading(n, f"position_{a}", s, 0.0, SIGMA) for n in ids for s in (0.1, LENGTH) for a in "xyz"]
+    true = with_effects(Experiment(ROBOT, replace(MODEL, elements_per_bay=4), steps), truth or {})
+    run = simulate_experiment(Task(true, run_settings(SolverSettings(), 2e-5)))
+    assert run.solved == len(steps)
+    values = Reader(readings, ids, ROBOT.tendon_names).read(run, true)
+    values = values + np.random.default_rng(1).normal(0.0, SIGMA, values.size)
+    readings = [replace(r, value=float(v)) for r, v in zip(readings, values, strict=True)]
+    return MeasuredData("scatter", ROBOT, MODEL, ids, tuple(commanded), ("",) * len(ids), tuple(readings))
+
+
+def scatter(measured):
+    """Scatter beside the declared model."""
+    problem = FitProblem.of(
+        measured,
+        np.full(len(measured.readings), SIGMA),
+        np.zeros(len(measured.readings), dtype=bool),
+        ForwardModel(),
+    )
+    problem = replace(
+        problem, experiment=replace(problem.experiment, model=replace(MODEL, elements_per_bay=3))
+    )
+    return find_input_scatter(problem, evaluate(problem, (), {}))
+
+
+def errors(size, count, seed=0):
+    return np.random.default_rng(seed).normal(0.0, size, (count, 2))
+
+
+def test_relative_errors_of_tensions_are_found_with_their_size():
+    own = errors(0.04, len(PULLS))
+    found = scatter(data(1.0 + own, 0.0))
+    assert found.kind == "relative"
+    assert found.size == pytest.approx(np.std(own[np.array(PULLS) > 0.0]), rel=0.1)
+    assert found.before.chi2_per_dof > 50.0
+    # two of twelve readings of a step go into its errors
+    assert found.after.chi2_per_dof == pytest.approx(10.0 / 12.0, rel=0.25)
+
+
+def test_absolute_errors_of_displacements_are_found_with_their_size_and_unit():
+    own = errors(2e-4, len(PATHS))
+    found = scatter(data(1.0, own, "displacements", PATHS))
+    assert (found.kind, found.unit) == ("absolute", "m")
+    assert found.size == pytest.approx(np.std(own[np.array(PATHS) > 0.0]), rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("factors", "truth"),
+    [(1.0, None), (1.1, None), (1.0, {"precurvature": {"kappa_x": 0.8, "kappa_y": 0.0}})],
+    ids=["noise", "gain", "precurvature"],
+)
+def test_noise_and_systematic_causes_are_no_scatter(factors, truth):
+    assert scatter(data(factors, 0.0, truth=truth)) is None
+
+
+def test_the_report_says_what_the_inputs_would_account_for():
+    result = identify(data(1.0 + errors(0.04, len(PULLS)), 0.0))
+    assert (result.verdict, result.remaining.where) == ("cannot tell", "the inputs")
+    assert 0.02 < result.input_scatter.size < 0.06
+    assert result.to_json()["input_scatter"]["kind"] == "relative"
+    assert "% of each (standard deviation), other ones in every step" in str(result)
