@@ -160,7 +160,7 @@ def _read(
         limits = TensionLimits(_tensions(args.largest), _tensions(args.pretension))
         limits.bounds(robot.tendon_names)
     except ValueError as error:
-        problems.append(Problem("--largest, --pretension", "", "", str(error)))
+        problems.append(Problem("--largest, --pretension", "", "", str(error).removeprefix("TensionLimits.")))
     if problems:
         raise InputError(problems)
     return model, settings, targets, limits

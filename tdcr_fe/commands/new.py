@@ -121,14 +121,22 @@ def _simulated_tables(folder: Path) -> Mapping[str, str]:
 
 
 def _readings(robot: Robot, result: Any) -> list[Any]:
-    """Markers at half the length and at the tip, and tendon displacements, rounded as instruments do."""
+    """Markers at half the length and at the tip, and tendon displacements, with random errors and rounded."""
+    import numpy as np
+
     from tdcr_fe.io.readings import Reading
+
+    rng = np.random.default_rng(1)
+    marker, encoder = 0.5e-3, 0.1e-3  # standard uncertainties [m]
+
+    def read(true: float, sigma: float) -> float:
+        return round(float(true + rng.normal(0.0, sigma)), 5)
 
     found = []
     for step in result.steps:
         for s in (0.5 * robot.backbone.length, robot.backbone.length):
             for axis, value in zip("xyz", step.position_at(s), strict=True):
-                found.append(Reading(step.step, f"position_{axis}", s, round(float(value), 5), 0.5e-3))
+                found.append(Reading(step.step, f"position_{axis}", s, read(value, marker), marker))
         for name, value in zip(robot.tendon_names, step.displacements, strict=True):
-            found.append(Reading(step.step, "tendon_displacement", name, round(float(value), 5), 0.1e-3))
+            found.append(Reading(step.step, "tendon_displacement", name, read(value, encoder), encoder))
     return found

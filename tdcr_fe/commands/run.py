@@ -114,6 +114,7 @@ def _refuse(problems: list[Any]) -> None:
 
 def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> int:
     """Solve a scenario, write its results, and return the exit status."""
+    from tdcr_fe.commands.tables import response_tables, sensitivity_table, step_tables
     from tdcr_fe.io.problems import InputError, Problem
     from tdcr_fe.io.tables import write_results
     from tdcr_fe.model.plausibility import plausibility_warnings
@@ -130,7 +131,9 @@ def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> 
     try:
         result = _solve(scenario, args)
     except ValueError as error:  # a contradiction that only the solver can detect
-        raise InputError([Problem(str(scenario.path), "", "", str(error))]) from error
+        option, named, text = str(error).partition("sensitivities: ")
+        problem = Problem("--sensitivities", "", "", text) if named and not option else None
+        raise InputError([problem or Problem(str(scenario.path), "", "", str(error))]) from error
     found = [warning for warning in result.warnings if warning not in odd]
     result = replace(result, warnings=(*odd, *found))
     try:
@@ -143,8 +146,7 @@ def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> 
     note(args, files=written, figures=figures(result, scenario), warnings=found, message=result.message)
     if not args.quiet:
         if result.steps:
-            print(format_table(result) + "\n")
-            for text in (format_sensitivities(result), format_response(result)):
+            for text in (step_tables(result), sensitivity_table(result), response_tables(result)):
                 if text:
                     print(text + "\n")
         print(f"{count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
@@ -245,70 +247,3 @@ def _solve(scenario: Scenario, args: argparse.Namespace) -> SequenceResult:
             sensitivities=args.sensitivities,
             responses=args.compliance,
         )
-
-
-def format_sensitivities(result: SequenceResult) -> str:
-    """Derivatives at the end of the last step as a table for people; empty where there are none."""
-    if not result.sensitivities:
-        return ""
-    head = ["last step, derivative by", "at", "tip x", "y", "z [m]", "rotation x", "y", "z [rad]"]
-    rows = [
-        [p.parameter, f"{p.value:.6g}", *(f"{x:.4g}" for x in (*p.positions[-1, -1], *p.rotations[-1, -1]))]
-        for p in result.sensitivities.values()
-    ]
-    return _aligned(head, rows, left=0)
-
-
-def format_response(result: SequenceResult) -> str:
-    """Compliance of the tip and stiffness of the motors after the last step; empty where they were not computed."""
-    if not result.steps[-1].responses:
-        return ""
-    parts = []
-    for found in result.steps[-1].responses:
-        holes = "all holes stick (reversal)" if found.reversal else "holes as they are"
-        head = [f"tip after the last step, {holes}", "x", "y", "z [mm/N]"]
-        rows = [
-            [f"displacement {axis} by force", *(f"{1e3 * c:.4g}" for c in found.compliance[k, :3])]
-            for k, axis in enumerate("xyz")
-        ]
-        names = result.robot.tendon_names
-        head += [f"{n} [mm/N]" for n in names]
-        rows = [[*row, *(f"{1e3 * c:.4g}" for c in found.by_tension[k])] for k, row in enumerate(rows)]
-        parts.append(_aligned(head, rows, left=0))
-        if names:
-            head = [f"tension by displacement, {holes}", *(f"{n} [N/mm]" for n in names)]
-            rows = [[n, *(f"{1e-3 * c:.4g}" for c in found.motor_stiffness[k])] for k, n in enumerate(names)]
-            parts.append(_aligned(head, rows, left=0))
-    return "\n\n".join(parts)
-
-
-def format_table(result: SequenceResult) -> str:
-    """The steps of a result as a table for people, in mm and degrees."""
-    names = result.robot.tendon_names
-    head = ["step", "label", *(f"{n} [N]" for n in names), *(f"{n} [mm]" for n in names)]
-    head += ["tip x", "y", "z [mm]", "bending [deg]", "iterations"]
-    rows = [
-        [
-            str(s.step),
-            s.label if len(s.label) <= 24 else s.label[:21] + "...",
-            *(f"{t:.4g}" for t in s.base_tensions),
-            *(f"{1e3 * d + 0.0:.3f}" for d in s.displacements.round(9)),
-            *(f"{1e3 * x + 0.0:.2f}" for x in s.tip.round(9)),
-            f"{s.bending_angle * 57.29577951308232:.3f}",
-            str(s.iterations) if s.converged else f"{s.iterations} (failed)",
-        ]
-        for s in result.steps
-    ]
-    return _aligned(head, rows, left=1)
-
-
-def _aligned(head: list[str], rows: list[list[str]], left: int) -> str:
-    """A table with all columns but one aligned to the right."""
-    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-    return "\n".join(
-        "  ".join(
-            text.ljust(w) if i == left else text.rjust(w)
-            for i, (text, w) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in [head, ["-" * w for w in widths], *rows]
-    )

@@ -34,22 +34,27 @@ _MODEL = {"friction": '"per-hole"', "gravity": "[0.0, 0.0, -9.81]"}
 #: Keys that describe what only files of their own need; their examples.
 _EXAMPLES = {
     "superelastic": "{ threshold_strain = 0.01, plateau_ratio = 0.1 }",
+    "nonlinear": "{ quadratic = 0.0, cubic = -20.0 }",
     "patches": "[{ start = 0.05, end = 0.1, bending = 1.2 }]",
     "tight_holes": "[{ at = 0.1, drop = 0.05 }]",
     "friction": '{ kind = "stribeck", static = 0.3, kinetic = 0.2, stribeck_rate = 1e-3 }',
     "positions": "[0.05, 0.1, 0.15, 0.2]",
 }
 
-#: Keys that are given in place of another one.
-_INSTEAD = {"positions": "count", "friction": "friction_coefficient"}
+#: What the description of a key leaves open, by the table of the key.
+_REMARKS = {
+    "[backbone]": {"radius": "or [[0.0, 0.4e-3], [0.2, 0.3e-3]]: arc length and radius, linear in between"},
+    "[disks]": {"positions": "in place of count"},
+    "[[tendons]]": {"friction": "in place of friction_coefficient", "end": "without it the tip"},
+}
 
 
-def _line(field: Field, value: str | None) -> str:
-    """A key with its description; commented out where no value is given."""
+def _line(field: Field, value: str | None, remark: str | None = None) -> str:
+    """A key with its description and a remark; commented out where no value is given."""
     q = field.quantity
     note = q.description + (f" [{q.unit}]" if q.unit else "")
-    if field.name in _INSTEAD:
-        note += f"; in place of {_INSTEAD[field.name]}"
+    if remark is not None:
+        note += f"; {remark}"
     options = field.kind.options()
     if options:
         also = "; one of " if isinstance(field.kind, Choice) else "; or "
@@ -67,8 +72,9 @@ def _line(field: Field, value: str | None) -> str:
 
 def _table(header: str, fields: Mapping[str, Field], given: Mapping[str, str]) -> list[str]:
     """A table with the keys that are given first, then the others, commented out."""
-    first = [_line(fields[name], value) for name, value in given.items()]
-    rest = [_line(f, None) for name, f in fields.items() if name not in given]
+    remarks = _REMARKS.get(header, {})
+    first = [_line(fields[name], value, remarks.get(name)) for name, value in given.items()]
+    rest = [_line(f, None, remarks.get(name)) for name, f in fields.items() if name not in given]
     return ["", header, *first, *rest]
 
 
@@ -179,8 +185,8 @@ def quantities() -> Iterable[str]:
 
 _NOTES = """# An experiment for `tdcr-fe identify`
 
-`loading.csv` and `observations.csv` hold numbers of a simulation of this `robot.toml`. They show the form: replace
-them by what you commanded and measured.
+`loading.csv` and `observations.csv` hold numbers of a simulation of this `robot.toml`, with random errors of the size
+`sigma`: `identify` finds that nothing is missing. They show the form: replace them by what you commanded and measured.
 
 1. `robot.toml`: the robot as you declare it. `model.toml`: how you believe that it behaves.
 2. `loading.csv`: one row a load step, in order, from the unloaded robot: `step`, then `tension_NAME` [N] or
@@ -189,6 +195,9 @@ them by what you commanded and measured.
 3. `observations.csv`: one row a reading: `step`, `quantity`, `location`, `value`, and `sigma`, the standard
    uncertainty, which may be empty. SI units: metres and radians, not millimetres and degrees.
 4. `tdcr-fe identify FOLDER -o OUT`, then open `OUT/report.html`.
+
+Tables of a spreadsheet program are read as they are: with commas, semicolons or tabs, decimal points or decimal commas
+(the same in all columns), or as `loading.xlsx` and `observations.xlsx` (`pip install 'tdcr-fe[xlsx]'`).
 
 Quantities:
 

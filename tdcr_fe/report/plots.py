@@ -38,7 +38,12 @@ from tdcr_fe.report.style import styled
 
 Array = NDArray[np.float64]
 
-_TENDON_COLOURS = ("#d1495b", "#00798c", "#e08e1b", "#6a4c93", "#3f784c", "#8d6346")
+#: Direction from which the view in space is seen [deg].
+_ELEVATION, _AZIMUTH = 22.0, -55.0
+_TENDON_COLOURS = (
+    "#d1495b", "#00798c", "#e08e1b", "#6a4c93", "#3f784c", "#8d6346",
+    "#e377c2", "#2b59c3", "#8fb339", "#17202a", "#35b6c9", "#7f7f7f",
+)  # fmt: skip
 _PLATE = "#3b3b3b"
 _PATH = "#888888"
 _DASHES = (0, (2, 2))
@@ -176,10 +181,10 @@ def _spatial(
     axes.add_collection3d(Poly3DCollection([plate], facecolor=_PLATE, edgecolor=_PLATE, alpha=0.8))
     if _path_is_drawn(result):
         axes.plot(*(result.tips * _MM).T, color=_PATH, lw=0.9, ls=_DASHES)
-    corner = np.array([limits[0, 0], limits[1, 0], limits[2, 1]])
-    corner = corner + 0.1 * np.diff(limits, axis=1).ravel() * [1, 1, -1]
     detailed = distinct_steps(result)
-    arrows.draw_spatial(axes, result, detailed, arrows.scale_of(result, detailed), corner)
+    arrows.draw_spatial(
+        axes, result, detailed, arrows.scale_of(result, detailed), _free_corner(result, limits)
+    )
     span = limits[:, 1] - limits[:, 0]
     for name, ends, width in zip("xyz", limits, span, strict=True):
         getattr(axes, f"set_{name}lim")(*ends)
@@ -188,7 +193,19 @@ def _spatial(
         getattr(axes, f"{name}axis").pane.set_facecolor("#fafafa")
     axes.tick_params(pad=1.0, labelsize=8.5)
     axes.set_box_aspect(span, zoom=0.95)
-    axes.view_init(elev=22.0, azim=-55.0)
+    axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
+
+
+def _free_corner(result: SequenceResult, limits: Array) -> Array:
+    """Point near that corner of the box which lies farthest from all backbones where the viewer sees it [mm]."""
+    up, turn = np.radians((_ELEVATION, _AZIMUTH))
+    right = np.array([-np.sin(turn), np.cos(turn), 0.0])
+    above = np.array([-np.sin(up) * np.cos(turn), -np.sin(up) * np.sin(turn), np.cos(up)])
+    seen = np.column_stack((right, above))
+    corners = np.array(np.meshgrid(*(limits @ [[0.9, 0.1], [0.1, 0.9]]), indexing="ij")).reshape(3, -1).T
+    points = _MM * np.concatenate([s.positions for s in result.steps])
+    gaps = np.linalg.norm((points[None] - corners[:, None]) @ seen, axis=2).min(axis=1)
+    return np.asarray(corners[int(np.argmax(gaps))])
 
 
 def _path_is_drawn(result: SequenceResult) -> bool:

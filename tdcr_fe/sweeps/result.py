@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
 import pandas as pd
 
-from tdcr_fe.model.wording import quoted
 from tdcr_fe.sweeps.collected import Message
 from tdcr_fe.sweeps.description import Sweep
 from tdcr_fe.sweeps.sampling import Design
@@ -85,17 +83,6 @@ class SweepResult:
         return self.cases
 
     def __repr__(self) -> str:
-        count = len(self.cases)
-        states = ", ".join(f"{n} {status}" for status, n in self.counts.items())
-        lines = [
-            f"sweep of {count} cases by {quoted(self.design.method)} over {', '.join(self.inputs)}: {states}"
-        ]
-        found = self.statistics()
-        for name in list(found)[:8]:
-            s = found[name]
-            lines.append(
-                f"  {name}: mean {s.mean:.6g}, standard deviation {s.std:.3g}, from {s.smallest:.6g} to {s.largest:.6g}"
-            )
-        rate = self.solved_now / self.wall_time if self.wall_time > 0.0 else np.nan
-        lines.append(f"  {self.solved_now} cases solved in {self.wall_time:.1f} s, {rate:.3g} a second")
-        return "\n".join(lines)
+        from tdcr_fe.sweeps.display import as_text
+
+        return as_text(self)

@@ -8,8 +8,10 @@ import pandas as pd
 import pytest
 from run_files import ENDS, write_robot
 
+import tdcr_fe as tdcr
 from tdcr_fe import cli
 from tdcr_fe.commands.run import LONG_RUN, long_run
+from tdcr_fe.commands.tables import step_tables
 from tdcr_fe.io.toml import read_scenario
 
 
@@ -101,3 +103,24 @@ def test_scenario_and_directory_are_needed_without_a_schema(capsys):
         cli.main(["run"])
     assert ended.value.code == 2
     assert "required: scenario, -o/--out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("count", [1, 4, 5, 9, 24])
+def test_tables_of_many_tendons_fit_a_terminal(count):
+    """Nine tendons took 240 columns in one table."""
+    tendons = tuple(
+        tdcr.Tendon(f"t{k + 1}", tdcr.ParallelRouting(4e-3, 360.0 * k / count)) for k in range(count)
+    )
+    robot = tdcr.Robot(tdcr.Backbone(0.2, 4e-4, 60e9, 0.3), tdcr.Disks.equally_spaced(4, 0.2), tendons)
+    steps = [
+        tdcr.LoadStep("a label of about twenty", tensions={t.name: 0.1 * k}) for k, t in enumerate(tendons)
+    ]
+    result = tdcr.simulate(robot, tdcr.Model(friction="none"), steps)
+    text = step_tables(result)
+    assert max(map(len, text.splitlines())) <= 130
+    words = text.split()
+    assert all(words.count(t.name) == 2 for t in tendons)
+    last = result.steps[-1]
+    for numbers in (last.base_tensions.tolist(), (1e3 * last.displacements).round(3).tolist()):
+        found = [float(x) for x in words if x.lstrip("-").replace(".", "", 1).isdigit()]
+        assert all(any(abs(x - n) < 1e-3 for x in found) for n in numbers)

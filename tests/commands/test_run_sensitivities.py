@@ -43,5 +43,5 @@ def test_a_parameter_that_does_not_exist_is_named(tmp_path, capsys):
     scenario = write_robot(tmp_path, "straight", "per-hole")
     arguments = ["run", str(scenario), "-o", str(tmp_path / "out"), "--sensitivities", "backbone.elasticity"]
     assert cli.main(arguments) == 2
-    assert "'backbone.elasticity' names no number" in capsys.readouterr().err
+    assert "  --sensitivities: 'backbone.elasticity' names no number" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from arcs import arc_result
@@ -25,6 +26,15 @@ def test_the_page_goes_beside_the_results_or_where_it_is_asked_for(folder, tmp_p
     assert cli.main(["view", str(folder), "-o", str(tmp_path / "new" / "robot.html"), "-q"]) == 0
     assert (folder / "view.html").read_bytes() == (tmp_path / "new" / "robot.html").read_bytes()
     assert capsys.readouterr().out == ""
+
+
+def test_json_names_every_file(folder, tmp_path, capsys):
+    options = ["--vtk", tmp_path / "vtk", "--gltf", tmp_path / "robot.glb", "--json"]
+    assert cli.main(["view", *map(str, [folder, *options])]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["figures"] == {"robot": "single-segment", "steps": 10}
+    assert len(found["files"]) == 1 + 1 + 10 + 1
+    assert all(Path(f).is_file() for f in found["files"])
 
 
 def refused(args, capsys):

@@ -218,3 +218,18 @@ def test_a_slack_tendon_is_called_slack():
     assert "tendon slack" in [t.get_text() for t in figure.legends[0].get_texts()]
     assert set(plots._hole_states(result, 0, 1)) == {"slack"}
     assert "slack" not in plots._hole_states(result, 0, 0)
+
+
+def test_twelve_tendons_have_twelve_colours():
+    """Six colours came round again: in a robot of nine tendons a1 and c1 looked alike."""
+    assert len(set(plots._tendon_colours(arc_result(paper_robot(12), many_steps()[:2])))) == 12
+
+
+def test_gravity_in_the_view_in_space_is_drawn_off_the_robot():
+    """Its arrow lay on a straight robot."""
+    result = dataclasses.replace(arc_result(), model=Model(gravity=(0.0, 0.0, -9.81)))
+    limits = plots._limits(result, [0])
+    corner = plots._free_corner(result, limits)
+    assert np.all((corner > limits[:, 0]) & (corner < limits[:, 1]))
+    points = 1e3 * np.concatenate([s.positions for s in result.steps])
+    assert np.min(np.linalg.norm(points - corner, axis=1)) > 0.15 * np.ptp(limits[2])

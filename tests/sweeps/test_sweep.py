@@ -24,6 +24,15 @@ def table(folder):
     return (folder / "cases.csv").read_bytes()
 
 
+def test_the_printed_summary_begins_with_the_tip_in_its_unit(tmp_path):
+    """It began with displacements of the tendons, in metres without a unit, and ended before the tip."""
+    result = tdcr.sweep(write_files(tmp_path), executor=InProcess())
+    lines = repr(result).splitlines()
+    assert lines[0].startswith('sweep of 6 cases by "grid" over ')
+    assert [line.split(":")[0] for line in lines[1:3]] == ["  bending angle [deg]", "  tip x [mm]"]
+    assert f"mean {1e3 * result.cases['tip_x'].mean():.6g}, " in lines[2]
+
+
 def test_every_row_is_the_result_of_its_scenario(tmp_path):
     path = write_files(tmp_path)
     result = tdcr.sweep(path, executor=InProcess())

@@ -190,7 +190,7 @@ class Plots {
     this.profile.moving.replaceChildren();
     const kinds = { stick: "circle", pull: "down", release: "up", slack: "cross", anchor: "square" };
     m.tendons.forEach((t, j) => {
-      const colour = THEMES[this.theme].tendons[j % 6], line = [], marks = [];
+      const palette = THEMES[this.theme].tendons, colour = palette[j % palette.length], line = [], marks = [];
       for (let i = 1; i < t.at.length; i++) {
         const number = t.segments[i - 1], tension = m.tensionOf(t.first + number);
         line.push([this.unit.factor * m.s[t.at[i - 1]], tension], [this.unit.factor * m.s[t.at[i]], tension]);

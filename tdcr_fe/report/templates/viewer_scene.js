@@ -14,14 +14,14 @@ const THEMES = {
     stick: [1, 1, 1], pull: [0.84, 0.37, 0], release: [0, 0.45, 0.70], slack: [0.62, 0.65, 0.69], anchor: [0.12, 0.16, 0.2],
     force: [0.72, 0, 0.13], moment: [0.48, 0.12, 0.64], gravity: [0.36, 0.38, 0.42],
     measured: [0, 0.62, 0.42], declared: [0.84, 0.37, 0],
-    tendons: ["#c2334a", "#007a88", "#c96f00", "#6a4c93", "#3f784c", "#8d6346"],
+    tendons: ["#c2334a", "#007a88", "#c96f00", "#6a4c93", "#3f784c", "#8d6346", "#d65db1", "#2b59c3", "#7a9a2e", "#17202a", "#2aa5b8", "#7f7f7f"],
   },
   dark: {
     backbone: [0.72, 0.77, 0.83], disk: [0.36, 0.41, 0.47], plate: [0.50, 0.55, 0.61], grid: [0.20, 0.23, 0.27], path: [0.38, 0.44, 0.50],
     stick: [0.95, 0.96, 0.97], pull: [1, 0.56, 0.22], release: [0.36, 0.71, 0.95], slack: [0.50, 0.54, 0.58], anchor: [0.62, 0.67, 0.72],
     force: [1, 0.36, 0.42], moment: [0.78, 0.53, 0.95], gravity: [0.70, 0.73, 0.77],
     measured: [0.16, 0.80, 0.55], declared: [1, 0.62, 0.28],
-    tendons: ["#f0798a", "#3fb8c9", "#f2b04a", "#b294dd", "#74b783", "#c89a78"],
+    tendons: ["#f0798a", "#3fb8c9", "#f2b04a", "#b294dd", "#74b783", "#c89a78", "#f2a3dc", "#7f9ff0", "#c3dc7a", "#e6eaee", "#7fe0ee", "#a8a8a8"],
   },
 };
 const rgb = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16) / 255);
@@ -121,7 +121,7 @@ class Scene {
   }
 
   tendonColour(j, look) {
-    return rgb(THEMES[look.theme].tendons[j % 6]);
+    return rgb(THEMES[look.theme].tendons[j % THEMES[look.theme].tendons.length]);
   }
 
   tendons(wire, ball, look) {
