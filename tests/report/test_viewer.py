@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from arcs import arc_result, arc_step, paper_robot
 from browser import NO_GL, browser, needs_chromium
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from run_files import write_robot
@@ -51,6 +51,7 @@ def loaded_result() -> SequenceResult:
     return replace(result, steps=solved, model=Model(gravity=(0.0, 0.0, -9.81)))
 
 
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
 @given(
     arrays(float, st.tuples(st.integers(0, 5), st.integers(1, 4), st.integers(1, 3)),
            elements=st.floats(-1e6, 1e6) | st.just(np.nan))
