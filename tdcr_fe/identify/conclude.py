@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.identify.ceiling import held_out_ceiling
 from tdcr_fe.identify.criteria import chi_square_threshold, reduced_chi_square, residual_is_noise
-from tdcr_fe.identify.data_faults import wrong_sigma
+from tdcr_fe.identify.data_faults import jump_of_residual, wrong_sigma
 from tdcr_fe.identify.estimate import Estimate
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.found_law import FoundLaw
@@ -124,6 +124,7 @@ def conclude(
         law=law,
         next_experiment=next_experiment,
         input_scatter=input_scatter,
+        jump="" if explained or faulty else jump_of_residual(problem, best),
         searched=None if rows is None else rows.described(data),
         by_set=_by_set(problem, declared, best),
         ceiling=None if insufficient or faulty else ceiling,

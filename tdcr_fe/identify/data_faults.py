@@ -35,6 +35,9 @@ ROUNDED = 3.0
 WRONG_SIGMA = 3.0
 #: A location beyond the declared length, up to so many times that length, is that of a marker, not of another unit [1].
 FARTHEST = 2.0
+#: A jump of the residual that is left is reported where it is this many times the scatter before and after it, and
+#: sigma [1], there are so many steps on both sides, and it leaves at most this share of what a line leaves [1].
+CLEAR_JUMP, LEAST_PART, BESIDE_TREND = 3.0, 4, 0.7
 #: Largest number of load steps that are simulated to try exchanged tendons.
 MOST_STEPS = 1500
 
@@ -161,6 +164,50 @@ def wrong_sigma(problem: FitProblem, best: Fit) -> str:
         f"the readings scatter about the model by {scatter:.2g} times their sigma, without any order along the steps: "
         "sigma is too small, or the readings are noisier than assumed"
     )
+
+
+def jump_of_residual(problem: FitProblem, best: Fit) -> str:
+    """The clearest jump of the residual that the best model leaves, as a sentence; empty where there is none.
+
+    Measurements on several days have markers that were glued on again, or a camera that was moved. One coordinate of a
+    marker is then off by a constant from a step on, whatever effects the model has.
+
+    Parameters
+    ----------
+    problem
+        Readings with their sigma.
+    best
+        The final model.
+    """
+    grid = _Grid.of(problem, best)
+    residual, found = grid.measured - grid.predicted, (CLEAR_JUMP, "")
+    for column, axis in itertools.product(range(len(grid.markers)), range(3)):
+        read = np.flatnonzero(np.isfinite(residual[:, column, axis]))
+        r = residual[read, column, axis]
+        if len(read) < 2 * LEAST_PART:
+            continue
+        k, size, left = _division(r)
+        sigma = float(np.median(grid.sigma[read, column, axis]))
+        clear = abs(size) / max(1.4826 * float(np.median(np.abs(left))), sigma)
+        trend = r - np.polyval(np.polyfit(read, r, 1), read)
+        if clear > found[0] and np.sum(np.abs(left)) < BESIDE_TREND * np.sum(np.abs(trend)):
+            where = f"the marker at s = {grid.markers[column]:.4g} m"
+            text = (
+                f"From step {grid.steps[read[k]]} on, the readings of {where} are off by {1e3 * size:.2g} mm along "
+                f"{'xyz'[axis]} against those before, beside what the model predicts: has the marker moved, or was the "
+                "setup changed?"
+            )
+            found = clear, text
+    return found[1]
+
+
+def _division(r: Array) -> tuple[int, float, Array]:
+    """Where two constants leave the least of a series: the index, their difference, and what is left, shape (n,)."""
+    found = []
+    for k in range(LEAST_PART, r.size - LEAST_PART + 1):
+        before, after = float(np.median(r[:k])), float(np.median(r[k:]))
+        found.append((k, after - before, np.concatenate((r[:k] - before, r[k:] - after))))
+    return min(found, key=lambda division: float(np.sum(np.abs(division[2]))))
 
 
 # --------------------------------------------------------------------------------------- seen in the readings

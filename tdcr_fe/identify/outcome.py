@@ -346,6 +346,8 @@ class IdentificationResult:
         None where nothing is to be separated or refined.
     input_scatter : InputScatter or None
         Errors of the inputs that would account for a part of what is left; None where there are none such.
+    jump : str
+        The clearest jump of the residual that is left, as a sentence; empty where there is none.
     by_set : tuple of SetErrors
         Of every data set, where several were given.
     searched : SearchedSteps or None
@@ -386,6 +388,7 @@ class IdentificationResult:
     ceiling: Misfit | None = None
     next_experiment: NextExperiment | None = None
     input_scatter: InputScatter | None = None
+    jump: str = ""
     by_set: tuple[SetErrors, ...] = ()
     searched: SearchedSteps | None = None
     not_tried: tuple[str, ...] = ()
@@ -440,6 +443,7 @@ class IdentificationResult:
             **({} if self.ceiling is None else {"ceiling": {"held_out": self.ceiling.to_json()}}),
             **({} if self.next_experiment is None else {"next_experiment": self.next_experiment.to_json()}),
             **({} if self.input_scatter is None else {"input_scatter": self.input_scatter.to_json()}),
+            **({"jump": self.jump} if self.jump else {}),
             "remaining": {"where": self.remaining.where, "description": self.remaining.description},
             "left_out": [str(b) for b in self.data.left_out],
             "outliers": [

@@ -136,6 +136,8 @@ def sentences(result: IdentificationResult) -> list[str]:
     if result.verdict in ("unexplained", "partly explained"):
         found += _never_driven(result)
     found += _scatter_sentence(result)
+    if result.jump:
+        found.append(result.jump)
     if result.data.left_out:
         found.append(f"{len(result.data.left_out)} faulty rows were left out; they are listed below.")
     if result.outliers:

@@ -4,11 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import measured
+from identify_data import MODEL, ROBOT, measured
 
 from tdcr_fe.identify import identify
+from tdcr_fe.identify.data_faults import jump_of_residual
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.sentences import headline, sentences
-from tdcr_fe.io.readings import BadRow
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import BadRow, Reading
+from tdcr_fe.model.loading import LoadStep
 
 
 @pytest.fixture(scope="module")
@@ -133,3 +138,45 @@ def test_tendon_that_is_never_driven_is_named_where_the_error_is_not_explained(c
     assert any(f"Tendon {name} has no input in any step" in s for s in sentences(lacking))
     whole = replace(result, data=clean, verdict="unexplained")
     assert not any("no input" in s for s in sentences(whole))
+
+
+def with_residual(change, seed=3):
+    """A problem of 24 steps with two markers, and a model that leaves noise of one sigma and what a change adds."""
+    ids = tuple(range(1, 25))
+    readings = tuple(
+        Reading(n, f"position_{a}", s, 0.0, 1e-4) for n in ids for s in (0.1, 0.2) for a in "xyz"
+    )
+    steps = tuple(LoadStep(tensions={"t1": 0.05 * n}) for n in ids)
+    data = MeasuredData("jump", ROBOT, MODEL, ids, steps, ("",) * len(ids), readings)
+    problem = FitProblem.of(data, np.full(len(readings), 1e-4), np.zeros(len(readings), bool), ForwardModel())
+    table = np.random.default_rng(seed).normal(size=(24, 2, 3))
+    change(table)
+    r = table.ravel()
+    return problem, Fit((), {}, r, float(r @ r), 0.0, np.zeros((r.size, 0)), (), None)
+
+
+def marker_moves(table):
+    table[9:, 0, 2] += 8.0
+
+
+def grows(table):
+    table[:, 1, 0] += 0.5 * np.arange(24)
+
+
+def one_branch_differs(table):
+    table[9:15, 0, 2] += 8.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_jump_beside_a_model_is_located_with_its_size(seed):
+    """A marker that was glued on again on the second day, 0.8 mm farther along z."""
+    text = jump_of_residual(*with_residual(marker_moves, seed))
+    assert text.startswith("From step 10 on, the readings of the marker at s = 0.1 m are off by 0.")
+    size = float(text.split(" off by ")[1].split(" mm along z ")[0])
+    assert size == pytest.approx(0.8, abs=0.15)
+
+
+@pytest.mark.parametrize("change", [lambda table: None, grows, one_branch_differs])
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_growth_and_a_single_branch_are_no_jump(change, seed):
+    assert jump_of_residual(*with_residual(change, seed)) == ""
