@@ -33,8 +33,9 @@ class SolverSettings:
     min_substep : float
         Smallest substep tried where Newton does not converge, as a fraction of the load step [1].
     max_substep_turn : float
-        Where a section turns by more than this in a substep, the substep is compared with its halves: a long step may
-        converge to an equilibrium that the robot does not reach along its path [rad].
+        Where a section turns by more than this in a substep, and the slopes at its ends do not explain that, the
+        substep is compared with its halves: a long step may converge to an equilibrium that the robot does not reach
+        along its path [rad].
     presliding : float
         Slip of a tendon through a hole from rest to full friction [m].
     mesh_tolerance : float

@@ -78,11 +78,11 @@ def _guess(
     x = (factor - first.factor) / length
     ends = [picked.tensions(at.state) for at in (first, then)]
     change, more = ends[1] - ends[0], tension - ends[0] - x * (ends[1] - ends[0])
-    slopes = [_twist_change(at, change, length) for at in (first, then)]
-    whole = _twists(then.state) - _twists(first.state)
+    slopes = [twist_change(at, change, length) for at in (first, then)]
+    whole = twists(then.state) - twists(first.state)
     beyond = whole - 0.5 * (slopes[0] + slopes[1])
     step = x * slopes[0] + x * x * (0.5 * (slopes[1] - slopes[0]) + (3.0 - 2.0 * x) * beyond)
-    step += (1.0 - x) * _twist_change(first, more, 0.0) + x * _twist_change(then, more, 0.0)
+    step += (1.0 - x) * twist_change(first, more, 0.0) + x * twist_change(then, more, 0.0)
     state = first.state.state
     configuration = moved_elements(solver.system, state, step, solver.settings.max_turn)
     if configuration is None:
@@ -106,12 +106,12 @@ def _guess(
     )
 
 
-def _twists(at: Equilibrium) -> Array:
+def twists(at: Equilibrium) -> Array:
     """Twists of all elements."""
-    return np.concatenate([twists.reshape(-1) for twists in at.state.configuration.twists])
+    return np.concatenate([own.reshape(-1) for own in at.state.configuration.twists])
 
 
-def _twist_change(at: Point, tension: Array, load: float) -> Array:
+def twist_change(at: Point, tension: Array, load: float) -> Array:
     """Change of the twists of all elements by one of the tensions [N], and by a part of the change of the loads."""
     line, response = at.state.linearization, at.state.response
     assert response is not None

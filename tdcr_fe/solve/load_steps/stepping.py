@@ -18,6 +18,7 @@ from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.state import SolverState
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
+from tdcr_fe.solve.load_steps.continuity import is_continuous
 from tdcr_fe.solve.load_steps.load_path import Increment, Path, Progress, StepFailed, one_substep
 from tdcr_fe.solve.load_steps.ramp import Ramp
 from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver, with_history_of
@@ -161,7 +162,7 @@ class LoadStepper:
         return path if agreed >= needed else replace(path, refinement_error=max(path.refinement_error, error))
 
     def _jumps_examined(self, state: SolverState, path: Path) -> tuple[int, bool]:
-        """Solve substeps that may have jumped to another branch again, in halves.
+        """Solve substeps that may have jumped to another branch again, in halves, unless their slopes exclude it.
 
         Returns
         -------
@@ -172,7 +173,7 @@ class LoadStepper:
         """
         spent, start, before, confirmed = 0, 0.0, state, True
         for end, after in path.increments:
-            if self.solver.jump_suspected(before, after):
+            if self._jump_possible(before, start, after, end):
                 try:
                     halves = self._followed(Progress(Path(before), start), (0.5 * (start + end), end))
                     spent += halves.iterations + halves.rejected
@@ -185,6 +186,13 @@ class LoadStepper:
             start, before = end, after
         self.solver.ramp.apply(self.solver.system, 1.0)
         return spent, confirmed
+
+    def _jump_possible(self, before: SolverState, start: float, after: SolverState, end: float) -> bool:
+        """Whether a substep may have jumped: its rotations are large, and neither sign nor slopes exclude it."""
+        if not self.solver.jump_suspected(before, after):
+            return False
+        unstable = before.tangent_sign * after.tangent_sign < 0
+        return unstable or not is_continuous(self.solver, before, start, after, end)
 
     def _divided(self, state: SolverState, count: int) -> Path:
         """The load step in equal parts, each divided further where slips reverse."""
