@@ -127,8 +127,8 @@ def test_the_force_of_nonlinear_fibres_is_the_derivative_of_their_energy():
 # ---------------------------------------------------------------- balance
 
 
-def random_run(seed: int, end: float) -> tuple[float, float, dict[str, np.ndarray]]:
-    """A random robot under random tensions, and a force at the tip from the beginning on, at 1 ms up to a time [s].
+def random_run(seed: int, end: float, step: float = 1e-3) -> tuple[float, float, dict[str, np.ndarray]]:
+    """A random robot under random tensions, and a force at the tip from the beginning on, up to a time [s].
 
     Returns
     -------
@@ -161,16 +161,16 @@ def random_run(seed: int, end: float) -> tuple[float, float, dict[str, np.ndarra
         return share * high * (1.0 + 0.5 * np.sin(2.0 * np.pi * rates * t + phases))
 
     handle.set_inputs_over_time(tensions)
-    run(mbs, handle, end)
+    run(mbs, handle, end, step)
     found = columns(mbs, sensor)
     exchanged = sum(np.abs(np.diff(found[k])).sum() for k in ("tendon_work", "load_work"))
     return float(np.abs(found["balance"]).max()), float(exchanged), found
 
 
-def check(seed, end):
-    balance, work, found = random_run(seed, end)
+def check(seed, end, step=1e-3):
+    balance, work, found = random_run(seed, end, step)
     assert work > 1e-4
-    assert balance < (1e-4 if end < 0.2 else 2e-4) * work
+    assert balance < 1e-4 * work
     for kind in ("friction_dissipation", "material_dissipation"):
         assert np.diff(found[kind]).min() > -1e-3 * work
         assert found[kind][-1] >= 0.0
@@ -190,11 +190,27 @@ def test_the_energy_of_a_random_motion_is_balanced(seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
 def test_the_energy_of_random_motions_is_balanced_for_half_a_second(seed):
-    """Random robots of 1 to 3 tendons with friction, elasticity, gravity, damping by the material: 2e-4 of the work.
+    """Random robots of 1 to 3 tendons with friction, elasticity, gravity, damping by the material: 1e-4 of the work.
 
-    Of twelve that were looked at eleven were below 6e-5; seed 9 had 1.3e-4.
+    In steps of 1 ms, two of them in steps of 0.5 ms: in steps of 1 ms they have 1.2e-4 and 1.3e-4, in half of it
+    1.6e-5 and 7e-6. That is the error of the trapezoidal rule, as without tendons in the next test.
     """
-    check(seed, 0.5)
+    check(seed, 0.5, 5e-4 if seed in (3, 9) else 1e-3)
+
+
+def test_the_balance_falls_with_the_step_as_that_of_exudyns_beams_alone():
+    """No tendon is pulled, and a force at the tip swings the backbone: 2.7e-5 of the work at 1 ms, 8e-6 at 0.5 ms."""
+    found = []
+    for step in (1e-3, 5e-4):
+        _keep, mbs, handle = scene(three(0.0), assemble=False)
+        load, sensor = handle.add_load("tip", LENGTH), handle.add_energy_sensor()
+        mbs.Assemble()
+        load.set([0.05, 0.0, 0.0])
+        run(mbs, handle, 0.2, step)
+        sums = columns(mbs, sensor)
+        found.append(np.abs(sums["balance"]).max() / np.abs(np.diff(sums["load_work"])).sum())
+    assert found[0] < 5e-5
+    assert found[1] < found[0] / 3.0
 
 
 def test_a_damper_of_the_scene_gets_what_the_balance_shows():
