@@ -140,11 +140,15 @@ def simulate(
 
 
 class _Request(NamedTuple):
-    """What is computed beside the solution: derivatives by parameters, responses of the tip, and the path's record."""
+    """What is computed beside the solution: derivatives by parameters, responses of the tip, and the path's record.
+
+    And whether the error of the mesh may be estimated for steps to come, see `_Run._pilot`.
+    """
 
     parameters: tuple[Parameter, ...]
     responses: bool
     records: bool
+    pilots: bool = True
 
 
 def _refined_runs(
@@ -174,6 +178,8 @@ def _refined_runs(
         if finer is None:
             break
         counts = finer
+        # A refined mesh is one for the steps to come as well.
+        request = request._replace(pilots=False)
     assert kept is not None
     return kept, last
 
@@ -238,7 +244,7 @@ class _Run:
         self.failed: int | None = None
         self.message = CONVERGED
         # Estimates for steps to come, see `_pilot`; None until there is need of them.
-        self.pilots: list[MeshEstimate] | None = None
+        self.pilots: list[MeshEstimate] | None = None if request.pilots else []
 
     def take_steps(self, reference_path: PathRecord | None, refine: bool) -> tuple[int, ...] | None:
         """Solve all steps; or return the elements per bay of the finer mesh that they need."""
