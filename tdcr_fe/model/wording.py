@@ -5,13 +5,20 @@ from __future__ import annotations
 import difflib
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 
 def quoted(text: str) -> str:
     """A text as TOML has it."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def steps_named(numbers: Sequence[int]) -> str:
+    """Load steps by their numbers, shortened where there are several."""
+    if len(numbers) == 1:
+        return f"step {numbers[0]}"
+    return f"{len(numbers)} steps ({numbers[0]} to {numbers[-1]})"
 
 
 def bare(name: str) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tdcr_fe.model.loading import Model
+from tdcr_fe.model.wording import steps_named
 from tdcr_fe.scene import TDCR
 from tdcr_fe.solve.element_equations import ElementModel
 from tdcr_fe.solve.mesh_error import MeshEstimate, SolvedState, estimate
@@ -104,12 +105,6 @@ def refined(
     return tuple(int(x) for x in wanted)
 
 
-def _steps_named(numbers: Sequence[int]) -> str:
-    if len(numbers) == 1:
-        return f"step {numbers[0]}"
-    return f"{len(numbers)} steps ({numbers[0]} to {numbers[-1]})"
-
-
 def mesh_warnings(
     handle: TDCR, model: Model, estimates: Sequence[MeshEstimate], tolerance: float
 ) -> list[str]:
@@ -138,7 +133,7 @@ def mesh_warnings(
             else 'use elements_per_bay = "auto" or a larger number'
         )
         found.append(
-            f"{_steps_named(coarse)}: the mesh is too coarse; the estimated discretisation error is up to "
+            f"{steps_named(coarse)}: the mesh is too coarse; the estimated discretisation error is up to "
             f"{errors[worst - 1]:.1e} of the length (step {worst}), more than mesh_tolerance = {tolerance:g}; {cure}"
         )
     near = [k for k, e in enumerate(estimates, start=1) if e.bay_loads.max() >= NEAR_BUCKLING]
@@ -147,7 +142,7 @@ def mesh_warnings(
         bay = int(np.argmax(estimates[worst - 1].bay_loads))
         edges = np.concatenate(([0.0], handle.robot.bay_ends, [length]))
         found.append(
-            f"{_steps_named(near)}: bay {bay + 1} ({edges[bay]:g} to {edges[bay + 1]:g} m) is near or beyond its "
+            f"{steps_named(near)}: bay {bay + 1} ({edges[bay]:g} to {edges[bay + 1]:g} m) is near or beyond its "
             f"buckling load: axial compression {estimates[worst - 1].bay_loads[bay]:.2f} times pi^2 EI / a^2 in step "
             f"{worst}. The solution is sensitive to small changes there, and more than one may exist"
         )

@@ -18,6 +18,7 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.sensitivities import Sensitivities
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.mesh import elements_of_bays
+from tdcr_fe.solve.instability import instability_warnings, is_unstable
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, StepFailed
 from tdcr_fe.solve.mesh import (
     MOST_MESHES,
@@ -120,6 +121,7 @@ def simulate(
         *plausibility_warnings(robot, model, steps),
         *kept.warnings,
         *mesh_warnings(kept.simulation.handle, model, estimates, settings.mesh_tolerance),
+        *instability_warnings(kept.unstable),
         *([] if kept is last else [_coarser_mesh_kept(kept, last)]),
         *strain_warnings(robot, kept.solved),
     ]
@@ -241,6 +243,7 @@ class _Run:
         self.solved: list[StepResult] = []
         self.path: PathRecord = []
         self.warnings: list[str] = []
+        self.unstable: list[int] = []
         self.failed: int | None = None
         self.message = CONVERGED
         # Estimates for steps to come, see `_pilot`; None until there is need of them.
@@ -268,6 +271,8 @@ class _Run:
             if increments is not None:
                 self.path.append(increments)
             self.solved.append(result)
+            if reference_path is None and is_unstable(self.simulation, result):
+                self.unstable.append(number)
             self.warnings += step_warnings(number, report)
             if estimated and self._enough_estimated(number, report, refine) and refine and self._too_coarse():
                 finer = self._refined_mesh()

@@ -74,6 +74,30 @@ def stability(simulation: Simulation) -> Stability:
     """
     hint = "Simulation(robot, model, resolve(robot, steps)) makes one; advance it to the state of interest."
     check_instance("stability", "simulation", simulation, Simulation, "a Simulation", hint)
+    scaled, free_to_nodes = scaled_tangent(simulation)
+    symmetric = 0.5 * (scaled + scaled.T)
+    skew = 0.5 * (scaled - scaled.T)
+    asymmetry = float(np.linalg.norm(skew) / np.linalg.norm(symmetric))
+    values, vectors = eigh(symmetric, subset_by_index=[0, 0])
+    smallest = float(values[0])
+    divergence = smallest if asymmetry < 1e-9 else float(np.min(eigvals(scaled).real))
+    moved = (free_to_nodes @ vectors[:, 0]).reshape(-1, 6)[:, :3]
+    rotations = simulation.state.configuration.poses[0][1]
+    world = np.einsum("nij,nj->ni", rotations[1:], moved)
+    mode = np.concatenate((np.zeros((1, 3)), world))
+    return Stability(smallest, divergence, asymmetry, mode / np.max(np.abs(mode)))
+
+
+def scaled_tangent(simulation: Simulation) -> tuple[Array, Array]:
+    """Tangent by the changes of shape that displacement-driven tendons leave free, in units of the elastic stiffness.
+
+    Returns
+    -------
+    tangent : ndarray, shape (k, k)
+        The identity for the unloaded rod [1].
+    to_nodes : ndarray, shape (6 (N-1), k)
+        From these changes of shape to body-frame increments of the nodes 1 .. N-1.
+    """
     tangent, to_nodes = strain_tangent(simulation.system, simulation.state)
     robot = simulation.handle.actuation
     forces, mesh = robot.current_forces(), robot.mesh
@@ -84,18 +108,7 @@ def stability(simulation: Simulation) -> Stability:
         # A tendon with prescribed displacement keeps its length: only changes of shape that leave it are free.
         fixed = forces.base_slip_rows()[taut][:, 6:] @ to_nodes @ free
         free = free @ null_space(fixed)
-    scaled = free.T @ tangent @ free
-    symmetric = 0.5 * (scaled + scaled.T)
-    skew = 0.5 * (scaled - scaled.T)
-    asymmetry = float(np.linalg.norm(skew) / np.linalg.norm(symmetric))
-    values, vectors = eigh(symmetric, subset_by_index=[0, 0])
-    smallest = float(values[0])
-    divergence = smallest if asymmetry < 1e-9 else float(np.min(eigvals(scaled).real))
-    moved = (to_nodes @ free @ vectors[:, 0]).reshape(-1, 6)[:, :3]
-    rotations = simulation.state.configuration.poses[0][1]
-    world = np.einsum("nij,nj->ni", rotations[1:], moved)
-    mode = np.concatenate((np.zeros((1, 3)), world))
-    return Stability(smallest, divergence, asymmetry, mode / np.max(np.abs(mode)))
+    return free.T @ tangent @ free, to_nodes @ free
 
 
 def strain_tangent(system: SceneSystem, state: SolverState, robot: int = 0) -> tuple[Array, Array]:
