@@ -59,9 +59,13 @@ class PlaceEffect(Effect):
     ----------
     place_names : tuple of str
         Which of the parameters are the place.
+    saturates : bool
+        Whether a strong effect does far less than its derivative says, so that it has to be simulated at full strength,
+        which is that of its null values.
     """
 
     place_names: tuple[str, ...] = ("s",)
+    saturates: bool = False
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """None along the whole robot."""
@@ -135,6 +139,17 @@ class EffectAtPlace(Effect):
     def all_values(self, values: Values) -> dict[str, float]:
         """Values of the listed effect: the place and the size."""
         return {**self.place, **values}
+
+    def full_strength(self, experiment: Experiment) -> dict[str, float]:
+        """Values of the size at which an effect that saturates is strongest, see `PlaceEffect.saturates`."""
+        null = self.general.null_values(experiment)
+        return {p.name: null[p.name] for p in self.parameters}
+
+    def neighbours(self, robot: Robot) -> list[EffectAtPlace]:
+        """The same effect at the places before and after this one, on the same tendon."""
+        along = [p for p in self.general.places(robot) if {**p, "s": 0.0} == {**self.place, "s": 0.0}]
+        at = int(np.argmin([abs(p["s"] - self.place["s"]) for p in along]))
+        return [self.general.at(along[k]) for k in (at - 1, at + 1) if 0 <= k < len(along)]
 
     def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
         """See `Effect.bounds`."""
@@ -245,6 +260,7 @@ class StuckHole(PlaceEffect):
 
     name = "stuck_hole"
     needs_friction = True
+    saturates = True
     description = "One hole holds its tendon fast, or nearly so: glue, a knot, a burr, a strand that jams."
     separating_experiment = "pull the tendon and watch it move on both sides of the hole"
     place_names = ("tendon", "s")

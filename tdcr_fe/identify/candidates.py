@@ -23,10 +23,13 @@ from tdcr_fe.identify.search_state import (
     with_note_on_differences,
 )
 from tdcr_fe.identify.time_limit import OutOfTime
-from tdcr_fe.identify.unlisted import local_candidates
+from tdcr_fe.identify.unlisted import local_candidates, strong_candidates
 
 #: Two effects are tried together where that promises a criterion smaller by this share than the first of them alone.
 PROMISE = 0.1
+
+#: Local causes that saturate are simulated where no other one leaves less than this share of the misfit to first order.
+SOLVED = 0.1
 
 #: The first of them is tried so many times as strong as its probe points, which show only itself [1].
 STRENGTHS = (1.0, 8.0, 64.0)
@@ -284,12 +287,29 @@ def local_scores_beside(state: SearchState, fit: Fit) -> tuple[SearchState, Sequ
     """Scores of local causes beside a model, computed once."""
     key = frozenset(fit.names)
     if key not in state.local_scores:
-        scores = screen(
-            state.problem, fit, [e for family in local_candidates(state.problem, fit) for e in family]
-        )
+        every = [e for family in local_candidates(state.problem, fit) for e in family]
+        scores = screen(state.problem, fit, every)
         state = with_screened(state, scores)
+        if min((x.cost(state.problem) for x in scores), default=math.inf) > SOLVED * fit.cost:
+            scores = sorted([*scores, *_strong_scores(state.problem, fit)], key=lambda s: -s.drop)
         state = replace(state, local_scores={**state.local_scores, key: scores})
     return state, state.local_scores[key]
+
+
+def _strong_scores(problem: FitProblem, fit: Fit) -> list[Score]:
+    """Scores of local causes that saturate, from simulations at full strength beside a model."""
+    effects = strong_candidates(problem, fit)
+    points = [{**fit.values, e.name: e.full_strength(problem.experiment)} for e in effects]
+    fits = [
+        fitting.evaluated(problem, (*fit.effects, e), point, (), fit.run)
+        for e, point in zip(effects, points, strict=True)
+    ]
+    none = np.zeros((fit.residual.size, 0))
+    return [
+        Score(e, fit.cost - new.cost, fit.held_cost - new.held_cost, [point], new.residual, none)
+        for e, point, new in zip(effects, points, fitting.run_fits(problem, fits), strict=True)
+        if new.solved
+    ]
 
 
 def with_screened(state: SearchState, scores: Sequence[Score]) -> SearchState:

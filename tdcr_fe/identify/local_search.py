@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from tdcr_fe.effects import EffectAtPlace
@@ -17,7 +17,7 @@ from tdcr_fe.identify.criteria import (
     required_drop,
     residual_is_noise,
 )
-from tdcr_fe.identify.problem import Fit
+from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.search_state import (
     Names,
@@ -28,6 +28,9 @@ from tdcr_fe.identify.search_state import (
     refined,
     without,
 )
+
+#: Models whose place is moved to neighbouring ones, the best first.
+MOVED = 2
 
 
 def local_search(search: Search, state: SearchState) -> Stage:
@@ -47,6 +50,7 @@ def local_search(search: Search, state: SearchState) -> Stage:
 def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> SearchState:
     """Try single bays, and springs at one location, beside the three best of the given models."""
     found: list[tuple[float, Fit, Score]] = []
+    sizes: dict[str, Mapping[str, float]] = {}
     problem = state.problem
     for base in sorted(bases, key=lambda f: bic(problem, f))[:3]:
         # A local cause is fitted only if it does about as well as the best model to first order; the best candidate
@@ -54,7 +58,10 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
         margin = 0.1 * base.cost + 5.0 * state.best.cost if base is not state.best else math.inf
         state, scored = local_scores_beside(state, base)
         needed = required_drop(1, search.significance, reduced_chi_square(state.problem, base))
-        scores = [x for x in scored if x.drop > needed]
+        for x in scored:
+            if x.starts:
+                sizes.setdefault(x.effect.name, x.starts[0][x.effect.name])
+        scores = _best_of_each_kind([x for x in scored if x.drop > needed])
         found += [
             (x.cost(state.problem), base, x)
             for i, x in enumerate(scores[:2])
@@ -67,12 +74,81 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
     search.report(f"fitting {listed_names([score.effect.name for _, score in chosen])}", 0.9)
     race = fitting.Race(state.best.cost, search.deadline)
     fits = fitting.run_fits(state.problem, [candidate_fit(state.problem, b, x, race) for b, x in chosen])
+    fits = better_places(state.problem, fits, sizes, race)
+    for new in fits:
+        state = state.with_fit(new)
     fits = [
         new
         for new, (base, _) in zip(fits, chosen, strict=True)
         if new.solved and is_improvement(state.problem, new, base, search.significance)
     ]
     return _with_local(state, fits) if fits else state
+
+
+def _best_of_each_kind(scores: Sequence[Score]) -> list[Score]:
+    """The best place of every effect, and of every tendon that it may be at, in their order."""
+    found: dict[tuple[object, ...], Score] = {}
+    for x in scores:
+        effect = x.effect
+        assert isinstance(effect, EffectAtPlace)
+        found.setdefault((effect.listed, effect.place.get("tendon")), x)
+    return list(found.values())
+
+
+def better_places(
+    problem: FitProblem, fits: Sequence[Fit], sizes: Mapping[str, Mapping[str, float]], race: fitting.Race
+) -> list[Fit]:
+    """Models whose last effect is at one place, moved to neighbouring places for as long as the cost falls.
+
+    Scores find the neighbourhood of a place; how well a strong effect explains the readings there, only fits tell.
+
+    Parameters
+    ----------
+    problem
+        Readings.
+    fits
+        The models.
+    sizes
+        By effect at a place, the size from which a fit may begin, besides that of the place before.
+    race
+        Nothing begins after its deadline.
+    """
+    found = list(fits)
+    order = sorted(range(len(found)), key=lambda i: found[i].cost)
+    for i in order[:MOVED]:
+        tried = {found[i].names[-1]}
+        while found[i].solved and not race.over:
+            effect = found[i].effects[-1]
+            assert isinstance(effect, EffectAtPlace)
+            near = [x for x in effect.neighbours(problem.data.robot) if x.name not in tried]
+            tried |= {x.name for x in near}
+            moved = fitting.run_fits(
+                problem, [_moved(problem, found[i], x, sizes.get(x.name), race.deadline) for x in near]
+            )
+            best = min(moved, key=lambda f: f.cost, default=found[i])
+            if not best.cost < found[i].cost:
+                break
+            found[i] = best
+    return found
+
+
+def _moved(
+    problem: FitProblem,
+    fit: Fit,
+    effect: EffectAtPlace,
+    size: Mapping[str, float] | None,
+    deadline: float,
+) -> fitting.Fitting:
+    """A model with its last effect at another place, fitted from the same size or another; finished if it is better."""
+    race = fitting.Race(deadline=deadline)
+    values = {k: v for k, v in fit.values.items() if k != fit.names[-1]}
+    sizes = [fit.values[fit.names[-1]], *([] if size is None else [dict(size)])]
+    starts = [{**values, effect.name: x} for x in sizes]
+    now = yield from fitting.begin(problem, (*fit.effects[:-1], effect), starts, race, fit.run)
+    now = yield from fitting.descend(problem, now, race)
+    if now.cost < fit.cost:
+        now = yield from fitting.finish(problem, now, race)
+    return now
 
 
 def _with_local(state: SearchState, fits: Sequence[Fit]) -> SearchState:

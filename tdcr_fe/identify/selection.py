@@ -56,7 +56,10 @@ def search_effects(search: Search, state: SearchState) -> Stage:
         yield state
     elif state.best.effects or not residual_is_noise(state.problem, state.best, search.significance):
         search.report("local causes along the backbone", 0.85)
+        before = state.best
         state = yield from in_time(state, local_search(search, state), PLACES)
+        if state.best is not before:
+            state = yield from in_time(state, backward_selection(search, state), EXCHANGES)
     return state
 
 

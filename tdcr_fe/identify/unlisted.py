@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.effects import Effect, PlaceEffect
+from tdcr_fe.effects import Effect, EffectAtPlace, PlaceEffect
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.model.interpolation import interpolate_positions
+from tdcr_fe.model.loading import resolve
 
 Array = NDArray[np.float64]
 
@@ -22,6 +23,21 @@ def local_candidates(problem: FitProblem, fit: Fit) -> list[list[Effect]]:
         for e in problem.catalogue
         if isinstance(e, PlaceEffect) and e.name not in {x.listed for x in fit.effects}
     ]
+
+
+def strong_candidates(problem: FitProblem, fit: Fit) -> list[EffectAtPlace]:
+    """Local causes that saturate, at two places along every tendon that is driven."""
+    data = problem.data
+    driven = np.ptp([a.values for a in resolve(data.robot, data.steps)], axis=0) > 0.0
+    found: list[EffectAtPlace] = []
+    for e in problem.catalogue:
+        if not isinstance(e, PlaceEffect) or not e.saturates or e.name in {x.listed for x in fit.effects}:
+            continue
+        for i in np.flatnonzero(driven):
+            places = [p for p in e.places(data.robot) if p.get("tendon") == i + 1.0]
+            count = len(places)
+            found += [e.at(places[k]) for k in sorted({count // 4, (3 * count) // 4}) if k < count]
+    return found
 
 
 def missing_moment(problem: FitProblem, fit: Fit) -> tuple[Array, Array]:

@@ -104,7 +104,10 @@ def _identified(answer: Answer, out: Path) -> Score:
     from tdcr_fe.io.measured import read_measured
 
     data = read_measured(out / "sets" / str(answer.recipe.seed), strict=True)
-    return score(answer, identify(data))
+    result = identify(data)
+    if result.interrupted:  # it is not the result of this set
+        raise KeyboardInterrupt
+    return score(answer, result)
 
 
 def _write(file: Path, document: Any) -> None:

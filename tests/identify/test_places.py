@@ -1,0 +1,43 @@
+"""Search of places: a strong effect is found where it is, not where its derivative predicts the most."""
+
+from dataclasses import replace
+
+import numpy as np
+from identify_data import MODEL, ROBOT, measured
+
+from tdcr_fe.effects import effect
+from tdcr_fe.identify.fitting import Race, fit
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.local_search import better_places, search_places
+from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.settings import IdentifySettings
+
+FRICTIONAL = replace(MODEL, friction="per-hole")
+
+
+def problem(data):
+    count = len(data.readings)
+    return FitProblem.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
+
+
+def test_a_spring_moves_to_the_place_where_it_explains_most():
+    """A strong spring: beside the declared model its neighbours may have the larger score."""
+    own = problem(measured({"side_spring": {"s": 0.15, "stiffness": 3.0}}))
+    start = effect("side_spring").at({"s": 0.05})
+    first = fit(own, (start,), [{start.name: {"stiffness": 1.0}}])
+    sizes = {effect("side_spring").at({"s": s}).name: {"stiffness": 1.0} for s in (0.1, 0.15, 0.2)}
+    (found,) = better_places(own, [first], sizes, Race())
+    assert found.names == ("side_spring (s = 0.15)",) and found.cost < 0.1 * first.cost
+    assert abs(found.values[found.names[0]]["stiffness"] - 3.0) < 0.1
+
+
+def test_a_hole_that_holds_fast_is_found_although_its_derivative_is_that_of_a_small_drop():
+    """A blind set with a stuck hole, 170 sigma from the declared robot, ended with `gravity`, partly explained."""
+    data = measured({"stuck_hole": {"tendon": 2.0, "s": 0.05}}, robot=ROBOT, model=FRICTIONAL)
+    own = problem(data)
+    state = SearchState.start(own, evaluate(own, (), {}))
+    search = Search(IdentifySettings(), lambda text, share: None)
+    best = search_places(search, state, [state.declared]).best
+    assert best.names == ("stuck_hole (tendon = 2, s = 0.05)",)
+    assert best.cost < 2.0 * own.count < 0.1 * state.declared.cost
