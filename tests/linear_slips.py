@@ -26,6 +26,8 @@ class LinearSlips:
 
     def __init__(self, by_load, matrix, start, presliding, holes=None, slack=()):
         self.presliding, self.ends = presliding, (1.0,)
+        # ``C`` changes the rates by more than the cube of the load factor does.
+        self.cubic = np.inf
         self._load, self._matrix, self._start = np.array(by_load), np.array(matrix), np.array(start)
         holes = len(start) if holes is None else holes
         self._stiffness = np.append(np.full(holes, presliding), np.zeros(len(start) - holes))

@@ -34,8 +34,9 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Index = NDArray[np.int_]
 
-#: Largest part of a substep over which slip rates are taken as linear in the load factor [1].
-LONGEST = 0.12
+#: Largest part of a substep over which slip rates are taken as linear in the load factor; and where that changes slips
+#: by less than `LATE` [1].
+LONGEST, LONGEST_SMOOTH = 0.12, 0.5
 #: Over shorter parts slip rates are taken as constant [1].
 STRAIGHT = 0.02
 #: Change of the tensions, over the largest, up to which derivatives of the slips are used again [1].
@@ -69,6 +70,11 @@ class Slips(Protocol):
     @property
     def ends(self) -> tuple[float, ...]:
         """Load factors up to which the slips are smooth, ascending; the last one is 1 [1]."""
+        ...
+
+    @property
+    def cubic(self) -> float:
+        """Largest coefficient of the cube of the load factor in the slips [m]."""
         ...
 
     def at(self, factor: float, z: Array, tension: Array) -> SlipState:
@@ -228,7 +234,7 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
     pieces: list[Piece] = []
     complete, shortened, returned = False, 0, np.zeros(k + c, dtype=bool)
     stops = iter(slips.ends)
-    stop = 0.0
+    stop, longest = 0.0, _longest(slips)
     state: SlipState | None = None
     evaluated, within = _Evaluated(0.0, tension), 1.0
     for _ in range(50 + 6 * (k + c)):
@@ -293,7 +299,7 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
             event = min(distance_to_bound(motion, z, bounds), distance_to_reversal(motion, tolerance, k))
         if c:
             event = min(event, distance_to_closing(motion, slack, k))
-        part = min(stop - now, LONGEST, max(SHORTEST, event))
+        part = min(stop - now, longest, max(SHORTEST, event))
         tension_rate = state.tension_rates(rates.free, rates.rate)
         pieces.append(Piece(now, part, z, motion, state.tension, tension_rate))
         now, z, tension = pieces[-1].end(part, bounds)
@@ -304,6 +310,12 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
     return FollowedPath(
         z, turning_slip, turning_mobilisation, turning_factor, complete, tuple(pieces), bounds
     )
+
+
+def _longest(slips: Slips) -> float:
+    """Largest part of a substep over which slip rates are taken as linear in the load factor [1]."""
+    smooth = float(np.cbrt(LATE * slips.presliding / max(slips.cubic, 1e-300)))
+    return min(LONGEST_SMOOTH, max(LONGEST, smooth))
 
 
 def _reached(piece: Piece, turned: Index, side: Array, state: SlipState, within: float, loss: float) -> float:

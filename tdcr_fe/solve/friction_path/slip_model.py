@@ -254,6 +254,11 @@ class SlipModel:
         """Change of the slips beyond that of rates linear in the load factor at fixed tensions [m], shape (k,)."""
         return np.asarray(-0.5 * self._intervals[0].cubic[: self.holes, 3])
 
+    @property
+    def cubic(self) -> float:
+        """Largest coefficient of the cube of the load factor in the slips [m]."""
+        return max(float(np.abs(own.cubic[: self.holes, 3]).max()) / own.length**3 for own in self._intervals)
+
     def with_bulge(self, bulge: float) -> SlipModel:
         """The same with another factor on the parabola."""
         return SlipModel(*self._given, bulge)
