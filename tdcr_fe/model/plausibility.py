@@ -220,6 +220,8 @@ def strain_warnings(robot: Robot, steps: Sequence[StepResult]) -> list[str]:
         turn = np.arccos(np.clip(np.einsum("ij,ij->i", tangents[1:], tangents[:-1]), -1.0, 1.0))
         radius = backbone.radius_at(0.5 * (step.s[1:] + step.s[:-1]))
         strain = (turn / np.diff(step.s) - unloaded) * radius
+        if robot.base_stiffness is not None:
+            strain[0] = 0.0  # the first element turns with the base that gives way
         k = int(np.argmax(strain))
         if strain[k] > worst:
             worst, number, where = float(strain[k]), step.step, float(0.5 * (step.s[k] + step.s[k + 1]))
