@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
+from tdcr_fe.elements.backbone import BackboneMesh
 from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.scene.mesh import hinge_length
 from tdcr_fe.solve.equations.reduction import BodyFrameReduction
 
 Array = NDArray[np.float64]
@@ -30,7 +32,7 @@ class ResidualScales:
     length : float
         Of the longest backbone [m].
     elastic_force : float
-        EI / L^2 of the softest robot, the smallest scale of forces [N].
+        EI / L^2 of the softest robot, the smallest scale of forces [N]; a base that gives way is no part of it.
     """
 
     weights: Array
@@ -46,9 +48,7 @@ class ResidualScales:
         nodes = np.tile(np.repeat((1.0, 50.0 / length), 3), reduction.nodes)
         other = np.ones(len(reduction.other_coordinates))
         gaps = np.full(len(reduction.other_multipliers), 1.0 / length)
-        elastic = min(
-            float(np.min(r.mesh.stiffness[:, 5])) / float(r.mesh.arc_lengths[-1]) ** 2 for r in robots
-        )
+        elastic = min(_elastic_force(r.mesh) for r in robots)
         return cls(
             np.concatenate((nodes, other, gaps)), reduction.nodes, len(nodes) + len(other), length, elastic
         )
@@ -94,3 +94,10 @@ class ResidualScales:
         """Largest displacement over the length, or rotation, of any node in a step [1]."""
         largest = np.abs(step[: 6 * self.nodes].reshape(-1, 6)).max(axis=0).tolist()
         return max(max(largest[:3]) / self.length, *largest[3:])
+
+
+def _elastic_force(mesh: BackboneMesh) -> float:
+    """Smallest EI of the backbone over the square of its length [N], without the element that stands for the base."""
+    length = float(mesh.arc_lengths[-1])
+    bending = mesh.stiffness[mesh.lengths > 1.5 * hinge_length(length), 5]
+    return float(np.min(bending)) / length**2
