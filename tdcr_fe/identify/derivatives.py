@@ -141,14 +141,31 @@ def _linearize_here(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]
     """Linearise models; only their runs are shared among processes."""
     first = pairs[0][0]
     forward, path_tolerance, deadline = first.forward, first.path_tolerance, first.deadline
-    parts = [_Part(problem, request) for problem, request in pairs]
+    given = [_part_or_impossible(problem, request) for problem, request in pairs]
+    parts = [x for x in given if isinstance(x, _Part)]
     runs = forward.run_jobs([p.job for p in parts], path_tolerance, deadline)
     beside = [p.differences(run) for p, run in zip(parts, runs, strict=True)]
     found = iter(forward.run_jobs([job for jobs in beside for job in jobs], path_tolerance, deadline))
-    return [
-        part.linear(run, [next(found) for _ in jobs])
-        for part, run, jobs in zip(parts, runs, beside, strict=True)
-    ]
+    solved = iter(
+        [
+            part.linear(run, [next(found) for _ in jobs])
+            for part, run, jobs in zip(parts, runs, beside, strict=True)
+        ]
+    )
+    return [next(solved) if isinstance(x, _Part) else x for x in given]
+
+
+def _part_or_impossible(problem: FitProblem, request: Request) -> _Part | Linear:
+    """A model to be simulated; or what an impossible robot gives, as two laws of the material that exclude each other.
+
+    Such a model counts as not solved, with the reason as its message.
+    """
+    try:
+        return _Part(problem, request)
+    except ValueError as error:
+        run = Run.of((), len(problem.data.steps), problem.experiment, str(error))
+        nothing = np.full(problem.count, np.nan)
+        return Linear(nothing, np.zeros((problem.count, len(request.columns))), run, {})
 
 
 def _in_processes(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear] | None:
@@ -164,7 +181,7 @@ def _in_processes(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear] |
     found = forward.map(_linearize_sent, texts)
     forward.runs += sum(count for _, count in found)
     for (problem, request), (linear, _) in zip(pairs, found, strict=True):
-        if request.reference is None:
+        if request.reference is None and linear.run.solved:
             forward.keep(problem.with_effects(request.effects, request.values), request.record, linear.run)
     return [linear for linear, _ in found]
 
@@ -197,6 +214,7 @@ class _Part:
         self.observed: dict[int, Tabulated] = {}
         self.differenced: dict[int, str] = {}
         self.exact: dict[str, int] = {}
+        self.beside: dict[int, Experiment] = {}
         tables = []
         for number, column in enumerate(request.columns):
             if not column.effect.exact_derivatives:
@@ -271,10 +289,12 @@ class _Part:
         reference = run if run.trajectory is not None else self.request.reference
         if run.solved == 0:
             return []
-        jobs = []
         for number in self.differenced:
-            jobs.append(Job(self._moved(number, self._coordinate(number) + self._step(number)), reference))
-        return jobs
+            try:
+                self.beside[number] = self._moved(number, self._coordinate(number) + self._step(number))
+            except ValueError:  # there is no such robot: the parameter stays where it is
+                continue
+        return [Job(moved, reference) for moved in self.beside.values()]
 
     def _coordinate(self, number: int) -> float:
         """Present coordinate of a column."""
@@ -305,8 +325,7 @@ class _Part:
         for number, table in self.observed.items():
             values = {k: read(e) for k, e in table.experiments.items()}
             matrix[:, number] = _difference(values, read(self.experiment), table.step) / problem.sigma
-        for number, other in zip(self.differenced, beside, strict=False):
-            moved = self._moved(number, self._coordinate(number) + self._step(number))
+        for (number, moved), other in zip(self.beside.items(), beside, strict=True):
             matrix[:, number] = (residual - problem.residual(moved, other)) / self._step(number)
         matrix = np.where(np.isfinite(matrix), matrix, 0.0)
         return Linear(residual, matrix, replace(run, derivatives=None), self.differenced)

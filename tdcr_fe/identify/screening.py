@@ -86,9 +86,11 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> list[Sco
     scores: list[Score] = []
     none = np.zeros((fit.residual.size, 0))
     for e in effects:
-        alternatives = e.probe_points(experiment, excitation)
+        probes = e.probe_points(experiment, excitation)
+        alternatives = [points for points in probes if _possible(problem, fit, e, points)]
         if not alternatives:
-            scores.append(Score(e, 0.0, 0.0, [], fit.residual, none, "these data cannot show it"))
+            note = "the robot cannot be combined with it" if probes else "these data cannot show it"
+            scores.append(Score(e, 0.0, 0.0, [], fit.residual, none, note))
         sets += [_ProbeSet.of(e, points, experiment) for points in alternatives]
     signatures, differenced = _signatures(problem, fit, sets)
     for e in effects:
@@ -98,6 +100,16 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> list[Sco
             why = {name: reason for (effect, name), reason in differenced.items() if effect == e.name}
             scores.append(replace(score, differenced=why))
     return sorted(scores, key=lambda s: -s.drop)
+
+
+def _possible(problem: FitProblem, fit: Fit, e: Effect, points: Sequence[dict[str, float]]) -> bool:
+    """Whether the model can have the effect at all points: some laws of the material exclude each other."""
+    try:
+        for point in points:
+            problem.with_effects((*fit.effects, e), {**fit.values, e.name: point})
+    except ValueError:
+        return False
+    return True
 
 
 #: Effect, parameter and values at which a derivative is taken.

@@ -1,13 +1,20 @@
-"""A candidate whose model is not solved at its start stays as it is."""
+"""Candidates whose model is not solved, or is impossible, end as such; the search goes on."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from identify_data import MODEL, ROBOT, measured
 
 from tdcr_fe.effects import effect
+from tdcr_fe.identify import fitting
 from tdcr_fe.identify.fitting import Race, descend
-from tdcr_fe.identify.problem import Fit
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.problem import Fit, FitProblem, evaluate
+from tdcr_fe.identify.screening import screen
+from tdcr_fe.model.material import NonlinearMaterial
 
 
 def test_a_candidate_that_is_not_solved_is_not_improved():
@@ -25,3 +32,33 @@ def test_a_candidate_that_is_not_solved_is_not_improved():
     with pytest.raises(StopIteration) as done:
         next(descend(None, unsolved, Race()))  # type: ignore[arg-type]
     assert done.value.value is unsolved
+
+
+def hardening():
+    """A problem whose declared backbone hardens."""
+    law = NonlinearMaterial(cubic=5.0)
+    robot = replace(ROBOT, backbone=replace(ROBOT.backbone, nonlinear=law))
+    data = measured(robot=robot, model=replace(MODEL, gravity=(0.0, 0.0, -9.81)))
+    held_out = np.zeros(len(data.readings), dtype=bool)
+    return FitProblem.of(data, np.full(len(data.readings), 1e-4), held_out, ForwardModel())
+
+
+def test_laws_of_the_material_that_exclude_each_other_are_not_tried_together():
+    """A search on a soft robot ended with "backbone.nonlinear: cannot be combined with superelastic"."""
+    problem = hardening()
+    declared = evaluate(problem, (), {})
+    assert declared.solved
+    scores = {
+        s.effect.name: s for s in screen(problem, declared, [effect("superelastic"), effect("actuator_gain")])
+    }
+    assert scores["superelastic"].note == "the robot cannot be combined with it"
+    assert scores["actuator_gain"].note == "" and scores["actuator_gain"].starts
+
+
+def test_a_model_of_an_impossible_robot_counts_as_not_solved_with_the_reason():
+    problem = hardening()
+    both = (effect("superelastic"), effect("actuator_gain"))
+    start = {"superelastic": {"threshold_strain": 0.01, "plateau_ratio": 0.2}, "actuator_gain": {"gain": 1.0}}
+    fit = fitting.fit(problem, both, [start])
+    assert not fit.solved
+    assert "backbone.nonlinear: given; cannot be combined with superelastic" in fit.run.message
