@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from random_robots import largest_gap, random_robot, random_steps
 from robots import LENGTH, distance, paper, pull, solve, three
 
 from tdcr_fe.elements.complementarity import solve_box
+from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, resolve
 from tdcr_fe.model.robot import Robot
@@ -283,3 +285,41 @@ def test_a_reversal_that_doubling_missed_is_found():
     fine = simulate(robot, model, [replace(s, substeps=512) for s in steps])
     assert chosen.warnings == fine.warnings
     assert np.max(largest_gap(chosen, fine)) < 3e-5
+
+
+#: Displacements of nine tendons in five load steps [micrometre]; the last one lets all of them out again.
+BACK_AND_FORTH = (
+    (-4019.03, 1810.098, 1825.437, -3512.816, 3359.418, -92.039, -2024.855, 3880.972, -2040.195),
+    (-4341.166, 1963.496, 1948.156, -3804.273, 3650.875, -92.039, -2193.593, 4203.108, -2178.253),
+    (-4709.322, 2193.593, 2147.573, -4126.409, 4003.69, -92.039, -2393.01, 4601.943, -2377.671),
+    (-4801.361, 2285.632, 2285.632, -4126.409, 4111.069, -92.039, -2454.37, 4755.341, -2454.37),
+    (-4417.865, 2193.593, 2193.593, -3834.952, 3850.292, -92.039, -2331.651, 4402.525, -2331.651),
+)
+
+
+def test_holes_that_turn_shortly_after_each_other_are_all_found():
+    """Three segments and 72 frictional holes, of which some turned too late: that moved the robot by 3.4e-4."""
+    ends, angles = (
+        (0.06, 0.1225, 0.1865),
+        (-174.07, -51.778, 64.394, -141.927, -26.58, 95.781, -120.459, 6.102, 128.657),
+    )
+    tendons = [
+        Tendon(f"t{i + 1}", ParallelRouting(4.5e-3, angle), 0.1, end=ends[i // 3])
+        for i, angle in enumerate(angles)
+    ]
+    disks = np.concatenate([a + (b - a) * np.arange(1, 7) / 6 for a, b in pairwise((0.0, *ends))])
+    robot = Robot(
+        Backbone(ends[-1], 0.5e-3, 50e9, 0.3, density=6450.0),
+        Disks(disks, mass=0.3e-3, radius=5.5e-3),
+        tendons,
+    )
+    pulls = 1e-6 * np.array(BACK_AND_FORTH)
+    parts = [*pulls[:-1], *(pulls[-2] + (pulls[-1] - pulls[-2]) * x for x in np.arange(1, 9) / 8)]
+
+    def end_of_history(rows):
+        steps = [LoadStep("", displacements=dict(zip(robot.tendon_names, row, strict=True))) for row in rows]
+        result = simulate(robot, Model(elements_per_bay=1), steps)
+        assert result.converged
+        return result.steps[-1].positions
+
+    assert end_of_history(pulls) == pytest.approx(end_of_history(parts), abs=1e-5 * ends[-1])

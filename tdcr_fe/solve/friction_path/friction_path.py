@@ -48,7 +48,7 @@ SHORTEST = 1e-5
 #: Over how much of the longest part, and over which largest change of a mobilisation, slopes of rates are taken [1].
 SLOPE_PART, SLOPE_CHANGE = 0.5, 0.5
 #: Slip beyond a reversal that was not foreseen, as a fraction of the presliding distance, which is left as it is [1].
-LATE = 0.005
+LATE = 1e-4
 #: By which fraction of itself a part is shortened at most where a reversal was not foreseen [1], and how often.
 MOST_SHORTENED, MOST_SHORTENINGS = 0.75, 4
 #: Slip rates below this fraction of the presliding distance per substep are zero [1].
