@@ -1,13 +1,18 @@
-"""The command ``tdcr-fe validate``."""
+"""The command ``tdcr-fe validate``: finite elements against the independent reference, as one report."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from tdcr_fe.commands.machine import add_json_option, note
 from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain
+
+if TYPE_CHECKING:
+    from tdcr_fe.validation.crosscheck.cases import Case
+    from tdcr_fe.validation.crosscheck.studies import Study
 
 
 def add_validate_parser(commands: Any) -> None:
@@ -39,11 +44,8 @@ def validate(args: argparse.Namespace) -> int:
     import os
     import time
 
-    from tqdm import tqdm
-
-    from tdcr_fe.validation.crosscheck import campaign, report
+    from tdcr_fe.validation.crosscheck import report
     from tdcr_fe.validation.crosscheck.cases import all_cases
-    from tdcr_fe.validation.crosscheck.requirements import ARBITRATIONS
     from tdcr_fe.validation.crosscheck.studies import all_studies
 
     begun = time.perf_counter()
@@ -51,23 +53,8 @@ def validate(args: argparse.Namespace) -> int:
     studies = [study for study in all_studies() if args.full or study.quick]
     processes = args.processes or os.cpu_count() or 1
     folder = out / "cases"
-    recalled = 0
     try:
-        with tqdm(
-            total=len(cases) + len(studies) + ARBITRATIONS,
-            unit="case",
-            file=sys.stderr,
-            disable=True if args.quiet else None,
-        ) as bar:
-
-            def progress(record: dict[str, Any], known: bool) -> None:
-                nonlocal recalled
-                recalled += known
-                bar.update(1)
-
-            records = campaign.run([*studies, *cases], folder, processes, progress)
-            arbitrations = report.arbitrations([records[case.id] for case in cases])
-            records |= campaign.run(arbitrations, folder, processes, progress)
+        records, arbitrations, recalled = _records(cases, studies, folder, processes, args.quiet)
     except KeyboardInterrupt:
         note(args, message="interrupted")
         complain(f"interrupted; finished cases are in {folder}, the same command continues from there")
@@ -93,3 +80,27 @@ def validate(args: argparse.Namespace) -> int:
     for failure in outcome["failures"]:
         complain(failure)
     return SUCCESS if outcome["passed"] else FAILURE
+
+
+def _records(
+    cases: list[Case], studies: list[Study], folder: Path, processes: int, quiet: bool
+) -> tuple[dict[str, dict[str, Any]], list[Study], int]:
+    """Records of cases, studies and arbitrations by name, the arbitrations, and how many records were there already."""
+    from tqdm import tqdm
+
+    from tdcr_fe.validation.crosscheck import campaign, report
+    from tdcr_fe.validation.crosscheck.requirements import ARBITRATIONS
+
+    recalled = 0
+    total = len(cases) + len(studies) + ARBITRATIONS
+    with tqdm(total=total, unit="case", file=sys.stderr, disable=True if quiet else None) as bar:
+
+        def progress(record: dict[str, Any], known: bool) -> None:
+            nonlocal recalled
+            recalled += known
+            bar.update(1)
+
+        records = campaign.run([*studies, *cases], folder, processes, progress)
+        arbitrations = report.arbitrations([records[case.id] for case in cases])
+        records |= campaign.run(arbitrations, folder, processes, progress)
+    return records, arbitrations, recalled

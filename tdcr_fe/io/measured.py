@@ -133,25 +133,9 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
     folder = Path(folder)
     problems: list[Problem] = []
     if not folder.is_dir():
-        raise InputError(
-            [
-                Problem(
-                    str(folder), "", "", "no such folder; must hold robot.toml, loading.csv, observations.csv"
-                )
-            ]
-        )
-    robot, model, settings = None, Model(), SolverSettings()
-    try:
-        robot = read_robot(folder / "robot.toml")
-    except InputError as error:
-        problems += error.problems
-    if robot is not None:
-        model = Model.default_for(robot)
-    if (folder / "model.toml").exists():
-        try:
-            model, settings = read_model_file(folder / "model.toml", robot, apart=["effects"])
-        except InputError as error:
-            problems += error.problems
+        allowed = "no such folder; must hold robot.toml, loading.csv, observations.csv"
+        raise InputError([Problem(str(folder), "", "", allowed)])
+    robot, model, settings = _read_declared(folder, problems)
     of_loading, of_readings = (table_file(folder / f"{n}.csv") for n in ("loading", "observations"))
     loading = _table(of_loading, problems)
     observed = _table(of_readings, problems)
@@ -166,19 +150,12 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
         ]
     file = str(of_readings)
     missing = [c for c in OBSERVATION_COLUMNS if c not in observed.columns]
-    problems += [
-        Problem(file, c, "", f"missing column; must have {', '.join(OBSERVATION_COLUMNS)}") for c in missing
-    ]
+    allowed = f"missing column; must have {', '.join(OBSERVATION_COLUMNS)}"
+    problems += [Problem(file, c, "", allowed) for c in missing]
     if problems:
         raise InputError(problems)
     readings, bad = read_observations(observed, robot, set(step_ids), file)
-    if bad and strict:
-        raise InputError(
-            [Problem(b.file, f"line {b.line}, {b.column}", b.value or "empty", b.allowed) for b in bad]
-        )
-    refuse_if_doubtful(bad, readings, robot, file)
-    if not readings:
-        raise InputError([Problem(file, "", "", "has no readings")])
+    _refuse_bad_readings(readings, bad, robot, file, strict)
     names = [
         n for n in ("robot.toml", "model.toml", of_loading.name, of_readings.name) if (folder / n).exists()
     ]
@@ -196,6 +173,41 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
     )
     table = read_toml(folder / "model.toml")[0].get("effects") if "model.toml" in names else None
     return data if table is None else _with_declared_effects(data, table, str(folder / "model.toml"))
+
+
+def _read_declared(folder: Path, problems: list[Problem]) -> tuple[Robot | None, Model, SolverSettings]:
+    """``robot.toml`` and ``model.toml`` of a folder; None for a robot with mistakes, which go to ``problems``."""
+    robot, model, settings = None, Model(), SolverSettings()
+    try:
+        robot = read_robot(folder / "robot.toml")
+        model = Model.default_for(robot)
+    except InputError as error:
+        problems += error.problems
+    if (folder / "model.toml").exists():
+        try:
+            model, settings = read_model_file(folder / "model.toml", robot, apart=["effects"])
+        except InputError as error:
+            problems += error.problems
+    return robot, model, settings
+
+
+def _refuse_bad_readings(
+    readings: Sequence[Reading], bad: Sequence[BadRow], robot: Robot, file: str, strict: bool
+) -> None:
+    """Refuse bad rows where ``strict``, rows that make the others doubtful, and a file without readings.
+
+    Raises
+    ------
+    InputError
+        One of these.
+    """
+    if bad and strict:
+        raise InputError(
+            [Problem(b.file, f"line {b.line}, {b.column}", b.value or "empty", b.allowed) for b in bad]
+        )
+    refuse_if_doubtful(bad, readings, robot, file)
+    if not readings:
+        raise InputError([Problem(file, "", "", "has no readings")])
 
 
 def _with_declared_effects(data: MeasuredData, table: object, file: str) -> MeasuredData:

@@ -110,6 +110,15 @@ def vtk_text(motion: Motion, step: int, codes: Sequence[NDArray[np.uint8]]) -> s
     vectors = np.zeros((2, len(points), 3))
     for i, (_, _, vector, moment) in enumerate(arrows):
         vectors[int(moment), counts[0] - len(arrows) + i] = vector
+    return _document(kinds, points, arc, radius, vectors)
+
+
+def _document(
+    kinds: tuple[_Cells, _Cells, _Cells], points: Array, arc: Array, radius: Array, vectors: Array
+) -> str:
+    """The text of a file from its vertices, lines and polygons, and the arrays of its points."""
+    verts, lines, polys = kinds
+    counts = [sum(c.sizes) for c in kinds]
     columns = list(zip(*(v for c in kinds for v in c.values), strict=True))
     sizes = [len(c.sizes) for c in kinds]
     return "\n".join(

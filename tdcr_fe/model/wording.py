@@ -1,4 +1,4 @@
-"""Keys and values of files as text, and the option that was probably meant."""
+"""Keys, values and load steps as text, and the option that was probably meant."""
 
 from __future__ import annotations
 
