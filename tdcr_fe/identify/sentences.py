@@ -81,73 +81,121 @@ def noise_size(result: IdentificationResult) -> str:
 
 def sentences(result: IdentificationResult) -> list[str]:
     """Further sentences on the first screen."""
+    found = [
+        *_reason(result),
+        *_law(result),
+        *_errors(result),
+        *_held_out(result),
+        *_search(result),
+        *_ceiling_sentence(result),
+        *_by_set(result),
+        *_indistinguishable(result),
+        *_remaining(result),
+        *_scatter_sentence(result),
+        *([result.jump] if result.jump else []),
+        *_readings(result),
+        *next_sentence(result),
+    ]
+    if result.interrupted and result.verdict != "unfinished":
+        found.append("Unfinished: the search was interrupted, and this is its state at that time.")
+    return found
+
+
+def _reason(result: IdentificationResult) -> list[str]:
+    """Why the data do not tell."""
+    if result.verdict != "cannot tell":
+        return []
+    reason = result.remaining.description
+    return [f"{reason[:1].upper()}{reason[1:]}."]
+
+
+def _law(result: IdentificationResult) -> list[str]:
+    """The law found, in words and as a formula."""
+    return [] if result.law is None else [result.law.sentence, f"{result.law.formula}."]
+
+
+def _errors(result: IdentificationResult) -> list[str]:
+    """Errors on the fitted steps beside the noise; and what else explains them as well."""
     what = measure(result)
     if result.effects or result.law:
         text = f"The {what} falls from {size(result.before_fit)} to {size(result.after_fit)}"
     else:
         text = f"The {what} is {size(result.before_fit)}"
-    found = [f"{text}; the noise alone gives {noise_size(result)}."]
-    found += _estimated_noise(result)
-    if result.law is not None:
-        found = [result.law.sentence, f"{result.law.formula}.", *found]
-        if result.law.alternatives:
-            others = " or ".join(result.law.alternatives)
-            found.append(f"Another form of the law explains these data as well: {others}.")
-    if result.held_out_steps and (result.effects or result.law):
-        found.append(
-            f"{len(result.held_out_steps)} of {len(result.data.steps)} steps were held out and not used for fitting. "
-            f"On them it goes from {size(result.before_held_out)} to {size(result.after_held_out)}"
-            + (
-                ": the corrected model predicts steps that it was not fitted to."
-                if result.after_held_out.chi2_per_dof < min(2.0, 0.5 * result.before_held_out.chi2_per_dof)
-                else "."
-            )
-        )
-    if result.searched is not None:
-        found.append(result.searched.sentence)
+    found = [f"{text}; the noise alone gives {noise_size(result)}.", *_estimated_noise(result)]
+    if result.law is not None and result.law.alternatives:
+        others = " or ".join(result.law.alternatives)
+        found.append(f"Another form of the law explains these data as well: {others}.")
+    return found
+
+
+def _held_out(result: IdentificationResult) -> list[str]:
+    """Errors on the held-out steps."""
+    if not result.held_out_steps or not (result.effects or result.law):
+        return []
+    before, after = result.before_held_out, result.after_held_out
+    predicts = after.chi2_per_dof < min(2.0, 0.5 * before.chi2_per_dof)
+    return [
+        f"{len(result.held_out_steps)} of {len(result.data.steps)} steps were held out and not used for fitting. "
+        f"On them it goes from {size(before)} to {size(after)}"
+        + (": the corrected model predicts steps that it was not fitted to." if predicts else ".")
+    ]
+
+
+def _search(result: IdentificationResult) -> list[str]:
+    """What the search used, and what it left out."""
+    found = [] if result.searched is None else [result.searched.sentence]
     if result.not_tried:
-        found.append(
-            f"The time limit did not suffice for {_joined(list(result.not_tried))}; --minutes sets it."
-        )
-    found += _ceiling_sentence(result)
+        left_out = _joined(list(result.not_tried))
+        found.append(f"The time limit did not suffice for {left_out}; --minutes sets it.")
+    return found
+
+
+def _by_set(result: IdentificationResult) -> list[str]:
+    """Errors on every one of several data sets."""
+    found = []
     for s in result.by_set:
-        held = (
-            ""
-            if not s.after_held_out.count
-            else (f", held out {size(s.before_held_out)} to {size(s.after_held_out)}")
-        )
-        fit = "" if not s.after_fit.count else f"fitted steps {size(s.before_fit)} to {size(s.after_fit)}"
-        found.append(f"{s.name} (steps {s.first} to {s.last}): {f'{fit}{held}'.removeprefix(', ')}.")
+        errors = []
+        if s.after_fit.count:
+            errors.append(f"fitted steps {size(s.before_fit)} to {size(s.after_fit)}")
+        if s.after_held_out.count:
+            errors.append(f"held out {size(s.before_held_out)} to {size(s.after_held_out)}")
+        found.append(f"{s.name} (steps {s.first} to {s.last}): {', '.join(errors)}.")
+    return found
+
+
+def _indistinguishable(result: IdentificationResult) -> list[str]:
+    """Effects that explain the data as well as those that were added."""
     alike = [
         f"{words(e.name)} from {' or '.join(words(n) for n in e.indistinguishable_from)}"
         for e in result.effects
         if e.indistinguishable_from
     ]
-    if alike:
-        found.append(
-            f"Indistinguishable on these data: {'; '.join(alike)}. Experiments that separate them are listed with the "
-            "effects below."
-        )
-    if result.verdict in ("partly explained", "unexplained"):
-        # What is known of the location; the size of the moment and the tests are in the section on the rest.
-        first = result.remaining.description.split("; ")[0]
-        plain = first.startswith("not on the list") or not result.remaining.where.startswith("bay")
-        found.append(f"Remaining error: {first if plain else 'largest in ' + result.remaining.where}.")
-    if result.verdict in ("unexplained", "partly explained"):
-        found += _never_driven(result)
-    found += _scatter_sentence(result)
-    if result.jump:
-        found.append(result.jump)
+    if not alike:
+        return []
+    return [
+        f"Indistinguishable on these data: {'; '.join(alike)}. Experiments that separate them are listed with the "
+        "effects below."
+    ]
+
+
+def _remaining(result: IdentificationResult) -> list[str]:
+    """Where the error is that no effect explains."""
+    if result.verdict not in ("partly explained", "unexplained"):
+        return []
+    # What is known of the location; the size of the moment and the tests are in the section on the rest.
+    first = result.remaining.description.split("; ")[0]
+    plain = first.startswith("not on the list") or not result.remaining.where.startswith("bay")
+    where = first if plain else f"largest in {result.remaining.where}"
+    return [f"Remaining error: {where}.", *_never_driven(result)]
+
+
+def _readings(result: IdentificationResult) -> list[str]:
+    """Rows that were left out, and outliers."""
+    found = []
     if result.data.left_out:
         found.append(f"{len(result.data.left_out)} faulty rows were left out; they are listed below.")
     if result.outliers:
         found.append(f"{len(result.outliers)} readings are outliers; they are listed below.")
-    if result.verdict == "cannot tell":
-        reason = result.remaining.description
-        found.insert(0, f"{reason[:1].upper()}{reason[1:]}.")
-    found += next_sentence(result)
-    if result.interrupted and result.verdict != "unfinished":
-        found.append("Unfinished: the search was interrupted, and this is its state at that time.")
     return found
 
 
