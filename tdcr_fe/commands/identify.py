@@ -6,11 +6,18 @@ import argparse
 import math
 import os
 import sys
-from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tdcr_fe.commands.machine import add_json_option, note
 from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain
+
+if TYPE_CHECKING:
+    from tdcr_fe.identify.outcome import IdentificationResult
+    from tdcr_fe.identify.settings import IdentifySettings
+    from tdcr_fe.io.measured import MeasuredData
+
+#: Keys of result.json that `--json` prints.
+FIGURES = ("verdict", "observations", "held_out_steps", "before", "effects", "after", "law", "ceiling")
 
 
 def add_identify_parser(commands: Any) -> None:
@@ -88,19 +95,14 @@ def _minutes(text: str) -> float:
 
 def run(args: argparse.Namespace) -> int:
     """Identify what the model of a folder of measured data lacks."""
-    from tqdm import tqdm
-
-    from tdcr_fe.identify.corrected import corrected_files
-    from tdcr_fe.identify.identification import NotSolved, identify
-    from tdcr_fe.identify.replay import corrected_motion
-    from tdcr_fe.identify.report import write_report
+    from tdcr_fe.identify.files import write_result
+    from tdcr_fe.identify.identification import NotSolved
     from tdcr_fe.identify.sentences import summary
     from tdcr_fe.identify.settings import IdentifySettings
-    from tdcr_fe.identify.time_limit import GRACE_OF_TABLES, TABLES, OutOfTime, clock
-    from tdcr_fe.io.atomic import check_output_folder, write_json, write_text
+    from tdcr_fe.identify.time_limit import GRACE_OF_TABLES, clock
+    from tdcr_fe.io.atomic import check_output_folder
     from tdcr_fe.io.measured import join_measured, read_measured
     from tdcr_fe.io.own_effects import read_own_effects
-    from tdcr_fe.model.plausibility import plausibility_warnings
 
     begun = clock()
     data = join_measured([read_measured(folder, strict=args.strict) for folder in args.folder])
@@ -111,12 +113,52 @@ def run(args: argparse.Namespace) -> int:
         hold_out_branches=tuple(args.hold_out),
         own_effects=read_own_effects(args.effects),
     )
+    _warn(args, data)
+    try:
+        result = _identified(args, data, settings)
+    except NotSolved as error:
+        note(args, message=str(error))
+        complain(str(error))
+        return FAILURE
+    result, names, interrupted = write_result(
+        result, out, begun + (1.0 + GRACE_OF_TABLES) * settings.time_limit
+    )
+    document = result.to_json()
+    figures = {name: document[name] for name in FIGURES if name in document}
+    note(args, files=[out / name for name in names], figures=figures)
+    if not args.quiet:
+        print(summary(result))
+        print(f"\nWritten to {out}: {', '.join(names)}")
+    if interrupted:
+        complain("interrupted; what was found until then is written")
+        return INTERRUPTED
+    return SUCCESS
+
+
+def _warn(args: argparse.Namespace, data: MeasuredData) -> None:
+    """Report rows that were left out, and declared values that are not plausible."""
+    from tdcr_fe.model.plausibility import plausibility_warnings
+
+    left_out = [f"left out: {row}" for row in data.left_out]
     odd = plausibility_warnings(data.robot, data.model, data.steps)
-    note(args, warnings=[*(f"left out: {row}" for row in data.left_out), *odd])
-    for row in data.left_out:
-        complain(f"left out: {row}")
-    for warning in odd:
-        complain(f"warning: {warning}")
+    note(args, warnings=[*left_out, *odd])
+    for text in (*left_out, *(f"warning: {w}" for w in odd)):
+        complain(text)
+
+
+def _identified(
+    args: argparse.Namespace, data: MeasuredData, settings: IdentifySettings
+) -> IdentificationResult:
+    """The identification, with a progress bar.
+
+    Raises
+    ------
+    NotSolved
+    """
+    from tqdm import tqdm
+
+    from tdcr_fe.identify.identification import identify
+
     with tqdm(total=100, leave=False, file=sys.stderr, disable=True if args.quiet else None,
               bar_format="{l_bar}{bar}| {elapsed} {postfix}") as bar:  # fmt: skip
 
@@ -125,45 +167,4 @@ def run(args: argparse.Namespace) -> int:
             bar.update(max(0, int(100 * share) - bar.n))
             bar.refresh()
 
-        try:
-            result = identify(data, settings, progress)
-        except NotSolved as error:
-            note(args, message=str(error))
-            complain(str(error))
-            return FAILURE
-    out.mkdir(parents=True, exist_ok=True)
-    write_json(result.to_json(), out / "result.json")
-    for name, text in corrected_files(result).items():
-        write_text(text, out / name)
-    next_loading = result.next_loading()
-    if next_loading is not None:
-        (out / "next").mkdir(exist_ok=True)
-        write_text(next_loading, out / "next" / "loading.csv")
-    motion, interrupted = None, result.interrupted
-    try:
-        several = bool(data.parts)  # the panel shows one loading sequence
-        deadline = begun + (1.0 + GRACE_OF_TABLES) * settings.time_limit
-        motion = None if interrupted or several else corrected_motion(result, out, deadline)
-    except KeyboardInterrupt:  # the report is written without the 3D panel
-        interrupted = True
-    except OutOfTime:
-        result = replace(result, not_tried=(*result.not_tried, TABLES))
-        write_json(result.to_json(), out / "result.json")
-    write_report(result, out / "report.html", motion)
-    document = result.to_json()
-    names = ["result.json", "report.html", *corrected_files(result)]
-    names += [] if next_loading is None else ["next/loading.csv"]
-    names += [] if motion is None else ["corrected"]
-    figures = ("verdict", "observations", "held_out_steps", "before", "effects", "after", "law", "ceiling")
-    note(
-        args, files=[out / name for name in names], figures={k: document[k] for k in figures if k in document}
-    )
-    if not args.quiet:
-        print(summary(result))
-        more = "" if next_loading is None else ", next/loading.csv"
-        more += "" if motion is None else ", corrected/"
-        print(f"\nWritten to {out}: result.json, report.html, robot.toml, effects.toml{more}")
-    if interrupted:
-        complain("interrupted; what was found until then is written")
-        return INTERRUPTED
-    return SUCCESS
+        return identify(data, settings, progress)
