@@ -52,7 +52,7 @@ def add_disk(
         Smallest drawn thickness [m].
     """
     half = 0.5 * max(thickness, draw_thickness)
-    cylinder = _cylinder(half, radius, tuple(color))
+    cylinder = _cylinder((-half, 0.0, 0.0), (2.0 * half, 0.0, 0.0), radius, tuple(color))
     return mbs.AddObject(
         eii.ObjectRigidBody(
             name=name,
@@ -65,11 +65,11 @@ def add_disk(
 
 
 @lru_cache(maxsize=64)
-def _cylinder(half: float, radius: float, color: tuple[float, ...]) -> Any:
-    """Graphics of a disk, cached: creating them takes as long as solving several steps."""
-    return graphics.Cylinder(
-        pAxis=[-half, 0.0, 0.0], vAxis=[2.0 * half, 0.0, 0.0], radius=radius, color=list(color), nTiles=32
-    )
+def _cylinder(
+    start: tuple[float, ...], axis: tuple[float, ...], radius: float, color: tuple[float, ...]
+) -> Any:
+    """Graphics of a disk or plate, cached: creating them takes as long as solving several steps."""
+    return graphics.Cylinder(pAxis=list(start), vAxis=list(axis), radius=radius, color=list(color), nTiles=32)
 
 
 def base_plate(
@@ -91,6 +91,4 @@ def base_plate(
         RGBA.
     """
     axis = thickness * np.asarray(rotation)[:, 2]
-    return graphics.Cylinder(
-        pAxis=list(position - axis), vAxis=list(axis), radius=radius, color=list(color), nTiles=32
-    )
+    return _cylinder(tuple((position - axis).tolist()), tuple(axis.tolist()), radius, tuple(color))
