@@ -211,9 +211,9 @@ class BodyFrameReduction:
         pairs = np.eye(self.nodes, dtype=bool)
         for k in set(range(data.NumberOfObjects())).difference(idle):
             touched = np.asarray(data.GetObjectLTGODE2(k), dtype=int)
-            nodes = np.unique(node_of[touched]) if touched.size else touched
-            nodes = nodes[nodes >= 0]
-            pairs[np.ix_(nodes, nodes)] = True
+            nodes = sorted(set(node_of[touched].tolist()) - {-1})
+            if len(nodes) > 1:
+                pairs[np.ix_(nodes, nodes)] = True
         for robot in self._robots:
             for row in robot:
                 pairs[row[:-1], row[1:]] = pairs[row[1:], row[:-1]] = True
