@@ -37,7 +37,7 @@ WRONG_SIGMA = 3.0
 FARTHEST = 2.0
 #: A jump of the residual that is left is reported where it is this many times the scatter before and after it, and
 #: sigma [1], there are so many steps on both sides, and it leaves at most this share of what a line leaves [1].
-CLEAR_JUMP, LEAST_PART, BESIDE_TREND = 3.0, 4, 0.7
+CLEAR_JUMP, LEAST_PART, BESIDE_TREND = 4.0, 4, 0.7
 #: Largest number of load steps that are simulated to try exchanged tendons.
 MOST_STEPS = 1500
 
