@@ -10,7 +10,7 @@ import numpy as np
 
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.criteria import rank, reduced_chi_square, required_drop
+from tdcr_fe.identify.criteria import rank, reduced_chi_square, required_drop, residual_is_noise
 from tdcr_fe.identify.outcome import Candidate
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.screening import Score, screen
@@ -28,6 +28,10 @@ from tdcr_fe.identify.unlisted import local_candidates, strong_candidates
 #: Two effects are tried together where that promises a criterion smaller by this share than the first of them alone.
 PROMISE = 0.1
 
+#: So many more candidates than are fitted are evaluated at their predicted values, where strong effects differ from the
+#: prediction.
+SECOND_LOOK = 4
+
 #: Local causes that saturate are simulated where no other one leaves less than this share of the misfit to first order.
 SOLVED = 0.1
 
@@ -38,7 +42,7 @@ STRENGTHS = (1.0, 8.0, 64.0)
 def propose(
     search: Search, state: SearchState, number: int, level: Sequence[Fit], progress: float
 ) -> tuple[SearchState, list[tuple[Fit, Score]]]:
-    """The best candidates beside each model, by the predicted BIC to first order.
+    """The best candidates beside each model, by the predicted BIC to first order; `SECOND_LOOK` more than are fitted.
 
     A candidate that comes with another effect has a model that contains that one, at values that are not yet fitted.
     """
@@ -62,7 +66,7 @@ def propose(
         proposals += _promising(pairs, [p for p in proposals if p[1] is fit])
     chosen: dict[Names, tuple[Fit, Score]] = {}
     for _, fit, score in sorted(proposals, key=lambda p: p[0]):
-        if len(chosen) < search.settings.candidates:
+        if len(chosen) < search.settings.candidates + SECOND_LOOK:
             # Of the forms of one effect that with the best criterion, which counts their parameters.
             chosen.setdefault(frozenset({*fit.names, score.effect.listed}), (fit, score))
     return state, list(chosen.values())
@@ -189,7 +193,7 @@ def fit_proposals(
     progress: float,
 ) -> tuple[SearchState, list[Fit]]:
     """Fit the candidates of a round; those that were solved, best first."""
-    state, raced = fit_and_rank(search, state, proposals, math.inf, progress)
+    state, raced = fit_and_rank(search, state, proposals, math.inf, progress, most=search.settings.candidates)
     problem = state.problem
     for fit, score, new in raced:
         entries = tuple(
@@ -218,10 +222,30 @@ def fit_and_rank(
     known: float,
     progress: float,
     more: Mapping[str, Sequence[Point]] | None = None,
+    most: int | None = None,
 ) -> tuple[SearchState, list[tuple[Fit, Score, Fit]]]:
     """Fit models, each a fitted one with one more effect; those that cannot come near the best are stopped.
 
-    ``more``: by effect, further points to begin from where the lowest cost is not reached.
+    Parameters
+    ----------
+    search, state
+        The search and its state.
+    starters
+        A fitted model, and the score of an effect beside it.
+    known
+        Lowest cost so far.
+    progress
+        Fraction of the search that is done [1].
+    more
+        By effect, further points to begin from where the lowest cost is not reached.
+    most
+        So many models are fitted at most: those that promise most at their predicted values; None for all.
+
+    Returns
+    -------
+    state : SearchState
+    fits : list
+        Fitted model, score and fit of every model that was fitted, now or before.
     """
     new = [x for x in starters if names_with(*x) not in state.fits]
     known = min([known, *(state.fits[names_with(*x)].cost for x in starters if names_with(*x) in state.fits)])
@@ -229,13 +253,27 @@ def fit_and_rank(
         search.report(f"fitting {listed_names([score.effect.name for _, score in new])}", progress)
     # The first effect is fitted to the end, whatever time that takes.
     race = fitting.Race(known, search.deadline if state.best.effects else math.inf)
+    begun = fitting.run_fits(
+        state.problem,
+        [fitting.begin(state.problem, (*p.effects, x.effect), x.starts[:1], race, p.run) for p, x in new],
+    )
+    chosen = list(zip(new, begun, strict=True))
+    if most is not None:
+        fitted_before = len(starters) - len(new)
+        chosen = sorted(chosen, key=lambda c: _outlook(state.problem, c[1]))[: max(1, most - fitted_before)]
     fittings = [
-        candidate_fit(state.problem, parent, score, race, (more or {}).get(score.effect.name, ()))
-        for parent, score in new
+        candidate_fit(state.problem, parent, score, now, race, (more or {}).get(score.effect.name, ()))
+        for (parent, score), now in chosen
     ]
     for found in fitting.run_fits(state.problem, fittings):
         state = with_note_on_differences(state.with_fit(found), found.differenced)
-    return state, [(parent, score, state.fits[names_with(parent, score)]) for parent, score in starters]
+    known_fits = [(p, x, state.fits.get(names_with(p, x))) for p, x in starters]
+    return state, [(p, x, fit) for p, x, fit in known_fits if fit is not None]
+
+
+def _outlook(problem: FitProblem, fit: Fit) -> float:
+    """BIC of the fitted readings that a model promises from where it is, to first order."""
+    return fitting.reachable_cost(problem, fit) + len(fit.free) * math.log(problem.count)
 
 
 def names_with(parent: Fit, score: Score) -> Names:
@@ -244,11 +282,31 @@ def names_with(parent: Fit, score: Score) -> Names:
 
 
 def candidate_fit(
-    problem: FitProblem, parent: Fit, score: Score, race: fitting.Race, more: Sequence[Point] = ()
+    problem: FitProblem,
+    parent: Fit,
+    score: Score,
+    now: Fit | None,
+    race: fitting.Race,
+    more: Sequence[Point] = (),
 ) -> fitting.Fitting:
-    """Fit a candidate beside a model from the first start; from the others where its cost stays too high."""
+    """Fit a candidate beside a model from the first start; from the others where its cost stays too high.
+
+    Parameters
+    ----------
+    problem
+        Readings.
+    parent, score
+        The model, and the score of the candidate beside it.
+    now
+        The candidate at the first start; None where it was not evaluated yet.
+    race
+        With the others.
+    more
+        Further points to begin from where the lowest cost is not reached.
+    """
     effects, drop = (*parent.effects, score.effect), parent.cost - score.cost(problem)
-    now = yield from fitting.begin(problem, effects, score.starts[:1], race, parent.run)
+    if now is None:
+        now = yield from fitting.begin(problem, effects, score.starts[:1], race, parent.run)
     now = yield from fitting.descend(problem, now, race, 5, score.predicted)
     starts = list(more) if now.cost > 1.5 * race.lowest else []
     if now.cost > max(1.5 * race.lowest, parent.cost - 0.7 * drop):
@@ -283,14 +341,16 @@ def scores_beside(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[S
     return state, state.scores[key]
 
 
-def local_scores_beside(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]:
+def local_scores_beside(search: Search, state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]:
     """Scores of local causes beside a model, computed once."""
     key = frozenset(fit.names)
     if key not in state.local_scores:
         every = [e for family in local_candidates(state.problem, fit) for e in family]
         scores = screen(state.problem, fit, every)
         state = with_screened(state, scores)
-        if min((x.cost(state.problem) for x in scores), default=math.inf) > SOLVED * fit.cost:
+        least = min((x.cost(state.problem) for x in scores), default=math.inf)
+        explained = residual_is_noise(state.problem, state.best, search.significance)
+        if least > SOLVED * fit.cost and not explained:
             scores = sorted([*scores, *_strong_scores(state.problem, fit)], key=lambda s: -s.drop)
         state = replace(state, local_scores={**state.local_scores, key: scores})
     return state, state.local_scores[key]

@@ -231,7 +231,7 @@ def descend(
         z, step, promised = _proposal(problem, now, damping)
         if promised < 0.02 + 2e-4 * now.cost:
             break
-        reach = max(0.0, now.cost - _proposal(problem, now, 0.0)[2])
+        reach = reachable_cost(problem, now)
         if np.sqrt(reach) - error > np.sqrt(race.limit):
             return replace(now, given_up=True)
         point = problem.point(now.effects, now.values, now.free, z)
@@ -255,6 +255,13 @@ def descend(
         if gain < 0.1 * now.cost and reach > race.limit:
             return replace(now, given_up=True)
     return now
+
+
+def reachable_cost(problem: FitProblem, now: Fit) -> float:
+    """Cost of a fit at the best values that its linear model knows."""
+    if not now.free or not np.isfinite(now.cost):
+        return now.cost
+    return max(0.0, now.cost - _proposal(problem, now, 0.0)[2])
 
 
 def _distance(problem: FitProblem, a: Array, b: Array) -> float:

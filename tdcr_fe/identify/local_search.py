@@ -56,7 +56,7 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
         # A local cause is fitted only if it does about as well as the best model to first order; the best candidate
         # has more margin, because the linearisation is inaccurate.
         margin = 0.1 * base.cost + 5.0 * state.best.cost if base is not state.best else math.inf
-        state, scored = local_scores_beside(state, base)
+        state, scored = local_scores_beside(search, state, base)
         needed = required_drop(1, search.significance, reduced_chi_square(state.problem, base))
         for x in scored:
             if x.starts:
@@ -73,7 +73,9 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
         return state
     search.report(f"fitting {listed_names([score.effect.name for _, score in chosen])}", 0.9)
     race = fitting.Race(state.best.cost, search.deadline)
-    fits = fitting.run_fits(state.problem, [candidate_fit(state.problem, b, x, race) for b, x in chosen])
+    fits = fitting.run_fits(
+        state.problem, [candidate_fit(state.problem, b, x, None, race) for b, x in chosen]
+    )
     fits = better_places(state.problem, fits, sizes, race)
     for new in fits:
         state = state.with_fit(new)

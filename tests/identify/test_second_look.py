@@ -1,0 +1,27 @@
+"""Candidates are evaluated at their predicted values before some of them are fitted."""
+
+from dataclasses import replace
+
+import numpy as np
+from identify_data import MODEL, ROBOT, measured
+
+from tdcr_fe.identify.candidates import SECOND_LOOK, fit_proposals, propose
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.settings import IdentifySettings
+
+
+def test_a_strong_effect_whose_score_is_low_is_fitted_and_found():
+    """`hole_adhesion` has the third score, and with two fits a round was not among them: `actuator_loss` came first."""
+    data = measured({"hole_adhesion": {"drop": 0.2}}, robot=ROBOT, model=replace(MODEL, friction="per-hole"))
+    count = len(data.readings)
+    problem = FitProblem.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
+    state = SearchState.start(problem, evaluate(problem, (), {}))
+    search = Search(IdentifySettings(candidates=2), lambda text, share: None)
+    state, proposals = propose(search, state, 1, [state.declared], 0.0)
+    names = [score.effect.name for _, score in proposals]
+    assert names.index("hole_adhesion") >= 2 and len(names) == 2 + SECOND_LOOK
+    state, fits = fit_proposals(search, state, 1, proposals, 0.0)
+    assert len(fits) <= 2 and fits[0].names == ("hole_adhesion",)
+    assert fits[0].cost < 2.0 * count < 0.1 * state.declared.cost
