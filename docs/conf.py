@@ -13,7 +13,7 @@ from sphinx.errors import ExtensionError
 from tdcr_fe import __version__
 
 sys.path.insert(0, str(Path(__file__).parent))
-from draw_pictures import draw_moving_robot
+from draw_pictures import draw_missing, draw_moving_robot
 
 project = "tdcr-fe"
 author = "the maintainers of tdcr-fe"
@@ -101,7 +101,7 @@ html_static_path = ["_static"]
 html_extra_path = ["_generated/pages"]
 (Path(__file__).parent / "_generated" / "pages").mkdir(
     parents=True, exist_ok=True
-)  # filled by _draw_first_page
+)  # filled by _draw_pictures
 html_css_files = ["page.css"]
 html_show_sourcelink = False
 html_theme_options = {"navigation_with_keys": True}
@@ -147,10 +147,11 @@ def _need_no_network(app: Sphinx, exception: Exception | None) -> None:
             raise ExtensionError(f"these need a network: {sorted(found)}")
 
 
-def _draw_first_page(app: Sphinx) -> None:
-    """Draw what the first page shows, unless it is there already: `_generated` is not in the repository."""
+def _draw_pictures(app: Sphinx) -> None:
+    """Draw what the pages show, unless it is there already: `_generated` is not in the repository."""
     if app.builder.format == "html":
         draw_moving_robot(Path(app.srcdir) / "_generated")
+        draw_missing(Path(app.srcdir) / "_generated" / "pictures")
 
 
 # Napoleon takes what stands before the colon of a property's first line for its type.
@@ -188,6 +189,6 @@ def setup(app: Sphinx) -> None:
     """Prepare docstrings for Napoleon, draw the moving picture, copy MathJax, and find what needs a network."""
     app.connect("autodoc-process-docstring", _one_attribute_a_line, priority=100)
     app.connect("autodoc-process-docstring", _no_type_in_a_property, priority=100)
-    app.connect("builder-inited", _draw_first_page)
+    app.connect("builder-inited", _draw_pictures)
     app.connect("build-finished", _copy_mathjax)
     app.connect("build-finished", _need_no_network)

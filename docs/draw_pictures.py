@@ -1,11 +1,9 @@
-"""Draw the pictures of the pages anew, those of the paper left out: ``python docs/draw_pictures.py``.
+"""Draw the pictures of the pages, when these are built: those of the demo and of the page "Sweeps".
 
-Those of "A first robot" and of the README are the pictures of ``tdcr-fe demo``. The gallery draws its own, and those of
-the pages that show an example, when the pages are built.
+The gallery draws its own, and ``tdcr-fe paper --docs docs`` writes the page of the paper with its pictures. ``python
+docs/draw_pictures.py`` draws the picture of the README anew, which is shown where no pages are built.
 """
 
-import shutil
-import subprocess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,6 +14,13 @@ from tdcr_fe import cli
 DOCS = Path(__file__).parent
 #: Pictures of the demo, and their width on the page [pixels].
 OF_THE_DEMO = {"shapes": 1018, "tensions": 680, "hysteresis": 640}
+#: Pictures of the sweeps in `examples/sweeps`: file of the report, and name on the page.
+OF_THE_SWEEPS = {
+    "uncertainty": {"sobol_indices": "sweep_sobol", "distributions": "sweep_distributions"},
+    "workspace": {"workspace": "sweep_workspace"},
+}
+#: Picture of the README.
+OF_THE_README = DOCS / "pictures" / "shapes.png"
 
 
 def draw_demo(folder: Path) -> None:
@@ -43,34 +48,9 @@ def draw_moving_robot(folder: Path) -> None:
             raise SystemExit("the demo could not be drawn")
 
 
-def draw_viewer(folder: Path) -> None:
-    """Photograph the 3D page of the demo in a headless Chromium, where there is one."""
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
-    if chromium is None:
-        print("viewer.png stays as it is: no Chromium found")
-        return
-    with TemporaryDirectory() as out:
-        if cli.main(["demo", "-o", out, "--quiet"]) != 0:
-            raise SystemExit("the demo did not converge")
-        photo = Path(out) / "photo.png"
-        flags = ["--headless=new", "--no-sandbox", "--hide-scrollbars", "--use-angle=swiftshader"]
-        flags += ["--enable-unsafe-swiftshader", "--window-size=1360,850", "--virtual-time-budget=4000"]
-        page = (Path(out) / "view.html").as_uri()
-        subprocess.run(
-            [chromium, *flags, f"--user-data-dir={out}/profile", f"--screenshot={photo}", page], check=True
-        )
-        with Image.open(photo) as picture:
-            part = picture.convert("RGB").crop((0, 0, 1360, 752))
-            part.resize((1020, 564), Image.Resampling.LANCZOS).save(folder / "viewer.png", optimize=True)
-
-
 def draw_sweeps(folder: Path) -> None:
     """Run the sweeps of the page "Sweeps" and keep the pictures of their reports."""
-    kept = {
-        "uncertainty": {"sobol_indices": "sweep_sobol", "distributions": "sweep_distributions"},
-        "workspace": {"workspace": "sweep_workspace"},
-    }
-    for name, pictures in kept.items():
+    for name, pictures in OF_THE_SWEEPS.items():
         with TemporaryDirectory() as out:
             if cli.main(["sweep", str(DOCS / "examples" / "sweeps" / f"{name}.toml"), "-o", out, "-q"]) != 0:
                 raise SystemExit(f"a case of {name}.toml did not converge")
@@ -81,7 +61,18 @@ def draw_sweeps(folder: Path) -> None:
                 page.quantize(128).save(folder / f"{target}.png")
 
 
+def draw_missing(folder: Path) -> None:
+    """Draw the pictures of the demo and of the sweeps that are not in a folder yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if not all((folder / f"{name}.png").exists() for name in OF_THE_DEMO):
+        draw_demo(folder)
+    if not all(
+        (folder / f"{name}.png").exists() for names in OF_THE_SWEEPS.values() for name in names.values()
+    ):
+        draw_sweeps(folder)
+
+
 if __name__ == "__main__":
-    draw_demo(DOCS / "pictures")
-    draw_viewer(DOCS / "pictures")
-    draw_sweeps(DOCS / "pictures")
+    with TemporaryDirectory() as drawn:
+        draw_demo(Path(drawn))
+        OF_THE_README.write_bytes((Path(drawn) / OF_THE_README.name).read_bytes())

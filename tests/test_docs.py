@@ -31,6 +31,10 @@ def test_every_page_that_is_linked_is_there():
             if target.startswith("gallery/"):  # made by the build of the pages from the examples
                 source = target.removeprefix("gallery/").removesuffix(".rst")
                 target = "examples/GALLERY_HEADER.rst" if source == "index" else f"examples/{source}.py"
+            if target.startswith("_generated/pictures/"):  # drawn by the build of the pages
+                drawn = (ROOT / "docs" / "draw_pictures.py").read_text(encoding="utf-8")
+                assert f'"{Path(target).stem}"' in drawn, f"{page.name} points to {target}"
+                continue
             assert (page.parent / target).exists(), f"{page.name} points to {target}"
 
 
@@ -104,8 +108,8 @@ def test_example_runs(script, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-def test_pictures_of_the_pages_are_those_of_the_demo(monkeypatch, tmp_path):
-    """Small grey copies differ by less than half of the drawn lines; those of 0.1 showed an older run."""
+def test_the_picture_of_the_readme_is_that_of_the_demo(monkeypatch, tmp_path):
+    """Small grey copies differ by less than half of the drawn lines; that of 0.1 showed an older run."""
     from PIL import Image
 
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
@@ -116,11 +120,17 @@ def test_pictures_of_the_pages_are_those_of_the_demo(monkeypatch, tmp_path):
         with Image.open(path) as picture:
             return np.asarray(picture.convert("L").resize((80, 50)), dtype=float) / 255.0
 
-    for name in drawing.OF_THE_DEMO:
-        stored, drawn = (
-            thumbnail(folder / f"{name}.png") for folder in (ROOT / "docs" / "pictures", tmp_path)
-        )
-        assert np.mean(np.abs(stored - drawn)) < 0.5 * np.mean(1.0 - drawn), name
+    stored, drawn = thumbnail(drawing.OF_THE_README), thumbnail(tmp_path / drawing.OF_THE_README.name)
+    assert np.mean(np.abs(stored - drawn)) < 0.5 * np.mean(1.0 - drawn)
+
+
+def test_pages_show_pictures_of_their_own_build():
+    """Kept in the repository are only the picture of the README, and those that ``tdcr-fe paper --docs`` writes."""
+    kept = {p.name for p in (ROOT / "docs" / "pictures").iterdir()}
+    assert {name for name in kept if not name.startswith("paper_")} == {"shapes.png"}
+    for page in (ROOT / "docs").glob("*.md"):
+        if page.stem != "paper":
+            assert "](pictures/" not in page.read_text(encoding="utf-8"), page.name
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
