@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from tdcr_fe.effects import Experiment, effect, with_effects
+from tdcr_fe.effects import Effect, Experiment, with_effects
 from tdcr_fe.identify.outcome import IdentificationResult
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml, value_to_toml
 from tdcr_fe.model.loading import LoadStep
@@ -15,17 +15,23 @@ Table = Mapping[str, Mapping[str, float]]
 
 def observation_effects(result: IdentificationResult) -> list[str]:
     """Effects that act on the measurement only; a scenario cannot have them."""
-    # In the order in which they are applied: pretension needs the stretch of the tendons before it.
-    order = [e.name for e in result.catalogue]
-    table = sorted(result.effects_table.items(), key=lambda item: order.index(item[0]))
-    before, found = result.data.experiment, set()
-    for name, values in table:
-        e = effect(name, result.catalogue)
-        changed = e.apply(before, {**e.null_values(before), **values})
-        if changed.observation != before.observation:
-            found.add(name)
-        before = changed
+    changes = _changes(result.data.experiment, result.effects_table, result.catalogue)
+    found = {name for name, before, after in changes if after.observation != before.observation}
     return [name for name in result.effects_table if name in found]
+
+
+def _changes(
+    experiment: Experiment, table: Table, catalogue: Sequence[Effect]
+) -> Iterator[tuple[str, Experiment, Experiment]]:
+    """Effects one after another, each with the experiment before and after it.
+
+    They are applied in the order of the catalogue: pretension needs the stretch of the tendons before it.
+    """
+    for e in catalogue:
+        if e.name in table:
+            changed = e.apply(experiment, {**e.null_values(experiment), **table[e.name]})
+            yield e.name, experiment, changed
+            experiment = changed
 
 
 def effects_block(result: IdentificationResult) -> str:
@@ -110,18 +116,14 @@ def _beside_robot(result: IdentificationResult, final: Experiment, table: Table)
     """Experiment and effects that give the final one, with all that acts on the robot alone in the robot."""
     base = replace(result.commanded, robot=final.robot)
     inside = {
-        name: values for name, values in table.items() if not _acts_on_robot_alone(result, name, values)
+        name: table[name]
+        for name, before, after in _changes(result.commanded, table, result.catalogue)
+        if (after.model, after.steps) != (before.model, before.steps)
     }
     again = with_effects(base, inside, result.catalogue)
     if (again.robot, again.model, again.steps) == (final.robot, final.model, final.steps):
         return base, inside
     return final, {}  # an effect acts on the robot and on more: model and steps stand as they become
-
-
-def _acts_on_robot_alone(result: IdentificationResult, name: str, values: Mapping[str, float]) -> bool:
-    before = result.commanded
-    changed = with_effects(before, {name: values}, result.catalogue)
-    return (changed.model, changed.steps) == (before.model, before.steps)
 
 
 def _labelled(result: IdentificationResult, experiment: Experiment) -> list[LoadStep]:

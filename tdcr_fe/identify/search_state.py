@@ -191,8 +191,11 @@ def refined(state: SearchState) -> SearchState:
             break
         changed = True
     if changed:
-        fitted = fitting.evaluated(problem, before.effects, before.values, before.free)
+        # The run is known, with its path: along its own path it is repeated with derivatives at a small cost.
+        _, (run,) = problem.residuals(before.effects, [before.values], record=True)
+        fitted = fitting.evaluated(problem, before.effects, before.values, before.free, run)
         (again,) = fitting.run_fits(problem, [fitted])
+        again = replace(again, on_own_path=True)
     else:
         again = _recounted(problem, before, problem.correction - state.problem.correction)
     shift = again.residual - before.residual

@@ -9,9 +9,15 @@ from identify_data import MODEL, ROBOT, measured
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import effect, with_effects
-from tdcr_fe.identify import identify
-from tdcr_fe.identify.corrected import corrected_files
+from tdcr_fe.identify import IdentifySettings, identify
+from tdcr_fe.identify.conclude import conclude
+from tdcr_fe.identify.corrected import corrected_files, observation_effects
 from tdcr_fe.identify.divide import divide_steps
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify.replay import corrected_motion
+from tdcr_fe.identify.report import write_report
+from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.io.toml import read_robot, read_scenario
 
 ROUGH = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.25) for t in ROBOT.tendons))
@@ -75,3 +81,38 @@ def test_divided_steps_are_written_in_parts_with_the_effects_on_their_commands(t
     assert [s.label for s in scenario.steps].count("3 (part 1 of 4)") >= 1
     e = effect("actuator_loss")
     assert expected == e.apply(commanded, result.effects_table["actuator_loss"])
+
+
+def test_effects_that_need_each_other_are_written_and_drawn(tmp_path):
+    """Pretension needs the stretch of the tendons: applied alone, it ended the command in a traceback."""
+    data = measured()
+    moved = tuple(
+        replace(s, tensions={}, displacements={n: 1e-3 * x for n, x in s.tensions.items()}, time=float(k))
+        for k, s in enumerate(data.steps)
+    )
+    data = replace(data, steps=moved)
+    values = {
+        "pretension": {"tension": 0.5},
+        "tendon_stretch": {"axial_stiffness": 500.0},
+        "gravity": {"g_x": 0.0, "g_y": -6.0, "g_z": -7.0},
+        "frame_misalignment": {"rot_x": 0.02, "rot_y": 0.0, "rot_z": 0.0},
+        "time_lag": {"lag": 0.2},
+    }
+    count = len(data.readings)
+    problem = FitProblem.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
+    state = SearchState.start(problem, evaluate(problem, (), {}))
+    best = evaluate(problem, tuple(effect(name) for name in values), values)
+    search = Search(IdentifySettings(), lambda text, share: None)
+    result = conclude(search, replace(state, best=best), False, 0.0)
+    assert observation_effects(result) == ["frame_misalignment"]
+    write(result, tmp_path)
+    tendons = read_robot(tmp_path / "robot.toml").tendons
+    assert all(t.axial_stiffness == 500.0 and t.pretension == pytest.approx(0.5) for t in tendons)
+    motion = corrected_motion(result, tmp_path)
+    write_report(result, tmp_path / "report.html", motion)
+    scenario = str(tmp_path / "effects.toml")
+    assert main(["run", scenario, "-o", str(tmp_path / "out"), "--no-pictures", "-q"]) == 0
+    table = pd.read_csv(tmp_path / "out" / "steps.csv", dtype={"label": str})
+    tip = table.drop_duplicates("label", keep="last")[["tip_x", "tip_y", "tip_z"]].to_numpy()[-1]
+    seen = result.corrected.observation.in_base(result.shapes.backbone_after[-1, -1])
+    np.testing.assert_allclose(tip, seen, rtol=0.0, atol=1e-8)
