@@ -515,6 +515,9 @@ def build_scenario(
     problems: list[Problem] = []
     readers: dict[str, TableReader] = {"effects": read_effects, **(further_tables or {})}
     data = tables.scenario
+    if "backbone" in data and not {"robot", "steps"} & data.keys():
+        allowed = "is the file of a robot; give the scenario.toml that names it"
+        raise InputError([Problem(str(tables.path), "", "", allowed)])
     reporter = Reporter(str(tables.path), problems)
     top, _ = take_table(SCENARIO, data, "", reporter.mistake, list(readers))
 

@@ -124,3 +124,12 @@ def test_tables_of_many_tendons_fit_a_terminal(count):
     for numbers in (last.base_tensions.tolist(), (1e3 * last.displacements).round(3).tolist()):
         found = [float(x) for x in words if x.lstrip("-").replace(".", "", 1).isdigit()]
         assert all(any(abs(x - n) < 1e-3 for x in found) for n in numbers)
+
+
+def test_a_robot_given_in_place_of_a_scenario_is_named(tmp_path, capsys):
+    """It gave six mistakes: robot and steps missing, and every table of the robot unknown."""
+    write_robot(tmp_path, "straight", "none")
+    robot = tmp_path / "robot.toml"
+    assert cli.main(["run", str(robot), "-o", str(tmp_path / "out")]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[1:] == [f"  {robot}: is the file of a robot; give the scenario.toml that names it"]
