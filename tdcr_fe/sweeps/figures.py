@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from tdcr_fe.report.style import COLOURS, INK, PALE, SOFT, styled
@@ -97,6 +98,7 @@ def workspace(result: SweepResult) -> Figure | None:
         if drawn is not None and label:
             bar = figure.colorbar(drawn, ax=axes, shrink=0.85, pad=0.01)
             bar.set_label(label)
+            _with_prefixes(bar.ax.yaxis, colour)
             bar.outline.set_visible(False)
     return figure
 
@@ -174,6 +176,13 @@ def main_effects(result: SweepResult) -> Figure | None:
     return figure
 
 
+def _with_prefixes(axis: Axis, values: Array) -> None:
+    """Numbers as 60 G or 50 µ where they are large or small, in place of a power of ten beside the axis."""
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    if largest >= 1e5 or 0.0 < largest < 1e-3:
+        axis.set_major_formatter(EngFormatter())
+
+
 def _wrapped(key: str) -> str:
     """A long key in two lines."""
     if len(key) <= 26:
@@ -208,6 +217,7 @@ def _main_effect(ax: Axes, result: SweepResult, given: str, values: Array) -> No
     )
     if numeric:
         ax.xaxis.set_major_locator(MaxNLocator(4))
+        _with_prefixes(ax.xaxis, levels)
     else:
         ax.set_xticks(place, labels=[str(x) for x in levels])
         ax.set_xlim(-0.6, len(levels) - 0.4)
