@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.material_damping import MaterialDamping
+from tdcr_fe.elements.recorded_items import RecordedItems, item_counts
 from tdcr_fe.elements.system import SystemReference
 
 #: Key of the hooks in ``mbs.variables``.
@@ -80,6 +81,9 @@ class SceneHooks:
         self.actuations: list[TendonActuation] = []
         self.point_loads: list[PointLoadItem] = []
         self.observers: list[StepObserver] = []
+        #: By robot, items that must keep their numbers; and how many items there were when this was last seen.
+        self._items: list[RecordedItems] = []
+        self._counts = item_counts(mbs)
         self._users_post_step: Callable[..., Any] | None = None
         # One bound method: each access to the attribute makes another.
         self._own_post_step = self._after_step
@@ -92,13 +96,46 @@ class SceneHooks:
         hooks = mbs.variables[KEY]
         assert isinstance(hooks, cls)
         hooks.system.bind(mbs)
-        if hooks.actuations and mbs.systemData.NumberOfNodes() == 0:
-            # The system was reset, which leaves mbs.variables as they are.
-            hooks.actuations.clear()
-            hooks.point_loads.clear()
-            hooks.observers.clear()
+        hooks._check_items()
         hooks.adopt(mbs)
         return hooks
+
+    @staticmethod
+    def has(mbs: exu.MainSystem, actuation: TendonActuation) -> bool:
+        """Whether a robot is known to a system; installs nothing."""
+        hooks = mbs.variables.get(KEY)
+        if not isinstance(hooks, SceneHooks):
+            return False
+        hooks._check_counts()
+        return any(each is actuation for each in hooks.actuations)
+
+    def _check_counts(self) -> None:
+        """`_check_items` where items were added or deleted since."""
+        if item_counts(self.system.mbs) != self._counts:
+            self._check_items()
+
+    def _check_items(self) -> None:
+        """Forget robots that ``mbs.Reset()`` has removed, which leaves mbs.variables as they are.
+
+        Raises
+        ------
+        ValueError
+            Items were deleted, so that those of a robot have other numbers.
+        """
+        mbs = self.system.mbs
+        self._counts = item_counts(mbs)
+        changed = [i for i, items in enumerate(self._items) if not items.unchanged(mbs)]
+        if not changed:
+            return
+        if all(items.removed(mbs) for items in self._items):
+            for robots in (self.actuations, self.point_loads, self.observers, self._items):
+                robots.clear()
+            return
+        name = self.actuations[changed[0]].name
+        raise ValueError(
+            f"robot {name!r}: its items have other numbers in the system than when it was made, because items were "
+            "deleted; delete items before CreateTDCR, or build the system again"
+        )
 
     def add(self, actuation: TendonActuation, damping: MaterialDamping | None = None) -> None:
         """Add a robot, and give its force items the functions that Exudyn calls.
@@ -112,6 +149,7 @@ class SceneHooks:
         """
 
         def forces(t: float, q: Sequence[float], q_t: Sequence[float]) -> Any:
+            self._check_counts()
             self.adopt(self.system.mbs)
             return actuation.forces_on_coordinates(q, t)
 
@@ -122,6 +160,8 @@ class SceneHooks:
         if damping is not None:
             self._attach_damping(actuation, damping)
         self.actuations.append(actuation)
+        nodes = (actuation.nodes[0], actuation.nodes[-1], *actuation.history_nodes.nodes[-1:])
+        self._items.append(RecordedItems.of(self.system.mbs, [actuation.connectors.forces], nodes))
 
     def _attach_damping(self, actuation: TendonActuation, damping: MaterialDamping) -> None:
         """Give the item of the material damping its functions; the stiffness is the present one of the robot."""

@@ -365,6 +365,7 @@ class TDCR:
         self.actuation.inputs = InputsOverTime(self.name, self.robot.tendon_names, self.actuation, inputs)
 
     def _set_inputs(self, given: Mapping[str, float] | Sequence[float], by_displacement: bool) -> None:
+        self._need_robot()
         names, actuation = self.robot.tendon_names, self.actuation
         inputs = named_inputs(names, given, by_displacement)
         # Inputs over time end here: the other tendons keep what they had in the last solved state.
@@ -464,7 +465,15 @@ class TDCR:
             holes = self.actuation.law.at_holes(self._field().mobilisation)
         return {t.name: hole_states(holes[i], self._count(i)) for i, t in enumerate(self.robot.tendons)}
 
+    def _need_robot(self) -> None:
+        """Refuse what is asked of a robot that `mbs.Reset` has removed."""
+        if not SceneHooks.has(self.mbs, self.actuation):
+            raise ValueError(
+                f"robot {self.name!r} is not in the system any more (mbs.Reset); create it again"
+            )
+
     def _need_assembly(self) -> None:
+        self._need_robot()
         if not self.mbs.systemIsConsistent:
             raise ValueError(f"robot {self.name!r} cannot be read yet; call mbs.Assemble() first")
 

@@ -76,7 +76,13 @@ def SolveTDCR(
     arguments.check_count("SolveTDCR", "substeps", substeps)
     for name, value in (("startTime", startTime), ("endTime", endTime)):
         arguments.check_number("SolveTDCR", name, value, "It is a time [s].")
-    SceneHooks.of(mbs).refuse_motors("SolveTDCR")
+    hooks = SceneHooks.of(mbs)
+    hooks.refuse_motors("SolveTDCR")
+    if not all(robot.connected for robot in hooks.actuations):
+        raise ValueError(
+            "SolveTDCR: it is solving already, and was called from a user function of the system (such as PreStep); "
+            "call it before or after"
+        )
     system = SceneSystem(mbs)
     try:
         path = _solve(system, settings or SolverSettings(), startTime, endTime, substeps, sensitivities)

@@ -1,0 +1,103 @@
+"""Systems that are reset or edited after a robot was made, and solvers called where they cannot be."""
+
+from __future__ import annotations
+
+import exudyn as exu
+import exudyn.itemInterface as eii
+import numpy as np
+import pytest
+from native_solvers import dynamic_settings
+from robots import LENGTH, scene, three
+
+from tdcr_fe.native import register
+from tdcr_fe.solve.statics import SolveTDCR
+
+register()
+INPUTS = [0.5, 0.1, 0.1]
+
+
+def solved(mbs, handle):
+    """Tip after a pull."""
+    handle.set_tensions(INPUTS)
+    SolveTDCR(mbs)
+    return handle.tip_position
+
+
+def test_a_system_is_built_again_after_a_reset_with_other_items_first():
+    """So far "the system has a robot 'three' already", if a node was added before the robot."""
+    _keep, mbs, old = scene(three(0.3), elements_per_bay=1)
+    expected = solved(mbs, old)
+    mbs.Reset()
+    node = mbs.AddNode(eii.NodePoint(referenceCoordinates=[1.0, 0.0, 0.0]))
+    body = mbs.AddObject(eii.MassPoint(nodeNumber=node, mass=1.0))
+    marker = mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=body))
+    ground = mbs.AddMarker(
+        eii.MarkerBodyPosition(bodyNumber=mbs.CreateGround(), localPosition=[1.0, 0.0, 0.0])
+    )
+    mbs.AddObject(eii.CartesianSpringDamper(markerNumbers=[ground, marker], stiffness=[10.0] * 3))
+    new = mbs.CreateTDCR(three(0.3), old.model)
+    mbs.Assemble()
+    assert np.abs(solved(mbs, new) - expected).max() < 1e-9 * LENGTH
+    for use in (lambda: old.tip_position, lambda: old.set_tensions(INPUTS)):
+        with pytest.raises(ValueError, match="not in the system any more"):
+            use()
+
+
+@pytest.mark.parametrize("kind", ["object", "node"])
+@pytest.mark.parametrize("use", ["SolveTDCR", "SolveDynamic", "set_tensions"])
+def test_items_deleted_before_those_of_a_robot_are_refused(kind, use):
+    """So far an index error, or a run with another node's coordinates."""
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    node = mbs.AddNode(eii.NodePoint(referenceCoordinates=[1.0, 0.0, 0.0]))
+    ground = mbs.CreateGround(referencePosition=[1.0, 0.0, 0.0])
+    handle = mbs.CreateTDCR(three(0.3))
+    if kind == "object":
+        mbs.DeleteObject(ground)
+    else:
+        mbs.DeleteNode(node)
+    mbs.Assemble()
+    with pytest.raises((ValueError, RuntimeError), match="because items were deleted"):
+        if use == "set_tensions":
+            handle.set_tensions(INPUTS)
+        elif use == "SolveTDCR":
+            SolveTDCR(mbs)
+        else:
+            mbs.SolveDynamic(dynamic_settings(2e-3, 1e-3))
+
+
+def test_items_deleted_after_those_of_a_robot_do_not_matter():
+    _keep, mbs, handle = scene(three(0.3))
+    expected = solved(mbs, handle)
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    handle = mbs.CreateTDCR(three(0.3), handle.model)
+    mbs.DeleteObject(mbs.CreateGround())
+    mbs.Assemble()
+    assert np.abs(solved(mbs, handle) - expected).max() < 1e-12 * LENGTH
+
+
+def test_a_robot_added_later_leaves_the_first_one_where_it_is():
+    _keep, mbs, handle = scene(three(0.3))
+    expected = solved(mbs, handle)
+    other = mbs.CreateTDCR(three(0.3), handle.model, name="other", basePosition=[0.1, 0.0, 0.0])
+    mbs.Assemble()
+    other.set_tensions(INPUTS)
+    assert np.abs(solved(mbs, handle) - expected).max() < 1e-9 * LENGTH
+    assert np.abs(other.tip_position - [0.1, 0.0, 0.0] - expected).max() < 1e-9 * LENGTH
+
+
+def test_solve_tdcr_in_a_step_function_is_refused():
+    """So far it called itself without end."""
+    _keep, mbs, handle = scene(three(0.3))
+
+    def before(mbs, t):
+        SolveTDCR(mbs)
+        return True
+
+    mbs.SetPreStepUserFunction(before)
+    with pytest.raises(ValueError, match="it is solving already"):
+        solved(mbs, handle)
+    mbs.SetPreStepUserFunction(0)
+    assert np.isfinite(solved(mbs, handle)).all()
+    assert handle.tensions()["t1"][0] == pytest.approx(0.5)
