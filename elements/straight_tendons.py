@@ -7,8 +7,8 @@ the same numbers. All derivatives are by positions and Euler parameters, with no
 
 The mobilisation of a hole is a function of its slip with two corners, over a presliding distance that is far shorter
 than what Newton's method moves in an iteration. With tangents of this function the iteration often jumps between all
-holes sliding one way and all sliding the other way. A hole that has saturated since the iterate before, or since the
-beginning of the step, is therefore linearised by the secant. Where an iteration converges, this is the tangent.
+holes sliding one way and all sliding the other way. A hole that has saturated since the iterate before is therefore
+linearised by the secant between both iterates. Where an iteration converges, this is the tangent.
 """
 
 from __future__ import annotations
@@ -20,11 +20,19 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.friction import FrictionState
-from tdcr_fe.elements.poses import EULER_ROTATION
+from tdcr_fe.elements.poses import EULER_RATE, EULER_ROTATION, skew
 
 Array = NDArray[np.float64]
-_EYE3, _EYE4 = np.eye(3), np.eye(4)
-_ONES, _QUARTERS = np.ones(3), np.full(3, 0.25)
+_EYE3 = np.eye(3)
+_EYE9 = _EYE3.reshape(9)
+#: ``(e e^T) @ _FRAMES + 1`` is the transposed rotation matrix of Euler parameters, row by row.
+_FRAMES: Array = np.ascontiguousarray(EULER_ROTATION.reshape(16, 3, 3).swapaxes(1, 2).reshape(16, 9))
+#: ``e @ _RATE`` takes moments to forces on Euler parameters; ``m @ _RATE_BY_E`` is the derivative of that by them.
+_RATE: Array = 4.0 * EULER_RATE
+_RATE_BY_E: Array = np.ascontiguousarray(_RATE.reshape(4, 4, 3).transpose(2, 1, 0).reshape(3, 16))
+_ONES = np.ones(3)
+#: ``p @ _TURNED`` is, row by row, ``p - tr(p) 1``.
+_TURNED: Array = np.eye(9) - np.outer(_EYE9, _EYE9)
 
 
 class Pull(NamedTuple):
@@ -32,59 +40,61 @@ class Pull(NamedTuple):
 
     Attributes
     ----------
-    parameters : ndarray, shape (n+1, 4)
-        Euler parameters of the nodes that carry holes.
-    motions : ndarray, shape (n+1, 3 m, 4)
-        Change of the positions of the holes with these, which keep their norm [m].
-    doubled : ndarray, shape (n+1, 3 m, 1)
-        Twice by what the holes are turned away from where they are at zero rotation [m].
+    rate : ndarray, shape (n+1, 4, 3)
+        From moments in the frames of the nodes to forces on their Euler parameters.
+    frames : ndarray, shape (n+1, 3, 3)
+        Transposed rotations of the nodes.
     directions : ndarray, shape (n, m, 3)
         Unit vectors of the segments from base to anchor, zero where padded.
     lengths, inverse : ndarray, shape (n, m)
         Of the segments [m], and one over them [1/m]; zero where padded.
-    bend, quarter : ndarray, shapes (n-1, m, 3) and (n-1, m)
-        Differences of neighbouring directions, and a quarter of their squared lengths.
-    half_angles : ndarray, shape (n-1, m)
-        Half of the angles by which the tendons turn at the holes [rad].
+    bend, chord : ndarray, shapes (n-1, m, 3) and (n-1, m)
+        Differences of neighbouring directions, and their squared lengths.
+    angles : ndarray, shape (n-1, m)
+        By which the tendons turn at the holes [rad].
     trial : ndarray, shape (g, m)
         Mobilisations before they are limited to [-1, 1].
     mobilisation : ndarray, shape (n-1, m)
         Of the holes.
     tension : ndarray, shape (n, m)
         [N].
-    on_holes : ndarray, shape (n+1, 1, 3 m)
-        Forces on the holes in world axes [N].
+    local : ndarray, shape (n+1, m, 3)
+        Forces on the holes in the frames of the nodes [N].
+    moments : ndarray, shape (n+1, 3)
+        On the nodes that carry holes, in their own frames [N m].
     forces : ndarray, shape (n+1, 7)
-        Generalised forces on the nodes that carry holes.
+        Generalised forces on these nodes.
     """
 
-    parameters: Array
-    motions: Array
-    doubled: Array
+    rate: Array
+    frames: Array
     directions: Array
     lengths: Array
     inverse: Array
     bend: Array
-    quarter: Array
-    half_angles: Array
+    chord: Array
+    angles: Array
     trial: Array
     mobilisation: Array
     tension: Array
-    on_holes: Array
+    local: Array
+    moments: Array
     forces: Array
 
-    def slopes(self, before: Array) -> Array:
+    def slopes(self, before: Pull | None) -> Array:
         """Derivative of the mobilisations by their trial values, or secant where they saturate, shape (g, m).
 
         Parameters
         ----------
         before
-            Trial mobilisations of the iterate before, or mobilisations at the beginning of the step, shape (g, m).
+            The iterate before; None takes the derivatives.
         """
         found: Array = (np.abs(self.trial) < 1.0).astype(float)
-        moved = self.trial - before
+        if before is None:
+            return found
+        moved = self.trial - before.trial
         limited = np.minimum(np.maximum(self.trial, -1.0), 1.0)
-        change = limited - np.minimum(np.maximum(before, -1.0), 1.0)
+        change = limited - np.minimum(np.maximum(before.trial, -1.0), 1.0)
         saturated = (found == 0.0) & (change != 0.0)
         found[saturated] = change[saturated] / moved[saturated]
         return found
@@ -92,10 +102,6 @@ class Pull(NamedTuple):
 
 class StraightTendons:
     """Forces of the tendons of one robot; use `of`, which returns None where a robot needs the general evaluation.
-
-    Holes move with the Euler parameters ``e`` of their node as ``x = p + o + Q(e, e) / 2``, where ``o`` is the offset
-    of the hole at zero rotation and ``Q`` is bilinear and constant. With ``H = Q(e, .) - Q(e, e) e^T``, the derivative
-    of ``x`` in directions that keep the norm of ``e``, forces ``f`` on the holes are ``H^T f`` on the parameters.
 
     Parameters
     ----------
@@ -108,19 +114,13 @@ class StraightTendons:
         geometry, law = model.geometry, model.law
         assert geometry is not None
         self._rows, self._nodes, self._size = model.cable_rows, model.cable_nodes, model.mesh.arc_lengths.size
+        self._presliding = law.presliding
         self._offsets: Array = np.ascontiguousarray(geometry.offsets.transpose(1, 0, 2))
-        m, count = len(geometry.offsets), len(self._offsets)
-        half = np.einsum("ijxy,kmy->kmxij", EULER_ROTATION.reshape(4, 4, 3, 3), self._offsets)
-        turning = (half + half.swapaxes(3, 4)).reshape(count, 3 * m, 4, 4)
-        #: ``Q``, so that a product with ``e`` gives ``Q(e, .)``, and one with forces gives the sum over all holes.
-        self._by_parameters: Array = turning.reshape(count, 12 * m, 4)
-        self._by_forces: Array = turning.reshape(count, 3 * m, 16)
+        self._levers: Array = np.concatenate(skew(geometry.offsets), axis=-1)
         self._lengths: Array = np.ascontiguousarray(law.parameters.lengths.T)
-        self._slip_operator, self._presliding = law.slip_operator, law.presliding
-        self._slip_of_segments = law.slip_operator / law.presliding
+        self._slip_operator = law.slip_operator
         self._incidence = None if law.each_hole else law.hole_incidence
-        self._doubled_coefficients: Array = np.ascontiguousarray(-2.0 * law.coefficients.T)
-        self._before: Array = np.tri(len(self._lengths) - 1)
+        self._coefficients: Array = np.ascontiguousarray(-law.coefficients.T)
         mask = geometry.mask.T
         self._exists = None if bool(np.all(mask)) else mask.astype(float)
 
@@ -152,6 +152,34 @@ class StraightTendons:
         """Tendon pulled in at the base plate [m], shape (m,)."""
         return np.asarray((self._lengths - pull.lengths).sum(axis=0))
 
+    def tangent(self, pull: Pull, before: Pull | None = None) -> Array:
+        """Derivative of `forces` by the coordinates, shape (7 N, 7 N); ``before`` as in `Pull.slopes`."""
+        n, m = pull.tension.shape
+        segments = self._segments(pull)
+        turns = _turns(pull, segments)
+        along = np.zeros((m, n, 7 * (n + 1)))
+        _windows(along, 14)[...] = segments[:, :, 3].swapaxes(0, 1)
+        # Change of the logarithm of the tension from hole to hole.
+        sliding = (self._coefficients * pull.mobilisation).T[:, :, None]
+        slip = self._slip_operator @ along
+        slip *= pull.slopes(before).T[:, :, None]
+        change = slip if self._incidence is None else self._incidence @ slip
+        change *= (self._coefficients * pull.angles / -self._presliding).T[:, :, None]
+        _windows(change, 21)[...] += sliding * turns.swapaxes(0, 1)
+        change = change.cumsum(axis=1)
+        change *= pull.tension[1:].T[:, :, None]
+        # The first segment has the tension at the base.
+        behind = along[:, 1:].reshape(-1, 7 * (n + 1))
+        blocks = (behind.T @ change.reshape(behind.shape)).reshape(n + 1, 7, n + 1, 7)
+        np.negative(blocks, out=blocks)
+        self._add_geometric(blocks, pull, segments)
+        if n + 1 == self._size:
+            return blocks.reshape(7 * self._size, -1)
+        found = np.zeros((self._size, 7, self._size, 7))
+        rows = self._nodes
+        found[rows[:, None], :, rows] = blocks.swapaxes(1, 2)
+        return found.reshape(7 * self._size, -1)
+
     def pull(self, coordinates: Array, base_tension: Array, state: FrictionState) -> Pull:
         """Tensions and forces in a configuration.
 
@@ -165,13 +193,11 @@ class StraightTendons:
             History of friction at the beginning of the step.
         """
         nodes = coordinates[self._rows]
-        count, m = self._offsets.shape[:2]
         e = nodes[:, 3:]
-        motions = (self._by_parameters @ e[:, :, None]).reshape(count, 3 * m, 4)
-        doubled = motions @ e[:, :, None]
-        motions -= doubled * e[:, None]
-        holes = 0.5 * doubled.reshape(count, m, 3)
-        holes += self._offsets
+        frames = (e[:, :, None] * e[:, None, :]).reshape(-1, 16).dot(_FRAMES)
+        frames += _EYE9
+        frames = frames.reshape(-1, 3, 3)
+        holes = self._offsets @ frames
         holes += nodes[:, None, :3]
         directions = holes[1:] - holes[:-1]
         lengths = np.sqrt((directions * directions).dot(_ONES))
@@ -181,70 +207,35 @@ class StraightTendons:
             inverse = self._exists / (lengths + (1.0 - self._exists))
             lengths *= self._exists
         directions *= inverse[:, :, None]
-        # Half the chord between unit vectors is the sine of half the angle: exact down to the smallest turn.
         bend = directions[1:] - directions[:-1]
-        quarter = (bend * bend).dot(_QUARTERS)
+        chord = (bend * bend).dot(_ONES)
         if self._exists is not None:
-            quarter *= self._exists[1:]
-        half_angles = np.arcsin(np.minimum(np.sqrt(quarter), 1.0))
-        trial = self._slip_of_segments @ (self._lengths - lengths)
-        trial += (state.mobilisation - state.slip / self._presliding).T
+            chord *= self._exists[1:]
+        angles = 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chord), 1.0))
+        trial = (self._slip_operator @ (self._lengths - lengths) - state.slip.T) / self._presliding
+        trial += state.mobilisation.T
         mobilisation = np.minimum(np.maximum(trial, -1.0), 1.0)
         if self._incidence is not None:
             mobilisation = self._incidence @ mobilisation
         tension = np.empty_like(lengths)
         tension[0] = base_tension
-        np.exp((self._doubled_coefficients * half_angles * mobilisation).cumsum(axis=0), out=tension[1:])
+        np.exp((self._coefficients * angles * mobilisation).cumsum(axis=0), out=tension[1:])
         tension[1:] *= base_tension
 
-        # Between zeros before the base plate and behind the last hole.
-        along = np.zeros((count + 1, m, 3))
-        np.multiply(tension[:, :, None], directions, out=along[1:-1])
-        force = along[1:] - along[:-1]
-        found = np.empty((count, 7))
+        along = tension[:, :, None] * directions
+        force = np.empty_like(holes)
+        force[:-1], force[-1] = along, 0.0
+        force[1:] -= along
+        local = force @ frames.swapaxes(1, 2)
+        rate = e.dot(_RATE).reshape(-1, 4, 3)
+        moments = self._levers @ local.reshape(len(force), -1, 1)
+        found = np.empty((len(force), 7))
         force.sum(axis=1, out=found[:, :3])
-        on_holes = force.reshape(count, 1, 3 * m)
-        np.matmul(on_holes, motions, out=found[:, None, 3:])
+        found[:, 3:] = (rate @ moments)[:, :, 0]
         return Pull(
-            e, motions, doubled, directions, lengths, inverse, bend, quarter, half_angles, trial, mobilisation,
-            tension, on_holes, found,
+            rate, frames, directions, lengths, inverse, bend, chord, angles, trial, mobilisation, tension,
+            local, moments[:, :, 0], found,
         )  # fmt: skip
-
-    def tangent(self, pull: Pull, before: Array) -> Array:
-        """Derivative of `forces` by the coordinates, shape (7 N, 7 N); ``before`` as in `Pull.slopes`."""
-        n, m = pull.tension.shape
-        width = 7 * (n + 1)
-        segments = self._segments(pull)
-        # By the coordinates: the lengths of all segments, then the angles at all holes.
-        geometry = np.zeros((m, 2 * n - 1, width))
-        _windows(geometry, 0, n, 14)[...] = segments[:, :, 3].swapaxes(0, 1)
-        _windows(geometry, n, n - 1, 21)[...] = _turns(pull, segments).swapaxes(0, 1)
-        change = self._tension_slopes(pull, before) @ geometry
-        # The first segment has the tension at the base.
-        behind = geometry[:, 1:n].reshape(-1, width)
-        blocks = (behind.T @ change.reshape(behind.shape)).reshape(n + 1, 7, n + 1, 7)
-        self._add_geometric(blocks, pull, segments)
-        if n + 1 == self._size:
-            return blocks.reshape(7 * self._size, -1)
-        found = np.zeros((self._size, 7, self._size, 7))
-        rows = self._nodes
-        found[rows[:, None], :, rows] = blocks.swapaxes(1, 2)
-        return found.reshape(7 * self._size, -1)
-
-    def _tension_slopes(self, pull: Pull, before: Array) -> Array:
-        """Minus the change of the tensions behind the holes with lengths and angles, shape (m, n-1, 2 n - 1)."""
-        n, m = pull.tension.shape
-        # Change of the logarithm of the tension at a hole with its own angle, and with the lengths by its mobilisation.
-        by_angle = self._doubled_coefficients * pull.mobilisation
-        by_mobilisation = self._doubled_coefficients * pull.half_angles
-        slipping = self._slip_of_segments * pull.slopes(before).T[:, :, None]
-        if self._incidence is not None:
-            slipping = self._incidence @ slipping
-        found = np.empty((m, n - 1, 2 * n - 1))
-        passed_on = -pull.tension[1:].T[:, :, None] * self._before
-        np.matmul(passed_on * -by_mobilisation.T[:, None], slipping, out=found[:, :, :n])
-        np.multiply(passed_on, 0.5 * by_angle.T[:, None], out=found[:, :, n:])
-        return found
 
     def _segments(self, pull: Pull) -> Array:
         """Motion of the far hole of each segment relative to its near one, by those of both nodes: (n, m, 4, 14).
@@ -252,11 +243,12 @@ class StraightTendons:
         By segment and tendon three rows in world axes, and a fourth along the segment: the change of its length.
         """
         n, m = pull.tension.shape
+        levers = (pull.rate @ self._levers).reshape(n + 1, 4, m, 3).swapaxes(1, 2)
+        holes = (levers @ pull.frames[:, None]).swapaxes(2, 3)
         rows: Array = np.empty((n, m, 4, 14))
-        far, near = rows[:, :, :3, 7:], rows[:, :, :3, :7]
-        motions = pull.motions.reshape(n + 1, m, 3, 4)
-        far[..., :3], far[..., 3:] = _EYE3, motions[1:]
-        near[..., :3], near[..., 3:] = -_EYE3, -motions[:-1]
+        rows[:, :, :3, :3], rows[:, :, :3, 7:10] = -_EYE3, _EYE3
+        np.negative(holes[:-1], out=rows[:, :, :3, 3:7])
+        rows[:, :, :3, 10:] = holes[1:]
         np.matmul(pull.directions[:, :, None], rows[:, :, :3], out=rows[:, :, 3:])
         return rows
 
@@ -279,11 +271,11 @@ class StraightTendons:
         own: Array = np.zeros((n + 1, 7, 7))
         own[:-1] = pair[:, :7, :7]
         own[1:] += pair[:, 7:, 7:]
-        # Of H^T f at constant forces f, by Euler parameters that keep their norm.
-        turned = own[:, 3:, 3:]
-        turned += (pull.on_holes @ self._by_forces).reshape(n + 1, 4, 4)
-        turned -= (pull.on_holes @ pull.doubled) * _EYE4
-        turned -= (2.0 * pull.parameters)[:, :, None] * pull.forces[:, None, 3:]
+        # A hole with offset o turns with its node: o x (R^T f), by a rotation w, changes by (f o^T - (f . o) 1) w.
+        outer = pull.local.swapaxes(1, 2) @ self._offsets
+        turned = outer.reshape(-1, 9).dot(_TURNED).reshape(-1, 3, 3)
+        own[:, 3:, 3:] += pull.rate @ turned @ pull.rate.swapaxes(1, 2)
+        own[:, 3:, 3:] += pull.moments.dot(_RATE_BY_E).reshape(n + 1, 4, 4)
         on_diagonal = _diagonal(blocks, 0, 0, n + 1)
         on_diagonal += own
         above = _diagonal(blocks, 0, 1, n)
@@ -320,7 +312,7 @@ class Iterate(NamedTuple):
 
 
 class IteratedTendons:
-    """Straight tendons in the iterations of a solver, of which the last is kept.
+    """Straight tendons in the iterations of a solver, the last two of which are kept for the tangent.
 
     Parameters
     ----------
@@ -331,8 +323,7 @@ class IteratedTendons:
     def __init__(self, tendons: StraightTendons) -> None:
         self._tendons = tendons
         self._last: Iterate | None = None
-        #: Trial mobilisations of the iterate before; in the first one the mobilisations at the beginning of the step.
-        self._before: Array = np.zeros(0)
+        self._before: Iterate | None = None
 
     def _at(
         self, coordinates: Array, reference: Array, time: float, state: FrictionState, base_tension: Array
@@ -343,8 +334,7 @@ class IteratedTendons:
             return same.pull
         there = coordinates.reshape(-1, 7) + reference
         pull = self._tendons.pull(there, base_tension, state)
-        self._before = state.mobilisation.T if same is None else same.pull.trial
-        self._last = Iterate(coordinates, time, state, base_tension, pull)
+        self._last, self._before = Iterate(coordinates, time, state, base_tension, pull), same
         return pull
 
     def forces(
@@ -372,7 +362,7 @@ class IteratedTendons:
     ) -> Array:
         """Tangent of `forces` for Newton's method, shape (7 N, 7 N); arguments as there."""
         pull = self._at(coordinates, reference, time, state, base_tension)
-        return self._tendons.tangent(pull, self._before)
+        return self._tendons.tangent(pull, None if self._before is None else self._before.pull)
 
     def step_end(
         self, coordinates: Array, reference: Array, time: float, state: FrictionState, base_tension: Array
@@ -384,11 +374,10 @@ class IteratedTendons:
 
 def _turns(pull: Pull, segments: Array) -> Array:
     """Derivatives of the angles by the nodes before, at and behind each hole, shape (n-1, m, 21)."""
-    chord = 4.0 * pull.quarter
-    square = chord * (1.0 - pull.quarter)
+    square = pull.chord * (1.0 - 0.25 * pull.chord)
     # One over the sine; a straight tendon turns in no defined direction, so its derivative is set to zero.
     weight = np.sqrt(np.abs(square)) / (square + 1e-24)
-    versed = (0.5 * chord)[:, :, None]
+    versed = (0.5 * pull.chord)[:, :, None]
     before = -(weight * pull.inverse[:-1])[:, :, None] * (pull.bend + versed * pull.directions[:-1])
     after = (weight * pull.inverse[1:])[:, :, None] * (pull.bend - versed * pull.directions[1:])
     turns = np.zeros((*weight.shape, 21))
@@ -397,15 +386,11 @@ def _turns(pull: Pull, segments: Array) -> Array:
     return turns
 
 
-def _windows(rows: Array, start: int, count: int, width: int) -> Array:
-    """View of a contiguous array (m, r, 7 N): of ``count`` rows the ``width`` entries from node 0, 1 ... on.
-
-    Its shape is (m, count, width); ``start`` is the first of the rows.
-    """
+def _windows(rows: Array, width: int) -> Array:
+    """View of a contiguous array (m, r, 7 N): of row ``k`` the ``width`` entries from node ``k`` on, (m, r, width)."""
+    m, r, _ = rows.shape
     per_tendon, per_row, one = rows.strides
-    return np.ndarray(
-        (len(rows), count, width), rows.dtype, rows, start * per_row, (per_tendon, per_row + 7 * one, one)
-    )
+    return np.ndarray((m, r, width), rows.dtype, rows, 0, (per_tendon, per_row + 7 * one, one))
 
 
 def _diagonal(blocks: Array, row: int, column: int, count: int) -> Array:
