@@ -273,7 +273,9 @@ class _Substep(NamedTuple):
             Whether the effect of the reversals is larger than that.
         """
         overshoot = OVERSHOOT if self.uncertain.max() <= ROUGH * self.scale else FAR_OVERSHOOT
-        error = SAFETY * (overshoot - 1.0) * self.uncertain
+        factors = np.array([piece.now for piece in path.pieces])
+        beside = self.model.beside_line(factors, np.array([piece.tension for piece in path.pieces]))
+        error = SAFETY * (overshoot - 1.0) * (self.uncertain + beside)
         if not (self.is_rough and matters):
             left = self._displacement_by(error, path, numbering)
             if left <= NEGLIGIBLE * allowed:

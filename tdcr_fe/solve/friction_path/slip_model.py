@@ -254,6 +254,22 @@ class SlipModel:
         """Change of the slips beyond that of rates linear in the load factor at fixed tensions [m], shape (k,)."""
         return np.asarray(-0.5 * self._intervals[0].cubic[: self.holes, 3])
 
+    def beside_line(self, factors: Array, tensions: Array) -> Array:
+        """Largest change of the slips by a parabola in their derivatives, by tensions off the straight line [m].
+
+        Parameters
+        ----------
+        factors
+            Load factors within the first interval [1], shape (p,).
+        tensions
+            Of the segments there [N], shape (p, q).
+        """
+        part = self._intervals[0]
+        x = (factors - part.start) / part.length
+        more = tensions - part.tension - (factors - part.start)[:, None] * part.tension_rate
+        change = (x * (1.0 - x))[:, None] * (more @ part.response_change[: self.holes].T)
+        return np.asarray(np.abs(change).max(axis=0))
+
     @property
     def cubic(self) -> float:
         """Largest coefficient of the cube of the load factor in the slips [m]."""
