@@ -148,12 +148,13 @@ def loading_warnings(robot: Robot, steps: Sequence[LoadStep]) -> list[str]:
     for tendon in robot.tendons:
         force, k = _largest((s.tensions.get(tendon.name, 0.0), i) for i, s in enumerate(steps))
         key = f"steps[{k}].tensions.{tendon.name} = {force:g} N"
-        strains = {"the backbone": force / b.EA}
+        soft = f" (backbone.youngs_modulus = {b.youngs_modulus:g} Pa)"
+        strains = {"the backbone": (force / b.EA, soft)}
         if tendon.axial_stiffness is not None:
-            strains["the tendon"] = force / tendon.axial_stiffness
-        for what, strain in strains.items():
+            strains["the tendon"] = force / tendon.axial_stiffness, ""
+        for what, (strain, why) in strains.items():
             if strain > LARGEST_STRAIN:
-                found.append(f"{key}: by itself it strains {what} by {100 * strain:.3g} %")
+                found.append(f"{key}: by itself it strains {what} by {100 * strain:.3g} %{why}")
         # A parallel tendon bends the backbone to the curvature T a / EI (pure moment).
         offset = float(np.max(np.linalg.norm(robot.holes(tendon), axis=1)))
         bending = force * offset / b.EI * b.radius

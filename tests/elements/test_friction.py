@@ -89,6 +89,10 @@ def test_a_reversal_has_to_slide_twice_the_presliding_distance():
     assert np.array_equal(whole.mobilisation[0], [-1.0] * 3)
 
 
+#: Of a work: tensions up to 5 N and slips up to 15 um, each known to 16 digits [J].
+ROUND_OFF = 1e-16
+
+
 @pytest.mark.parametrize("compliance", [0.0, 1.0 / 400.0])
 @settings(deadline=None, max_examples=150)
 @given(
@@ -113,7 +117,7 @@ def test_bounds_hold_and_no_hole_creates_energy_whatever_is_done(compliance, bas
             moved = (field.slip - state.slip)[i, : count - 1]
             slides = np.abs(s) >= 1.0
             assert np.all((s * moved)[slides & (np.abs(moved) > 1e-15)] > 0.0)
-            assert np.all(((t[:-1] - t[1:]) * moved)[slides] >= -1e-18)
+            assert np.all(((t[:-1] - t[1:]) * moved)[slides] >= -ROUND_OFF)
         state = x.commit(field)
 
 

@@ -253,5 +253,5 @@ def test_no_hole_creates_energy_whatever_is_done(coefficients, compliance, base,
         moved = field.slip - state.slip
         slides = np.abs(field.mobilisation) >= 1.0
         drop = field.tension[:, :-1] - field.tension[:, 1:]
-        assert np.all((drop * moved)[slides] >= -1e-18)
+        assert np.all((drop * moved)[slides] >= -1e-15)  # round-off of 5 N and 0.15 mm
         state = x.commit(field)

@@ -114,3 +114,12 @@ def test_the_turn_of_a_base_that_gives_way_is_no_strain_of_the_backbone():
     result = solve(robot, [LoadStep(loads={"m": Load(LENGTH, moment=(0.0, moment, 0.0))})], friction="none")
     assert result.converged
     assert strain_warnings(robot, result.steps) == []
+
+
+def test_a_modulus_that_is_too_small_for_the_tensions_is_named():
+    """60 GPa given as 60e3: above that of silicone, so that only the tensions show it."""
+    robot = three()
+    soft = replace(robot, backbone=replace(robot.backbone, youngs_modulus=6e4))
+    (found,) = [w for w in plausibility_warnings(soft, Model(), [LoadStep(tensions={"t1": 2.0})])]
+    assert found.startswith("steps[0].tensions.t1 = 2 N: by itself it strains the backbone by ")
+    assert found.endswith(" % (backbone.youngs_modulus = 60000 Pa)")
