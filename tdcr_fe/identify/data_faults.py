@@ -17,6 +17,7 @@ from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
 from tdcr_fe.io.cells import number
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.report.environment import quantity
 
 Array = NDArray[np.float64]
 
@@ -193,9 +194,9 @@ def jump_of_residual(problem: FitProblem, best: Fit) -> str:
         if clear > found[0] and np.sum(np.abs(left)) < BESIDE_TREND * np.sum(np.abs(trend)):
             where = f"the marker at s = {grid.markers[column]:.4g} m"
             text = (
-                f"From step {grid.steps[read[k]]} on, the readings of {where} are off by {1e3 * size:.2g} mm along "
-                f"{'xyz'[axis]} against those before, beside what the model predicts: has the marker moved, or was the "
-                "setup changed?"
+                f"From step {grid.steps[read[k]]} on, the readings of {where} are off by {quantity(size, 'm', 2)} "
+                f"along {'xyz'[axis]} against those before, beside what the model predicts: has the marker moved, or "
+                "was the setup changed?"
             )
             found = clear, text
     return found[1]

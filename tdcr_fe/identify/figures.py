@@ -85,13 +85,37 @@ def _tip_path(axes: Axes, result: IdentificationResult) -> bool:
         project = np.eye(3)[:2]
         axes.set_xlabel("x [mm]")
     for path, colour in ((before, DECLARED), (after, CORRECTED)):
-        axes.plot(*(path @ project.T).T, color=colour, lw=1.1, alpha=0.9)
+        for steps in _runs(result):
+            axes.plot(
+                *(path[steps] @ project.T).T,
+                "-" if len(steps) > 1 else "x",
+                color=colour,
+                lw=1.1,
+                ms=4,
+                alpha=0.9,
+            )
+    if all(len(steps) == 1 for steps in _runs(result)):
+        _connect(axes, measured @ project.T, after @ project.T)
     x, y = (measured @ project.T).T
     _dots(axes, x, y, result.shapes.held_out)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title("Path of the tip, from the side" if flat else "Path of the tip, from above")
     axes.set_ylabel("z [mm]" if flat else "y [mm]")
     return True
+
+
+def _runs(result: IdentificationResult) -> list[list[int]]:
+    """Positions of the steps of each branch; all of them where branches have no names."""
+    found: dict[str, list[int]] = {}
+    for k, name in enumerate(result.shapes.branches):
+        found.setdefault(name, []).append(k)
+    return list(found.values()) or [list(range(len(result.shapes.step_ids)))]
+
+
+def _connect(axes: Axes, measured: Array, predicted: Array) -> None:
+    """Thin lines from measured points to predicted ones, shape (n, 2) each."""
+    ends = np.stack((measured, predicted, np.full_like(measured, np.nan)), axis=1).reshape(-1, 2)
+    axes.plot(*ends.T, color="0.6", lw=0.7, zorder=1)
 
 
 def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
@@ -109,9 +133,15 @@ def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
         across = tip / max(float(np.linalg.norm(tip)), 1e-9)
         for backbone, colour in ((s.backbone_before[k], DECLARED), (s.backbone_after[k], CORRECTED)):
             axes.plot(side * _MM * backbone[:, :2] @ across, _MM * backbone[:, 2], color=colour, lw=1.4)
-        markers = _MM * s.measured[k]
-        held = np.full(len(markers), s.held_out[k])
-        _dots(axes, side * markers[:, :2] @ across, markers[:, 2], held)
+        measured, before, after = (
+            np.column_stack((side * _MM * x[k][:, :2] @ across, _MM * x[k][:, 2]))
+            for x in (s.measured, s.before, s.after)
+        )
+        if _beside_backbone(result):  # then the lines do not pass through the markers
+            axes.plot(*before.T, "x", color=DECLARED, ms=4)
+            axes.plot(*after.T, "x", color=CORRECTED, ms=4)
+            _connect(axes, measured, after)
+        _dots(axes, *measured.T, np.full(len(measured), s.held_out[k]))
         axes.annotate(f"step {s.step_ids[k]}", (side * float(tip @ across), float(_tip(result)[0][k, 2])),
                       xytext=(0, 7), textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
@@ -120,6 +150,17 @@ def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
     axes.set_xlabel("distance from the z axis [mm]" if len(steps) == 1 else "distance, to either side [mm]")
     axes.set_ylabel("z [mm]")
     return True
+
+
+def _beside_backbone(result: IdentificationResult) -> bool:
+    """Whether predicted markers are off the predicted backbone, by more than a hundredth of its length."""
+    s = result.shapes
+    far = 0.0
+    for markers, backbone in zip(s.after, s.backbone_after, strict=True):
+        gap = np.linalg.norm(markers[:, None] - backbone[None], axis=2).min(axis=1)
+        far = max(far, float(np.max(gap, initial=0.0, where=np.isfinite(gap))))
+    spacing = result.data.robot.backbone.length / max(1, s.backbone_after.shape[1] - 1)
+    return far > 0.01 * result.data.robot.backbone.length + 0.5 * spacing
 
 
 def _inputs(result: IdentificationResult) -> tuple[Array, str]:

@@ -261,8 +261,12 @@ def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
     picture = Picture(
         figures.comparison(result),
         "Measured and predicted tip path, shapes and a loop of loading and unloading",
-        "Measured against predicted, before and after. Right: a run of steps in which one tendon is pulled and "
-        "released.",
+        "Measured against predicted, before and after"
+        + (
+            ". Right: a run of steps in which one tendon is pulled and released."
+            if figures.loops(result)
+            else "."
+        ),
     )
     return Page(
         title=f"Identification of {result.data.name}",

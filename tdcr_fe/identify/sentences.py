@@ -166,7 +166,7 @@ def _by_set(result: IdentificationResult) -> list[str]:
 def _indistinguishable(result: IdentificationResult) -> list[str]:
     """Effects that explain the data as well as those that were added."""
     alike = [
-        f"{words(e.name)} from {' or '.join(words(n) for n in e.indistinguishable_from)}"
+        f"{words(e.name)} from {' or '.join(_rival(n, e.name) for n in e.indistinguishable_from)}"
         for e in result.effects
         if e.indistinguishable_from
     ]
@@ -176,6 +176,11 @@ def _indistinguishable(result: IdentificationResult) -> list[str]:
         f"Indistinguishable on these data: {'; '.join(alike)}. Experiments that separate them are listed with the "
         "effects below."
     ]
+
+
+def _rival(name: str, added: str) -> str:
+    """Name of an effect that explains the data as well; the effect that was added may be a form of it."""
+    return f"{words(name)} in its plain form" if name == added else words(name)
 
 
 def _remaining(result: IdentificationResult) -> list[str]:
@@ -218,7 +223,7 @@ def _scatter_sentence(result: IdentificationResult) -> list[str]:
     if scatter.kind == "relative":
         how = f"{significant(100.0 * scatter.size, 2)}{SPACE}% of each"
     else:
-        how = f"{quantity(scatter.size, scatter.unit, 2)}"
+        how = quantity(scatter.size, scatter.unit)
     what, measured = (
         ("displacements", "them") if scatter.unit == "m" else ("tensions", "them with load cells")
     )

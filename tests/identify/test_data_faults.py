@@ -14,6 +14,7 @@ from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import BadRow, Reading
 from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.report.environment import SPACE
 
 
 @pytest.fixture(scope="module")
@@ -171,9 +172,9 @@ def one_branch_differs(table):
 def test_jump_beside_a_model_is_located_with_its_size(seed):
     """A marker that was glued on again on the second day, 0.8 mm farther along z."""
     text = jump_of_residual(*with_residual(marker_moves, seed))
-    assert text.startswith("From step 10 on, the readings of the marker at s = 0.1 m are off by 0.")
-    size = float(text.split(" off by ")[1].split(" mm along z ")[0])
-    assert size == pytest.approx(0.8, abs=0.15)
+    assert text.startswith("From step 10 on, the readings of the marker at s = 0.1 m are off by ")
+    size = float(text.split(" off by ")[1].split(f"{SPACE}µm along z ")[0])
+    assert size == pytest.approx(800.0, abs=150.0)
 
 
 @pytest.mark.parametrize("change", [lambda table: None, grows, one_branch_differs])
