@@ -163,3 +163,9 @@ def test_numerics_neither_print_nor_open_files(path):
 
 def test_the_folders_are_there():
     assert ELEMENTS and PRODUCT and REFERENCE
+
+
+def test_modules_of_tests_have_different_names():
+    """pytest collects modules without packages by their names alone: one of two with the same name is an error."""
+    names = [p.name for p in Path(__file__).parent.rglob("*.py")]
+    assert sorted(names) == sorted(set(names))

@@ -51,7 +51,7 @@ def test_table_summary_report_and_pictures(tmp_path, capsys, here):
     pictures = {"distributions.png", "main_effects.png", "workspace.png"}
     assert names == {"cases.csv", "cases.jsonl", "summary.json", "report.html", *pictures}
     printed = capsys.readouterr().out
-    assert "24 converged" in printed and "bending_angle_deg: mean" in printed
+    assert "24 converged" in printed and "bending angle [deg]: mean" in printed
     page = (out / "report.html").read_text()
     assert "All 24 cases converged." in page
     for text in ("Main effects", "Workspace", "What was varied", "95 % of the cases"):
