@@ -141,7 +141,7 @@ def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
             axes.plot(*before.T, "x", color=DECLARED, ms=4)
             axes.plot(*after.T, "x", color=CORRECTED, ms=4)
             _connect(axes, measured, after)
-        _dots(axes, *measured.T, np.full(len(measured), s.held_out[k]))
+        _dots(axes, measured[:, 0], measured[:, 1], np.full(len(measured), s.held_out[k]))
         axes.annotate(f"step {s.step_ids[k]}", (side * float(tip @ across), float(_tip(result)[0][k, 2])),
                       xytext=(0, 7), textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
