@@ -74,7 +74,6 @@ def conclude(
         That would account for a part of what is left.
     """
     wall_time = clock() - begun
-    state, ceiling = _with_ceiling(search, state)
     problem, best, declared = state.problem, state.best, state.declared
     data, held_out, fitted = problem.data, problem.held_out, problem.fitted
     explained = residual_is_noise(problem, best, search.significance)
@@ -82,6 +81,7 @@ def conclude(
     alone = not (insufficient or best.effects or law)
     inputs_explain = alone and input_scatter is not None and input_scatter.explains_all
     faulty = state.data_fault or (wrong_sigma(problem, best) if alone and not inputs_explain else "")
+    state, ceiling = (state, None) if insufficient or faulty else _with_ceiling(search, state)
     tests = structure(data, best.residual, len(best.free))
     spread = covariance(problem, best)
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
@@ -127,13 +127,13 @@ def conclude(
         jump="" if explained or faulty else jump_of_residual(problem, best),
         searched=None if rows is None else rows.described(data),
         by_set=_by_set(problem, declared, best),
-        ceiling=None if insufficient or faulty else ceiling,
+        ceiling=ceiling,
     )
 
 
 def _with_ceiling(search: Search, state: SearchState) -> tuple[SearchState, Misfit | None]:
     """The ceiling of the held-out misfit, if the time suffices."""
-    if state.interrupted or state.data_fault:
+    if state.interrupted:
         return state, None
     if search.late:
         return state.without_trying(CEILING), None

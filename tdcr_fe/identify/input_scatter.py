@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
+from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.outcome import InputScatter, ScatterKind
 from tdcr_fe.identify.problem import Fit, FitProblem
@@ -89,8 +90,9 @@ def find_input_scatter(problem: FitProblem, fit: Fit) -> InputScatter | None:
     """
     if not fit.solved:
         return None
-    by_input = _input_response(problem, fit)
-    values, displaced = _inputs(problem, fit)
+    experiment = problem.with_effects(fit.effects, fit.values)
+    by_input = _input_response(problem, fit, experiment)
+    values, displaced = _inputs(experiment)
     steps = problem.readings.reader.step
     found = [_likeliest(problem, fit, by_input * values[steps], "relative", "1")]
     driven = np.any(values != 0.0, axis=0)
@@ -180,19 +182,17 @@ def _log_likelihood(blocks: Sequence[_Block], ratio: float) -> float:
     return -0.5 * (count * float(np.log(max(_noise_variance(blocks, ratio), 1e-300))) + spread)
 
 
-def _inputs(problem: FitProblem, fit: Fit) -> tuple[Array, NDArray[np.bool_]]:
+def _inputs(experiment: Experiment) -> tuple[Array, NDArray[np.bool_]]:
     """Inputs of all commanded steps, shape (K, n_tendons), and which tendons are driven by displacement."""
-    experiment = problem.with_effects(fit.effects, fit.values)
     actions = resolve(experiment.robot, experiment.steps)
     chosen = [actions[j] for j in last_parts(experiment)]
     return np.array([a.values for a in chosen]), np.any([a.by_displacement for a in chosen], axis=0)
 
 
-def _input_response(problem: FitProblem, fit: Fit) -> Array:
+def _input_response(problem: FitProblem, fit: Fit, experiment: Experiment) -> Array:
     """Derivatives of the readings over sigma by the inputs of their own step, shape (n, n_tendons)."""
     from tdcr_fe.solve.sensitivities.parameters import StepInput
 
-    experiment = problem.with_effects(fit.effects, fit.values)
     names = experiment.robot.tendon_names
     inputs = tuple(StepInput(f"inputs.{name}", tendon=i) for i, name in enumerate(names))
     reference = fit.run if fit.run.trajectory is not None else None

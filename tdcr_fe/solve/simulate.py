@@ -18,7 +18,7 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.sensitivities import Sensitivities
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.solve.instability import instability_warnings, is_unstable
+from tdcr_fe.solve.instability import ExternalCompression, instability_warnings, is_unstable
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, StepFailed
 from tdcr_fe.solve.mesh import (
     MOST_MESHES,
@@ -243,6 +243,7 @@ class _Run:
         self.solved: list[StepResult] = []
         self.path: PathRecord = []
         self.warnings: list[str] = []
+        self.compression = ExternalCompression.of(self.simulation)
         self.unstable: list[int] = []
         self.failed: int | None = None
         self.message = CONVERGED
@@ -271,7 +272,7 @@ class _Run:
             if increments is not None:
                 self.path.append(increments)
             self.solved.append(result)
-            if reference_path is None and is_unstable(self.simulation, result):
+            if reference_path is None and is_unstable(self.simulation, self.compression, result):
                 self.unstable.append(number)
             self.warnings += step_warnings(number, report)
             if estimated and self._enough_estimated(number, report, refine) and refine and self._too_coarse():

@@ -1,4 +1,4 @@
-"""Jumps between branches of equilibria, told apart from large changes along one branch by the slopes at both ends."""
+"""Jumps between branches of equilibria, distinguished from large changes on one branch by the slopes at its ends."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.instability import external_compression
+from tdcr_fe.solve.instability import ExternalCompression
 from tdcr_fe.solve.simulate import Simulation, simulate
 from tdcr_fe.solve.stability import stability
 
@@ -77,9 +77,9 @@ def test_own_weight_and_a_load_at_mid_span_compress_what_is_below() -> None:
     step = LoadStep("", loads={"middle": Load(0.5 * LENGTH, (0.0, 0.0, -0.01))})
     result = simulate(robot, model, [step])
     weight = 9.81 * (backbone.mass_per_length * LENGTH + 13 * 2e-4 + 1e-3)
-    assert external_compression(robot, model, result.steps[0]) == pytest.approx(
-        (weight + 0.01) / EULER, rel=1e-9
-    )
+    compression = ExternalCompression.of(Simulation(robot, model, resolve(robot, [step])))
+    assert compression.ratio(result.steps[0]) == pytest.approx((weight + 0.01) / EULER, rel=1e-9)
     hanging = replace(model, gravity=(0.0, 0.0, 9.81))
     found = simulate(robot, hanging, [LoadStep()])
-    assert external_compression(robot, hanging, found.steps[0]) == 0.0
+    compression = ExternalCompression.of(Simulation(robot, hanging, resolve(robot, [LoadStep()])))
+    assert compression.ratio(found.steps[0]) == 0.0
