@@ -18,9 +18,10 @@ from tdcr_fe.elements.generalized import (
     generalized_tangent,
     twists_by_coordinates,
 )
+from tdcr_fe.elements.iterated_tendons import IteratedTendons
 from tdcr_fe.elements.motors import Motor, torques, with_motors
 from tdcr_fe.elements.node_coordinates import NodeCoordinates
-from tdcr_fe.elements.straight_tendons import IteratedTendons, StraightTendons
+from tdcr_fe.elements.straight_tendons import StraightTendons
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,9 @@ the same numbers. All derivatives are by positions and Euler parameters, with no
 
 The mobilisation of a hole is a function of its slip with two corners, over a presliding distance that is far shorter
 than what Newton's method moves in an iteration. With tangents of this function the iteration often jumps between all
-holes sliding one way and all sliding the other way. A hole that has saturated since the iterate before is therefore
-linearised by the secant between both iterates. Where an iteration converges, this is the tangent.
+holes sliding one way and all sliding the other way. Two things prevent that. The first iterate of a step is computed
+for holes that are predicted to stick or to slide (`HolePrediction`). In the others a hole that has saturated since the
+iterate before is linearised by the secant between both iterates. Where an iteration converges, this is the tangent.
 """
 
 from __future__ import annotations
@@ -35,6 +36,27 @@ _ONES = np.ones(3)
 _TURNED: Array = np.eye(9) - np.outer(_EYE9, _EYE9)
 
 
+class HolePrediction(NamedTuple):
+    """Which holes stick and which slide at the end of a step, assumed before it is solved.
+
+    Attributes
+    ----------
+    sticks : ndarray of bool, shape (g, m)
+        Friction variables that follow the slip linearly, however far it is; the others are constant.
+    mobilisation : ndarray, shape (g, m)
+        At the beginning of the step where it sticks, else that with which it slides.
+    """
+
+    sticks: NDArray[np.bool_]
+    mobilisation: Array
+
+    @classmethod
+    def of(cls, start: Array, reached: Array) -> HolePrediction:
+        """From mobilisations at the beginning, and unlimited ones that are expected at the end, shape (g, m)."""
+        sticks = np.abs(reached) < 1.0
+        return cls(sticks, np.where(sticks, start, np.sign(reached)))
+
+
 class Pull(NamedTuple):
     """Tendons in one configuration: hole or segment first, then tendon.
 
@@ -57,13 +79,16 @@ class Pull(NamedTuple):
     mobilisation : ndarray, shape (n-1, m)
         Of the holes.
     tension : ndarray, shape (n, m)
-        [N].
+        At these mobilisations [N].
     local : ndarray, shape (n+1, m, 3)
         Forces on the holes in the frames of the nodes [N].
     moments : ndarray, shape (n+1, 3)
         On the nodes that carry holes, in their own frames [N m].
     forces : ndarray, shape (n+1, 7)
         Generalised forces on these nodes.
+    prediction : HolePrediction or None
+        Where the forces are those of holes that stick and slide as predicted; None where they are those of the law of
+        friction.
     """
 
     rate: Array
@@ -80,6 +105,7 @@ class Pull(NamedTuple):
     local: Array
     moments: Array
     forces: Array
+    prediction: HolePrediction | None = None
 
     def slopes(self, before: Pull | None) -> Array:
         """Derivative of the mobilisations by their trial values, or secant where they saturate, shape (g, m).
@@ -89,6 +115,8 @@ class Pull(NamedTuple):
         before
             The iterate before; None takes the derivatives.
         """
+        if self.prediction is not None:
+            return self.prediction.sticks.astype(float)
         found: Array = (np.abs(self.trial) < 1.0).astype(float)
         if before is None:
             return found
@@ -180,7 +208,13 @@ class StraightTendons:
         found[rows[:, None], :, rows] = blocks.swapaxes(1, 2)
         return found.reshape(7 * self._size, -1)
 
-    def pull(self, coordinates: Array, base_tension: Array, state: FrictionState) -> Pull:
+    def pull(
+        self,
+        coordinates: Array,
+        base_tension: Array,
+        state: FrictionState,
+        prediction: HolePrediction | None = None,
+    ) -> Pull:
         """Tensions and forces in a configuration.
 
         Parameters
@@ -191,6 +225,9 @@ class StraightTendons:
             [N], shape (m,).
         state
             History of friction at the beginning of the step.
+        prediction
+            Holes that stick and slide as predicted, in place of the law of friction. The law is taken nevertheless
+            where it agrees, and where the prediction is of no use: tensions below zero, or more than doubled.
         """
         nodes = coordinates[self._rows]
         e = nodes[:, 3:]
@@ -215,14 +252,19 @@ class StraightTendons:
         trial = (self._slip_operator @ (self._lengths - lengths) - state.slip.T) / self._presliding
         trial += state.mobilisation.T
         mobilisation = np.minimum(np.maximum(trial, -1.0), 1.0)
+        change, acting = self._coefficients * angles, None
+        if prediction is not None:
+            prediction, mobilisation, acting = self._predicted(prediction, trial, mobilisation, change)
         if self._incidence is not None:
             mobilisation = self._incidence @ mobilisation
         tension = np.empty_like(lengths)
         tension[0] = base_tension
-        np.exp((self._coefficients * angles * mobilisation).cumsum(axis=0), out=tension[1:])
+        np.exp((change * mobilisation).cumsum(axis=0), out=tension[1:])
         tension[1:] *= base_tension
 
         along = tension[:, :, None] * directions
+        if acting is not None:
+            along[1:] *= acting[:, :, None]
         force = np.empty_like(holes)
         force[:-1], force[-1] = along, 0.0
         force[1:] -= along
@@ -234,8 +276,33 @@ class StraightTendons:
         found[:, 3:] = (rate @ moments)[:, :, 0]
         return Pull(
             rate, frames, directions, lengths, inverse, bend, chord, angles, trial, mobilisation, tension,
-            local, moments[:, :, 0], found,
+            local, moments[:, :, 0], found, prediction,
         )  # fmt: skip
+
+    def _predicted(
+        self, prediction: HolePrediction, trial: Array, limited: Array, change: Array
+    ) -> tuple[HolePrediction | None, Array, Array | None]:
+        """The prediction, or None where it is not to be used; mobilisations; and by what the tensions are multiplied.
+
+        Parameters
+        ----------
+        prediction
+            See `pull`.
+        trial, limited
+            Mobilisations before and after they are limited, shape (g, m).
+        change
+            Of the logarithm of the tension with the mobilisations of the holes, shape (n-1, m).
+        """
+        sticks, mobilisation = prediction
+        if (np.where(sticks, trial, mobilisation) == limited).all():
+            return None, limited, None
+        beyond = np.where(sticks, trial - mobilisation, 0.0)
+        if self._incidence is not None:
+            beyond = self._incidence @ beyond
+        factors = 1.0 + (change * beyond).cumsum(axis=0)
+        if not (factors.min() >= 0.0 and factors.max() <= 2.0):
+            return None, limited, None
+        return prediction, mobilisation, factors
 
     def _segments(self, pull: Pull) -> Array:
         """Motion of the far hole of each segment relative to its near one, by those of both nodes: (n, m, 4, 14).
@@ -282,94 +349,6 @@ class StraightTendons:
         above += pair[:, :7, 7:]
         below = _diagonal(blocks, 1, 0, n)
         below += pair[:, 7:, :7]
-
-
-class Iterate(NamedTuple):
-    """An evaluation in an iteration of a solver, and for what.
-
-    Attributes
-    ----------
-    coordinates : ndarray, shape (7 N,)
-        Of the nodes, without reference values.
-    time : float
-        At the end of the step [s].
-    state : FrictionState
-        History at its beginning.
-    base_tension : ndarray, shape (m,)
-        [N].
-    pull : Pull
-    """
-
-    coordinates: Array
-    time: float
-    state: FrictionState
-    base_tension: Array
-    pull: Pull
-
-    def of_step(self, time: float, state: FrictionState, base_tension: Array) -> bool:
-        """Whether it belongs to the same attempt of a step."""
-        return self.time == time and self.state is state and bool((self.base_tension == base_tension).all())
-
-
-class IteratedTendons:
-    """Straight tendons in the iterations of a solver, the last two of which are kept for the tangent.
-
-    Parameters
-    ----------
-    tendons
-        Compute the forces.
-    """
-
-    def __init__(self, tendons: StraightTendons) -> None:
-        self._tendons = tendons
-        self._last: Iterate | None = None
-        self._before: Iterate | None = None
-
-    def _at(
-        self, coordinates: Array, reference: Array, time: float, state: FrictionState, base_tension: Array
-    ) -> Pull:
-        last = self._last
-        same = last if last is not None and last.of_step(time, state, base_tension) else None
-        if same is not None and np.array_equal(same.coordinates, coordinates):
-            return same.pull
-        there = coordinates.reshape(-1, 7) + reference
-        pull = self._tendons.pull(there, base_tension, state)
-        self._last, self._before = Iterate(coordinates, time, state, base_tension, pull), same
-        return pull
-
-    def forces(
-        self, coordinates: Array, reference: Array, time: float, state: FrictionState, base_tension: Array
-    ) -> Array:
-        """Generalised forces on the coordinates of all nodes, shape (7 N,).
-
-        Parameters
-        ----------
-        coordinates
-            Of the nodes, without reference values, shape (7 N,).
-        reference
-            Their reference values, shape (N, 7).
-        time
-            At the end of the step [s].
-        state
-            History of friction at its beginning.
-        base_tension
-            [N], shape (m,).
-        """
-        return self._tendons.forces(self._at(coordinates, reference, time, state, base_tension))
-
-    def tangent(
-        self, coordinates: Array, reference: Array, time: float, state: FrictionState, base_tension: Array
-    ) -> Array:
-        """Tangent of `forces` for Newton's method, shape (7 N, 7 N); arguments as there."""
-        pull = self._at(coordinates, reference, time, state, base_tension)
-        return self._tendons.tangent(pull, None if self._before is None else self._before.pull)
-
-    def step_end(
-        self, coordinates: Array, reference: Array, time: float, state: FrictionState, base_tension: Array
-    ) -> tuple[FrictionState, Array, Pull]:
-        """History of friction where a solved step ends, and tendon pulled in at the base [m]; arguments as there."""
-        pull = self._at(coordinates, reference, time, state, base_tension)
-        return self._tendons.friction(pull, time), self._tendons.base_slip(pull), pull
 
 
 def _turns(pull: Pull, segments: Array) -> Array:
