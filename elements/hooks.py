@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import exudyn as exu
@@ -35,6 +36,11 @@ class PointLoadItem(Protocol):
         ...
 
     @property
+    def nApplied(self) -> Any:
+        """Number of the data node of `applied`."""
+        ...
+
+    @property
     def value(self) -> NDArray[np.float64]:
         """Force [N] and moment [N m] as set, shape (6,)."""
         ...
@@ -51,9 +57,45 @@ class PointLoadItem(Protocol):
 class StepObserver(Protocol):
     """What is to see every solved step before its history is committed."""
 
+    #: Number of the data node in which it keeps what it has seen.
+    node: Any
+
     def observe(self, t: float) -> None:
         """See the step that ended at a time [s]."""
         ...
+
+
+@dataclass(eq=False)
+class RobotInScene:
+    """One robot of a system, and what was added to it.
+
+    Attributes
+    ----------
+    actuation : TendonActuation
+    items : RecordedItems
+        Items that must keep their numbers.
+    point_loads : list of PointLoadItem
+        The concentrated loads on it.
+    observers : list of StepObserver
+        What sees every step of Exudyn's own solvers before the history is committed.
+    """
+
+    actuation: TendonActuation
+    items: RecordedItems
+    point_loads: list[PointLoadItem] = field(default_factory=list)
+    observers: list[StepObserver] = field(default_factory=list)
+
+    def add_load(self, load: PointLoadItem) -> None:
+        """Add a concentrated load."""
+        self.point_loads.append(load)
+        self.items = self.items.joined(
+            RecordedItems.of(self.actuation.mbs, [], [load.nApplied], load.numbers)
+        )
+
+    def add_observer(self, observer: StepObserver) -> None:
+        """Let an observer see every step."""
+        self.observers.append(observer)
+        self.items = self.items.joined(RecordedItems.of(self.actuation.mbs, [], [observer.node]))
 
 
 class SceneHooks:
@@ -68,21 +110,13 @@ class SceneHooks:
     ----------
     system : SystemReference
         Shared by all items of the robots.
-    actuations : list of TendonActuation
-        The robots in the system.
-    point_loads : list of PointLoadItem
-        The concentrated loads on them.
-    observers : list of StepObserver
-        What sees every step of Exudyn's own solvers before the history is committed.
+    robots : list of RobotInScene
     """
 
     def __init__(self, mbs: exu.MainSystem) -> None:
         self.system = SystemReference(mbs)
-        self.actuations: list[TendonActuation] = []
-        self.point_loads: list[PointLoadItem] = []
-        self.observers: list[StepObserver] = []
-        #: By robot, items that must keep their numbers; and how many items there were when this was last seen.
-        self._items: list[RecordedItems] = []
+        self.robots: list[RobotInScene] = []
+        #: How many items there were when their numbers were last checked.
         self._counts = item_counts(mbs)
         self._users_post_step: Callable[..., Any] | None = None
         # One bound method: each access to the attribute makes another.
@@ -100,6 +134,20 @@ class SceneHooks:
         hooks.adopt(mbs)
         return hooks
 
+    @property
+    def actuations(self) -> list[TendonActuation]:
+        """The robots in the system."""
+        return [robot.actuation for robot in self.robots]
+
+    @property
+    def point_loads(self) -> list[PointLoadItem]:
+        """The concentrated loads on all robots."""
+        return [load for robot in self.robots for load in robot.point_loads]
+
+    def robot(self, actuation: TendonActuation) -> RobotInScene:
+        """The robot of an actuation."""
+        return next(each for each in self.robots if each.actuation is actuation)
+
     @staticmethod
     def has(mbs: exu.MainSystem, actuation: TendonActuation) -> bool:
         """Whether a robot is known to a system; installs nothing."""
@@ -115,7 +163,7 @@ class SceneHooks:
             self._check_items()
 
     def _check_items(self) -> None:
-        """Forget robots that ``mbs.Reset()`` has removed, which leaves mbs.variables as they are.
+        """Forget robots whose items were deleted, or removed by ``mbs.Reset()``, which leaves ``mbs.variables``.
 
         Raises
         ------
@@ -123,19 +171,16 @@ class SceneHooks:
             Items were deleted, so that those of a robot have other numbers.
         """
         mbs = self.system.mbs
+        changed = [robot for robot in self.robots if not robot.items.unchanged(mbs)]
+        present = [robot for robot in changed if not robot.items.removed(mbs)]
+        if present:
+            raise ValueError(
+                f"robot {present[0].actuation.name!r}: its items have other numbers in the system than when it was "
+                "made, because items were deleted; delete items before CreateTDCR, or build the system again"
+            )
+        if changed:
+            self.robots = [robot for robot in self.robots if robot not in changed]
         self._counts = item_counts(mbs)
-        changed = [i for i, items in enumerate(self._items) if not items.unchanged(mbs)]
-        if not changed:
-            return
-        if all(items.removed(mbs) for items in self._items):
-            for robots in (self.actuations, self.point_loads, self.observers, self._items):
-                robots.clear()
-            return
-        name = self.actuations[changed[0]].name
-        raise ValueError(
-            f"robot {name!r}: its items have other numbers in the system than when it was made, because items were "
-            "deleted; delete items before CreateTDCR, or build the system again"
-        )
 
     def add(self, actuation: TendonActuation, damping: MaterialDamping | None = None) -> None:
         """Add a robot, and give its force items the functions that Exudyn calls.
@@ -159,9 +204,9 @@ class SceneHooks:
         actuation.attach(*user_functions(forces, jacobian))
         if damping is not None:
             self._attach_damping(actuation, damping)
-        self.actuations.append(actuation)
         nodes = (actuation.nodes[0], actuation.nodes[-1], *actuation.history_nodes.nodes[-1:])
-        self._items.append(RecordedItems.of(self.system.mbs, [actuation.connectors.forces], nodes))
+        items = RecordedItems.of(self.system.mbs, [actuation.connectors.forces], nodes)
+        self.robots.append(RobotInScene(actuation, items))
 
     def _attach_damping(self, actuation: TendonActuation, damping: MaterialDamping) -> None:
         """Give the item of the material damping its functions; the stiffness is the present one of the robot."""
@@ -228,12 +273,13 @@ class SceneHooks:
         return np.asarray(user(self.system.mbs, t, 1.0, 0.0, 1.0).Convert2DenseMatrix(), dtype=float)
 
     def _after_step(self, mbs: exu.MainSystem, t: float) -> bool:
-        for observer in self.observers:
-            observer.observe(t)
-        for actuation in self.actuations:
-            actuation.commit_scene(t)
-        for load in self.point_loads:
-            load.applied = load.value
+        self._check_counts()
+        for robot in self.robots:
+            for observer in robot.observers:
+                observer.observe(t)
+            robot.actuation.commit_scene(t)
+            for load in robot.point_loads:
+                load.applied = load.value
         return True if self._users_post_step is None else bool(self._users_post_step(mbs, t))
 
 

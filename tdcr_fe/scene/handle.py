@@ -153,7 +153,7 @@ class TDCR:
             raise ValueError(f"robot {self.name!r} has a load {name!r} already")
         node = self.nNodes[self.mesh.node_at(at, 1e-6)]
         self.loads[name] = add_point_load(self.actuation.system, node, self.name, name, frame)
-        SceneHooks.of(self.mbs).point_loads.append(self.loads[name])
+        SceneHooks.of(self.mbs).robot(self.actuation).add_load(self.loads[name])
         return self.loads[name]
 
     def add_motor(self, tendon: str, inertia: float, radius: float) -> Any:
@@ -332,7 +332,7 @@ class TDCR:
         balance = EnergyBalance(
             hooks.system, self.robot, self.name, self.actuation, self.damping, self.model.gravity, self.loads
         )
-        hooks.observers.append(balance)
+        hooks.robot(self.actuation).add_observer(balance)
         sensor = energy_sensor(balance, self.name, sensor_output(fileName, "energy", storeInternal))
         self.sensors["energy"] = sensor
         return sensor
@@ -466,10 +466,10 @@ class TDCR:
         return {t.name: hole_states(holes[i], self._count(i)) for i, t in enumerate(self.robot.tendons)}
 
     def _need_robot(self) -> None:
-        """Refuse what is asked of a robot that `mbs.Reset` has removed."""
+        """Refuse what is asked of a robot that is not in the system any more."""
         if not SceneHooks.has(self.mbs, self.actuation):
             raise ValueError(
-                f"robot {self.name!r} is not in the system any more (mbs.Reset); create it again"
+                f"robot {self.name!r} is not in the system any more (removed by mbs.Reset, or deleted); create it again"
             )
 
     def _need_assembly(self) -> None:

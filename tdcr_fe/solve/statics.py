@@ -13,6 +13,7 @@ from tdcr_fe.model import arguments
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.builder import check_system
 from tdcr_fe.scene.handle import TDCR
+from tdcr_fe.solve.equations.free_motion import freely_moving
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.continuation import recall, remember
 from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Path
@@ -69,7 +70,8 @@ def SolveTDCR(
     TypeError
         An argument is of another type; the message names the expected type.
     ValueError
-        The system is not assembled, has no robot, has first-order states, or a motor winds a tendon.
+        The system is not assembled, has no robot, has first-order states, a motor winds a tendon, or the base joint of
+        a robot is switched off and nothing else holds it.
     """
     check_system("SolveTDCR", mbs)
     arguments.check_settings("SolveTDCR", settings)
@@ -85,6 +87,7 @@ def SolveTDCR(
         )
     system = SceneSystem(mbs)
     try:
+        _refuse_free_bases(system, startTime)
         path = _solve(system, settings or SolverSettings(), startTime, endTime, substeps, sensitivities)
         system.bring_to_rest()
         remember(system, path)
@@ -92,6 +95,31 @@ def SolveTDCR(
     finally:
         system.connect()
     return asdict(LoadStepReport.of(path))
+
+
+def _refuse_free_bases(system: SceneSystem, time: float) -> None:
+    """Refuse a robot whose base joint is switched off, where nothing else holds it.
+
+    Raises
+    ------
+    ValueError
+        Names the robot.
+    """
+    mbs = system.mbs
+    off = [
+        robot
+        for robot in system.robots
+        if not all(mbs.GetObject(i).get("activeConnector", True) for i in robot.connectors.others)
+    ]
+    if not off:
+        return
+    free = set(freely_moving(system, system.current_state(time)))
+    for robot in off:
+        if free & {str(mbs.GetNodeParameter(node, "name")) for node in robot.nodes}:
+            raise ValueError(
+                f"robot {robot.name!r}: its base joint is switched off (activeConnector), and nothing else holds it; "
+                "switch the joint on, join the base to something, or use mbs.SolveDynamic"
+            )
 
 
 def _draw(mbs: exu.MainSystem) -> None:

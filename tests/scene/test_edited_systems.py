@@ -7,7 +7,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from native_solvers import dynamic_settings
-from robots import LENGTH, scene, three
+from robots import LENGTH, distance, scene, three
 
 from tdcr_fe.native import register
 from tdcr_fe.solve.statics import SolveTDCR
@@ -101,3 +101,93 @@ def test_solve_tdcr_in_a_step_function_is_refused():
     mbs.SetPreStepUserFunction(0)
     assert np.isfinite(solved(mbs, handle)).all()
     assert handle.tensions()["t1"][0] == pytest.approx(0.5)
+
+
+def delete_items(mbs, name):
+    """Delete all items of a robot, as nothing of Exudyn's does at once."""
+    data = mbs.systemData
+    for count, get, delete in (
+        (data.NumberOfSensors, mbs.GetSensor, mbs.DeleteSensor),
+        (data.NumberOfLoads, mbs.GetLoad, lambda i: mbs.DeleteLoad(i, False, True)),
+        (data.NumberOfObjects, mbs.GetObject, lambda i: mbs.DeleteObject(i, False, True)),
+        (data.NumberOfMarkers, mbs.GetMarker, lambda i: mbs.DeleteMarker(i, True)),
+        (data.NumberOfNodes, mbs.GetNode, lambda i: mbs.DeleteNode(i, True)),
+    ):
+        for i in reversed(range(count())):
+            if get(i)["name"].startswith(f"{name}."):
+                delete(i)
+    mbs.Assemble()
+
+
+def two_robots():
+    """Both with a load at the tip."""
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    a = mbs.CreateTDCR(three(0.3), name="a")
+    a.add_load("tip", LENGTH)
+    b = mbs.CreateTDCR(three(0.3), name="b", basePosition=[0.1, 0.0, 0.0])
+    b.add_load("tip", LENGTH)
+    return keep, mbs, a, b
+
+
+def test_a_robot_whose_items_are_all_deleted_is_forgotten():
+    """The other one is solved as alone. So far the solver refused it, and `mbs.SolveDynamic` gave an index error."""
+    _keep, mbs, a, b = two_robots()
+    b.add_energy_sensor()
+    mbs.Assemble()
+    b.set_tensions(INPUTS)
+    solved(mbs, a)
+    delete_items(mbs, "b")
+    a.loads["tip"].set([0.0, 0.02, 0.0])
+    tip = solved(mbs, a)
+    alone_keep = exu.SystemContainer()
+    alone = alone_keep.AddSystem()
+    other = alone.CreateTDCR(three(0.3))
+    load = other.add_load("tip", LENGTH)
+    alone.Assemble()
+    load.set([0.0, 0.02, 0.0])
+    # Assembled again, a system begins at its reference configuration.
+    assert distance(tip, solved(alone, other)) < 1e-9
+    assert mbs.SolveDynamic(dynamic_settings(2e-3, 1e-3))
+    assert distance(a.tip_position, tip) < 1e-6
+    with pytest.raises(ValueError, match="not in the system any more"):
+        b.set_tensions(INPUTS)
+
+
+@pytest.mark.parametrize("what", ["robot", "load"])
+def test_deleted_items_that_give_those_of_a_robot_other_numbers_are_refused_every_time(what):
+    """The first of two robots; the load of the first, which makes that of the second another."""
+    _keep, mbs, a, b = two_robots()
+    mbs.Assemble()
+    if what == "robot":
+        delete_items(mbs, "a")
+    else:
+        mbs.DeleteLoad(a.loads["tip"].lForce, deleteDependentMarkers=False)
+        mbs.Assemble()
+    for _ in range(2):
+        with pytest.raises(ValueError, match="because items were deleted"):
+            b.set_tensions(INPUTS)
+
+
+# ---------------------------------------------------------------- base joint
+
+
+def test_a_robot_whose_base_joint_is_switched_off_is_refused_unless_something_else_holds_it():
+    """So far it counted as solved, somewhere in space: without its base it has no position at rest."""
+    _keep, mbs, handle = scene(three(0.3), assemble=False)
+    expected = solved(*scene(three(0.3))[1:])
+    ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
+    stiffness = np.diag([1e6] * 3 + [1e3] * 3)
+    spring = mbs.AddObject(
+        eii.RigidBodySpringDamper(
+            markerNumbers=[ground, handle.mBase], stiffness=stiffness, damping=np.zeros((6, 6))
+        )
+    )
+    mbs.SetObjectParameter(handle.oBaseJoint, "activeConnector", False)
+    mbs.Assemble()
+    assert distance(solved(mbs, handle), expected) < 1e-9
+    mbs.SetObjectParameter(spring, "activeConnector", False)
+    with pytest.raises(ValueError, match="robot 'three': its base joint is switched off"):
+        SolveTDCR(mbs)
+    mbs.SetObjectParameter(handle.oBaseJoint, "activeConnector", True)
+    assert distance(solved(mbs, handle), expected) < 1e-9
