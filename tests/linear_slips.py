@@ -59,9 +59,9 @@ class _State:
         self.tension, self.slip, self.by_load, self.matrix = tension, slip, by_load, matrix
         self.stiffness = stiffness
 
-    def ahead(self, part, free, rate, excess):
+    def ahead(self, part, tension, rate, excess):
         slip = self.slip + part * (excess + self.stiffness * rate)
-        return _State(self.tension, slip, self.by_load, self.matrix, self.stiffness)
+        return _State(tension, slip, self.by_load, self.matrix, self.stiffness)
 
     def columns(self, which):
         return self.matrix[:, which]

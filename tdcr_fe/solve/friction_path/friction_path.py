@@ -13,6 +13,7 @@ taut are events of the same kind: their tensions are unknowns too. Derivation: d
 from __future__ import annotations
 
 from bisect import bisect_right
+from math import isfinite
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -26,6 +27,7 @@ from tdcr_fe.solve.friction_path.slip_rates import (
     Rates,
     distance_to_bound,
     distance_to_closing,
+    distance_to_curved_bound,
     distance_to_reversal,
     solve_rates,
 )
@@ -57,6 +59,7 @@ RATE_TOLERANCE = 1e-4
 NEAR_BOUND = 1e-12
 #: Upper bound of tensions, beyond all that occur [N].
 UNBOUNDED = 1e100
+_NONE: Index = np.zeros(0, dtype=int)
 
 
 class Slips(Protocol):
@@ -168,15 +171,31 @@ class _Evaluated(NamedTuple):
         Load factor [1].
     tension : ndarray, shape (q,)
         Of the segments [N].
+    largest : float
+        Tension [N].
     """
 
     factor: float
     tension: Array
+    largest: float
+
+    @classmethod
+    def at(cls, factor: float, tension: Array) -> _Evaluated:
+        """At a load factor and tensions."""
+        return cls(factor, tension, float(tension.max()))
 
     def serves(self, factor: float, tension: Array, share: float = 1.0) -> bool:
         """Whether the derivatives serve at another load factor and other tensions, within a part of the limits."""
-        change = float(np.abs(tension - self.tension).max())
-        return factor - self.factor <= share * STRAIGHT and change <= share * KEPT * float(tension.max())
+        if factor - self.factor > share * STRAIGHT:
+            return False
+        return float(np.abs(tension - self.tension).max()) <= share * KEPT * self.largest
+
+
+class _Trial(NamedTuple):
+    """Unknowns inside their bounds at the end of a piece as they would be without bounds, shapes (i,)."""
+
+    free: Index
+    z: Array
 
 
 class Piece(NamedTuple):
@@ -208,7 +227,7 @@ class Piece(NamedTuple):
         return self.now + part, z, self.tension + part * self.tension_rate
 
 
-@np.errstate(over="ignore", invalid="ignore")
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Array) -> FollowedPath:
     """Follow the friction states through a substep.
 
@@ -236,22 +255,23 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
     stops = iter(slips.ends)
     stop, longest = 0.0, _longest(slips)
     state: SlipState | None = None
-    evaluated, within = _Evaluated(0.0, tension), 1.0
+    evaluated, trial = _Evaluated.at(0.0, tension), None
     for _ in range(50 + 6 * (k + c)):
+        side = bounds.side(z)
         if state is None:
-            state = slips.at(now, z, tension)
-            tension, within = state.tension, 1.0
-            evaluated = _Evaluated(now, tension)
+            state, trial = slips.at(now, z, tension), None
+            tension = state.tension
+            evaluated = _Evaluated.at(now, tension)
             inside = free.nonzero()[0]
             if inside.size:
                 change = _correction(z, state, inside, excess, stiffness)
-                within = _inside(pieces[-1], inside, z[inside] + change, bounds)
+                trial = _Trial(inside, z[inside] + change)
                 # What has come to its bound too early is moved back once: else its way there might never end.
-                at_bound = bounds.side(z)[inside] != 0.0
+                at_bound = side[inside] != 0.0
                 change[at_bound & returned[inside]] = 0.0
                 returned[inside] = at_bound
                 z, state = _changed(z, state, inside, change, bounds)
-        side = bounds.side(z)
+                side = bounds.side(z)
         if not start.size:
             start = state.slip
         if c:
@@ -259,15 +279,15 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
             open_ = np.append(np.zeros(k, dtype=bool), slack > tolerance)
         rates = solve_rates(state.columns, state.by_load, side, open_, scale, tolerance)
         # Where the interpolation leads far from both ends, numbers may overflow: the path is then not complete.
-        if rates is None or not np.isfinite(rates.excess).all():
+        if rates is None or not isfinite(rates.excess @ rates.excess):
             break
         held = rates.side == 0.0
-        turned = (held & (side != 0.0))[:k].nonzero()[0]
+        turned = _NONE if rates.side is side else (held & (side != 0.0))[:k].nonzero()[0]
         if turned.size and not evaluated.serves(now, tension, DECISIVE):
             state = None
             continue
         if turned.size and pieces and shortened < MOST_SHORTENINGS:
-            share = _reached(pieces[-1], turned, side, state, within, LATE * presliding)
+            share = _reached(pieces[-1], turned, side, state, trial, bounds, LATE * presliding)
             if share < 1.0:
                 last, shortened = pieces.pop(), shortened + 1
                 last = last._replace(part=share * last.part)
@@ -276,37 +296,42 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
                 state = None
                 continue
         shortened = 0
-        new = (held & ~free).nonzero()[0]
-        excess[new] = state.slip[new] - stiffness[new] * z[new]
-        excess[k:] = 0.0
+        new = (held > free).nonzero()[0]
+        if new.size:
+            excess[new] = state.slip[new] - stiffness[new] * z[new]
+            excess[k:] = 0.0
         free = held
-        turning_slip[turned], turning_factor[turned] = (state.slip - start)[turned], now
-        turning_mobilisation[turned] = side[turned]
+        if turned.size:
+            turning_slip[turned], turning_factor[turned] = (state.slip - start)[turned], now
+            turning_mobilisation[turned] = side[turned]
         if now >= stop - 1e-12:
             stop = next(stops, 0.0)
             if not stop:
                 complete = True
                 break
-        motion, event = rates.motion(None), np.inf
-        if rates.free.size:
-            event = distance_to_bound(motion, z, bounds)
+        event = distance_to_bound(rates, z, bounds)
         curved = event > STRAIGHT
+        tension_rate = state.tension_rates(rates.free, rates.rate)
         if curved:
-            slope = _slope(slips, now, stop, z, state, rates, k)
-            if not np.isfinite(slope).all():
+            slope = _slope(slips, now, stop, z, state, rates, tension_rate, k)
+            if not isfinite(slope @ slope):
                 break
             motion = rates.motion(slope)
-            event = min(distance_to_bound(motion, z, bounds), distance_to_reversal(motion, tolerance, k))
+            event = min(
+                distance_to_curved_bound(motion, rates.free, z, bounds),
+                distance_to_reversal(motion, tolerance, k),
+            )
+        else:
+            motion = rates.motion(None)
         if c:
             event = min(event, distance_to_closing(motion, slack, k))
         part = min(stop - now, longest, max(SHORTEST, event))
-        tension_rate = state.tension_rates(rates.free, rates.rate)
         pieces.append(Piece(now, part, z, motion, state.tension, tension_rate))
         now, z, tension = pieces[-1].end(part, bounds)
         if curved or now >= stop - 1e-12 or not evaluated.serves(now, tension):
             state = None
         else:
-            state, within = state.ahead(part, rates.free, rates.rate, rates.excess), 1.0
+            state, trial = state.ahead(part, tension, rates.rate, rates.excess), None
     return FollowedPath(
         z, turning_slip, turning_mobilisation, turning_factor, complete, tuple(pieces), bounds
     )
@@ -318,7 +343,15 @@ def _longest(slips: Slips) -> float:
     return min(LONGEST_SMOOTH, max(LONGEST, smooth))
 
 
-def _reached(piece: Piece, turned: Index, side: Array, state: SlipState, within: float, loss: float) -> float:
+def _reached(
+    piece: Piece,
+    turned: Index,
+    side: Array,
+    state: SlipState,
+    trial: _Trial | None,
+    bounds: Bounds,
+    loss: float,
+) -> float:
     """Up to which fraction of a part the slips have kept their direction; 1 where less slip than ``loss`` is lost.
 
     Parameters
@@ -331,9 +364,10 @@ def _reached(piece: Piece, turned: Index, side: Array, state: SlipState, within:
         At which bounds the unknowns are.
     state
         Slips at its end.
-    within
-        Up to which fraction of the part all free unknowns were inside their bounds: slips turn where one comes to its
-        bound.
+    trial
+        Unknowns there; None where their derivatives are not new. Slips turn where one comes to its bound.
+    bounds
+        Of the unknowns.
     loss
         Slip after the reversal that makes no difference [m].
     """
@@ -341,26 +375,35 @@ def _reached(piece: Piece, turned: Index, side: Array, state: SlipState, within:
     free, rate = (piece.motion.side == 0.0).nonzero()[0], state.by_load
     if free.size:
         own = state.columns(free)
-        rate = rate - own @ np.linalg.solve(own[free], rate[free])
-    before = np.maximum(side[turned] * piece.motion.excess[turned], 0.0)
+        rate = rate - own @ dgesv(own[free], rate[free])[2]
+    excess = piece.motion.excess[turned]
+    before = np.maximum(side[turned] * excess, 0.0)
     after = np.maximum(-side[turned] * rate[turned], 0.0)
     beyond = after / np.maximum(before + after, 1e-300)
     late = 0.5 * after * beyond * piece.part > loss
     # Unknowns that only came to their bound at the end have no rate before it.
     late &= piece.motion.side[turned] != 0.0
     share = 1.0 - float(beyond[late].max(initial=0.0))
-    if (1.0 - within) * piece.part * float(np.abs(piece.motion.excess[turned]).max()) > loss:
+    within = 1.0 if trial is None else _inside(piece, trial, bounds)
+    if (1.0 - within) * piece.part * float(np.abs(excess).max()) > loss:
         share = min(share, within)
     return max(share, 1.0 - MOST_SHORTENED)
 
 
 def _slope(
-    slips: Slips, now: float, stop: float, z: Array, state: SlipState, rates: Rates, holes: int
+    slips: Slips,
+    now: float,
+    stop: float,
+    z: Array,
+    state: SlipState,
+    rates: Rates,
+    tension_rate: Array,
+    holes: int,
 ) -> Array:
     """Derivative of the rates of slips and slack at constant rates of the unknowns."""
     fastest = float(np.abs(rates.rate[:holes]).max(initial=0.0))
     part = min(SLOPE_PART * LONGEST, stop - now, SLOPE_CHANGE / max(fastest, SLOPE_CHANGE))
-    tension = state.tension + part * state.tension_rates(rates.free, rates.rate)
+    tension = state.tension + part * tension_rate
     ahead = slips.rates(now + part, z + part * rates.rate, tension, rates.rate, state)
     return np.asarray((ahead - rates.excess) / part)
 
@@ -371,21 +414,11 @@ def _correction(z: Array, state: SlipState, free: Index, excess: Array, stiffnes
     return np.asarray(dgesv(state.columns(free)[free], off)[2])
 
 
-def _inside(piece: Piece, free: Index, z: Array, bounds: Bounds) -> float:
-    """Up to which fraction of a part all free unknowns were inside their bounds.
-
-    Parameters
-    ----------
-    piece
-        The part.
-    free, z
-        Unknowns inside their bounds, and where they are at its end without bounds.
-    bounds
-        The bounds.
-    """
-    start = piece.z[free]
-    room = np.where(z > start, bounds.upper[free] - start, bounds.lower[free] - start)
-    moved = z - start
+def _inside(piece: Piece, trial: _Trial, bounds: Bounds) -> float:
+    """Up to which fraction of a part all unknowns were inside their bounds that are so at its end, or were."""
+    free, start = trial.free, piece.z[trial.free]
+    moved = trial.z - start
+    room = np.where(moved > 0.0, bounds.upper[free] - start, bounds.lower[free] - start)
     share = np.divide(room, moved, out=np.ones(len(free)), where=np.abs(moved) > np.abs(room))
     return float(share.min())
 
@@ -403,7 +436,7 @@ def _bounds(holes: int, base_tension: Array) -> Bounds:
     """Bounds of the mobilisations, then those of the tensions."""
     one, count = np.ones(holes), len(base_tension)
     near = np.full(count, NEAR_BOUND * max(1.0, float(base_tension.max(initial=0.0))))
-    return Bounds(
+    return Bounds.of(
         np.append(-one, np.zeros(count)),
         np.append(one, np.full(count, UNBOUNDED)),
         np.append(np.full(holes, NEAR_BOUND), near),

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from copy import copy
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -22,6 +21,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 from tdcr_fe.solve.friction_path.tension_transfer import CapstanTransfer, LawTransfer, Transfer
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Index = NDArray[np.int_]
 
 #: Corrections of the tensions above this fraction of the largest are followed by another; and their largest number [1].
@@ -110,19 +110,17 @@ class _Interval(NamedTuple):
         return np.asarray(rate + self.response_change @ more / self.length - response @ self.tension_rate)
 
 
-class SlipState:
-    """Slips at a load factor, and their derivatives; columns of the matrix are computed when first used.
+class SlipDerivatives:
+    """Derivatives of the slips at a load factor; columns of the matrix are computed when first used.
 
     Parameters
     ----------
     transfer
         Of the tension.
-    tension
-        Of the segments [N], shape (q,).
-    slip, rate
-        Slips, and their derivatives by the load factor at fixed tensions, shape (n,).
+    rate
+        Derivatives of the slips by the load factor at fixed tensions, shape (n,).
     by_tension
-        Their derivatives by the tensions, shape (n, q).
+        Those by the tensions, shape (n, q).
     factors
         Of the derivatives of the tensions by what is put on each segment.
     angle_rate
@@ -132,33 +130,30 @@ class SlipState:
 
     Attributes
     ----------
-    tension : ndarray, shape (q,)
-        Of the segments [N].
-    slip : ndarray, shape (n,)
-        At the frictional holes, then minus the slack [m].
     by_load : ndarray, shape (n,)
-        Their derivatives by the load factor at fixed mobilisations and unknown tensions at the base [m].
+        Derivatives of the slips by the load factor at fixed mobilisations and unknown tensions at the base [m].
     """
+
+    __slots__ = ("_by_tension", "_columns", "_factors", "_missing", "_segments", "_tension_by_load", "_transfer",
+                 "by_load", "stiffness")  # fmt: skip
 
     def __init__(
         self,
         transfer: Transfer,
-        tension: Array,
-        slip: Array,
         rate: Array,
         by_tension: Array,
         factors: tuple[Array, Index],
         angle_rate: Array,
         stiffness: Array,
     ) -> None:
-        self.tension, self.slip = tension, slip
-        self._by_tension, self._stiffness = by_tension, stiffness
-        self._factors, self._by_unknown = factors, transfer.by_unknown
-        self._tension_by_load = self.put_on(transfer.by_angle @ angle_rate + transfer.by_load)
+        self._transfer, self._by_tension, self._factors = transfer, by_tension, factors
+        self.stiffness = stiffness
+        self._tension_by_load = self.put_on(transfer.by_angles(angle_rate) + transfer.by_load)
         self.by_load: Array = rate + by_tension @ self._tension_by_load
-        n = len(slip)
-        self._known = np.zeros(n, dtype=bool)
-        self._matrix, self._segments = np.empty((n, n)), np.empty((len(self.tension), n))
+        n, q = by_tension.shape
+        self._missing: Flags = np.ones(n, dtype=bool)
+        # Column by column, each in one piece.
+        self._columns, self._segments = np.empty((n, n)), np.empty((n, q))
 
     def put_on(self, tensions: Array) -> Array:
         """Changes of the tensions, the turning of the tendons included, by those put on, shape (q,) or (q, i)."""
@@ -166,52 +161,86 @@ class SlipState:
         return found
 
     def columns(self, which: Index) -> Array:
-        """Derivatives by some of the unknowns, shape (n, i).
+        """As of `SlipState`."""
+        new = which[self._missing[which]]
+        if new.size:
+            segments = self.put_on(self._transfer.columns(new))
+            columns = -(self._by_tension @ segments)
+            columns[new, np.arange(len(new))] += self.stiffness[new]
+            self._columns[new], self._segments[new] = columns.T, segments.T
+            self._missing[new] = False
+        return self._columns[which].T
+
+    def segments(self, which: Index) -> Array:
+        """As of `SlipState`."""
+        if self._missing[which].any():
+            self.columns(which)
+        return self._segments[which].T
+
+    def tension_rates(self, free: Index, rate: Array) -> Array:
+        """As of `SlipState`."""
+        return self._tension_by_load + self.segments(free) @ rate[free]
+
+
+class SlipState(NamedTuple):
+    """Slips at a load factor, and their derivatives there or nearby.
+
+    Attributes
+    ----------
+    tension : ndarray, shape (q,)
+        Of the segments [N].
+    slip : ndarray, shape (n,)
+        At the frictional holes, then minus the slack [m].
+    derivatives : SlipDerivatives
+    """
+
+    tension: Array
+    slip: Array
+    derivatives: SlipDerivatives
+
+    @property
+    def by_load(self) -> Array:
+        """Derivatives by the load factor at fixed mobilisations and unknown tensions at the base [m], shape (n,)."""
+        return self.derivatives.by_load
+
+    def columns(self, which: Index) -> Array:
+        """Derivatives by some of the unknowns, in ascending order, shape (n, i).
 
         Presliding distance times identity for the holes, minus the derivatives by mobilisations [m] and tensions [m/N].
         """
-        new = which[~self._known[which]]
-        if new.size:
-            segments = self.put_on(self._by_unknown[:, new])
-            columns = -(self._by_tension @ segments)
-            columns[new, np.arange(len(new))] += self._stiffness[new]
-            self._matrix[:, new], self._segments[:, new] = columns, segments
-            self._known[new] = True
-        return self._matrix[:, which]
+        return self.derivatives.columns(which)
 
     def segments(self, which: Index) -> Array:
         """Derivatives of the tensions of the segments by some of the unknowns, shape (q, i)."""
-        self.columns(which)
-        return self._segments[:, which]
+        return self.derivatives.segments(which)
 
-    def ahead(self, part: float, free: Index, rate: Array, excess: Array) -> SlipState:
+    def tension_rates(self, free: Index, rate: Array) -> Array:
+        """Rates of the tensions of the segments, by those of the unknowns, of which some are free, shape (q,)."""
+        return self.derivatives.tension_rates(free, rate)
+
+    def ahead(self, part: float, tension: Array, rate: Array, excess: Array) -> SlipState:
         """The state a little further on, with the same derivatives.
 
         Parameters
         ----------
         part
             By how much the load factor is larger [1].
-        free, rate
-            Unknowns inside their bounds, and the rates of all of them, shape (n,).
+        tension
+            Of the segments there [N], shape (q,).
+        rate
+            Rates of all unknowns, shape (n,).
         excess
             Rates of the slips less the presliding part, and of minus the slack [m], shape (n,).
         """
-        there = copy(self)
-        there.slip = self.slip + part * (excess + self._stiffness * rate)
-        there.tension = self.tension + part * self.tension_rates(free, rate)
-        return there
+        moved = self.slip + part * (excess + self.derivatives.stiffness * rate)
+        return SlipState(tension, moved, self.derivatives)
 
     def beside(self, which: Index, change: Array) -> SlipState:
         """The state at the same load factor with some of the unknowns changed a little, with the same derivatives."""
-        there = copy(self)
-        there.slip = self.slip - self.columns(which) @ change
-        there.slip[which] += self._stiffness[which] * change
-        there.tension = self.tension + self.segments(which) @ change
-        return there
-
-    def tension_rates(self, free: Index, rate: Array) -> Array:
-        """Rates of the tensions of the segments, by those of the unknowns, shape (q,)."""
-        return np.asarray(self._tension_by_load + self.segments(free) @ rate[free])
+        by = self.derivatives
+        slip = self.slip - by.columns(which) @ change
+        slip[which] += by.stiffness[which] * change
+        return SlipState(self.tension + by.segments(which) @ change, slip, by)
 
 
 class SlipModel:
@@ -245,6 +274,7 @@ class SlipModel:
         self._transfer, self.presliding, self.holes = transfer, presliding, holes
         self._count = holes + unknown
         self._stiffness = np.append(np.full(holes, presliding), np.zeros(unknown))
+        self._identity = np.eye(len(ends[0].tension))
         self._intervals = [_Interval.between(a, b, bulge) for a, b in pairwise(ends)]
         #: Load factors of all states but the first.
         self.ends: tuple[float, ...] = tuple(at.factor for at in ends[1:])
@@ -296,13 +326,13 @@ class SlipModel:
         """
         n, part = self._count, self._interval(factor)
         straight, values, rate, response = part.at(factor)
+        by_tension, turning = response[:n], response[n:]
         for _ in range(MOST_ROUNDS):
-            angles = np.maximum(values[n:] + response[n:] @ (tension - straight), 0.0)
-            transfer = self._transfer.derivatives(factor, z, angles)
-            matrix = transfer.by_angle @ response[n:]
-            np.negative(matrix, out=matrix)
-            matrix.reshape(-1)[:: len(tension) + 1] += 1.0
-            lu, pivots, _ = dgetrf(matrix, overwrite_a=False)
+            angles = np.maximum(values[n:] + turning @ (tension - straight), 0.0)
+            transfer = self._transfer.at(factor, z, angles)
+            matrix = transfer.by_angles(turning)
+            np.subtract(self._identity, matrix, out=matrix)
+            lu, pivots, _ = dgetrf(matrix)
             # Newton's method for tensions and angles that agree: one step, unless they are far apart.
             off = transfer.tension - tension
             tension = tension + dgetrs(lu, pivots, off)[0]
@@ -310,9 +340,9 @@ class SlipModel:
                 break
         more = tension - straight
         rate = part.paced(rate, response, more)
-        slip = values[:n] + response[:n] @ more
-        factors = lu, pivots
-        return SlipState(transfer, tension, slip, rate[:n], response[:n], factors, rate[n:], self._stiffness)
+        slip = values[:n] + by_tension @ more
+        by = SlipDerivatives(transfer, rate[:n], by_tension, (lu, pivots), rate[n:], self._stiffness)
+        return SlipState(tension, slip, by)
 
     def rates(self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState) -> Array:
         """Rates of the slips, less the presliding part, and of minus the slack, at given rates of the unknowns, (n,).
@@ -328,11 +358,12 @@ class SlipModel:
         """
         n, part = self._count, self._interval(factor)
         straight, values, pace, response = part.at(factor)
-        angles = np.maximum(values[n:] + response[n:] @ (tension - straight), 0.0)
-        transfer = self._transfer.derivatives(factor, z, angles)
-        more = tension + near.put_on(transfer.tension - tension) - straight
+        turning, solve = response[n:], near.derivatives.put_on
+        angles = np.maximum(values[n:] + turning @ (tension - straight), 0.0)
+        transfer = self._transfer.at(factor, z, angles)
+        more = tension + solve(transfer.tension - tension) - straight
         pace = part.paced(pace, response, more)
-        put_on = transfer.by_angle @ pace[n:] + transfer.by_load + transfer.by_unknown @ rate
-        pulled = near.put_on(put_on)
-        pulled += near.put_on(put_on - pulled + transfer.by_angle @ (response[n:] @ pulled))
+        put_on = transfer.by_angles(pace[n:]) + transfer.by_load + transfer.by_unknowns(rate)
+        pulled = solve(put_on)
+        pulled += solve(put_on - pulled + transfer.by_angles(turning @ pulled))
         return np.asarray(pace[:n] + response[:n] @ pulled - self._stiffness * rate)

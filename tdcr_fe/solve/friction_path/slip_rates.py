@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Index = NDArray[np.int_]
 _BOTH = np.array([[1.0], [-1.0]])
+_NO_COLUMNS: Array = np.zeros((0, 0))
 
 
 class Bounds(NamedTuple):
@@ -27,18 +28,24 @@ class Bounds(NamedTuple):
     ----------
     lower, upper : ndarray, shape (n,)
         Bounds.
-    near : ndarray, shape (n,)
-        Distance from a bound that counts as none.
+    near_lower, near_upper : ndarray, shape (n,)
+        Values beyond which an unknown counts as at its bound.
     """
 
     lower: Array
     upper: Array
-    near: Array
+    near_lower: Array
+    near_upper: Array
+
+    @classmethod
+    def of(cls, lower: Array, upper: Array, near: Array) -> Bounds:
+        """With the distance from a bound that counts as none."""
+        return cls(lower, upper, lower + near, upper - near)
 
     def side(self, z: Array) -> Array:
         """1 at the upper bounds, -1 at the lower ones, 0 inside, shape (n,)."""
-        at_upper: Array = (z >= self.upper - self.near).astype(float)
-        at_upper -= z <= self.lower + self.near
+        at_upper: Array = (z >= self.near_upper).astype(float)
+        at_upper -= z <= self.near_lower
         return at_upper
 
 
@@ -87,7 +94,7 @@ class Rates(NamedTuple):
     def motion(self, slope: Array | None) -> Motion:
         """With their derivatives, from that of ``load - matrix z'`` at constant rates, shape (n,); None is zero."""
         if slope is None:
-            still = np.zeros_like(self.rate)
+            still = np.zeros(len(self.rate))
             return Motion(self.side, self.rate, still, self.excess, still)
         if self.factors is None:
             return Motion(self.side, self.rate, self.rate, self.excess, slope)
@@ -125,14 +132,13 @@ def solve_rates(
     tolerance
         Rates of the excess, and of the unknowns as lengths, below it are zero.
     """
-    count = len(side)
-    active, outside = side, side * scale
+    count, active = len(side), side
     best, patience = count + 1, 3
     for _ in range(30 + 10 * count):
         free = (active == 0.0).nonzero()[0]
         rate = np.zeros(count)
         factors: tuple[Array, NDArray[np.int_]] | None = None
-        excess, own = load, np.zeros((count, 0))
+        excess, own = load, _NO_COLUMNS
         if free.size:
             own = columns(free)
             lu, pivots, found, singular = dgesv(own[free], load[free], overwrite_a=True)
@@ -140,12 +146,15 @@ def solve_rates(
                 return None
             rate[free], factors = found, (lu, pivots)
             excess = load - own @ found
-        outward = outside * rate > tolerance
-        inward = active * excess < -tolerance
+        broken = active * excess < -tolerance
         if open_ is not None:
-            inward &= ~open_
-        broken = outward | inward
-        number = int(broken.sum())
+            broken &= ~open_
+        outward = None
+        if active is not side:
+            # Those that left their bounds must move inward.
+            outward = side * scale * rate > tolerance
+            broken |= outward
+        number = int(np.count_nonzero(broken))
         if number == 0:
             return Rates(active, rate, excess, free, own, factors)
         if number < best:
@@ -156,18 +165,32 @@ def solve_rates(
             first = broken.argmax()
             broken = np.zeros(count, dtype=bool)
             broken[first] = True
-        active = np.where(broken, np.where(outward, side, 0.0), active)
+        back = 0.0 if outward is None else np.where(outward, side, 0.0)
+        active = np.where(broken, back, active)
     return None
 
 
-def distance_to_bound(motion: Motion, z: Array, bounds: Bounds) -> float:
-    """Distance to where a free unknown reaches a bound; infinite where none does."""
-    # z + a h + b h^2 / 4 meets a bound: the root at which it is crossed outward.
-    gap = np.array((bounds.upper - z, z - bounds.lower))
-    pace = motion.rate * _BOTH
-    inner = pace * pace + (2.0 * gap) * (motion.rate_change * _BOTH)
+def distance_to_bound(rates: Rates, z: Array, bounds: Bounds) -> float:
+    """Distance to where a free unknown reaches a bound at constant rates; infinite where none does."""
+    free = rates.free
+    if not free.size:
+        return np.inf
+    pace = rates.rate[free]
+    bound = np.where(pace > 0.0, bounds.upper[free], bounds.lower[free])
+    return float(np.abs((bound - z[free]) / pace).min())
+
+
+def distance_to_curved_bound(motion: Motion, free: Index, z: Array, bounds: Bounds) -> float:
+    """The same at rates that are linear in the load factor."""
+    if not free.size:
+        return np.inf
+    # z + a h + b h^2 / 2 meets a bound: the root at which it is crossed outward.
+    here = z[free]
+    gap = np.array((bounds.upper[free] - here, here - bounds.lower[free]))
+    pace = motion.rate[free] * _BOTH
+    inner = pace * pace + (2.0 * gap) * (motion.rate_change[free] * _BOTH)
     speed = pace + np.sqrt(np.maximum(inner, 0.0))
-    ahead = (inner >= 0.0) & (speed > 0.0) & (motion.side == 0.0)
+    ahead = (inner >= 0.0) & (speed > 0.0)
     return 2.0 * float(np.divide(gap, speed, out=np.full(gap.shape, np.inf), where=ahead).min())
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +52,183 @@ class TendonsInSubstep(NamedTuple):
         return int(np.count_nonzero(self.frictional))
 
 
-class Transfer(NamedTuple):
-    """Tensions of the segments, and their derivatives.
+class Transfer(Protocol):
+    """Tensions of the segments at given unknowns and angles, and their derivatives as linear maps."""
+
+    @property
+    def tension(self) -> Array:
+        """Of the segments [N], shape (q,)."""
+        ...
+
+    @property
+    def by_load(self) -> Array:
+        """Derivatives by the load factor, through the given tensions at the base [N], shape (q,)."""
+        ...
+
+    def by_angles(self, change: Array) -> Array:
+        """Change of the tensions by one of the turning angles [N], (r,) to (q,) or (r, j) to (q, j)."""
+        ...
+
+    def by_unknowns(self, change: Array) -> Array:
+        """Change of the tensions by one of the mobilisations and unknown tensions at the base [N], (k + c,) to (q,)."""
+        ...
+
+    def columns(self, which: Index) -> Array:
+        """Derivatives of the tensions by some of these unknowns, in ascending order, shape (q, i)."""
+        ...
+
+
+class CapstanAt(NamedTuple):
+    """Tensions by the Capstan equation, and their derivatives, see `Transfer`.
+
+    Attributes
+    ----------
+    law : CapstanTransfer
+    tension : ndarray, shape (q,)
+        [N].
+    ratio : ndarray, shape (q,)
+        To the tension at the base [1].
+    acting : ndarray, shape (r,)
+        Coefficient of friction times mobilisation [1].
+    turned : ndarray, shape (r,)
+        Coefficient of friction times turning angle [1].
+    """
+
+    law: CapstanTransfer
+    tension: Array
+    ratio: Array
+    acting: Array
+    turned: Array
+
+    @property
+    def by_load(self) -> Array:
+        """See `Transfer.by_load`."""
+        return self.ratio * self.law.change
+
+    def by_angles(self, change: Array) -> Array:
+        """See `Transfer.by_angles`."""
+        if change.ndim == 1:
+            return -self.tension * (self.law.before @ (self.acting * change))
+        found = self.law.before_segments(self.acting[:, None] * change)
+        found *= -self.tension[:, None]
+        return found
+
+    def by_unknowns(self, change: Array) -> Array:
+        """See `Transfer.by_unknowns`."""
+        law, k = self.law, self.law.holes
+        found = -self.tension * (law.before @ (self.turned * law.at_holes(change[:k])))
+        return found + self.ratio * (law.owner @ change[k:]) if law.unknown else found
+
+    def columns(self, which: Index) -> Array:
+        """See `Transfer.columns`."""
+        law = self.law
+        count = int(np.count_nonzero(which < law.holes)) if law.unknown else len(which)
+        mobilised = which[:count]
+        if law.single is None:
+            found = law.before @ (self.turned[:, None] * law.incidence[:, mobilised])
+        else:
+            own = law.single[mobilised]
+            found = law.before[:, own] * self.turned[own]
+        found *= -self.tension[:, None]
+        if count == len(which):
+            return found
+        return np.concatenate((found, self.ratio[:, None] * law.owner[:, which[count:] - law.holes]), axis=1)
+
+
+class CapstanTransfer:
+    """Constant coefficients without adhesion: ``T = T_base exp(-sum of s mu theta)``.
+
+    Parameters
+    ----------
+    tendons
+        By robot.
+
+    Attributes
+    ----------
+    holes, unknown : int
+        Numbers of mobilisations and of unknown tensions at the base.
+    before : ndarray, shape (q, r)
+        Holes before each segment.
+    incidence : ndarray, shape (r, k)
+        From the mobilisations to the holes.
+    single : ndarray of int, shape (k,), or None
+        The hole of every mobilisation, where each acts at one hole alone.
+    owner : ndarray, shape (q, c)
+        Which unknown tension each segment has at its base.
+    change : ndarray, shape (q,)
+        Of the given tensions at the base, in the substep [N].
+    """
+
+    def __init__(self, tendons: Sequence[TendonsInSubstep]) -> None:
+        q, r, k = (sum(getattr(t, name) for t in tendons) for name in ("segments", "angles", "holes"))
+        c = sum(len(t.driven) for t in tendons)
+        self.before = np.zeros((q, r))
+        self._friction, self.incidence = np.zeros(r), np.zeros((r, k))
+        self._base, self.owner = np.zeros((2, q)), np.zeros((q, c))
+        #: By robot, its segments, its angles, the number of its tendons, and holes before the segments of each.
+        self._robots: list[tuple[slice, slice, int, Array]] = []
+        segment = angle = hole = base = 0
+        for own in tendons:
+            n = own.law.shape[1]
+            incidence, every = own.law.law.hole_incidence(n), np.tri(n, n - 1, -1)
+            here = slice(segment, segment + own.segments), slice(angle, angle + own.angles)
+            self._robots.append((*here, len(own.which), every))
+            given = own.tension.copy()
+            given[:, own.driven] = 0.0
+            for i, tendon in enumerate(own.which):
+                segments, angles = slice(segment, segment + n), slice(angle, angle + n - 1)
+                self.before[segments, angles] = every
+                self._friction[angles] = own.law.parameters.friction[tendon]
+                columns = incidence[:, own.frictional[i]]
+                self.incidence[angles, hole : hole + columns.shape[1]] = columns
+                self._base[:, segments] = given[:, i, None]
+                if i in own.driven:
+                    self.owner[segments, base] = 1.0
+                    base += 1
+                segment, angle, hole = segments.stop, angles.stop, hole + columns.shape[1]
+        self.holes, self.unknown = k, c
+        self.change = self._base[1] - self._base[0]
+        single = (self.incidence != 0.0).sum(axis=0) == 1
+        self.single = self.incidence.argmax(axis=0) if bool(single.all()) else None
+
+    def at_holes(self, values: Array) -> Array:
+        """Values of the mobilisations at the holes, (k,) to (r,)."""
+        if self.single is None:
+            return np.asarray(self.incidence @ values)
+        found = np.zeros(len(self._friction))
+        found[self.single] = values
+        return found
+
+    def before_segments(self, at_holes: Array) -> Array:
+        """Sums over the holes before each segment, (r, j) to (q, j)."""
+        found = np.empty((len(self.before), at_holes.shape[1]))
+        for segments, angles, count, every in self._robots:
+            own = at_holes[angles].reshape(count, every.shape[1], -1)
+            np.matmul(every, own, out=found[segments].reshape(count, every.shape[0], -1))
+        return found
+
+    def at(self, factor: float, z: Array, angles: Array) -> CapstanAt:
+        """Tensions of the segments, and their derivatives.
+
+        Parameters
+        ----------
+        factor
+            Load factor within the substep [1].
+        z
+            Mobilisations, then unknown tensions at the base [N], shape (k + c,).
+        angles
+            Turning angles [rad], shape (r,).
+        """
+        acting = self.at_holes(z[: self.holes]) * self._friction
+        ratio = np.exp(-(self.before @ (acting * angles)))
+        given = self._base[0] + factor * self.change
+        if self.unknown:
+            given += self.owner @ z[self.holes :]
+        return CapstanAt(self, given * ratio, ratio, acting, self._friction * angles)
+
+
+class LawAt(NamedTuple):
+    """Tensions by any law, and their derivatives, see `Transfer`.
 
     Attributes
     ----------
@@ -72,80 +247,17 @@ class Transfer(NamedTuple):
     by_unknown: Array
     by_load: Array
 
+    def by_angles(self, change: Array) -> Array:
+        """See `Transfer.by_angles`."""
+        return self.by_angle @ change
 
-class CapstanTransfer:
-    """Constant coefficients without adhesion: ``T = T_base exp(-sum of s mu theta)``.
+    def by_unknowns(self, change: Array) -> Array:
+        """See `Transfer.by_unknowns`."""
+        return self.by_unknown @ change
 
-    Parameters
-    ----------
-    tendons
-        By robot.
-    """
-
-    def __init__(self, tendons: Sequence[TendonsInSubstep]) -> None:
-        q, r, k = (sum(getattr(t, name) for t in tendons) for name in ("segments", "angles", "holes"))
-        c = sum(len(t.driven) for t in tendons)
-        #: Holes before each segment, shape (q, r).
-        self._before = np.zeros((q, r))
-        self._friction, self._incidence = np.zeros(r), np.zeros((r, k))
-        self._base, self._owner = np.zeros((2, q)), np.zeros((q, c))
-        segment = angle = hole = base = 0
-        for own in tendons:
-            n = own.law.shape[1]
-            incidence, every = own.law.law.hole_incidence(n), np.tri(n, n - 1, -1)
-            given = own.tension.copy()
-            given[:, own.driven] = 0.0
-            for i, tendon in enumerate(own.which):
-                segments, angles = slice(segment, segment + n), slice(angle, angle + n - 1)
-                self._before[segments, angles] = every
-                self._friction[angles] = own.law.parameters.friction[tendon]
-                columns = incidence[:, own.frictional[i]]
-                self._incidence[angles, hole : hole + columns.shape[1]] = columns
-                self._base[:, segments] = given[:, i, None]
-                if i in own.driven:
-                    self._owner[segments, base] = 1.0
-                    base += 1
-                segment, angle, hole = segments.stop, angles.stop, hole + columns.shape[1]
-        self._holes, self._unknown = k, c
-        self._change = self._base[1] - self._base[0]
-        #: Friction of each mobilisation that acts at one hole alone, by which columns are picked.
-        single = (self._incidence != 0.0).sum(axis=0) == 1
-        self._single = self._incidence.argmax(axis=0) if bool(single.all()) else None
-
-    def _at_holes(self, values: Array) -> Array:
-        """Values of the mobilisations at the holes."""
-        if self._single is None:
-            return np.asarray(self._incidence @ values)
-        found = np.zeros(len(self._friction))
-        found[self._single] = values
-        return found
-
-    def _given(self, factor: float, z: Array) -> Array:
-        """Tension at the base of each segment's tendon [N]."""
-        given = self._base[0] + factor * self._change
-        return given + self._owner @ z[self._holes :] if self._unknown else given
-
-    def derivatives(self, factor: float, z: Array, angles: Array) -> Transfer:
-        """Tensions of the segments, and their derivatives.
-
-        Parameters
-        ----------
-        factor
-            Load factor within the substep [1].
-        z
-            Mobilisations, then unknown tensions at the base [N], shape (k + c,).
-        angles
-            Turning angles [rad], shape (r,).
-        """
-        acting = self._at_holes(z[: self._holes]) * self._friction
-        ratio = np.exp(-(self._before @ (acting * angles)))
-        tension = self._given(factor, z) * ratio
-        passed = -tension[:, None] * self._before
-        by = passed * (self._friction * angles)
-        by = by @ self._incidence if self._single is None else by[:, self._single]
-        if self._unknown:
-            by = np.concatenate((by, ratio[:, None] * self._owner), axis=1)
-        return Transfer(tension, passed * acting, by, ratio * self._change)
+    def columns(self, which: Index) -> Array:
+        """See `Transfer.columns`."""
+        return self.by_unknown[:, which]
 
 
 class LawTransfer:
@@ -169,12 +281,10 @@ class LawTransfer:
             segment, angle, hole = segment + own.segments, angle + own.angles, hole + own.holes
             base += len(own.driven)
 
-    def derivatives(self, factor: float, z: Array, angles: Array) -> Transfer:
+    def at(self, factor: float, z: Array, angles: Array) -> LawAt:
         """As of `CapstanTransfer`."""
         q, r = self._size
-        found = Transfer(
-            np.zeros(q), np.zeros((q, r)), np.zeros((q, self._holes + self._unknown)), np.zeros(q)
-        )
+        found = LawAt(np.zeros(q), np.zeros((q, r)), np.zeros((q, self._holes + self._unknown)), np.zeros(q))
         for at in self._places:
             own, which, (m, n) = at.tendons, at.tendons.which, at.tendons.law.shape
             change = own.tension[1] - own.tension[0]
