@@ -32,6 +32,10 @@ PROMISE = 0.1
 #: prediction.
 SECOND_LOOK = 4
 
+#: Fits whose BIC differs by less than this share and this constant may change order on substeps of their own, see
+#: `fitting.NEAR_PATH` [1].
+PATH_SHARE, PATH_MARGIN = 0.03, 20.0
+
 #: Local causes that saturate are simulated where no other one leaves less than this share of the misfit to first order.
 SOLVED = 0.1
 
@@ -156,7 +160,7 @@ def _at_probe(
     if not values:
         return None
     effects, free = (*fit.effects, first), (*fit.free, *((first.name, name) for name in values))
-    fitted = fitting.evaluated(problem, effects, {**fit.values, first.name: values}, free, fit.run)
+    fitted = fitting.evaluated(problem, effects, {**fit.values, first.name: values}, free, fit)
     (base,) = fitting.run_fits(problem, [fitted])
     return base if base.solved else None
 
@@ -191,9 +195,10 @@ def fit_proposals(
     number: int,
     proposals: Sequence[tuple[Fit, Score]],
     progress: float,
+    known: float = math.inf,
 ) -> tuple[SearchState, list[Fit]]:
-    """Fit the candidates of a round; those that were solved, best first."""
-    state, raced = fit_and_rank(search, state, proposals, math.inf, progress, most=search.settings.candidates)
+    """Fit the candidates of a round; those that were solved, best first. ``known``: the lowest cost so far."""
+    state, raced = fit_and_rank(search, state, proposals, known, progress, most=search.settings.candidates)
     problem = state.problem
     for fit, score, new in raced:
         entries = tuple(
@@ -223,6 +228,7 @@ def fit_and_rank(
     progress: float,
     more: Mapping[str, Sequence[Point]] | None = None,
     most: int | None = None,
+    margin: float = 0.0,
 ) -> tuple[SearchState, list[tuple[Fit, Score, Fit]]]:
     """Fit models, each a fitted one with one more effect; those that cannot come near the best are stopped.
 
@@ -240,6 +246,8 @@ def fit_and_rank(
         By effect, further points to begin from where the lowest cost is not reached.
     most
         So many models are fitted at most: those that promise most at their predicted values; None for all.
+    margin
+        See `finished`.
 
     Returns
     -------
@@ -255,7 +263,7 @@ def fit_and_rank(
     race = fitting.Race(known, search.deadline if state.best.effects else math.inf)
     begun = fitting.run_fits(
         state.problem,
-        [fitting.begin(state.problem, (*p.effects, x.effect), x.starts[:1], race, p.run) for p, x in new],
+        [fitting.begin(state.problem, (*p.effects, x.effect), x.starts[:1], race, p) for p, x in new],
     )
     chosen = list(zip(new, begun, strict=True))
     if most is not None:
@@ -265,7 +273,7 @@ def fit_and_rank(
         candidate_fit(state.problem, parent, score, now, race, (more or {}).get(score.effect.name, ()))
         for (parent, score), now in chosen
     ]
-    for found in fitting.run_fits(state.problem, fittings):
+    for found in finished(state.problem, fitting.run_fits(state.problem, fittings), race, margin):
         state = with_note_on_differences(state.with_fit(found), found.differenced)
     known_fits = [(p, x, state.fits.get(names_with(p, x))) for p, x in starters]
     return state, [(p, x, fit) for p, x, fit in known_fits if fit is not None]
@@ -306,21 +314,47 @@ def candidate_fit(
     """
     effects, drop = (*parent.effects, score.effect), parent.cost - score.cost(problem)
     if now is None:
-        now = yield from fitting.begin(problem, effects, score.starts[:1], race, parent.run)
+        now = yield from fitting.begin(problem, effects, score.starts[:1], race, parent)
     now = yield from fitting.descend(problem, now, race, 5, score.predicted)
     starts = list(more) if now.cost > 1.5 * race.lowest else []
     if now.cost > max(1.5 * race.lowest, parent.cost - 0.7 * drop):
         starts += score.starts[1:]
     if starts:
         try:
-            other = yield from fitting.begin(problem, effects, starts, race, parent.run)
+            other = yield from fitting.begin(problem, effects, starts, race, parent)
         except OutOfTime:
             return now
         other = yield from fitting.descend(problem, other, race, 12 if more else 5)
         now = min(now, other, key=lambda f: f.cost)
-    if now.solved and now.cost <= race.limit:
-        now = yield from fitting.finish(problem, replace(now, given_up=False), race)
     return now
+
+
+def finished(problem: FitProblem, fits: Sequence[Fit], race: fitting.Race, margin: float = 0.0) -> list[Fit]:
+    """Fits of which the best is improved to the end, with those that may come near it.
+
+    Parameters
+    ----------
+    problem
+        Readings.
+    fits
+        As far as they came along the paths of other models.
+    race
+        With its lowest cost, and the time when fits end where they are.
+    margin
+        Fits whose BIC is within so much of the best one are improved as well.
+    """
+    found, done = list(fits), set[int]()
+    while True:
+        ranks = [rank(problem, f) if f.solved else math.inf for f in found]
+        lowest = min(ranks, default=math.inf)
+        near = lowest + max(margin, PATH_SHARE * lowest + PATH_MARGIN)
+        todo = [i for i, f in enumerate(found) if i not in done and f.cost <= race.limit and ranks[i] <= near]
+        if not todo or math.isinf(lowest):
+            return found
+        ready = [fitting.finish(problem, replace(found[i], given_up=False), race) for i in todo]
+        for i, fit in zip(todo, fitting.run_fits(problem, ready), strict=True):
+            found[i] = fit
+            done.add(i)
 
 
 def scores_beside(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]:
@@ -341,13 +375,22 @@ def scores_beside(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[S
     return state, state.scores[key]
 
 
-def local_scores_beside(search: Search, state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]:
-    """Scores of local causes beside a model, computed once."""
+def first_order_local_scores(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]:
+    """Scores of local causes beside a model, to first order, computed once."""
     key = frozenset(fit.names)
-    if key not in state.local_scores:
+    if key not in state.first_order_local_scores:
         every = [e for family in local_candidates(state.problem, fit) for e in family]
         scores = screen(state.problem, fit, every)
-        state = with_screened(state, scores)
+        known = {**state.first_order_local_scores, key: scores}
+        state = with_screened(replace(state, first_order_local_scores=known), scores)
+    return state, state.first_order_local_scores[key]
+
+
+def local_scores_beside(search: Search, state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]:
+    """Scores of local causes beside a model, with those that saturate simulated, computed once."""
+    key = frozenset(fit.names)
+    if key not in state.local_scores:
+        state, scores = first_order_local_scores(state, fit)
         least = min((x.cost(state.problem) for x in scores), default=math.inf)
         explained = residual_is_noise(state.problem, state.best, search.significance)
         if least > SOLVED * fit.cost and not explained:
@@ -361,7 +404,7 @@ def _strong_scores(problem: FitProblem, fit: Fit) -> list[Score]:
     effects = strong_candidates(problem, fit)
     points = [{**fit.values, e.name: e.full_strength(problem.experiment)} for e in effects]
     fits = [
-        fitting.evaluated(problem, (*fit.effects, e), point, (), fit.run)
+        fitting.evaluated(problem, (*fit.effects, e), point, (), fit)
         for e, point in zip(effects, points, strict=True)
     ]
     none = np.zeros((fit.residual.size, 0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.special import gammaln
 
+from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
+from tdcr_fe.identify.run import last_parts
 from tdcr_fe.io.cells import number
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.loading import LoadStep
@@ -39,6 +41,8 @@ FARTHEST = 2.0
 #: A jump of the residual that is left is reported where it is this many times the scatter before and after it, and
 #: sigma [1], there are so many steps on both sides, and it leaves at most this share of what a line leaves [1].
 CLEAR_JUMP, LEAST_PART, BESIDE_TREND = 4.0, 4, 0.7
+#: Other drives are simulated with friction where they leave less than this share of the residual without it [1].
+LIKELY = 0.5
 #: Largest number of load steps that are simulated to try exchanged tendons.
 MOST_STEPS = 1500
 
@@ -134,7 +138,7 @@ def data_fault(problem: FitProblem, declared: Fit) -> str:
     found = [(grid.cost(m) + count * price, text) for m, count, text in _mended(grid)]
     best = min(found, default=(float("inf"), ""))
     if best[0] > limit:
-        best = min(_other_drives(problem), default=best)
+        best = min(_other_drives(problem, declared), default=best)
     return best[1] if best[0] <= limit else ""
 
 
@@ -382,8 +386,8 @@ def _drifts(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
         yield moved, 2, text
 
 
-def _other_drives(problem: FitProblem) -> Iterator[tuple[float, str]]:
-    """Mean squares with two tendons exchanged, or all displacements counted the other way."""
+def _other_drives(problem: FitProblem, declared: Fit) -> Iterator[tuple[float, str]]:
+    """Mean squares with two tendons exchanged, or all displacements counted the other way, where that may be."""
     robot, steps = problem.data.robot, problem.experiment.steps
     changes: list[tuple[Mapping[str, str], float, str]] = []
     for a, b in itertools.combinations(robot.tendons, 2):
@@ -397,9 +401,41 @@ def _other_drives(problem: FitProblem) -> Iterator[tuple[float, str]]:
     experiments = [
         replace(problem.experiment, steps=_driven(steps, names, sign)) for names, sign, _ in changes
     ]
-    for experiment, run, (_, _, text) in zip(experiments, problem.solve(experiments), changes, strict=True):
+    likely = _likely_without_friction(problem, declared, experiments)
+    tried = [(e, text) for e, (_, _, text), ok in zip(experiments, changes, likely, strict=True) if ok]
+    runs = problem.solve([e for e, _ in tried])
+    for (experiment, text), run in zip(tried, runs, strict=True):
         r = problem.residual(experiment, run)[problem.readings.is_position]
         yield _mean_square(r), f"the readings fit if {text}"
+
+
+def _likely_without_friction(
+    problem: FitProblem, declared: Fit, experiments: Sequence[Experiment]
+) -> list[bool]:
+    """Whether other drives would remove most of the residual, by the change of the predictions without friction.
+
+    A run without friction costs a tenth of one with it. The exchange of two tendons moves the robot by as much as they
+    do; friction changes a part of that.
+    """
+    if problem.experiment.model.friction == "none":
+        return [True] * len(experiments)
+    free = [
+        replace(e, model=replace(e.model, friction="none"), ends=None, steps=_commanded(e))
+        for e in (problem.experiment, *experiments)
+    ]
+    here, *others = [
+        problem.residual(e, run)[problem.readings.is_position]
+        for e, run in zip(free, problem.solve(free), strict=True)
+    ]
+    r = declared.residual[problem.readings.is_position]
+    least = LIKELY * float(np.mean(np.abs(r)))
+    # What cannot be predicted without friction is tried with it.
+    return [not float(np.mean(np.abs(r + other - here))) > least for other in others]
+
+
+def _commanded(experiment: Experiment) -> tuple[LoadStep, ...]:
+    """The steps that are commanded, as ends of their parts."""
+    return tuple(experiment.steps[j] for j in last_parts(experiment))
 
 
 def other_sign_solves(problem: FitProblem) -> str:

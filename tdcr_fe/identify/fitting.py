@@ -20,7 +20,6 @@ from scipy.optimize import lsq_linear
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
-from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.time_limit import OutOfTime, clock
 
 Array = NDArray[np.float64]
@@ -36,6 +35,10 @@ UNSURE = 1.0 / 3.0
 
 #: Assumed error of the simulation, as a fraction of the length and in radians [1, rad].
 NUMERICS = 2e-5
+
+#: A run takes substeps that another run has chosen where their predictions differ by less than this, rms over sigma. On
+#: robots with friction, substeps of its own then change them by 0.05 or less.
+NEAR_PATH = 2.0
 
 #: A fit is stopped where it cannot come below so many times the lowest cost so far, plus a constant; far above what
 #: makes it indistinguishable [1].
@@ -113,7 +116,6 @@ def fit(
     effects: Sequence[Effect],
     starts: Sequence[Point],
     max_iterations: int = 12,
-    reference: Run | None = None,
 ) -> Fit:
     """Fit the parameters of effects, to convergence.
 
@@ -127,8 +129,6 @@ def fit(
         Points to begin from; the best is taken.
     max_iterations
         Steps.
-    reference
-        A neighbour's run for the starting points.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def fit(
     """
 
     def fitting() -> Fitting:
-        now = yield from begin(problem, effects, starts, Race(), reference)
+        now = yield from begin(problem, effects, starts, Race())
         if not np.isfinite(now.cost):
             return now
         return (yield from finish(problem, now, Race(), max_iterations))
@@ -150,14 +150,14 @@ def begin(
     effects: Sequence[Effect],
     starts: Sequence[Point],
     race: Race,
-    reference: Run | None = None,
+    along: Fit | None = None,
 ) -> Fitting:
-    """The best of several points, with all parameters free that change anything there."""
+    """The best of several points, on the path of another model, with all parameters free that change anything there."""
     every = tuple((e.name, p.name) for e in effects for p in e.parameters)
     best: Fit | None = None
     for point in starts:
         try:
-            new = yield from evaluated(problem, effects, point, every, reference)
+            new = yield from evaluated(problem, effects, point, every, along)
         except OutOfTime:
             if best is None:
                 raise
@@ -176,15 +176,18 @@ def evaluated(
     effects: Sequence[Effect],
     values: Point,
     free: Sequence[tuple[str, str]],
-    reference: Run | None = None,
+    along: Fit | None = None,
 ) -> Fitting:
-    """A model at given values with its derivatives by those of the given parameters that change anything."""
+    """A model at given values with its derivatives by those of the given parameters that change anything.
+
+    ``along``: a model whose substeps the run takes, which is several times as fast.
+    """
     by_name = {e.name: e for e in effects}
     scale = _scales(problem, effects, free)
     columns = tuple(
         Column(by_name[k[0]], k[1], values[k[0]], 0.2 * float(x)) for k, x in zip(free, scale, strict=True)
     )
-    linear = yield Request(tuple(effects), values, columns, reference)
+    linear = yield Request(tuple(effects), values, columns, None if along is None else along.run)
     size = np.sqrt(np.mean(linear.matrix[problem.fitted] ** 2, axis=0))
     keep = np.isfinite(size) & (size * scale > NOTHING)
     differenced = {columns[j].key: why for j, why in linear.differenced.items()}
@@ -196,7 +199,7 @@ def evaluated(
         linear.matrix[:, keep],
         tuple(k for k, ok in zip(free, keep, strict=True) if ok),
         linear.run,
-        reference is None,
+        None if along is None else along.path_origin,
         differenced,
     )
 
@@ -236,7 +239,7 @@ def descend(
             return replace(now, given_up=True)
         point = problem.point(now.effects, now.values, now.free, z)
         try:
-            trial = yield from evaluated(problem, now.effects, point, now.free, now.run)
+            trial = yield from evaluated(problem, now.effects, point, now.free, now)
         except OutOfTime:
             break
         if not trial.cost < now.cost:
@@ -270,10 +273,10 @@ def _distance(problem: FitProblem, a: Array, b: Array) -> float:
 
 
 def finish(problem: FitProblem, now: Fit, race: Race, max_iterations: int = 12) -> Fitting:
-    """Improve a fit to the end; simulated on its own path, and improved from there if it differs."""
+    """Improve a fit to the end; far from the run that has chosen its substeps, it chooses its own and goes on."""
     for _ in range(2):
-        before, now = now, (yield from descend(problem, now, race, max_iterations))
-        if now.given_up or (now is before and now.on_own_path):
+        now = yield from descend(problem, now, race, max_iterations)
+        if now.given_up or now.distance_from_path < NEAR_PATH:
             break
         try:
             again = yield from evaluated(problem, now.effects, now.values, now.free)
@@ -283,6 +286,15 @@ def finish(problem: FitProblem, now: Fit, race: Race, max_iterations: int = 12) 
         now = again
         if not np.isfinite(now.cost) or change < 1.0 + 1e-2 * now.cost:
             break
+    return now
+
+
+def smaller(problem: FitProblem, effects: Sequence[Effect], starts: Sequence[Point], best: Fit) -> Fitting:
+    """Fit a part of the best model on its path; to the end where it is nearly as good."""
+    now = yield from begin(problem, effects, starts, Race(), best)
+    now = yield from descend(problem, now, Race())
+    if now.cost <= Race(best.cost).limit:
+        now = yield from finish(problem, now, Race())
     return now
 
 

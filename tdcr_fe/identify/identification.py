@@ -20,8 +20,9 @@ from tdcr_fe.identify.law import LEAST_SECONDS, find_law
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma
 from tdcr_fe.identify.outcome import IdentificationResult, InputScatter, NextExperiment
-from tdcr_fe.identify.problem import FitProblem, evaluate, refine
+from tdcr_fe.identify.problem import FitProblem, evaluate, fit_of_run, refine
 from tdcr_fe.identify.rows import RowChoice, choose_rows, fit_to_all_rows, problem_of_rows
+from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.search_state import Progress, Search, SearchState, in_time
 from tdcr_fe.identify.selection import search_effects, with_intermediate_models
 from tdcr_fe.identify.settings import IdentifySettings
@@ -98,7 +99,7 @@ def identify(
     try:
         with ForwardModel(settings.processes, data.settings) as forward:
             prepared = _prepare(without_unread_steps(data), settings, forward)
-            state = _declared(prepared.searched)
+            state = _declared(prepared.searched, prepared.run)
             schedule = Schedule.of(begun, settings.time_limit, prepared.all_steps, prepared.with_friction)
             found = _search(search, state, prepared, schedule)
             search.report("conclusions", 0.97)
@@ -125,6 +126,8 @@ class _Prepared(NamedTuple):
         Of all load steps.
     searched : FitProblem
         Of those that the search uses, with mesh and path fine enough; the same readings where it uses all.
+    run : Run
+        Of the declared model, in that problem.
     rows : RowChoice or None
         Load steps that the search uses; None for all.
     frictional : FitProblem or None
@@ -140,6 +143,7 @@ class _Prepared(NamedTuple):
 
     problem: FitProblem
     searched: FitProblem
+    run: Run
     rows: RowChoice | None
     frictional: FitProblem | None
     sigma_estimated: bool
@@ -270,21 +274,23 @@ def _prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMod
             frictional, with_friction = searched, duration
             rows = choose_rows(data, sorted(positions), history=False) or rows
             searched = without_friction(problem_of_rows(problem, rows))
-    searched, _ = refine(searched, (), {})
-    return _Prepared(problem, searched, rows, frictional, estimated, all_steps, with_friction)
+    _, (run,) = searched.residuals((), [{}], record=True)
+    if run.solved == len(run.positions):
+        searched, run = refine(searched, (), {}, run)
+    return _Prepared(problem, searched, run, rows, frictional, estimated, all_steps, with_friction)
 
 
-def _declared(problem: FitProblem) -> SearchState:
+def _declared(problem: FitProblem, run: Run) -> SearchState:
     """The state with the declared model alone.
 
     Raises
     ------
     NotSolved
     """
-    declared = evaluate(problem, (), {})
+    declared = fit_of_run(problem, (), {}, run)
     if not declared.solved:
         hint = other_sign_solves(problem)
         message = f"the declared model does not follow the loading sequence: {declared.run.message}"
         raise NotSolved(f"{message}{' ' if hint else ''}{hint}")
     problem = replace(problem, robust_threshold=robust_threshold(declared.residual))
-    return SearchState.start(problem, evaluate(problem, (), {}))
+    return SearchState.start(problem, fit_of_run(problem, (), {}, run))

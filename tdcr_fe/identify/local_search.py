@@ -8,7 +8,14 @@ from dataclasses import replace
 
 from tdcr_fe.effects import EffectAtPlace
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.candidates import candidate_fit, local_scores_beside, names_with
+from tdcr_fe.identify.candidates import (
+    candidate_fit,
+    finished,
+    first_order_local_scores,
+    local_scores_beside,
+    names_with,
+    scores_beside,
+)
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
     bic,
@@ -29,8 +36,13 @@ from tdcr_fe.identify.search_state import (
     without,
 )
 
-#: Models whose place is moved to neighbouring ones, the best first.
-MOVED = 2
+#: A local cause is fitted before effects along the whole robot where it leaves this share of what they leave, to first
+#: order [1].
+AHEAD = 0.5
+
+#: Models whose place is moved to neighbouring ones, the best first; and only while their cost is at most so many times
+#: that at which a fit is of interest.
+MOVED, MOVABLE = 2, 10.0
 
 
 def local_search(search: Search, state: SearchState) -> Stage:
@@ -45,6 +57,31 @@ def local_search(search: Search, state: SearchState) -> Stage:
     state = search_places(search, state, list(bases.values()))
     yield state
     return state
+
+
+def place_ahead(search: Search, state: SearchState) -> SearchState | None:
+    """A single local cause that leaves noise, where one promises far more than every effect along the whole robot.
+
+    Then the fits of all other effects have a mark that they must come near, and most are stopped at once.
+
+    Returns
+    -------
+    SearchState or None
+        With the model of that cause as the best one.
+    """
+    declared = state.declared
+    state, scores = scores_beside(state, declared)
+    state, local = first_order_local_scores(state, declared)
+    listed, local_cost = (
+        min((x.cost(state.problem) for x in every if x.starts), default=math.inf) for every in (scores, local)
+    )
+    if not local_cost < AHEAD * listed:
+        return None
+    located = search_places(search, state, [declared])
+    found = located.best is not state.best
+    return (
+        located if found and residual_is_noise(located.problem, located.best, search.significance) else None
+    )
 
 
 def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> SearchState:
@@ -76,7 +113,7 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
     fits = fitting.run_fits(
         state.problem, [candidate_fit(state.problem, b, x, None, race) for b, x in chosen]
     )
-    fits = better_places(state.problem, fits, sizes, race)
+    fits = finished(state.problem, better_places(state.problem, fits, sizes, race), race)
     for new in fits:
         state = state.with_fit(new)
     fits = [
@@ -113,13 +150,13 @@ def better_places(
     sizes
         By effect at a place, the size from which a fit may begin, besides that of the place before.
     race
-        Nothing begins after its deadline.
+        With the lowest cost of all models; nothing begins after its deadline.
     """
     found = list(fits)
     order = sorted(range(len(found)), key=lambda i: found[i].cost)
     for i in order[:MOVED]:
         tried = {found[i].names[-1]}
-        while found[i].solved and not race.over:
+        while found[i].solved and not race.over and found[i].cost <= MOVABLE * race.limit:
             effect = found[i].effects[-1]
             assert isinstance(effect, EffectAtPlace)
             near = [x for x in effect.neighbours(problem.data.robot) if x.name not in tried]
@@ -141,16 +178,13 @@ def _moved(
     size: Mapping[str, float] | None,
     deadline: float,
 ) -> fitting.Fitting:
-    """A model with its last effect at another place, fitted from the same size or another; finished if it is better."""
+    """A model with its last effect at another place, fitted from the same size or another."""
     race = fitting.Race(deadline=deadline)
     values = {k: v for k, v in fit.values.items() if k != fit.names[-1]}
     sizes = [fit.values[fit.names[-1]], *([] if size is None else [dict(size)])]
     starts = [{**values, effect.name: x} for x in sizes]
-    now = yield from fitting.begin(problem, (*fit.effects[:-1], effect), starts, race, fit.run)
-    now = yield from fitting.descend(problem, now, race)
-    if now.cost < fit.cost:
-        now = yield from fitting.finish(problem, now, race)
-    return now
+    now = yield from fitting.begin(problem, (*fit.effects[:-1], effect), starts, race, fit)
+    return (yield from fitting.descend(problem, now, race))
 
 
 def _with_local(state: SearchState, fits: Sequence[Fit]) -> SearchState:

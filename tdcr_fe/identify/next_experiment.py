@@ -66,14 +66,25 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
     search.report("the next experiment", 0.96)
     rivals = leading_rivals(search, state)
     models = [_Model(f, covariance(problem, f)) for f in (best, *rivals)]
-    planned = [_planned(problem, steps) for steps in candidate_sequences(problem)]
+    candidates = candidate_sequences(problem)
+    rough = [_planned(problem, _whole(steps)) for steps in candidates]
     if rivals:
-        central = [_predictions(planned, m.fit) for m in models]
-        usable = [i for i in range(len(planned)) if all(np.isfinite(c[i]).all() for c in central)]
-        rough = [min(float(np.linalg.norm(central[0][i] - c[i])) for c in central[1:]) for i in usable]
-        near = [usable[int(i)] for i in np.argsort(-np.array(rough))[:CLOSER]]
-        return _parting(models, [planned[i] for i in near]) if near else None
-    return _shrinking(models[0], planned)
+        central = [_predictions(rough, m.fit) for m in models]
+        usable = [i for i in range(len(rough)) if all(np.isfinite(c[i]).all() for c in central)]
+        apart = [min(float(np.linalg.norm(central[0][i] - c[i])) for c in central[1:]) for i in usable]
+        near = [usable[int(i)] for i in np.argsort(-np.array(apart))[:CLOSER]]
+        best_first = [
+            near[i] for i in np.argsort(-_separations(models, [rough[i] for i in near]).min(axis=1))
+        ]
+    else:
+        shares = _remaining_shares(models[0], rough)
+        best_first = [int(i) for i in np.argsort(shares) if np.isfinite(shares[i])]
+    for i in best_first:
+        exact = _planned(problem, candidates[i])
+        found = _parting(models, exact) if rivals else _shrinking(models[0], exact)
+        if found is not None:
+            return found
+    return None
 
 
 def leading_rivals(search: Search, state: SearchState) -> list[Fit]:
@@ -129,6 +140,11 @@ def candidate_sequences(problem: FitProblem) -> list[tuple[LoadStep, ...]]:
         tuple(step(v, f, k) for k, (v, f) in enumerate(((p, none), (p, force), (0.5 * (p + rest), none))))
         for p, force in found[:CANDIDATES]
     ]
+
+
+def _whole(steps: tuple[LoadStep, ...]) -> tuple[LoadStep, ...]:
+    """Each step solved as a whole, whatever its friction path, which suffices to order candidates."""
+    return tuple(replace(step, substeps=1) for step in steps)
 
 
 def _distinct(values: Sequence[Array]) -> list[Array]:
@@ -192,50 +208,73 @@ def _linearized(planned: Sequence[FitProblem], models: Sequence[_Model]) -> list
 # ------------------------------------------------------------------------------------------------ criteria
 
 
-def _parting(models: Sequence[_Model], planned: Sequence[FitProblem]) -> NextExperiment:
-    """The candidate at which the least separated rival differs most from the best model."""
+def _separations(models: Sequence[_Model], planned: Sequence[FitProblem]) -> Array:
+    """Difference of each rival from the best model, over noise and uncertainty, shape (sequences, rivals) [sigma].
+
+    Zero where a model is not solved.
+    """
     found = _linearized(planned, models)
     values = np.zeros((len(planned), len(models) - 1))
     for n in range(len(planned)):
         for r in range(1, len(models)):
             d = found[r][n].residual - found[0][n].residual
+            if not np.isfinite(d).all():
+                continue
             total = np.eye(len(d))
             for model, linear in ((models[0], found[0][n]), (models[r], found[r][n])):
                 total += linear.matrix @ model.spread @ linear.matrix.T
             values[n, r - 1] = np.sqrt(max(float(d @ np.linalg.solve(total, d)), 0.0))
-    at = int(np.argmax(values.min(axis=1)))
+    return values
+
+
+def _parting(models: Sequence[_Model], planned: FitProblem) -> NextExperiment | None:
+    """A candidate that separates the rivals from the best model; None where one of them is not solved."""
+    (values,) = _separations(models, [planned])
+    if not np.all(values > 0.0):
+        return None
     names = [m.name for m in models[1:]]
-    listed = ", ".join(f"{name} ({v:.1f} sigma)" for name, v in zip(names, values[at], strict=True))
+    listed = ", ".join(f"{name} ({v:.1f} sigma)" for name, v in zip(names, values, strict=True))
     return NextExperiment(
-        steps=planned[at].data.steps,
+        steps=planned.data.steps,
         purpose=f"separates {models[0].name} from {listed}",
         separated=tuple(names),
-        separation=tuple(float(v) for v in values[at]),
+        separation=tuple(float(v) for v in values),
     )
 
 
-def _shrinking(model: _Model, planned: Sequence[FitProblem]) -> NextExperiment | None:
-    """The candidate that leaves the smallest standard error of the parameter known worst."""
+def _known_worst(model: _Model, planned: FitProblem) -> tuple[int, float]:
+    """Free number with the largest standard error in proportion to its value, and that standard error."""
     fit = model.fit
-    if not fit.free or not planned:
-        return None
-    z = planned[0].coordinates(fit.effects, fit.values, fit.free)
+    z = planned.coordinates(fit.effects, fit.values, fit.free)
     error = np.sqrt(np.maximum(np.diag(model.spread), 0.0))
     widest = int(np.argmax(error / np.maximum(np.abs(z), 1e-300)))
+    return widest, max(float(error[widest]), 1e-300)
+
+
+def _remaining_shares(model: _Model, planned: Sequence[FitProblem]) -> Array:
+    """Of the standard error of the parameter known worst, after each sequence; infinite where that is not solved."""
+    after = np.full(len(planned), np.inf)
+    if not model.fit.free or not planned:
+        return after
+    widest, error = _known_worst(model, planned[0])
     known = np.linalg.pinv(model.spread, hermitian=True)
     (found,) = _linearized(planned, [model])
-    after = np.full(len(planned), np.inf)
     for i, linear in enumerate(found):
         if np.isfinite(linear.residual).all():
             s = linear.matrix
-            after[i] = np.sqrt(np.linalg.pinv(known + s.T @ s, hermitian=True)[widest, widest])
-    at = int(np.argmin(after))
-    if not np.isfinite(after[at]):
+            left = np.linalg.pinv(known + s.T @ s, hermitian=True)[widest, widest]
+            after[i] = float(np.sqrt(left)) / error
+    return after
+
+
+def _shrinking(model: _Model, planned: FitProblem) -> NextExperiment | None:
+    """A candidate that reduces the standard error of the parameter known worst; None where it is not solved."""
+    (share,) = _remaining_shares(model, [planned]).tolist()
+    if not np.isfinite(share):
         return None
-    share = float(after[at]) / max(float(error[widest]), 1e-300)
-    name = ".".join(fit.free[widest])
+    name = ".".join(model.fit.free[_known_worst(model, planned)[0]])
     return NextExperiment(
-        steps=planned[at].data.steps,
+        steps=planned.data.steps,
         purpose=f"reduces the standard error of {name} to {share:.2g} of its present value",
         parameter=name,
         remaining_share=share,

@@ -290,8 +290,8 @@ class Fit:
     free : tuple of (str, str)
         Effect and name of every free parameter.
     run : Run
-    on_own_path : bool
-        Whether the run followed no other one.
+    path_residual : ndarray or None, shape (n,)
+        Residual of the run whose substeps this one has taken; None where it followed no other one.
     differenced : mapping
         Parameters by which the derivatives are differences of two runs, with the reason.
     given_up : bool
@@ -306,7 +306,7 @@ class Fit:
     jacobian: Array
     free: tuple[tuple[str, str], ...]
     run: Run
-    on_own_path: bool = True
+    path_residual: Array | None = None
     differenced: Mapping[tuple[str, str], str] = field(default_factory=dict)
     given_up: bool = False
 
@@ -320,54 +320,96 @@ class Fit:
         """Whether every reading is predicted."""
         return bool(np.isfinite(self.cost + self.held_cost))
 
+    @property
+    def path_origin(self) -> Array:
+        """Residual of the run that has chosen the substeps, shape (n,)."""
+        return self.residual if self.path_residual is None else self.path_residual
+
+    @property
+    def distance_from_path(self) -> float:
+        """How far the predictions are from the run that has chosen the substeps, rms over sigma; NaN if not solved."""
+        return float(np.sqrt(np.mean((self.residual - self.path_origin) ** 2)))
+
 
 def evaluate(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Fit:
     """A model at given values, nothing fitted."""
-    (r,), (run,) = problem.residuals(effects, [values], record=True)
+    _, (run,) = problem.residuals(effects, [values], record=True)
+    return fit_of_run(problem, effects, values, run)
+
+
+def fit_of_run(problem: FitProblem, effects: Sequence[Effect], values: Point, run: Run) -> Fit:
+    """A model at given values, nothing fitted, of which there is a run."""
+    r = problem.residual(problem.with_effects(effects, values), run)
     return Fit(tuple(effects), values, r, *problem.cost(r), np.zeros((r.size, 0)), (), run)
 
 
-def refine(problem: FitProblem, effects: Sequence[Effect], values: Point) -> tuple[FitProblem, bool]:
+def refine(
+    problem: FitProblem, effects: Sequence[Effect], values: Point, run: Run | None = None
+) -> tuple[FitProblem, Run]:
     """Refine mesh and path until their errors stay below the noise near a point.
 
-    A run with one element per bay more shows whether the mesh matters. Elements are added until the error, which falls
-    with a power of their number, is small. Steps whose path the solver reports as not resolved are divided in a run of
-    their own, and stay divided where a reading changes. The remaining error of the mesh is extrapolated and subtracted.
+    A run with one element per bay more, which takes the same substeps, shows whether the mesh matters: two runs that
+    divide the load steps each in its own way differ by the error of their paths as well. Elements are added until the
+    error, which falls with a power of their number, is small. Steps whose path the solver reports as not resolved are
+    divided in a run of their own, and stay divided where a reading changes. The remaining error of the mesh is
+    extrapolated and subtracted.
+
+    Parameters
+    ----------
+    problem
+        Readings, with the mesh and the division so far.
+    effects, values
+        The model.
+    run
+        Its run, with its path; None simulates it.
 
     Returns
     -------
     problem : FitProblem
-    changed : bool
-        Whether mesh or steps were changed, so that earlier predictions no longer count.
+    run : Run
+        Of the model on the mesh and in the division of that problem; the given one where nothing was changed, so that
+        earlier predictions still count.
     """
     problem = replace(problem, correction=np.zeros(problem.count))
-    (here,), (run,) = problem.residuals(effects, [values], record=True)
+    if run is None:
+        _, (run,) = problem.residuals(effects, [values], record=True)
+    observed = problem.with_effects(effects, values)
+    here = problem.residual(observed, run)
     experiment = problem.experiment
     n = experiment.model.starting_elements_per_bay
-    finer = replace(experiment, model=replace(experiment.model, elements_per_bay=n + 1))
-    jobs = [finer]
+
+    def change_with(other: Experiment, reference: Run | None) -> Array:
+        (found,) = problem.solve(
+            [replace(problem, experiment=other).with_effects(effects, values)], reference
+        )
+        return _known(problem.residual(observed, found) - here)
+
+    change = change_with(_with_elements(experiment, n + 1), run)
+    share = 1.0 - (n / (n + 1.0)) ** ORDER
+    mesh_error = float(np.sqrt(np.mean(change**2))) / share
     unresolved = {int(k) for k in np.flatnonzero(run.refinement_errors > 0.0)}
     divided = divide_steps(experiment, unresolved, PARTS)
     if divided is not experiment:
-        jobs.append(divided)
-    found = problem.solve([replace(problem, experiment=e).with_effects(effects, values) for e in jobs])
-    residuals = [problem.residual(problem.with_effects(effects, values), r) for r in found]
-    share = 1.0 - (n / (n + 1.0)) ** ORDER
-    change = _known(residuals[0] - here)
-    mesh_error = float(np.sqrt(np.mean(change**2))) / share
-    if len(found) > 1:
-        moved = np.abs(_known(residuals[1] - here)) > PATH
+        moved = np.abs(change_with(divided, None)) > PATH
         steps = {int(k) for k in np.unique(problem.readings.reader.step[moved])}
-        experiment = divide_steps(experiment, steps, 2 * PARTS) if steps else experiment
+        divided = divide_steps(experiment, steps, 2 * PARTS) if steps else experiment
+    refined = divided
     if mesh_error > MESH and n < FINEST:
         more = min(FINEST, max(n + 1, int(np.ceil(n * (mesh_error / MESH) ** (1.0 / ORDER)))))
-        experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=more))
+        refined = _with_elements(divided, more)
         mesh_error *= (n / more) ** ORDER
-    if experiment is problem.experiment:
+    if refined is experiment:
         # Extrapolated only where it is small, so that its law is known.
         correction = change / share if mesh_error <= MESH else problem.correction
-        return replace(problem, mesh_error=mesh_error, correction=correction), False
-    return replace(problem, mesh_error=mesh_error, experiment=experiment), True
+        return replace(problem, mesh_error=mesh_error, correction=correction), run
+    problem = replace(problem, mesh_error=mesh_error, experiment=refined)
+    _, (again,) = problem.residuals(effects, [values], run if divided is experiment else None, record=True)
+    return problem, again
+
+
+def _with_elements(experiment: Experiment, count: int) -> Experiment:
+    """The same with so many elements a bay."""
+    return replace(experiment, model=replace(experiment.model, elements_per_bay=count))
 
 
 def _known(r: Array) -> Array:

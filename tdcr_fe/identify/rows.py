@@ -251,7 +251,14 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
         (best,) = fitting.run_fits(problem, [fitting.finish(problem, best, race, FINAL_ITERATIONS)])
     fits = {frozenset(f.names): f for f in (declared, best)}
     everything = replace(
-        state, problem=problem, declared=declared, best=best, fits=fits, scores={}, local_scores={}
+        state,
+        problem=problem,
+        declared=declared,
+        best=best,
+        fits=fits,
+        scores={},
+        local_scores={},
+        first_order_local_scores={},
     )
     return _with_smaller_models(search, state, everything, duration)
 

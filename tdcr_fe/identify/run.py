@@ -14,19 +14,16 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.time_limit import ending_at
+from tdcr_fe.identify.trajectory import Trajectory, mesh_nodes
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.settings import SolverSettings
 
 if TYPE_CHECKING:
     from tdcr_fe.model.sensitivities import Sensitivities
-    from tdcr_fe.solve.load_steps.load_path import Increment
     from tdcr_fe.solve.sensitivities.parameters import Parameter
     from tdcr_fe.solve.simulate import PathRecord
 
 Array = NDArray[np.float64]
-
-#: For every step, the commanded step it belongs to and its load factor at the end, as in `Experiment.step_ends`.
-Ends = tuple[tuple[int, float], ...]
 
 #: Smallest fraction of a load step that is tried, without and with a reference path.
 SMALLEST, SMALLEST_ON_REFERENCE = 1.0 / 256.0, 1.0 / 16.0
@@ -36,47 +33,6 @@ DIVISIONS = 16
 
 #: Message of a simulation that was interrupted.
 INTERRUPTED = "interrupted"
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """Path of a run, as reference path for neighbouring runs.
-
-    Attributes
-    ----------
-    waypoints : list of list of Increment
-        By step, see `tdcr_fe.solve.simulate.PathRecord`.
-    ends : tuple of (int, float)
-        Of its steps.
-    elements : int
-        Per bay.
-    """
-
-    waypoints: PathRecord
-    ends: Ends
-    elements: int
-
-    def part(self, first: int, last: int) -> Trajectory:
-        """Of the commanded steps from ``first`` up to ``last``, which is not included; they count from 0."""
-        own = [j for j, (k, _) in enumerate(self.ends) if first <= k < last]
-        ends = tuple((self.ends[j][0] - first, self.ends[j][1]) for j in own)
-        return Trajectory([self.waypoints[j] for j in own], ends, self.elements)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Trajectory], lengths: Sequence[int]) -> Trajectory:
-        """Of several loading sequences with so many commanded steps, one after another."""
-        waypoints: PathRecord = []
-        ends: list[tuple[int, float]] = []
-        first = 0
-        for part, length in zip(parts, lengths, strict=True):
-            waypoints += part.waypoints
-            ends += [(first + k, factor) for k, factor in part.ends]
-            first += length
-        return cls(waypoints, tuple(ends), parts[0].elements)
-
-    def divided(self, ends: Ends) -> PathRecord:
-        """The path for the same commanded steps, divided in another way."""
-        return self.waypoints if self.ends == ends else _divide(_join(self.waypoints, self.ends), ends)
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,9 +283,8 @@ def simulate_experiment(task: Task) -> Run:
         return _simulate_sequences(task)
     experiment, settings, reference = task.experiment, task.settings, task.reference
     ends, last = experiment.step_ends, last_parts(experiment)
-    elements = experiment.model.starting_elements_per_bay
-    if reference is not None and reference.elements != elements:
-        reference = None
+    if reference is not None:
+        reference = _on_own_mesh(reference, experiment)
     if reference is not None:
         settings = replace(settings, min_substep=max(settings.min_substep, SMALLEST_ON_REFERENCE))
     path: PathRecord | None = [] if task.record else None
@@ -353,7 +308,15 @@ def simulate_experiment(task: Task) -> Run:
     run = replace(run, refinement_errors=errors)
     if task.parameters and ended:
         run = replace(run, derivatives=RunDerivatives.of(result.sensitivities, ended, len(last), refused))
-    return run if path is None else replace(run, trajectory=Trajectory(path, ends, elements))
+    return run if path is None else replace(run, trajectory=Trajectory(path, ends, run.s))
+
+
+def _on_own_mesh(reference: Trajectory, experiment: Experiment) -> Trajectory | None:
+    """A reference path on the mesh of an experiment; None where it cannot be taken there."""
+    try:
+        return reference.on_mesh(mesh_nodes(experiment))
+    except ValueError:  # an impossible robot: the simulation says why
+        return None
 
 
 def _simulate_sequences(task: Task) -> Run:
@@ -446,30 +409,3 @@ def _differentiated(
             refused[error.parameter] = error.reason
             continue
         return result, refused
-
-
-def _join(waypoints: PathRecord, ends: Ends) -> dict[int, list[Increment]]:
-    """Waypoints by commanded step, their load factors those of the commanded step."""
-    joined: dict[int, list[Increment]] = {}
-    done: dict[int, float] = {}
-    for own, (k, factor) in zip(waypoints, ends, strict=True):
-        start = done.get(k, 0.0)
-        joined.setdefault(k, []).extend(
-            replace(w, load_factor=start + (factor - start) * w.load_factor) for w in own
-        )
-        done[k] = factor
-    return joined
-
-
-def _divide(joined: dict[int, list[Increment]], ends: Ends) -> PathRecord:
-    """Waypoints of commanded steps, for steps divided in another way."""
-    divided = []
-    done: dict[int, float] = {}
-    for k, factor in ends:
-        start = done.get(k, 0.0)
-        inside = [w for w in joined[k] if start + 1e-9 < w.load_factor < factor - 1e-9]
-        last = next(w for w in joined[k] if w.load_factor >= factor - 1e-9)
-        part = [replace(w, load_factor=(w.load_factor - start) / (factor - start)) for w in inside]
-        divided.append([*part, replace(last, load_factor=1.0)])
-        done[k] = factor
-    return divided

@@ -13,7 +13,7 @@ from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.outcome import Candidate
-from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, refine
+from tdcr_fe.identify.problem import Fit, FitProblem, Point, fit_of_run, refine
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.identify.time_limit import OutOfTime, clock
@@ -72,6 +72,8 @@ class SearchState:
         Every model that was fitted, by the names of its effects.
     scores, local_scores : mapping
         Scores of candidates, and of local causes, beside a model.
+    first_order_local_scores : mapping
+        Scores of local causes beside a model without those that were simulated.
     candidates : tuple of Candidate
         Result of each, for the report.
     refused : mapping of str to str
@@ -92,6 +94,7 @@ class SearchState:
     fits: Mapping[Names, Fit]
     scores: Mapping[Names, Sequence[Score]] = field(default_factory=dict)
     local_scores: Mapping[Names, Sequence[Score]] = field(default_factory=dict)
+    first_order_local_scores: Mapping[Names, Sequence[Score]] = field(default_factory=dict)
     candidates: tuple[Candidate, ...] = ()
     refused: Mapping[str, str] = field(default_factory=dict)
     rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -152,10 +155,11 @@ def in_time(state: SearchState, stage: Stage, what: str) -> Stage:
 def fitted_model(
     state: SearchState, effects: Sequence[Effect], starts: Sequence[Point]
 ) -> tuple[SearchState, Fit]:
-    """Fit a model, or return the fit made before."""
+    """Fit a model on the path of the best one, or return the fit made before."""
     key = frozenset(e.name for e in effects)
     if key not in state.fits:
-        new = fitting.fit(state.problem, effects, starts)
+        fitted = fitting.smaller(state.problem, effects, starts, state.best)
+        (new,) = fitting.run_fits(state.problem, [fitted])
         state = state.with_fit(new)
     return state, state.fits[key]
 
@@ -181,29 +185,31 @@ def parent_of(state: SearchState, fit: Fit) -> Fit:
 
 def refined(state: SearchState) -> SearchState:
     """Refine the discretisation at the best model, and evaluate its fits again."""
-    before = state.best
-    threshold = min(state.problem.robust_threshold, robust_threshold(before.residual))
+    threshold = min(state.problem.robust_threshold, robust_threshold(state.best.residual))
     problem = replace(state.problem, robust_threshold=threshold)
-    changed = False
+    (before,) = fitting.run_fits(problem, [fitting.finish(problem, state.best, fitting.Race())])
+    correction, run = problem.correction, before.run
     for _ in range(REPETITIONS):
-        problem, more = refine(problem, before.effects, before.values)
-        if not more:
+        problem, refined_run = refine(problem, before.effects, before.values, run)
+        if refined_run is run:
             break
-        changed = True
+        run = refined_run
+    changed = run is not before.run
     if changed:
-        # The run is known, with its path: along its own path it is repeated with derivatives at a small cost.
-        _, (run,) = problem.residuals(before.effects, [before.values], record=True)
-        fitted = fitting.evaluated(problem, before.effects, before.values, before.free, run)
+        # Along the path of that run it is repeated with derivatives at a small cost.
+        start = fit_of_run(problem, before.effects, before.values, run)
+        fitted = fitting.evaluated(problem, before.effects, before.values, before.free, start)
         (again,) = fitting.run_fits(problem, [fitted])
-        again = replace(again, on_own_path=True)
     else:
-        again = _recounted(problem, before, problem.correction - state.problem.correction)
+        again = _recounted(problem, before, problem.correction - correction)
     shift = again.residual - before.residual
     fits = {key: _recounted(problem, old, shift) for key, old in state.fits.items()}
     (best,) = fitting.run_fits(problem, [fitting.finish(problem, again, fitting.Race())])
     fits[frozenset(best.names)] = best
-    declared = evaluate(problem, (), {}) if changed else fits[frozenset()]
-    fits[frozenset()] = declared
+    declared = fits[frozenset()]
+    if changed:
+        (declared,) = fitting.run_fits(problem, [fitting.evaluated(problem, (), {}, (), state.declared)])
+        fits[frozenset()] = declared
     return replace(state, problem=problem, best=best, declared=declared, fits=fits)
 
 
@@ -211,7 +217,8 @@ def _recounted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
     """A fit with its residual shifted, and its cost by the measures of a problem."""
     r = fit.residual + shift
     cost, held_cost = problem.cost(r)
-    return replace(fit, residual=r, cost=cost, held_cost=held_cost)
+    path = None if fit.path_residual is None else fit.path_residual + shift
+    return replace(fit, residual=r, cost=cost, held_cost=held_cost, path_residual=path)
 
 
 def with_note_on_differences(state: SearchState, why: Mapping[tuple[str, str], str]) -> SearchState:

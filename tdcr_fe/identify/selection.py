@@ -6,6 +6,7 @@ keeps the last one that was complete.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from tdcr_fe.identify import fitting
 from tdcr_fe.identify.candidates import fit_proposals, propose
 from tdcr_fe.identify.criteria import BIC_DIFFERENCE, bic, is_improvement, rank, residual_is_noise
 from tdcr_fe.identify.information import lacks_test
-from tdcr_fe.identify.local_search import local_search, search_places
+from tdcr_fe.identify.local_search import local_search, place_ahead, search_places
 from tdcr_fe.identify.problem import Fit
 from tdcr_fe.identify.search_state import (
     Search,
@@ -82,9 +83,14 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
             state = state.without_trying(FURTHER_EFFECTS)
             break
         progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
+        located = place_ahead(search, state) if locate and not state.best.effects else None
+        if located is not None:
+            state = replace(located, best=located.declared, rivals={})
+            level = [state.declared]
         state, proposals = propose(search, state, number, level, progress)
         yield state
-        state, fits = fit_proposals(search, state, number, proposals, progress)
+        known = math.inf if located is None else located.best.cost
+        state, fits = fit_proposals(search, state, number, proposals, progress, known)
         accepted = [
             f
             for f in fits
@@ -92,6 +98,12 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
             and _better(state, f)
             and _worthwhile(state, f)
         ]
+        explaining = any(residual_is_noise(state.problem, f, search.significance) for f in accepted)
+        if located is not None and not explaining:
+            state = replace(state, best=located.best).with_history(
+                "no effect along the whole robot explains as much"
+            )
+            break
         if not accepted:
             reason = "improves fitted and held-out steps" if proposals else "is significant"
             state = state.with_history(f"round {number}: no candidate {reason}")

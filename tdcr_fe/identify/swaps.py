@@ -59,9 +59,17 @@ def _swap_one(search: Search, state: SearchState) -> tuple[SearchState, bool]:
         # Fitted alone, the rest may have moved far away: the fits may begin beside its values in the best model, too.
         beside = {x.name: state.best.values[x.name] for x in rest.effects}
         more = {x.effect.name: _starts_beside(state, x, beside) for x in worth if beside}
-        state, raced = fit_and_rank(search, state, [(rest, x) for x in worth], state.best.cost, 0.75, more)
+        noise = effective_noise(state.problem, state.best, search.significance)
+        state, raced = fit_and_rank(
+            search,
+            state,
+            [(rest, x) for x in worth],
+            state.best.cost,
+            0.75,
+            more,
+            margin=2.0 * BIC_DIFFERENCE * noise,
+        )
         problem, best = state.problem, state.best
-        noise = effective_noise(problem, best, search.significance)
         for _, x, other in raced:
             if not other.solved:
                 continue

@@ -95,6 +95,7 @@ def restore_friction(search: Search, state: SearchState, problem: FitProblem) ->
         fits=fits,
         scores={},
         local_scores={},
+        first_order_local_scores={},
         refused=_without_friction(problem),
     )
     again = again.with_history(

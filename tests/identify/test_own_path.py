@@ -8,7 +8,7 @@ from identify_data import MODEL, ROBOT, measured
 from tdcr_fe.effects import effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.problem import FitProblem
+from tdcr_fe.identify.problem import FitProblem, fit_of_run
 
 
 def test_derivatives_along_the_own_path_are_those_of_the_run_itself():
@@ -19,7 +19,8 @@ def test_derivatives_along_the_own_path_are_those_of_the_run_itself():
     problem = FitProblem.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
     effects, free = (effect("hole_adhesion"),), (("hole_adhesion", "drop"),)
     _, (run,) = problem.residuals(effects, [truth], record=True)
-    fits = [fitting.evaluated(problem, effects, truth, free, path) for path in (None, run)]
+    there = fit_of_run(problem, effects, truth, run)
+    fits = [fitting.evaluated(problem, effects, truth, free, along) for along in (None, there)]
     own, along = fitting.run_fits(problem, fits)
     np.testing.assert_allclose(along.residual, own.residual, atol=2e-3)
     np.testing.assert_allclose(

@@ -6,6 +6,7 @@ import numpy as np
 from identify_data import MODEL, ROBOT, measured
 
 from tdcr_fe.effects import effect
+from tdcr_fe.identify import identify
 from tdcr_fe.identify.fitting import Race, fit
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.local_search import better_places, search_places
@@ -41,3 +42,22 @@ def test_a_hole_that_holds_fast_is_found_although_its_derivative_is_that_of_a_sm
     best = search_places(search, state, [state.declared]).best
     assert best.names == ("stuck_hole (tendon = 2, s = 0.05)",)
     assert best.cost < 2.0 * own.count < 0.1 * state.declared.cost
+
+
+def test_a_place_that_explains_is_fitted_before_the_effects_along_the_whole_robot():
+    """Five effects were fitted to convergence first, none of which came near: 113 runs."""
+    result = identify(measured({"soft_bay": {"s": 0.125, "factor": 0.4}}, robot=ROBOT, model=FRICTIONAL))
+    (added,) = result.effects
+    assert (result.verdict, added.name) == ("explained", "soft_bay")
+    assert added.parameters["s"].value == 0.125
+    assert abs(added.parameters["factor"].value - 0.4) < 3.0 * added.parameters["factor"].std_error
+    assert result.runs < 90
+
+
+def test_a_place_that_cannot_come_near_the_best_model_is_not_moved():
+    """Gravity explained everything; a spring was then moved along the whole backbone, in a third of the time."""
+    own = problem(measured({"side_spring": {"s": 0.15, "stiffness": 3.0}}))
+    start = effect("side_spring").at({"s": 0.05})
+    first = fit(own, (start,), [{start.name: {"stiffness": 1.0}}])
+    (found,) = better_places(own, [first], {}, Race(1e-3 * first.cost))
+    assert found is first
