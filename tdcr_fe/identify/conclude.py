@@ -128,6 +128,7 @@ def conclude(
         searched=None if rows is None else rows.described(data),
         by_set=_by_set(problem, declared, best),
         ceiling=ceiling,
+        path=best.run.trajectory,
     )
 
 

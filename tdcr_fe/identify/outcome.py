@@ -14,6 +14,7 @@ from tdcr_fe.effects import EFFECTS, Effect, Experiment
 from tdcr_fe.identify.estimate import Estimate
 from tdcr_fe.identify.found_law import FoundLaw
 from tdcr_fe.identify.misfit import Misfit, Noise, Structure
+from tdcr_fe.identify.trajectory import Trajectory
 from tdcr_fe.io.atomic import plain
 from tdcr_fe.io.loading_table import loading_text
 from tdcr_fe.io.measured import MeasuredData
@@ -352,6 +353,8 @@ class IdentificationResult:
         Of every data set, where several were given.
     searched : SearchedSteps or None
         Load steps that the search used; None for all.
+    path : Trajectory or None
+        Of the final model's run, which repeats it at a small cost.
     """
 
     data: MeasuredData
@@ -392,6 +395,7 @@ class IdentificationResult:
     by_set: tuple[SetErrors, ...] = ()
     searched: SearchedSteps | None = None
     not_tried: tuple[str, ...] = ()
+    path: Trajectory | None = None
 
     def next_loading(self) -> str | None:
         """The next experiment as the text of a ``loading.csv``; None where there is none."""

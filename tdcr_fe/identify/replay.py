@@ -24,7 +24,7 @@ DECLARED_POINTS = 80
 
 
 def replay(result: IdentificationResult, deadline: float = math.inf) -> SequenceResult:
-    """Simulate the corrected robot once more, with tensions along the tendons and states of the holes.
+    """Repeat the run of the corrected robot on its own path, with tensions along the tendons and states of the holes.
 
     A law that was found acts as the concentrated loads that it gives on this loading.
 
@@ -49,9 +49,10 @@ def replay(result: IdentificationResult, deadline: float = math.inf) -> Sequence
     """
     mesh = result.commanded.model.elements_per_bay
     experiment = replace(result.corrected, model=replace(result.corrected.model, elements_per_bay=mesh))
+    path = result.path
     if result.law is not None:
-        experiment = replace(experiment, steps=result.law.steps)
-    solved = solve_commanded_steps(experiment, result.solver, deadline)
+        experiment, path = replace(experiment, steps=result.law.steps), None
+    solved = solve_commanded_steps(experiment, result.solver, deadline, path)
     named = zip(solved.steps, result.data.step_ids, result.data.branches, strict=False)
     return replace(solved, steps=tuple(replace(s, step=n, label=branch) for s, n, branch in named))
 

@@ -356,7 +356,10 @@ def last_parts(experiment: Experiment) -> list[int]:
 
 
 def solve_commanded_steps(
-    experiment: Experiment, settings: SolverSettings, deadline: float = math.inf
+    experiment: Experiment,
+    settings: SolverSettings,
+    deadline: float = math.inf,
+    reference: Trajectory | None = None,
 ) -> SequenceResult:
     """Simulate an experiment with all its results, those of a divided step at its end only.
 
@@ -366,6 +369,8 @@ def solve_commanded_steps(
         What is simulated.
     deadline
         Reading of `tdcr_fe.identify.time_limit.clock` at which the simulation ends [s].
+    reference
+        Path of a run of this experiment, which is repeated; without it the simulation chooses its own substeps.
 
     Raises
     ------
@@ -374,9 +379,12 @@ def solve_commanded_steps(
     OutOfTime
         The deadline has passed.
     """
-    from tdcr_fe.solve.simulate import simulate
-
-    result = simulate(experiment.robot, experiment.model, experiment.steps, settings, ending_at(deadline))
+    task = Task(experiment, settings, deadline=deadline)
+    along = None if reference is None else _on_own_mesh(reference, experiment)
+    try:
+        result, _ = _differentiated(task, settings, along, None)
+    except IndexError:  # the path does not have all steps
+        result, _ = _differentiated(task, settings, None, None)
     if result.message == INTERRUPTED:
         raise KeyboardInterrupt
     solved = len(result.steps)
