@@ -37,11 +37,15 @@ class Iterate(NamedTuple):
 
     def of_step(self, time: float, state: FrictionState, base_tension: Array) -> bool:
         """Whether it belongs to the same attempt of a step."""
-        return self.time == time and self.state is state and bool((self.base_tension == base_tension).all())
+        return (
+            self.time == time
+            and self.state is state
+            and (self.base_tension is base_tension or bool((self.base_tension == base_tension).all()))
+        )
 
 
 class PastStep(NamedTuple):
-    """A step that was solved by Newton's method with the tangent, from which the next one is predicted.
+    """A step that was solved, from which the next one is predicted.
 
     Attributes
     ----------
@@ -50,7 +54,7 @@ class PastStep(NamedTuple):
     rate : ndarray, shape (g, m)
         Change of the mobilisations per time, unlimited [1/s].
     expected : ndarray, shape (g, m)
-        The same in the step after it: rates change as they did since the step before [1/s].
+        The same in the step after it: half of the change of the rate since the step before goes on [1/s].
     """
 
     end: FrictionState
@@ -68,12 +72,18 @@ class PastStep(NamedTuple):
         known = before is not None and before.end is start
         return cls(end, rate, 1.5 * rate - 0.5 * before.rate if before is not None and known else rate)
 
-    def prediction(self, state: FrictionState, time: float) -> HolePrediction | None:
-        """For the step from a history to a time [s]; None where it does not go on from this one."""
-        if self.end is not state or time <= state.time:
-            return None
-        start = state.mobilisation.T
-        return HolePrediction.of(start, start + (time - state.time) * self.expected)
+
+def predicted_holes(past: PastStep | None, state: FrictionState, time: float) -> HolePrediction | None:
+    """Holes at the end of a step from a history to a time [s]; None where no time passes.
+
+    They go on as in the past step, or stay as they are where the history is that of another step.
+    """
+    if time <= state.time:
+        return None
+    start = state.mobilisation.T
+    if past is None or past.end is not state:
+        return HolePrediction.of(start, start)
+    return HolePrediction.of(start, start + (time - state.time) * past.expected)
 
 
 class IteratedTendons:
@@ -92,6 +102,8 @@ class IteratedTendons:
         self._past: PastStep | None = None
         #: History at the beginning of the step in which the tangent was last evaluated.
         self._linearised: FrictionState | None = None
+        #: Whether the last step was solved with the tangent: numerical derivatives need one law in all evaluations.
+        self._by_tangent = True
 
     def _at(
         self,
@@ -115,12 +127,12 @@ class IteratedTendons:
         last = self._last
         same = last if last is not None and last.of_step(time, state, base_tension) else None
         prediction = None
-        if same is not None and np.array_equal(same.coordinates, coordinates):
+        if same is not None and bool((same.coordinates == coordinates).all()):
             if not (by_law and same.pull.prediction):
                 return same.pull
-        elif self._past is not None and not (last is not None and last.state is state):
+        elif self._by_tangent and not (last is not None and last.state is state):
             # A step that is tried again with another size was not solved with the prediction.
-            prediction = self._past.prediction(state, time)
+            prediction = predicted_holes(self._past, state, time)
         there = coordinates.reshape(-1, 7) + reference
         pull = self._tendons.pull(there, base_tension, state, prediction)
         self._last, self._before = Iterate(coordinates, time, state, base_tension, pull), same
@@ -163,6 +175,7 @@ class IteratedTendons:
         """History of friction where a solved step ends, and tendon pulled in at the base [m]; arguments as there."""
         pull = self._at(coordinates, reference, time, state, base_tension, by_law=True)
         friction = self._tendons.friction(pull, time)
-        # Numerical derivatives need one law in all evaluations, so nothing is predicted for them.
-        self._past = PastStep.of(state, pull, friction, self._past) if self._linearised is state else None
+        self._past = PastStep.of(state, pull, friction, self._past)
+        if time > state.time:
+            self._by_tangent = self._linearised is state
         return friction, self._tendons.base_slip(pull), pull

@@ -7,7 +7,7 @@ import pytest
 from robots import LENGTH, distance, scene, three
 
 from tdcr_fe.elements.friction import FrictionState
-from tdcr_fe.elements.iterated_tendons import IteratedTendons, PastStep
+from tdcr_fe.elements.iterated_tendons import IteratedTendons, PastStep, predicted_holes
 from tdcr_fe.elements.straight_tendons import HolePrediction, StraightTendons
 from tdcr_fe.native import register
 from tdcr_fe.solve.statics import SolveTDCR
@@ -110,11 +110,15 @@ def test_a_prediction_goes_on_as_the_last_two_steps_did(tendons):
     assert second.rate == pytest.approx(np.full_like(pull.trial, 0.3))
     # Half of the change of the rate, 0.1, goes on: 0.5 + 0.35 sticks, 0.5 + 2 * 0.35 slides.
     for duration, sticks, mobilisation in ((1.0, True, 0.5), (2.0, False, 1.0)):
-        prediction = second.prediction(end, 2.0 + duration)
+        prediction = predicted_holes(second, end, 2.0 + duration)
         assert (prediction.sticks == sticks).all()
         assert prediction.mobilisation == pytest.approx(np.full_like(pull.trial, mobilisation))
-    assert second.prediction(middle, 3.0) is None
-    assert second.prediction(end, 2.0) is None
+    assert predicted_holes(second, end, 2.0) is None
+    # From a history of another step, and in the first step of a run, the holes stay as they are.
+    for past in (second, None):
+        stays = predicted_holes(past, middle, 3.0)
+        assert stays.sticks.all()
+        assert stays.mobilisation == pytest.approx(np.full_like(pull.trial, 0.2))
     assert PastStep.of(end, pull, end, second) is None
 
 
@@ -138,7 +142,7 @@ def test_predicted_forces_are_linear_in_the_slip_of_holes_that_stick(tendons):
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_swing_with_friction_takes_few_jacobians(count):
-    """With holes that change between stick and slip: 1.3 to 1.5 a step of 1 ms; without the prediction 1.8 to 2.3."""
+    """With holes that change between stick and slip: 1.3 to 1.6 a step of 1 ms; without the prediction 1.8 to 2.3."""
     _keep, mbs, handle = scene(three(0.3), assemble=False)
     load = handle.add_load("tip", LENGTH)
     mbs.Assemble()

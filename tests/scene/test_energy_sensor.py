@@ -168,9 +168,9 @@ def random_run(seed: int, end: float, step: float = 1e-3) -> tuple[float, float,
 
 
 def check(seed, end, step=1e-3):
+    """Largest balance over the work, after checks of the columns that do not depend on it."""
     balance, work, found = random_run(seed, end, step)
     assert work > 1e-4
-    assert balance < 1e-4 * work
     for kind in ("friction_dissipation", "material_dissipation"):
         assert np.diff(found[kind]).min() > -1e-3 * work
         assert found[kind][-1] >= 0.0
@@ -184,18 +184,21 @@ def check(seed, end, step=1e-3):
 @pytest.mark.parametrize("seed", [0, 2])
 def test_the_energy_of_a_random_motion_is_balanced(seed):
     """To 1e-4 of the work at all times of a tenth of a second."""
-    check(seed, 0.1)
+    assert check(seed, 0.1) < 1e-4
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
-def test_the_energy_of_random_motions_is_balanced_for_half_a_second(seed):
+def test_the_energy_of_random_motions_is_balanced_for_half_a_second(seed, figure):
     """Random robots of 1 to 3 tendons with friction, elasticity, gravity, damping by the material: 1e-4 of the work.
 
-    In steps of 1 ms, two of them in steps of 0.5 ms: in steps of 1 ms they have 1.2e-4 and 1.3e-4, in half of it
-    1.6e-5 and 7e-6. That is the error of the trapezoidal rule, as without tendons in the next test.
+    In steps of 1 ms; two of them have 1.2e-4 and 1.3e-4, and in steps of 0.5 ms 1.6e-5 and 7e-6. That is the error of
+    the trapezoidal rule, as without tendons in the next test.
     """
-    check(seed, 0.5, 5e-4 if seed in (3, 9) else 1e-3)
+    others = seed in (3, 9)
+    figure("energy others" if others else "energy", check(seed, 0.5))
+    if others:
+        figure("energy half", check(seed, 0.5, 5e-4))
 
 
 def test_the_balance_falls_with_the_step_as_that_of_exudyns_beams_alone():

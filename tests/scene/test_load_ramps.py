@@ -40,8 +40,10 @@ def test_a_load_after_a_pull_gives_the_tip_of_simulate(force):
     assert report["refinement_error"] == pytest.approx(expected[1].details["refinement_error"], abs=1e-9)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 15, 16, 19])
-def test_random_sequences_give_the_shapes_of_simulate(seed):
+@pytest.mark.parametrize(
+    "seed", [s if s in (1, 2, 15, 16, 19) else pytest.param(s, marks=pytest.mark.slow) for s in range(1, 21)]
+)
+def test_random_sequences_give_the_shapes_of_simulate(seed, figure):
     """Three tendons by tension or displacement, a load of changing direction in either frame; every step.
 
     In version 0.1 the load jumped while the tensions were ramped: 20 sequences were 0.9 % of the length off in the
@@ -66,7 +68,7 @@ def test_random_sequences_give_the_shapes_of_simulate(seed):
         SolveTDCR(mbs)
         shapes.append(handle.shape()[0])
     for shape, step in zip(shapes, solve(robot, steps).steps, strict=True):
-        assert distance(shape, step.positions) < 1e-9
+        figure("ramp", distance(shape, step.positions))
 
 
 def test_a_load_that_fails_within_the_step_is_kept_as_set_and_resumed():
