@@ -52,13 +52,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Select slow tests, too."""
     config.stash[SEEN] = {}
-    if config.getoption("figures"):
+    if config.getoption("figures", default=False):
         config.option.markexpr = ""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[Any]) -> None:
     """Leave out the tests without figures."""
-    if config.getoption("figures"):
+    if config.getoption("figures", default=False):
         without = [item for item in items if "figure" not in getattr(item, "fixturenames", ())]
         config.hook.pytest_deselected(items=without)
         items[:] = [item for item in items if item not in without]
@@ -79,7 +79,7 @@ def figure(request: pytest.FixtureRequest) -> Callable[[str, float], None]:
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
     """Print the table: the largest of every figure."""
-    if not config.getoption("figures"):
+    if not config.getoption("figures", default=False):
         return
     terminalreporter.write_line("\n| what | largest seen | limit | tests |\n| --- | --- | --- | --- |")
     for name, (text, limit) in FIGURES.items():
