@@ -9,7 +9,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from tdcr_fe.commands.machine import add_json_option, note
-from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain
+from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain, count
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.outcome import IdentificationResult
@@ -44,8 +44,9 @@ def add_identify_parser(commands: Any) -> None:
     parser.add_argument(
         "--processes",
         type=at_least_one,
-        default=min(2, os.cpu_count() or 1),
-        help="worker processes [%(default)s]",
+        default=min(2, cores()),
+        metavar="N",
+        help="worker processes, at most as many as there are cores [%(default)s]",
     )
     parser.add_argument(
         "--hold-out",
@@ -75,6 +76,24 @@ def add_identify_parser(commands: Any) -> None:
         help="refuse bad rows (exit status 2) instead of leaving them out by name",
     )
     parser.set_defaults(handler=run)
+
+
+def cores() -> int:
+    """Number of cores of this machine that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _processes(args: argparse.Namespace) -> int:
+    """Worker processes, one a core at most: more would only take memory and wait for each other."""
+    asked, most = args.processes, cores()
+    if asked <= most:
+        return int(asked)
+    text = (
+        f"--processes {asked}: this machine has {count(most, 'core')}, so that one process for each is used"
+    )
+    note(args, warnings=[text])
+    complain(text)
+    return most
 
 
 def _minutes(text: str) -> float:
@@ -108,7 +127,7 @@ def run(args: argparse.Namespace) -> int:
     data = join_measured([read_measured(folder, strict=args.strict) for folder in args.folder])
     out = check_output_folder(args.out)
     settings = IdentifySettings(
-        processes=args.processes,
+        processes=_processes(args),
         time_limit=60.0 * args.minutes,
         hold_out_branches=tuple(args.hold_out),
         own_effects=read_own_effects(args.effects),

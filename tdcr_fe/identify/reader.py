@@ -76,6 +76,17 @@ class _Markers(NamedTuple):
         return np.asarray(np.einsum("nj,njp->np", seen.frame[self.axes], moved))
 
 
+def _change(by: RunDerivatives, k: int, which: NDArray[np.bool_] | slice = slice(None)) -> ObservedChange:
+    """Derivatives of a step by some of the parameters."""
+    return ObservedChange(
+        by.positions[k][..., which],
+        by.rotations[k][..., which],
+        by.displacements[k][..., which],
+        by.distal_tensions[k][..., which],
+        by.arc_lengths[..., which],
+    )
+
+
 class Reader:
     """Predicts readings from a run, by the channels of `tdcr_fe.model.channels`.
 
@@ -147,19 +158,18 @@ class Reader:
         assert by is not None
         out = np.full((self.count, len(by.names)), np.nan)
         observe = self._observer(run, experiment)
-        at_nodes = run.solved > 0 and self._markers.are_at_nodes(run) and not np.any(by.arc_lengths)
+        at_nodes = run.solved > 0 and self._markers.are_at_nodes(run)
+        moving = np.any(by.arc_lengths != 0.0, axis=0)  # then markers at nodes do not stay there
         if at_nodes:
             out[self._markers.which] = self._markers.changes(run, by, observe(0))
         for k in range(run.solved):
-            groups = self._groups_of(k, at_nodes)
-            if not groups:
-                continue
-            step = observe(k)
-            change = ObservedChange(
-                by.positions[k], by.rotations[k], by.displacements[k], by.distal_tensions[k], by.arc_lengths
-            )
-            for known, which, locations in groups:
+            step, change = observe(k), _change(by, k)
+            for known, which, locations in self._groups_of(k, at_nodes):
                 out[which] = known.derivatives(step, change, locations)
+            if at_nodes and np.any(moving):
+                change = _change(by, k, moving)
+                for known, which, locations in self._groups.get(k, []):
+                    out[np.ix_(which, moving)] = known.derivatives(step, change, locations)
         return out
 
     def _groups_of(self, k: int, without_markers: bool) -> list[tuple[Channel, Array, list[Location]]]:
