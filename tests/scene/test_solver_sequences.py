@@ -7,8 +7,9 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from contacts import CONTACTS
+from exudyn import robotics
 from exudyn.processing import ParameterVariation
-from exudyn.utilities import LoadSolutionFile, SetSolutionState
+from exudyn.utilities import HTtranslate, InertiaCuboid, LoadSolutionFile, SetSolutionState
 from native_solvers import static_settings
 from robots import LENGTH, distance, scene, three
 
@@ -209,3 +210,112 @@ def test_a_parameter_variation_of_exudyn_gives_the_tips_of_single_runs():
     for mu, tension, value in zip(grid["mu"], grid["tension"], found, strict=True):
         assert value == pytest.approx(tip({"mu": mu, "tension": tension}), rel=1e-12)
     assert len(set(found)) == 4
+
+
+# ---------------------------------------------------------------- control, restarts, minimal coordinates
+
+
+def swing(t: float) -> list[float]:
+    """Tensions over time [N]."""
+    return [1.0 - np.cos(50.0 * t), 0.1, 0.1]
+
+
+def test_tensions_set_in_a_prestep_function_are_those_of_inputs_over_time():
+    """A control loop: the tensions of a step are set at its beginning, from what the last one has measured."""
+    _keep, mbs, expected = scene(three(0.3))
+    expected.set_inputs_over_time(swing)
+    assert mbs.SolveDynamic(settings_of(expected, 0.04))
+    _keep_other, other, handle = scene(three(0.3))
+    handle.set_tensions(swing(0.0))
+    seen = []
+
+    def before_step(mbs, t):
+        seen.append(handle.tip_position[0])
+        handle.set_tensions(swing(t))
+        return True
+
+    other.SetPreStepUserFunction(before_step)
+    assert other.SolveDynamic(settings_of(handle, 0.04))
+    assert distance(handle.shape()[0], expected.shape()[0]) < 1e-12
+    assert len(set(seen)) > 30
+
+
+@pytest.mark.parametrize("end", ["whole", "stopped"])
+def test_a_run_goes_on_from_the_restart_file_of_exudyn(tmp_path, end):
+    """In another system, after the run was over or stopped by an error: the same end, holes and sums of energy too."""
+
+    def made():
+        keep, mbs, handle = scene(three(0.3), assemble=False)
+        sensor = handle.add_energy_sensor()
+        mbs.Assemble()
+        handle.set_inputs_over_time(swing)
+        return keep, mbs, handle, sensor
+
+    def settings(handle, end):
+        found = settings_of(handle, end)
+        found.solution.restart.name, found.solution.restart.writePeriod = str(tmp_path / "restart.txt"), 0.01
+        return found
+
+    _keep, mbs, expected, sensor = made()
+    assert mbs.SolveDynamic(settings(expected, 0.04))
+    energy = np.array(mbs.GetSensorValues(sensor))
+    _keep, mbs, handle, sensor = made()
+    first = settings(handle, 0.02 if end == "whole" else 0.04)
+    first.solution.restart.write = True
+    if end == "stopped":
+
+        def stop(mbs, t):
+            if t > 0.0255:
+                raise ArithmeticError("stopped")
+            return True
+
+        mbs.SetPreStepUserFunction(stop)
+        with pytest.raises(exu.ModelError, match="stopped"):
+            mbs.SolveDynamic(first)
+    else:
+        assert mbs.SolveDynamic(first)
+    _keep, mbs, handle, sensor = made()
+    second = settings(handle, 0.04)
+    second.solution.restart.continueIfAvailable = True
+    assert mbs.SolveDynamic(second)
+    assert distance(handle.shape()[0], expected.shape()[0]) < 1e-10
+    assert handle.hole_states() == expected.hole_states()
+    assert mbs.GetSensorValues(sensor) == pytest.approx(energy, abs=1e-9 * np.abs(energy).max())
+
+
+def test_a_kinematic_tree_of_exudyn_robotics_carries_a_robot():
+    """Minimal coordinates: a force at the robot's tip turns two joints by its moments over their stiffness."""
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    arm = robotics.Robot(gravity=[0.0] * 3, base=robotics.RobotBase(), tool=robotics.RobotTool())
+    inertia = InertiaCuboid(density=1000.0, sideLengths=[0.05, 0.05, 0.3]).Translated([0.0, 0.0, 0.15])
+    for offset in (0.0, 0.3):
+        arm.AddLink(
+            robotics.RobotLink(
+                mass=inertia.Mass(),
+                COM=inertia.COM(),
+                inertia=inertia.InertiaCOM(),
+                preHT=HTtranslate([0.0, 0.0, offset]),
+                jointType="Ry",
+                PDcontrol=(2.0, 0.1),
+            )
+        )
+    tree = arm.CreateKinematicTree(mbs)
+    end = eii.MarkerKinematicTreeRigid(
+        objectNumber=tree["objectKinematicTree"], linkNumber=1, localPosition=[0.0, 0.0, 0.3]
+    )
+    handle = mbs.CreateTDCR(three(0.3), baseMarker=mbs.AddMarker(end))
+    load = handle.add_load("tip", LENGTH)
+    mbs.Assemble()
+    assert handle.shape()[0][0] == pytest.approx([0.0, 0.0, 0.6], abs=1e-12)
+    handle.set_tensions([0.5, 0.0, 0.0])
+    load.set([0.05, 0.0, -0.02])
+    SolveTDCR(mbs)
+    first, second = mbs.GetNodeOutput(tree["nodeGeneric"], exu.OutputVariableType.Coordinates)
+    elbow = 0.3 * np.array([np.sin(first), 0.0, np.cos(first)])
+    for angle, joint in ((first, np.zeros(3)), (second, elbow)):
+        lever = handle.tip_position - joint
+        assert angle == pytest.approx((lever[2] * 0.05 + lever[0] * 0.02) / 2.0, rel=1e-6)
+    there = handle.shape()[0]
+    assert mbs.SolveDynamic(settings_of(handle, 0.02))
+    assert distance(handle.shape()[0], there) < 1e-9
