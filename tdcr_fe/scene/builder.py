@@ -156,13 +156,9 @@ def CreateTDCR(
         the tip, one thing is given under two names, or the pose of ``baseMarker`` is another than the one given.
     """
     check_system("CreateTDCR", mbs)
-    arguments.check_robot("CreateTDCR", robot)
-    model = Model.default_for(robot) if model is None else model
-    arguments.check_model("CreateTDCR", model)
+    model = _checked_model(robot, model, gravity)
     _check_placement(name, basePosition, loadPositions, presliding)
-    model = with_gravity(model, gravity)
     check_drawing(color, graphicsDataList, baseMarker is not None)
-    check_size(robot, model)
     check_arc_lengths(loadPositions, robot.backbone.length)
     pose = base_pose(
         mbs,
@@ -170,10 +166,7 @@ def CreateTDCR(
         one_of("baseRotationMatrix", baseRotationMatrix, "referenceRotationMatrix", referenceRotationMatrix),
         baseMarker,
     )
-    name = name or robot.name
-    if name in robot_names(mbs):
-        raise ValueError(f"the system has a robot {name!r} already; give another name")
-
+    name = _new_name(mbs, name or robot.name)
     mesh, rigid = build_mesh(robot, model, loadPositions)
     backbone = add_backbone(
         mbs,
@@ -225,6 +218,23 @@ def check_system(function: str, mbs: Any) -> None:
     """Refuse anything but a system of Exudyn; the error names what makes one."""
     hint = "SC = exudyn.SystemContainer(); mbs = SC.AddSystem() makes one."
     arguments.check_instance(function, "mbs", mbs, exu.MainSystem, "an exudyn.MainSystem", hint)
+
+
+def _checked_model(robot: Any, model: Any, gravity: Sequence[float] | None) -> Model:
+    """The model of a robot, with the gravity given beside it; refuses what is none, or needs too much memory."""
+    arguments.check_robot("CreateTDCR", robot)
+    model = Model.default_for(robot) if model is None else model
+    arguments.check_model("CreateTDCR", model)
+    model = with_gravity(model, gravity)
+    check_size(robot, model)
+    return model
+
+
+def _new_name(mbs: exu.MainSystem, name: str) -> str:
+    """The name of a new robot; refuses that of another one in the system."""
+    if name in robot_names(mbs):
+        raise ValueError(f"the system has a robot {name!r} already; give another name")
+    return name
 
 
 def _check_placement(name: Any, position: Any, load_positions: Any, presliding: Any) -> None:
