@@ -69,6 +69,8 @@ class Simulation:
     state : SolverState
         Last solved state, see `tdcr_fe.solve.stability.strain_tangent` for its tangent; the twists of the elements
         are ``state.configuration.twists[0]``.
+    located : bool
+        Whether the last load step has reversals located within a substep, see `advance`.
     """
 
     def __init__(
@@ -97,6 +99,7 @@ class Simulation:
         mbs.Assemble()
         self.system = SceneSystem(mbs)
         self.state: SolverState = self.system.current_state()
+        self.located = False
         self._last: Linearization | None = None
         self._end: Equilibrium | None = None
 
@@ -113,6 +116,7 @@ class Simulation:
         record_path: list[Increment] | None = None,
         follow: PathObserver | None = None,
         divide: bool = False,
+        at_end: bool = False,
     ) -> LoadStepReport:
         """Solve one load step.
 
@@ -132,6 +136,10 @@ class Simulation:
         divide
             See `tdcr_fe.solve.load_steps.stepping.LoadStepper`; always so where the path is recorded. Where it is
             only followed, it is solved once more in this way if need be.
+        at_end
+            Where the path has reversals located within a substep, `follow` is only called with its end, and as if the
+            history ended there: holes that stick then hold on, whatever the inputs on the way. That saves the path
+            that is divided.
 
         Raises
         ------
@@ -166,16 +174,21 @@ class Simulation:
         try:
             # Derivatives need a path that is divided where slips reverse.
             path = solved(divide)
-            followed = solved(True) if follow is not None and path.located else path
+            followed = solved(True) if follow is not None and path.located and not at_end else path
         except StepFailed as failure:
             self.state, self._last, self._end = failure.state, None, None
             raise
         if follow is not None:
-            follow(self.system, ramp, self.state, followed.increments)
+            if followed.located:
+                held = self.state._replace(friction=followed.state.friction)
+                follow(self.system, ramp, held, ((1.0, followed.state),))
+            else:
+                follow(self.system, ramp, self.state, followed.increments)
             ramp.apply(self.system, 1.0)
             if followed is not path or not self.system.tangent_follows_from_elements():
                 self.system.store(path.state)
         self.state, self._last, self._end = path.state, path.linearization, path.end
+        self.located = path.located
         if record_path is not None:
             record_path.extend(Increment(factor, state.stored()) for factor, state in path.increments)
         return LoadStepReport.of(path)

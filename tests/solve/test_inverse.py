@@ -15,6 +15,7 @@ from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.targets import ReachStatus, TensionLimits, TipTarget
 from tdcr_fe.solve.inverse_statics.inverse import REACHED, follow_path, reach
 from tdcr_fe.solve.inverse_statics.least_effort import Effort
+from tdcr_fe.solve.inverse_statics.trials import TrialSteps
 from tdcr_fe.solve.simulate import simulate
 
 LIMITS = TensionLimits(largest=2.5, pretension=0.1)
@@ -239,3 +240,28 @@ def test_a_target_is_reached_with_other_settings():
     assert found.reached
     again = simulate(robot, model, [found.step], settings)
     assert np.linalg.norm(again.tips[-1] - tip) <= 1e-6 * LENGTH
+
+
+def test_derivatives_along_a_path_with_reversals_are_taken_on_request():
+    """The step is the same, and its derivative along the path is that of neighbouring steps.
+
+    They were always taken along a path divided at every reversal before.
+    """
+    robot = three(0.2)
+    trials = TrialSteps(robot, Model(elements_per_bay=1), (), SolverSettings())
+    rest = trials.simulation.state
+    loaded = trials.solve(rest, trials.step(np.array([2.0, 0.5, 0.3]), by_displacement=False))
+    assert loaded is not None and loaded.exact
+    back = trials.step(np.array([1.2, 1.4, 0.3]), by_displacement=False)
+    near, exact = (trials.solve(loaded.state, back, exact=x) for x in (False, True))
+    assert near is not None and exact is not None
+    assert exact.exact and not near.exact
+    assert np.array_equal(near.tip, exact.tip)
+    assert not np.allclose(near.motion, exact.motion, rtol=1e-6)
+    change = np.array([0.02, 0.0, 0.0])
+    tips = [
+        trials.solve(loaded.state, trials.step(exact.inputs + x, by_displacement=False))
+        for x in (change, -change)
+    ]
+    seen = (tips[0].tip - tips[1].tip) / 0.04
+    assert np.linalg.norm(exact.motion[:3, 0] - seen) < 0.02 * np.linalg.norm(seen)

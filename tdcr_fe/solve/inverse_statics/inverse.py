@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import islice
 from math import isfinite
 from typing import NamedTuple
 
@@ -47,6 +48,10 @@ Array = NDArray[np.float64]
 REACHED = 1e-6
 #: Tensions from which the search is started at most before a target is said to be out of reach.
 MOST_STARTS = 6
+#: A target that was not reached but is nearer than this is tried again with exact derivatives [fraction of the length].
+NEAR = 1e-2
+#: Relative difference of distances from a target below which two searches ended in the same nearest point [1].
+NEARER = 1e-3
 #: Searches that end in the same nearest point, after which no more are started.
 AGREEING_STARTS = 3
 #: Random tensions whose tips are looked up for further starts.
@@ -298,21 +303,43 @@ class _Run:
         return self._outcome(target, aim, best, search.count, starts, result)
 
     def _from_all_starts(self, search: Search, aim: Aim, first: Sequence[Array]) -> tuple[Found | None, int]:
-        """The best of several searches, which end with the first that reaches the target; and their number."""
+        """The best of several searches, which end with the first that reaches the target; and their number.
+
+        Where none reaches a target that is near, they are repeated with exact derivatives.
+        """
+        whole = self.task.model.friction != "none"
+        best, starts = self._searched(search, self._starts(aim, first), whole)
+        if whole and best is not None and REACHED < best.size < NEAR and not best.stationary:
+            search.take_exact_derivatives()
+            again, more = self._searched(search, self._starts(aim, first), whole=False)
+            best, starts = again if again is not None and again.better_than(best) else best, starts + more
+        return best, starts
+
+    @staticmethod
+    def _searched(search: Search, tensions: Iterator[Array], whole: bool) -> tuple[Found | None, int]:
+        """The best of the searches from several tensions, and their number.
+
+        With ``whole`` every search begins among load steps solved whole. Where it ends there no nearer to the target
+        than one before, it is not taken up with the friction's path.
+        """
         ended: list[Found] = []
         best: Found | None = None
-        starts = 0
-        for tensions in self._starts(aim, first):
-            if starts == MOST_STARTS:
-                break
+        nearest, starts = np.inf, 0
+        for start in islice(tensions, MOST_STARTS):
             starts += 1
-            found = search.run(tensions)
-            if found is None:
+            rough = search.whole(start) if whole else None
+            if rough is not None and best is not None and rough.size > max(REACHED, (1.0 - NEARER) * nearest):
+                found: Found | None = rough
+            else:
+                found = search.run(start if rough is None else rough.trial.tensions)
+                nearest = nearest if rough is None else min(nearest, rough.size)
+                if found is not None:
+                    best = found if best is None or found.better_than(best) else best
+            if found is None or best is None:
                 continue
             ended.append(found)
-            best = found if best is None or found.better_than(best) else best
-            same = sum(x.stationary and x.size <= (1.0 + 1e-3) * best.size for x in ended)
-            if best.size <= REACHED or same == AGREEING_STARTS:
+            same = sum(x.stationary and x.size <= (1.0 + NEARER) * best.size for x in ended)
+            if best.size <= REACHED or same >= AGREEING_STARTS:
                 break
         return best, starts
 

@@ -27,6 +27,8 @@ ERROR_GAIN, EFFORT_GAIN = 1e-4, 1e-3
 FIRST_RADIUS = 0.5
 #: Trial steps on the way to a target, and refused ones in succession; steps of less effort, and refused ones.
 MOST_TRIALS, MOST_REFUSALS, MOST_ROUNDS, MOST_REFUSED_ROUNDS = 40, 8, 8, 2
+#: Refused steps in succession, after which derivatives are taken along the whole path.
+MOST_APPROXIMATE = 3
 #: Trial steps on the way back to the target after a step of less effort.
 MOST_TRIALS_BACK = 5
 
@@ -137,7 +139,20 @@ class Search:
     ) -> None:
         self._trials, self._start, self._aim, self._effort = trials, start, aim, effort
         self._label, self._time = label, time
-        self.count = 0
+        self.count, self._along_path = 0, False
+
+    def take_exact_derivatives(self) -> None:
+        """Take the derivatives of all further trials along the whole path."""
+        self._along_path = True
+
+    def whole(self, tensions: Array) -> Found | None:
+        """Search from tensions [N] among load steps solved whole; None where no trial has a solution.
+
+        The path of the friction within a step is left out of account: that costs a fraction, and is exact where no slip
+        reverses in it.
+        """
+        first = self._solve(tensions, False, 1)
+        return None if first is None else self._approach(first, self._effort)
 
     def run(self, tensions: Array) -> Found | None:
         """Search from tensions [N]; None where no trial has a solution."""
@@ -166,7 +181,11 @@ class Search:
     def _solve(self, inputs: Array, by_displacement: bool, substeps: int | None) -> Trial | None:
         self.count += 1
         step = self._trials.step(inputs, by_displacement, self._label, self._time, substeps)
-        return self._trials.solve(self._start, step)
+        return self._trials.solve(self._start, step, exact=self._along_path)
+
+    def _exact(self, trial: Trial) -> Trial:
+        """The trial with exact derivatives; as it is where these cannot be had."""
+        return trial if trial.exact else self._trials.solve(self._start, trial.step, exact=True) or trial
 
     def _moved(self, trial: Trial, step: Array) -> Trial | None:
         """The trial with tensions changed by a step, to first order."""
@@ -184,7 +203,7 @@ class Search:
         aim, scale = self._aim, effort.scale
         radius, ratio, gain = FIRST_RADIUS, WEIGHT_RATIO, np.inf
         refused, end = 0, self.count + most_trials
-        jacobian = aim.jacobian(current)
+        jacobian, verified = aim.jacobian(current), current.exact
         while self.count < end and refused < MOST_REFUSALS:
             residual = aim.residual(current.tip, current.tangent)
             size = float(np.linalg.norm(residual))
@@ -202,8 +221,11 @@ class Search:
                     radius *= 4.0
                 elif weight > SMALLEST_WEIGHT:
                     ratio *= 0.01
-                else:
+                elif verified:
                     return self._found(current, gain, True)
+                else:
+                    current = self._exact(current)
+                    jacobian, verified = aim.jacobian(current), True
                 continue
             trial = self._moved(current, step)
             if trial is None:
@@ -219,10 +241,13 @@ class Search:
                 jacobian = jacobian + np.outer(seen - jacobian @ step, step) / float(step @ step)
             if nearer < 0.1 * gain or gain <= 0.0:
                 radius, refused = 0.5 * moved, refused + 1
+                if refused == MOST_APPROXIMATE and not verified:
+                    current = self._exact(current)
+                    jacobian, verified, refused, radius = aim.jacobian(current), True, 0, FIRST_RADIUS
                 continue
             if nearer > 0.7 * gain and limited:
                 radius *= 2.5
-            refused, current = 0, trial
+            refused, current, verified = 0, trial, trial.exact
             if good:
                 jacobian = aim.jacobian(trial)
         return self._found(current, gain, False)

@@ -48,6 +48,8 @@ class Trial:
         not differentiated.
     inputs_by_tension : ndarray, shape (m, m)
         Derivative of the inputs by the tensions; empty where it was not differentiated.
+    exact : bool
+        Whether the derivatives are those of the whole path; else of the end, where holes that stick hold on.
     """
 
     step: LoadStep
@@ -60,6 +62,7 @@ class Trial:
     displacements: Array
     motion: Array
     inputs_by_tension: Array
+    exact: bool
 
     @property
     def inputs(self) -> Array:
@@ -112,8 +115,21 @@ class TrialSteps:
             return LoadStep(label, displacements=named, substeps=substeps, time=time)
         return LoadStep(label, tensions=named, substeps=substeps, time=time)
 
-    def solve(self, start: SolverState, step: LoadStep, differentiate: bool = True) -> Trial | None:
-        """Solve a step from a state, and differentiate; None where it has no solution."""
+    def solve(
+        self, start: SolverState, step: LoadStep, *, differentiate: bool = True, exact: bool = False
+    ) -> Trial | None:
+        """Solve a step from a state, and differentiate; None where it has no solution.
+
+        Parameters
+        ----------
+        start, step
+            The state and the step.
+        differentiate
+            Whether derivatives are needed.
+        exact
+            Whether along the whole path. Where slips reverse, that takes a path divided at every reversal, at tens of
+            times the cost of the step.
+        """
         simulation, names = self.simulation, self.robot.tendon_names
         simulation.restore(start)
         by_displacement = bool(step.displacements)
@@ -127,7 +143,7 @@ class TrialSteps:
         self._history.steps.clear()
         try:
             follow = self._differentiate if differentiate else None
-            report = simulation.advance(target, step.substeps, follow=follow)
+            report = simulation.advance(target, step.substeps, follow=follow, at_end=not exact)
         except (
             StepFailed,
             np.linalg.LinAlgError,
@@ -147,6 +163,7 @@ class TrialSteps:
             simulation.displacement,
             motion,
             inputs_by_tension,
+            exact or not simulation.located,
         )
 
     def _derivatives(self, by_displacement: bool) -> tuple[Array, Array]:
