@@ -48,6 +48,10 @@ class LinearSlips:
         matrix = np.diag(self._stiffness) - self._by_unknowns(x)
         return _State(tension, self.slip(x, z), load, matrix, self._stiffness)
 
+    @staticmethod
+    def branches(z, tension):
+        """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`: derivatives do not jump."""
+
     def rates(self, x, z, tension, rate, near):
         """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`."""
         state = self.at(x, z, tension)
@@ -55,6 +59,8 @@ class LinearSlips:
 
 
 class _State:
+    branches = None
+
     def __init__(self, tension, slip, by_load, matrix, stiffness):
         self.tension, self.slip, self.by_load, self.matrix = tension, slip, by_load, matrix
         self.stiffness = stiffness

@@ -30,6 +30,8 @@ class RobotUnknowns(NamedTuple):
         Which of its mobilisations are unknowns.
     mobilisations : slice
         Where these are.
+    adhesive : ndarray of bool, shape (m,)
+        Whose holes have adhesion, which may hold them under tension while they are slack at the base.
     """
 
     robot: int
@@ -38,11 +40,16 @@ class RobotUnknowns(NamedTuple):
     tensions: slice
     frictional: NDArray[np.bool_]
     mobilisations: slice
+    adhesive: NDArray[np.bool_]
 
     @property
     def has_friction(self) -> bool:
         """Whether friction acts in this robot."""
         return self.mobilisations.stop > self.mobilisations.start
+
+    def may_be_tense(self, base_tension: Array) -> NDArray[np.bool_]:
+        """Which tendons are under tension somewhere, or may be, at tensions at the base [N], shape (m,)."""
+        return (base_tension > 0.0) | self.adhesive
 
 
 class Numbering(NamedTuple):
@@ -85,7 +92,8 @@ class Numbering(NamedTuple):
             tensions = slice(tension, tension + driven[i].size)
             holes = slice(hole, hole + (int(np.count_nonzero(frictional)) if robot.law.has_friction else 0))
             inside = slice(6 * own.start, 6 * own.stop)
-            parts.append(RobotUnknowns(i, inside, driven[i], tensions, frictional, holes))
+            adhesive = np.any(robot.law.parameters.adhesion > 0.0, axis=1)
+            parts.append(RobotUnknowns(i, inside, driven[i], tensions, frictional, holes, adhesive))
             tension, hole = tensions.stop, holes.stop
         return cls(tuple(parts), reduced, linear, hole)
 

@@ -84,8 +84,12 @@ class Slips(Protocol):
         """Slips and derivatives at a load factor."""
         ...
 
-    def rates(self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState) -> Array:
-        """Rates of the excess of the slips, and of minus the slack, at given rates of ``z``."""
+    def branches(self, z: Array, tension: Array) -> Flags | None:
+        """Flags that change where the derivatives of the tensions jump; None where they never do."""
+        ...
+
+    def rates(self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState) -> Array | None:
+        """Rates of the excess of the slips, and of minus the slack, at given rates of ``z``; None where they jump."""
         ...
 
 
@@ -173,20 +177,25 @@ class _Evaluated(NamedTuple):
         Of the segments [N].
     largest : float
         Tension [N].
+    branches : ndarray of bool or None
+        See `Slips.branches`.
     """
 
     factor: float
     tension: Array
     largest: float
+    branches: Flags | None
 
     @classmethod
-    def at(cls, factor: float, tension: Array) -> _Evaluated:
-        """At a load factor and tensions."""
-        return cls(factor, tension, float(tension.max()))
+    def at(cls, factor: float, state: SlipState) -> _Evaluated:
+        """In a state at a load factor."""
+        return cls(factor, state.tension, float(state.tension.max()), state.branches)
 
-    def serves(self, factor: float, tension: Array, share: float = 1.0) -> bool:
+    def serves(self, factor: float, tension: Array, branches: Flags | None, share: float = 1.0) -> bool:
         """Whether the derivatives serve at another load factor and other tensions, within a part of the limits."""
         if factor - self.factor > share * STRAIGHT:
+            return False
+        if branches is not None and not np.array_equal(branches, self.branches):
             return False
         return float(np.abs(tension - self.tension).max()) <= share * KEPT * self.largest
 
@@ -255,13 +264,13 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
     stops = iter(slips.ends)
     stop, longest = 0.0, _longest(slips)
     state: SlipState | None = None
-    evaluated, trial = _Evaluated.at(0.0, tension), None
+    evaluated, trial = _Evaluated(0.0, tension, 0.0, None), None
     for _ in range(50 + 6 * (k + c)):
         side = bounds.side(z)
         if state is None:
             state, trial = slips.at(now, z, tension), None
             tension = state.tension
-            evaluated = _Evaluated.at(now, tension)
+            evaluated = _Evaluated.at(now, state)
             inside = free.nonzero()[0]
             if inside.size:
                 change = _correction(z, state, inside, excess, stiffness)
@@ -283,7 +292,7 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
             break
         held = rates.side == 0.0
         turned = _NONE if rates.side is side else (held & (side != 0.0))[:k].nonzero()[0]
-        if turned.size and not evaluated.serves(now, tension, DECISIVE):
+        if turned.size and not evaluated.serves(now, tension, slips.branches(z, tension), DECISIVE):
             state = None
             continue
         if turned.size and pieces and shortened < MOST_SHORTENINGS:
@@ -310,10 +319,12 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
                 complete = True
                 break
         event = distance_to_bound(rates, z, bounds)
-        curved = event > STRAIGHT
+        curved, most = event > STRAIGHT, longest
         tension_rate = state.tension_rates(rates.free, rates.rate)
-        if curved:
-            slope = _slope(slips, now, stop, z, state, rates, tension_rate, k)
+        slope = _slope(slips, now, stop, z, state, rates, tension_rate, k) if curved else None
+        if curved and slope is None:
+            curved, most = False, STRAIGHT
+        if slope is not None:
             if not isfinite(slope @ slope):
                 break
             motion = rates.motion(slope)
@@ -325,10 +336,10 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
             motion = rates.motion(None)
         if c:
             event = min(event, distance_to_closing(motion, slack, k))
-        part = min(stop - now, longest, max(SHORTEST, event))
+        part = min(stop - now, most, max(SHORTEST, event))
         pieces.append(Piece(now, part, z, motion, state.tension, tension_rate))
         now, z, tension = pieces[-1].end(part, bounds)
-        if curved or now >= stop - 1e-12 or not evaluated.serves(now, tension):
+        if curved or now >= stop - 1e-12 or not evaluated.serves(now, tension, slips.branches(z, tension)):
             state = None
         else:
             state, trial = state.ahead(part, tension, rates.rate, rates.excess), None
@@ -399,13 +410,13 @@ def _slope(
     rates: Rates,
     tension_rate: Array,
     holes: int,
-) -> Array:
-    """Derivative of the rates of slips and slack at constant rates of the unknowns."""
+) -> Array | None:
+    """Derivative of the rates of slips and slack at constant rates of the unknowns; None where they jump."""
     fastest = float(np.abs(rates.rate[:holes]).max(initial=0.0))
     part = min(SLOPE_PART * LONGEST, stop - now, SLOPE_CHANGE / max(fastest, SLOPE_CHANGE))
     tension = state.tension + part * tension_rate
     ahead = slips.rates(now + part, z + part * rates.rate, tension, rates.rate, state)
-    return np.asarray((ahead - rates.excess) / part)
+    return None if ahead is None else np.asarray((ahead - rates.excess) / part)
 
 
 def _correction(z: Array, state: SlipState, free: Index, excess: Array, stiffness: Array) -> Array:

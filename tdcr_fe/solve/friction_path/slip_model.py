@@ -127,6 +127,8 @@ class SlipDerivatives:
         Derivatives of the angles by the load factor at fixed tensions, shape (r,).
     stiffness
         Presliding distance at holes, zero for tensions [m], shape (n,).
+    branches
+        See `SlipModel.branches`.
 
     Attributes
     ----------
@@ -135,7 +137,7 @@ class SlipDerivatives:
     """
 
     __slots__ = ("_by_tension", "_columns", "_factors", "_missing", "_segments", "_tension_by_load", "_transfer",
-                 "by_load", "stiffness")  # fmt: skip
+                 "branches", "by_load", "stiffness")  # fmt: skip
 
     def __init__(
         self,
@@ -145,9 +147,10 @@ class SlipDerivatives:
         factors: tuple[Array, Index],
         angle_rate: Array,
         stiffness: Array,
+        branches: Flags | None,
     ) -> None:
         self._transfer, self._by_tension, self._factors = transfer, by_tension, factors
-        self.stiffness = stiffness
+        self.stiffness, self.branches = stiffness, branches
         self._tension_by_load = self.put_on(transfer.by_angles(angle_rate) + transfer.by_load)
         self.by_load: Array = rate + by_tension @ self._tension_by_load
         n, q = by_tension.shape
@@ -202,6 +205,11 @@ class SlipState(NamedTuple):
     def by_load(self) -> Array:
         """Derivatives by the load factor at fixed mobilisations and unknown tensions at the base [m], shape (n,)."""
         return self.derivatives.by_load
+
+    @property
+    def branches(self) -> Flags | None:
+        """Where the derivatives were evaluated, see `SlipModel.branches`."""
+        return self.derivatives.branches
 
     def columns(self, which: Index) -> Array:
         """Derivatives by some of the unknowns, in ascending order, shape (n, i).
@@ -312,6 +320,10 @@ class SlipModel:
     def _interval(self, factor: float) -> _Interval:
         return self._intervals[min(bisect_right(self.ends, factor), len(self.ends) - 1)]
 
+    def branches(self, z: Array, tension: Array) -> Flags | None:
+        """Flags that change where the derivatives of the tensions jump; None where they never do."""
+        return self._transfer.branches(z, tension)
+
     def at(self, factor: float, z: Array, tension: Array) -> SlipState:
         """Slips and their derivatives.
 
@@ -341,11 +353,16 @@ class SlipModel:
         more = tension - straight
         rate = part.paced(rate, response, more)
         slip = values[:n] + by_tension @ more
-        by = SlipDerivatives(transfer, rate[:n], by_tension, (lu, pivots), rate[n:], self._stiffness)
+        branches = self._transfer.branches(z, transfer.tension)
+        by = SlipDerivatives(
+            transfer, rate[:n], by_tension, (lu, pivots), rate[n:], self._stiffness, branches
+        )
         return SlipState(tension, slip, by)
 
-    def rates(self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState) -> Array:
+    def rates(self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState) -> Array | None:
         """Rates of the slips, less the presliding part, and of minus the slack, at given rates of the unknowns, (n,).
+
+        None where they have jumped since the load factor nearby, see `branches`.
 
         Parameters
         ----------
@@ -361,6 +378,9 @@ class SlipModel:
         turning, solve = response[n:], near.derivatives.put_on
         angles = np.maximum(values[n:] + turning @ (tension - straight), 0.0)
         transfer = self._transfer.at(factor, z, angles)
+        branches = self._transfer.branches(z, transfer.tension)
+        if branches is not None and not np.array_equal(branches, near.branches):
+            return None
         more = tension + solve(transfer.tension - tension) - straight
         pace = part.paced(pace, response, more)
         put_on = transfer.by_angles(pace[n:]) + transfer.by_load + transfer.by_unknowns(rate)

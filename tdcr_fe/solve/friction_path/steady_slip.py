@@ -96,7 +96,7 @@ def _rates_agree(
         rate = forces[i].slip_change(moved[part.nodes], tension)
         first = 2.0 * (after.friction[i].slip - before.friction[i].slip) - rate
         side = after.mobilisation[i] * part.frictional
-        side *= after.base_tension[i][:, None] > 0.0
+        side *= part.may_be_tense(after.base_tension[i])[:, None]
         if min((side * rate).min(), (side * first).min()) < -SMALL * presliding:
             return False
     return True
@@ -111,7 +111,7 @@ def _any_changes(before: SolverState, after: SolverState, line: Linearization) -
     for part in line.numbering.robots:
         i = part.robot
         if part.has_friction:
-            tense = part.frictional & (before.base_tension[i] > 0.0)[:, None]
+            tense = part.frictional & part.may_be_tense(before.base_tension[i])[:, None]
             if (before.mobilisation[i] * after.mobilisation[i])[tense].min(initial=1.0) < 1.0:
                 return True
     return False
@@ -127,7 +127,8 @@ def _all_slip(before: SolverState, after: SolverState, line: Linearization) -> b
         if not part.has_friction:
             continue
         taut = after.base_tension[i] > 0.0
-        if (np.abs(after.mobilisation[i]) < (part.frictional & taut[:, None])).any():
+        tense = part.frictional & part.may_be_tense(after.base_tension[i])[:, None]
+        if (np.abs(after.mobilisation[i]) < tense).any():
             return False
         was_taut = before.base_tension[i] > 0.0
         if was_taut[~taut].any() or not was_taut[part.driven][taut[part.driven]].all():

@@ -47,7 +47,7 @@ class TautTendons(NamedTuple):
         for part in end.numbering.robots:
             law = end.forces[part.robot].model.law
             tension = np.array([at.state.base_tension[part.robot] for at in (start, end)])
-            taut = [at.state.base_tension[part.robot] > 0.0 for at in states]
+            taut = [np.any(at.forces[part.robot].field.tension > 0.0, axis=1) for at in states]
             which = np.flatnonzero(np.any(taut, axis=0))
             acting = part.frictional if part.has_friction else np.zeros_like(part.frictional)
             if which.size:

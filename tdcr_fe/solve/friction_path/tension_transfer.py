@@ -12,6 +12,7 @@ from tdcr_fe.elements.friction import TendonLaw
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
+Flags = NDArray[np.bool_]
 
 
 class TendonsInSubstep(NamedTuple):
@@ -207,6 +208,10 @@ class CapstanTransfer:
             np.matmul(every, own, out=found[segments].reshape(count, every.shape[0], -1))
         return found
 
+    @staticmethod
+    def branches(z: Array, tension: Array) -> None:
+        """See `LawTransfer.branches`: Capstan's equation is smooth."""
+
     def at(self, factor: float, z: Array, angles: Array) -> CapstanAt:
         """Tensions of the segments, and their derivatives.
 
@@ -280,6 +285,14 @@ class LawTransfer:
             self._places.append(_Places.of(own, segment, angle, hole, base))
             segment, angle, hole = segment + own.segments, angle + own.angles, hole + own.holes
             base += len(own.driven)
+
+    def branches(self, z: Array, tension: Array) -> Flags:
+        """Which holes hold tension back, and which segments are under tension, shape (k + q,).
+
+        Adhesion holds tension behind a hole that is released even where there is none before it, and takes at most
+        what there is where it is pulled: there the derivatives jump.
+        """
+        return np.concatenate((z[: self._holes] < 0.0, tension > 0.0))
 
     def at(self, factor: float, z: Array, angles: Array) -> LawAt:
         """As of `CapstanTransfer`."""

@@ -141,9 +141,7 @@ class LoadStepper:
         """The load step with its path dependence resolved; halved where reversals are not all there is to it."""
         count = CURVED_PARTS if self.solver.ramp.curved else 1
         path = self._divided(state, count)
-        needed = (
-            2 if self._depends_on_rates(state, path.state) else int(self._held_while_slack(state, path.state))
-        )
+        needed = 2 if self._depends_on_rates(state, path.state) else 0
         if not needed:
             spent, confirmed = self._jumps_examined(state, path)
             path, needed = replace(path, rejected=path.rejected + spent), 0 if confirmed else 1
@@ -259,18 +257,6 @@ class LoadStepper:
             failure.iterations += now.path.iterations + now.path.rejected
             raise
         return now.path.then(replace(part, rejected=part.rejected + failed.iterations))
-
-    def _held_while_slack(self, before: SolverState, after: SolverState) -> bool:
-        """Whether adhesion holds tension in a tendon that is slack at the base, at the beginning and at the end.
-
-        Its slips do not follow from a tension at the base, so its reversals are not located.
-        """
-        for i, robot in enumerate(self.solver.system.robots):
-            slack = (before.base_tension[i] <= 0.0) & (after.base_tension[i] <= 0.0)
-            released = np.any((before.mobilisation[i] < 0.0) | (after.mobilisation[i] < 0.0), axis=1)
-            if np.any(slack & released & np.any(robot.law.parameters.adhesion > 0.0, axis=1)):
-                return True
-        return False
 
     def _depends_on_rates(self, before: SolverState, after: SolverState) -> bool:
         """Whether slip rates may matter: coefficients follow laws, and a hole under tension changed its state.
