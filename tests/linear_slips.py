@@ -59,8 +59,6 @@ class LinearSlips:
 
 
 class _State:
-    branches = None
-
     def __init__(self, tension, slip, by_load, matrix, stiffness):
         self.tension, self.slip, self.by_load, self.matrix = tension, slip, by_load, matrix
         self.stiffness = stiffness
@@ -76,6 +74,10 @@ class _State:
         slip = self.slip - self.matrix[:, which] @ change
         slip[which] += self.stiffness[which] * change
         return _State(self.tension, slip, self.by_load, self.matrix, self.stiffness)
+
+    @staticmethod
+    def jumps_to(branches):
+        return branches is not None
 
     def tension_rates(self, free, rate):
         return np.zeros_like(self.tension)

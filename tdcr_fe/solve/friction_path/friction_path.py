@@ -177,25 +177,20 @@ class _Evaluated(NamedTuple):
         Of the segments [N].
     largest : float
         Tension [N].
-    branches : ndarray of bool or None
-        See `Slips.branches`.
     """
 
     factor: float
     tension: Array
     largest: float
-    branches: Flags | None
 
     @classmethod
-    def at(cls, factor: float, state: SlipState) -> _Evaluated:
-        """In a state at a load factor."""
-        return cls(factor, state.tension, float(state.tension.max()), state.branches)
+    def at(cls, factor: float, tension: Array) -> _Evaluated:
+        """At a load factor and tensions."""
+        return cls(factor, tension, float(tension.max()))
 
-    def serves(self, factor: float, tension: Array, branches: Flags | None, share: float = 1.0) -> bool:
+    def serves(self, factor: float, tension: Array, share: float = 1.0) -> bool:
         """Whether the derivatives serve at another load factor and other tensions, within a part of the limits."""
         if factor - self.factor > share * STRAIGHT:
-            return False
-        if branches is not None and not np.array_equal(branches, self.branches):
             return False
         return float(np.abs(tension - self.tension).max()) <= share * KEPT * self.largest
 
@@ -264,13 +259,13 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
     stops = iter(slips.ends)
     stop, longest = 0.0, _longest(slips)
     state: SlipState | None = None
-    evaluated, trial = _Evaluated(0.0, tension, 0.0, None), None
+    evaluated, trial = _Evaluated.at(0.0, tension), None
     for _ in range(50 + 6 * (k + c)):
         side = bounds.side(z)
         if state is None:
             state, trial = slips.at(now, z, tension), None
             tension = state.tension
-            evaluated = _Evaluated.at(now, state)
+            evaluated = _Evaluated.at(now, tension)
             inside = free.nonzero()[0]
             if inside.size:
                 change = _correction(z, state, inside, excess, stiffness)
@@ -292,7 +287,7 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
             break
         held = rates.side == 0.0
         turned = _NONE if rates.side is side else (held & (side != 0.0))[:k].nonzero()[0]
-        if turned.size and not evaluated.serves(now, tension, slips.branches(z, tension), DECISIVE):
+        if turned.size and not evaluated.serves(now, tension, DECISIVE):
             state = None
             continue
         if turned.size and pieces and shortened < MOST_SHORTENINGS:
@@ -339,7 +334,8 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
         part = min(stop - now, most, max(SHORTEST, event))
         pieces.append(Piece(now, part, z, motion, state.tension, tension_rate))
         now, z, tension = pieces[-1].end(part, bounds)
-        if curved or now >= stop - 1e-12 or not evaluated.serves(now, tension, slips.branches(z, tension)):
+        ended = curved or now >= stop - 1e-12
+        if ended or not evaluated.serves(now, tension) or state.jumps_to(slips.branches(z, tension)):
             state = None
         else:
             state, trial = state.ahead(part, tension, rates.rate, rates.excess), None

@@ -206,10 +206,10 @@ class SlipState(NamedTuple):
         """Derivatives by the load factor at fixed mobilisations and unknown tensions at the base [m], shape (n,)."""
         return self.derivatives.by_load
 
-    @property
-    def branches(self) -> Flags | None:
-        """Where the derivatives were evaluated, see `SlipModel.branches`."""
-        return self.derivatives.branches
+    def jumps_to(self, branches: Flags | None) -> bool:
+        """Whether the derivatives have jumped since they were evaluated, see `SlipModel.branches`."""
+        here = self.derivatives.branches
+        return here is not None and branches is not None and not np.array_equal(here, branches)
 
     def columns(self, which: Index) -> Array:
         """Derivatives by some of the unknowns, in ascending order, shape (n, i).
@@ -378,8 +378,7 @@ class SlipModel:
         turning, solve = response[n:], near.derivatives.put_on
         angles = np.maximum(values[n:] + turning @ (tension - straight), 0.0)
         transfer = self._transfer.at(factor, z, angles)
-        branches = self._transfer.branches(z, transfer.tension)
-        if branches is not None and not np.array_equal(branches, near.branches):
+        if near.jumps_to(self._transfer.branches(z, transfer.tension)):
             return None
         more = tension + solve(transfer.tension - tension) - straight
         pace = part.paced(pace, response, more)
