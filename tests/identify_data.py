@@ -6,7 +6,7 @@ import numpy as np
 
 from tdcr_fe.effects import EFFECTS, Experiment, with_effects
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import Backbone

@@ -11,7 +11,7 @@ import numpy as np
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import rank, reduced_chi_square, required_drop, residual_is_noise
-from tdcr_fe.identify.outcome import Candidate
+from tdcr_fe.identify.findings import Candidate
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.screening import Score, screen
 from tdcr_fe.identify.search_state import (
@@ -326,6 +326,8 @@ def candidate_fit(
             return now
         other = yield from fitting.descend(problem, other, race, 12 if more else 5)
         now = min(now, other, key=lambda f: f.cost)
+    if now.solved and now.cost <= race.limit:
+        now = yield from fitting.finish(problem, replace(now, given_up=False), race)
     return now
 
 

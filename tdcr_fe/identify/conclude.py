@@ -2,39 +2,36 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.effects import Effect, EffectAtPlace
+from tdcr_fe.identify.added_effects import added_effects
 from tdcr_fe.identify.ceiling import held_out_ceiling
-from tdcr_fe.identify.criteria import chi_square_threshold, reduced_chi_square, residual_is_noise
+from tdcr_fe.identify.criteria import residual_is_noise
 from tdcr_fe.identify.data_faults import jump_of_residual, wrong_sigma
-from tdcr_fe.identify.estimate import Estimate
-from tdcr_fe.identify.fitting import covariance
-from tdcr_fe.identify.found_law import FoundLaw
-from tdcr_fe.identify.information import insufficient_data
-from tdcr_fe.identify.misfit import NOT_EVALUATED, Misfit, Noise, Structure
-from tdcr_fe.identify.noise import outliers, structure
-from tdcr_fe.identify.outcome import (
+from tdcr_fe.identify.findings import (
     THE_DATA,
     THE_INPUTS,
-    AddedEffect,
-    IdentificationResult,
     InputScatter,
     NextExperiment,
     Remainder,
     SetErrors,
     Shapes,
-    Verdict,
 )
+from tdcr_fe.identify.fitting import covariance
+from tdcr_fe.identify.found_law import FoundLaw
+from tdcr_fe.identify.information import insufficient_data
+from tdcr_fe.identify.misfit import Misfit, Noise, Structure
+from tdcr_fe.identify.noise import outliers, structure
+from tdcr_fe.identify.outcome import IdentificationResult, Verdict
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.rows import RowChoice
-from tdcr_fe.identify.run import run_settings
 from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.simulate_run import run_settings
 from tdcr_fe.identify.time_limit import CEILING, FURTHER_EFFECTS, clock
 from tdcr_fe.identify.unlisted import describe_moment, missing_moment
 
@@ -76,12 +73,9 @@ def conclude(
     wall_time = clock() - begun
     problem, best, declared = state.problem, state.best, state.declared
     data, held_out, fitted = problem.data, problem.held_out, problem.fitted
-    explained = residual_is_noise(problem, best, search.significance)
-    insufficient = insufficient_data(problem, state.declared, best, explained)
-    alone = not (insufficient or best.effects or law)
-    inputs_explain = alone and input_scatter is not None and input_scatter.explains_all
-    faulty = state.data_fault or (wrong_sigma(problem, best) if alone and not inputs_explain else "")
-    state, ceiling = (state, None) if insufficient or faulty else _with_ceiling(search, state)
+    judged = _judged(search, state, law, input_scatter)
+    doubtful = bool(judged.insufficient or judged.faulty)
+    state, ceiling = (state, None) if doubtful else _with_ceiling(search, state)
     tests = structure(data, best.residual, len(best.free))
     spread = covariance(problem, best)
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
@@ -91,14 +85,14 @@ def conclude(
     declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
     return IdentificationResult(
         data=data,
-        verdict=_verdict(state, explained, bool(insufficient or faulty or inputs_explain), law),
-        effects=_added(search, state, deviation),
+        verdict=_verdict(state, judged, law),
+        effects=added_effects(search, state, deviation),
         before_fit=problem.misfit(declared.residual, fitted),
         before_held_out=problem.misfit(declared.residual, held_out),
         after_fit=problem.misfit(best.residual, fitted, len(best.free)),
         after_held_out=problem.misfit(best.residual, held_out),
         held_out_steps=tuple(held_ids),
-        remaining=_remaining(state, explained, insufficient, faulty, inputs_explain, tests, moment, edges),
+        remaining=_remaining(state, judged, tests, moment, edges),
         candidates=state.candidates,
         structure=tests[:12],
         residual_before=declared.residual * problem.sigma,
@@ -124,12 +118,44 @@ def conclude(
         law=law,
         next_experiment=next_experiment,
         input_scatter=input_scatter,
-        jump="" if explained or faulty else jump_of_residual(problem, best),
+        jump="" if judged.explained or judged.faulty else jump_of_residual(problem, best),
         searched=None if rows is None else rows.described(data),
         by_set=_by_set(problem, declared, best),
         ceiling=ceiling,
         path=best.run.trajectory,
     )
+
+
+class _Judgement(NamedTuple):
+    """What is to be thought of the data and of what is left.
+
+    Attributes
+    ----------
+    explained : bool
+        Whether what is left is noise.
+    insufficient, faulty : str
+        Why the data do not suffice, and their fault; empty where they do, and have none.
+    inputs_explain : bool
+        Whether errors of the inputs account for all that is left.
+    """
+
+    explained: bool
+    insufficient: str
+    faulty: str
+    inputs_explain: bool
+
+
+def _judged(
+    search: Search, state: SearchState, law: FoundLaw | None, input_scatter: InputScatter | None
+) -> _Judgement:
+    """What is to be thought of the data and of what is left."""
+    problem, best = state.problem, state.best
+    explained = residual_is_noise(problem, best, search.significance)
+    insufficient = insufficient_data(problem, state.declared, best, explained)
+    alone = not (insufficient or best.effects or law)
+    inputs_explain = alone and input_scatter is not None and input_scatter.explains_all
+    faulty = state.data_fault or (wrong_sigma(problem, best) if alone and not inputs_explain else "")
+    return _Judgement(explained, insufficient, faulty, inputs_explain)
 
 
 def _with_ceiling(search: Search, state: SearchState) -> tuple[SearchState, Misfit | None]:
@@ -141,15 +167,15 @@ def _with_ceiling(search: Search, state: SearchState) -> tuple[SearchState, Misf
     return state, held_out_ceiling(state.problem, state.declared, state.best)
 
 
-def _verdict(state: SearchState, explained: bool, insufficient: bool, law: FoundLaw | None) -> Verdict:
-    """The verdict; ``insufficient`` where the data do not suffice or are faulty."""
+def _verdict(state: SearchState, judged: _Judgement, law: FoundLaw | None) -> Verdict:
+    """The verdict."""
     if state.interrupted:
         return "unfinished"
-    if insufficient:
+    if judged.insufficient or judged.faulty or judged.inputs_explain:
         return "cannot tell"
-    if not explained and FURTHER_EFFECTS in state.not_tried:
+    if not judged.explained and FURTHER_EFFECTS in state.not_tried:
         return "unfinished"
-    if not explained:
+    if not judged.explained:
         return "partly explained" if state.best.effects or law is not None else "unexplained"
     if law is not None:
         return "explained by a law found"
@@ -210,108 +236,22 @@ def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Sh
     )
 
 
-def _added(search: Search, state: SearchState, deviation: Array) -> tuple[AddedEffect, ...]:
-    """Effects in the order of adding, with the evidence for each."""
-    problem, best = state.problem, state.best
-    added = []
-    before: Fit | None = state.declared
-    for i, e in enumerate(best.effects):
-        after: Fit | None = best
-        if i < len(best.effects) - 1 or ("law" in {k for k, _ in best.free}):
-            after = state.fits.get(frozenset(x.name for x in best.effects[: i + 1]))
-        rivals = tuple(state.rivals.get(e.name, ()))
-        threshold = chi_square_threshold(len(e.parameters), search.significance)
-        after_fit = after_held_out = NOT_EVALUATED
-        evidence: dict[str, float] = {}
-        if after is not None:
-            after_fit = problem.misfit(after.residual, problem.fitted, len(after.free))
-            after_held_out = problem.misfit(after.residual, problem.held_out)
-        if before is not None and after is not None:
-            evidence = {
-                "chi2_drop_fit": before.cost - after.cost,
-                "chi2_drop_held_out": before.held_cost - after.held_cost,
-                "needed_drop": threshold * reduced_chi_square(problem, after),
-            }
-        added.append(
-            AddedEffect(
-                e.listed,
-                _estimates(problem, best, e, deviation),
-                after_fit,
-                after_held_out,
-                evidence,
-                rivals,
-                separating_experiments(e, rivals, problem.catalogue),
-            )
-        )
-        before = after
-    return tuple(added)
-
-
-def separating_experiments(e: Effect, rivals: Sequence[str], catalogue: Sequence[Effect]) -> str:
-    """Experiments that separate an effect from its rivals, those of each listed effect once; empty without rivals.
-
-    Parameters
-    ----------
-    e
-        In the final model.
-    rivals
-        Names of effects that explain the data as well, which may be other forms of the same listed effect.
-    catalogue
-        The candidates.
-    """
-    if not rivals:
-        return ""
-    listed = {name.split(" (")[0] for name in rivals} - {e.listed}
-    others = [x for x in catalogue if x.name in listed]
-    sentences = [f"for {e.listed}: {e.separating_experiment}"]
-    return "; ".join([*sentences, *(f"for {x.name}: {x.separating_experiment}" for x in others)])
-
-
-def _estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> dict[str, Estimate]:
-    """Values of an effect's parameters with their standard errors; of a place, half the way to the next one."""
-    numbers = {}
-    if isinstance(e, EffectAtPlace):
-        spread, units = e.spread(problem.data.robot), {p.name: p.unit for p in e.general.parameters}
-        numbers = {
-            name: Estimate(value, spread[name], units[name], "the best of all places")
-            for name, value in e.place.items()
-        }
-    for p in e.parameters:
-        value = best.values[e.name][p.name]
-        null = e.null_values(problem.experiment)[p.name]
-        kept = "left at its null value" if value == null else "it changes nothing beside the other values"
-        error, note = None, f"not determined by these data; {kept}"
-        if (e.name, p.name) in best.free:
-            note = ""
-            factor = value**2 if p.inverse and math.isfinite(value) else 1.0
-            error = float(deviation[best.free.index((e.name, p.name))]) * factor
-            low, high = problem.bounds(e, p.name)
-            z = p.coordinate(value)
-            if min(abs(z - low), abs(high - z)) < 1e-9 * max(1.0, abs(high - low)):
-                note = "at its bound"
-        numbers[p.name] = Estimate(float(value), error, p.unit, note)
-    return numbers
-
-
 def _remaining(
     state: SearchState,
-    explained: bool,
-    insufficient: str,
-    faulty: str,
-    inputs_explain: bool,
+    judged: _Judgement,
     tests: Sequence[Structure],
     moment: Array,
     edges: Array,
 ) -> Remainder:
     """Location and kind of the remaining error, as texts."""
     problem = state.problem
-    if faulty:
-        return Remainder(THE_DATA, faulty, moment, edges)
-    if insufficient:
-        return Remainder("not known", insufficient, moment, edges)
-    if inputs_explain:
+    if judged.faulty:
+        return Remainder(THE_DATA, judged.faulty, moment, edges)
+    if judged.insufficient:
+        return Remainder("not known", judged.insufficient, moment, edges)
+    if judged.inputs_explain:
         return Remainder(THE_INPUTS, INPUTS_EXPLAIN, moment, edges)
-    if explained:
+    if judged.explained:
         text = "what is left has the size and the structure of the noise"
         return Remainder("nowhere", text, moment, edges)
     where, text = describe_moment(problem, moment, edges)

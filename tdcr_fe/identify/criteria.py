@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtri
 
 from tdcr_fe.effects import EFFECTS, Effect
 from tdcr_fe.identify.noise import chi_square_z_score, is_noise, lag1_autocorrelation, structure
@@ -82,7 +82,7 @@ def residual_is_noise(problem: FitProblem, fit: Fit, significance: float) -> boo
 
 def chi_square_threshold(parameters: int, significance: float) -> float:
     """Fall of the sum of squares that so many parameters reach by chance, with Bonferroni's correction over effects."""
-    return float(chi2_distribution.isf(significance / len(EFFECTS), max(1, parameters)))
+    return float(chdtri(max(1, parameters), significance / len(EFFECTS)))
 
 
 def required_drop(parameters: int, significance: float, level: float) -> float:

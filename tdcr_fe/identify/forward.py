@@ -14,7 +14,8 @@ from types import TracebackType
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.identify.run import Run, Task, run_settings, simulate_experiment
+from tdcr_fe.identify.run import Run
+from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.model.settings import SolverSettings
 
@@ -61,7 +62,7 @@ class ForwardModel:
     processes
         Worker processes; 1 stays in this one.
     settings
-        The ``[solver]`` table of the declared model, see `tdcr_fe.identify.run.run_settings`.
+        The ``[solver]`` table of the declared model, see `tdcr_fe.identify.simulate_run.run_settings`.
     """
 
     def __init__(self, processes: int = 1, settings: SolverSettings | None = None) -> None:

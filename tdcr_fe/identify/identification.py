@@ -11,6 +11,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.conclude import conclude
 from tdcr_fe.identify.criteria import residual_is_noise, robust_threshold
 from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
+from tdcr_fe.identify.findings import InputScatter, NextExperiment
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.found_law import FoundLaw
 from tdcr_fe.identify.holdout import choose_held_out, held_out_branches
@@ -19,7 +20,7 @@ from tdcr_fe.identify.input_scatter import find_input_scatter
 from tdcr_fe.identify.law import LEAST_SECONDS, find_law
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma
-from tdcr_fe.identify.outcome import IdentificationResult, InputScatter, NextExperiment
+from tdcr_fe.identify.outcome import IdentificationResult
 from tdcr_fe.identify.problem import FitProblem, evaluate, fit_of_run, refine
 from tdcr_fe.identify.rows import RowChoice, choose_rows, fit_to_all_rows, problem_of_rows
 from tdcr_fe.identify.run import Run

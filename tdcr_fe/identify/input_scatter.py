@@ -16,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.identify.findings import InputScatter, ScatterKind
 from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.outcome import InputScatter, ScatterKind
 from tdcr_fe.identify.problem import Fit, FitProblem
-from tdcr_fe.identify.run import last_parts
+from tdcr_fe.identify.simulate_run import last_parts
 from tdcr_fe.model.loading import resolve
 
 Array = NDArray[np.float64]
@@ -100,7 +100,7 @@ def find_input_scatter(problem: FitProblem, fit: Fit) -> InputScatter | None:
         unit = "m" if displaced[driven][0] else "N"
         found.append(_likeliest(problem, fit, by_input * (values[steps] != 0.0), "absolute", unit))
     best = max(found, key=lambda x: x.likelihood)
-    if best.likelihood < 0.5 * chi2.isf(SIGNIFICANCE, 1) or best.systematic:
+    if best.likelihood < 0.5 * chdtri(1, SIGNIFICANCE) or best.systematic:
         return None
     size = best.scatter.size
     relative = size if best.scatter.kind == "relative" else size / float(np.max(np.abs(values)))

@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.problem import FitProblem
-from tdcr_fe.identify.run import INTERRUPTED, SMALLEST_ON_REFERENCE, Run, last_parts, run_settings
+from tdcr_fe.identify.run import Run
+from tdcr_fe.identify.simulate_run import INTERRUPTED, SMALLEST_ON_REFERENCE, last_parts, run_settings
 from tdcr_fe.identify.time_limit import ending_at
 from tdcr_fe.identify.trajectory import Ends
 from tdcr_fe.model.channels import channel

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2 as chi2_distribution
-from scipy.stats import norm
+from scipy.special import chdtrc, ndtr, ndtri
 
 from tdcr_fe.identify.holdout import directions, inputs
 from tdcr_fe.identify.misfit import Structure
@@ -80,8 +79,8 @@ def clipped(r: Array) -> Array:
 def chi_square_z_score(r: Array, parameters: int = 0) -> float:
     """Sum of squares against noise of unit variance, as a z-score (robust: residuals are clipped)."""
     dof = max(1, r.size - parameters)
-    p = float(chi2_distribution.sf(np.sum(clipped(r) ** 2), dof))
-    return float(norm.isf(max(p, 1e-300)))
+    p = float(chdtrc(dof, float(np.sum(clipped(r) ** 2))))
+    return float(-ndtri(max(p, 1e-300)))
 
 
 def lag1_autocorrelation(data: MeasuredData, r: Array) -> float:
@@ -118,8 +117,8 @@ def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Struct
         n = int(np.count_nonzero(mask))
         if n >= 5:
             share = n * (1.0 - parameters / max(r.size, parameters + 1))
-            p = float(chi2_distribution.sf(np.sum(c[mask] ** 2), share))
-            tests.append(Structure(group, float(norm.isf(max(p, 1e-300))), p))
+            p = float(chdtrc(share, float(np.sum(c[mask] ** 2))))
+            tests.append(Structure(group, float(-ndtri(max(p, 1e-300))), p))
 
     size("all readings", np.ones(r.size, dtype=bool))
     for q in dict.fromkeys(x.quantity for x in readings):
@@ -145,14 +144,14 @@ def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Struct
     if products:
         together = np.concatenate(products)
         z = float(np.sum(together) / math.sqrt(together.size))
-        tests.append(Structure("lag-1 autocorrelation over the steps", z, float(norm.sf(z))))
+        tests.append(Structure("lag-1 autocorrelation over the steps", z, float(ndtr(-z))))
         runs = np.sign(together)
         z = float(np.sum(runs) / math.sqrt(runs.size))
-        tests.append(Structure("equal signs in neighbouring steps", z, float(norm.sf(z))))
+        tests.append(Structure("equal signs in neighbouring steps", z, float(ndtr(-z))))
     for which, z in means:
         x = readings[int(which[0])]
         at = "" if x.location is None else f" at {x.location}"
-        tests.append(Structure(f"mean of {x.quantity}{at}", abs(z), float(2.0 * norm.sf(abs(z)))))
+        tests.append(Structure(f"mean of {x.quantity}{at}", abs(z), float(2.0 * ndtr(-abs(z)))))
     return tuple(sorted(tests, key=lambda t: t.p_value))
 
 

@@ -169,7 +169,7 @@ class Reader:
             if at_nodes and np.any(moving):
                 change = _change(by, k, moving)
                 for known, which, locations in self._groups.get(k, []):
-                    out[np.ix_(which, moving)] = known.derivatives(step, change, locations)
+                    out[np.ix_(which.astype(int), moving)] = known.derivatives(step, change, locations)
         return out
 
     def _groups_of(self, k: int, without_markers: bool) -> list[tuple[Channel, Array, list[Location]]]:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.identify.estimate import Estimate
-from tdcr_fe.identify.outcome import AddedEffect, IdentificationResult
+from tdcr_fe.identify.findings import AddedEffect
+from tdcr_fe.identify.outcome import IdentificationResult
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.report.environment import estimate, quantity, significant, words

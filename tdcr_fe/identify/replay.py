@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.identify.outcome import IdentificationResult
-from tdcr_fe.identify.run import solve_commanded_steps
+from tdcr_fe.identify.simulate_run import solve_commanded_steps
 from tdcr_fe.io.result_folder import CORRECTED, write_markers
 from tdcr_fe.io.tables import write_results
 from tdcr_fe.model.results import SequenceResult

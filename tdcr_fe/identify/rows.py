@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import robust_threshold
+from tdcr_fe.identify.findings import SearchedSteps
 from tdcr_fe.identify.holdout import blocks, inputs
-from tdcr_fe.identify.outcome import SearchedSteps
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.identify.time_limit import ALL_STEPS, SMALLER_MODELS, OutOfTime, clock

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import robust_threshold
-from tdcr_fe.identify.outcome import Candidate
+from tdcr_fe.identify.findings import Candidate
 from tdcr_fe.identify.problem import Fit, FitProblem, Point, fit_of_run, refine
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.settings import IdentifySettings

@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
+from tdcr_fe.identify.backward import backward_selection
 from tdcr_fe.identify.candidates import fit_proposals, propose
-from tdcr_fe.identify.criteria import BIC_DIFFERENCE, bic, is_improvement, rank, residual_is_noise
+from tdcr_fe.identify.criteria import BIC_DIFFERENCE, is_improvement, rank, residual_is_noise
 from tdcr_fe.identify.information import lacks_test
 from tdcr_fe.identify.local_search import local_search, place_ahead, search_places
 from tdcr_fe.identify.problem import Fit
@@ -28,7 +28,6 @@ from tdcr_fe.identify.search_state import (
     mean_cost,
     parent_of,
     refined,
-    without,
 )
 from tdcr_fe.identify.swaps import swap_effects
 from tdcr_fe.identify.time_limit import EXCHANGES, FURTHER_EFFECTS, PLACES, SMALLER_MODELS, OutOfTime
@@ -134,23 +133,6 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
             problem = replace(state.problem, scales=scales)
             state = replace(state, local_scores=located.local_scores, problem=problem)
     yield state
-    return state
-
-
-def backward_selection(search: Search, state: SearchState) -> Stage:
-    """Backward selection: drop effects that the others make unnecessary."""
-    while len(state.best.effects) > 1:
-        unnecessary: list[tuple[Effect, Fit]] = []
-        for e in state.best.effects:
-            state, smaller = without(state, e)
-            if smaller.solved and not is_improvement(state.problem, state.best, smaller, search.significance):
-                unnecessary.append((e, smaller))
-        if not unnecessary:
-            break
-        problem = state.problem
-        e, best = min(unnecessary, key=lambda p: bic(problem, p[1]))
-        state = replace(state, best=best).with_history(f"{e.name} dropped: the others suffice")
-        yield state
     return state
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 
+from tdcr_fe.identify.findings import THE_DATA, THE_INPUTS
 from tdcr_fe.identify.misfit import Misfit
-from tdcr_fe.identify.outcome import THE_DATA, THE_INPUTS, IdentificationResult
+from tdcr_fe.identify.outcome import IdentificationResult
 from tdcr_fe.identify.remarks import half_width, remarks
 from tdcr_fe.report.environment import SPACE, estimate, quantity, significant, words
 

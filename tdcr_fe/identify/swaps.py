@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.identify.backward import backward_selection
 from tdcr_fe.identify.candidates import fit_and_rank, identifiable, scores_beside
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
@@ -36,6 +37,8 @@ def swap_effects(search: Search, state: SearchState) -> Stage:
         yield state
         if not swapped:
             break
+        # A better effect may make others unnecessary that were added beside the one it replaces.
+        state = yield from backward_selection(search, state)
     state = _with_rival_sets(search, state)
     yield state
     return state

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import EFFECTS, ExcitationRange, Experiment, effect, with_effect, with_effects
 from tdcr_fe.effects.actuation import displacement_that_arrives, tension_that_arrives
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_scenario

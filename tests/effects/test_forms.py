@@ -18,7 +18,7 @@ from tdcr_fe.effects import (
 )
 from tdcr_fe.effects.by_tendon import segments
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_scenario

@@ -10,7 +10,7 @@ from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.identify.divide import join_steps
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import FitProblem
-from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.model.settings import SolverSettings
 
 

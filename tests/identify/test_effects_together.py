@@ -11,10 +11,10 @@ from tdcr_fe.identify.candidates import propose
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.search_state import Search, SearchState, without
 from tdcr_fe.identify.selection import MANY_EFFECTS, _worthwhile, forward_selection
 from tdcr_fe.identify.settings import IdentifySettings
+from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep

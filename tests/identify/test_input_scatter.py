@@ -12,7 +12,7 @@ from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.input_scatter import find_input_scatter
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep

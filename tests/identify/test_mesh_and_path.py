@@ -9,7 +9,7 @@ from tdcr_fe.effects import effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import ORDER, FitProblem, evaluate, refine
-from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.trajectory import mesh_nodes
 from tdcr_fe.model.settings import SolverSettings
 

@@ -14,9 +14,9 @@ from tdcr_fe.identify.next_experiment import candidate_sequences, choose_next, l
 from tdcr_fe.identify.outcome import IdentificationResult
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.identify.sentences import next_sentence
+from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.loading_table import read_loading
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep

@@ -10,7 +10,7 @@ from tdcr_fe.effects.base import Observation
 from tdcr_fe.identify.derivatives import Column, Request, _Part
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import FitProblem
-from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.observed_step import ObservedChange
 from tdcr_fe.model.settings import SolverSettings

@@ -15,10 +15,10 @@ from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.report import write_report
 from tdcr_fe.identify.rows import IN_BRANCH, LONG, PIECE, SEARCHED, choose_rows, problem_of_rows
-from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.search_state import Search, SearchState, fitted_model
 from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.settings import IdentifySettings
+from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.time_limit import ALL_STEPS, CEILING, SMALLER_MODELS
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading

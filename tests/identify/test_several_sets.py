@@ -14,7 +14,7 @@ from tdcr_fe.identify.divide import divide_steps
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.holdout import blocks, held_out_branches
 from tdcr_fe.identify.problem import FitProblem
-from tdcr_fe.identify.run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.measured import join_measured, write_measured
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.model.loading import LoadStep

@@ -15,8 +15,8 @@ from interrupts import start_python
 from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS, Experiment, effect
 from tdcr_fe.identify import identify
+from tdcr_fe.identify.added_effects import separating_experiments
 from tdcr_fe.identify.candidates import identifiable
-from tdcr_fe.identify.conclude import separating_experiments
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.information import unknown_noise
 from tdcr_fe.identify.problem import FitProblem, evaluate

@@ -14,9 +14,10 @@ from tdcr_fe.effects.base import Observation
 from tdcr_fe.identify import figures
 from tdcr_fe.identify.corrected import corrected_files, effects_block
 from tdcr_fe.identify.estimate import Estimate
+from tdcr_fe.identify.findings import AddedEffect, Remainder, Shapes
 from tdcr_fe.identify.found_law import FoundLaw
 from tdcr_fe.identify.misfit import Misfit, Noise, Structure
-from tdcr_fe.identify.outcome import AddedEffect, IdentificationResult, Remainder, Shapes
+from tdcr_fe.identify.outcome import IdentificationResult
 from tdcr_fe.identify.remarks import largest_strain, remarks
 from tdcr_fe.identify.replay import corrected_motion, markers, replay
 from tdcr_fe.identify.report import render
