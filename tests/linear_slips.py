@@ -52,6 +52,11 @@ class LinearSlips:
     def branches(z, tension):
         """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`: derivatives do not jump."""
 
+    @staticmethod
+    def distance_to_jump(z, rate, tension, tension_rate):
+        """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`."""
+        return np.inf
+
     def rates(self, x, z, tension, rate, near):
         """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`."""
         state = self.at(x, z, tension)

@@ -167,6 +167,7 @@ def test_adhesion_in_tendons_that_are_pulled_one_after_another():
         LoadStep(loads=push),
         LoadStep(tensions={"t3": 0.26}),
         LoadStep(loads={"tip": Load(0.376)}),
+        LoadStep(tensions={"t3": 0.42}),
     ]
     model = Model(elements_per_bay=1)
     result = simulate(robot, model, steps).raise_if_failed()

@@ -88,6 +88,10 @@ class Slips(Protocol):
         """Flags that change where the derivatives of the tensions jump; None where they never do."""
         ...
 
+    def distance_to_jump(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """Part of the substep to where they change, at constant rates [1]."""
+        ...
+
     def rates(self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState) -> Array | None:
         """Rates of the excess of the slips, and of minus the slack, at given rates of ``z``; None where they jump."""
         ...
@@ -331,6 +335,7 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
             motion = rates.motion(None)
         if c:
             event = min(event, distance_to_closing(motion, slack, k))
+        event = min(event, slips.distance_to_jump(z, motion.rate, state.tension, tension_rate))
         part = min(stop - now, most, max(SHORTEST, event))
         pieces.append(Piece(now, part, z, motion, state.tension, tension_rate))
         now, z, tension = pieces[-1].end(part, bounds)

@@ -324,6 +324,10 @@ class SlipModel:
         """Flags that change where the derivatives of the tensions jump; None where they never do."""
         return self._transfer.branches(z, tension)
 
+    def distance_to_jump(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """Part of the substep to where they change, at constant rates [1]."""
+        return self._transfer.distance_to_jump(z, rate, tension, tension_rate)
+
     def at(self, factor: float, z: Array, tension: Array) -> SlipState:
         """Slips and their derivatives.
 

@@ -212,6 +212,11 @@ class CapstanTransfer:
     def branches(z: Array, tension: Array) -> None:
         """See `LawTransfer.branches`: Capstan's equation is smooth."""
 
+    @staticmethod
+    def distance_to_jump(z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """See `LawTransfer.distance_to_jump`."""
+        return np.inf
+
     def at(self, factor: float, z: Array, angles: Array) -> CapstanAt:
         """Tensions of the segments, and their derivatives.
 
@@ -280,11 +285,15 @@ class LawTransfer:
         self._size = sum(t.segments for t in tendons), sum(t.angles for t in tendons)
         self._places: list[_Places] = []
         segment = angle = hole = 0
-        base = self._holes
+        base, before = self._holes, []
         for own in tendons:
             self._places.append(_Places.of(own, segment, angle, hole, base))
+            tendon, group = np.nonzero(own.frictional)
+            before.append(segment + tendon * own.law.shape[1] + (group if own.law.each_hole else 0))
             segment, angle, hole = segment + own.segments, angle + own.angles, hole + own.holes
             base += len(own.driven)
+        #: Segment before the hole, or the first one, of every mobilisation.
+        self._before: Index = np.concatenate(before)
 
     def branches(self, z: Array, tension: Array) -> Flags:
         """Which holes hold tension back, and which segments are under tension, shape (k + q,).
@@ -293,6 +302,24 @@ class LawTransfer:
         what there is where it is pulled: there the derivatives jump.
         """
         return np.concatenate((z[: self._holes] < 0.0, tension > 0.0))
+
+    def distance_to_jump(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """Part of the substep to where these change at constant rates; segments that become taut are not foreseen.
+
+        Parameters
+        ----------
+        z, rate
+            Unknowns and their rates, shape (k + c,).
+        tension, tension_rate
+            Of the segments [N], shape (q,).
+        """
+        here, pace = z[: self._holes], rate[: self._holes]
+        crossing = (here * pace < 0.0) & (tension[self._before] <= 0.0)
+        falling = (tension > 0.0) & (tension_rate < 0.0)
+        to_zero = np.concatenate(
+            (-here[crossing] / pace[crossing], -tension[falling] / tension_rate[falling])
+        )
+        return float(to_zero.min(initial=np.inf))
 
     def at(self, factor: float, z: Array, angles: Array) -> LawAt:
         """As of `CapstanTransfer`."""
