@@ -24,6 +24,7 @@ from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Path, StepFailed
 from tdcr_fe.solve.load_steps.ramp import Ramp
 from tdcr_fe.solve.load_steps.stepping import solve_ramp
+from tdcr_fe.solve.threads import one_thread
 
 Array = NDArray[np.float64]
 LoadKey = tuple[str, float, str]
@@ -159,17 +160,18 @@ class Simulation:
         divide = divide or record_path is not None
 
         def solved(divide: bool) -> Path:
-            return solve_ramp(
-                self.system,
-                self.state,
-                ramp,
-                self.settings,
-                substeps,
-                reference_path,
-                self._end,
-                self._last,
-                divide=divide,
-            )
+            with one_thread():
+                return solve_ramp(
+                    self.system,
+                    self.state,
+                    ramp,
+                    self.settings,
+                    substeps,
+                    reference_path,
+                    self._end,
+                    self._last,
+                    divide=divide,
+                )
 
         try:
             # Derivatives need a path that is divided where slips reverse.
