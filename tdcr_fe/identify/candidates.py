@@ -268,7 +268,9 @@ def fit_and_rank(
     chosen = list(zip(new, begun, strict=True))
     if most is not None:
         fitted_before = len(starters) - len(new)
-        chosen = sorted(chosen, key=lambda c: _outlook(state.problem, c[1]))[: max(1, most - fitted_before)]
+        chosen = sorted(chosen, key=lambda c: _outlook(state.problem, *c[0], c[1]))[
+            : max(1, most - fitted_before)
+        ]
     fittings = [
         candidate_fit(state.problem, parent, score, now, race, (more or {}).get(score.effect.name, ()))
         for (parent, score), now in chosen
@@ -279,9 +281,16 @@ def fit_and_rank(
     return state, [(p, x, fit) for p, x, fit in known_fits if fit is not None]
 
 
-def _outlook(problem: FitProblem, fit: Fit) -> float:
-    """BIC of the fitted readings that a model promises from where it is, to first order."""
-    return fitting.reachable_cost(problem, fit) + len(fit.free) * math.log(problem.count)
+def _outlook(problem: FitProblem, parent: Fit, score: Score, fit: Fit) -> float:
+    """BIC of the fitted readings that a model promises from where it is, to first order.
+
+    Where it is worse than without the effect, the prediction went too far, as with effects that saturate: then what
+    was predicted counts if that is better, and the fit decides.
+    """
+    cost = fitting.reachable_cost(problem, fit)
+    if fit.cost > parent.cost:
+        cost = min(cost, score.cost(problem))
+    return cost + len(fit.free) * math.log(problem.count)
 
 
 def names_with(parent: Fit, score: Score) -> Names:

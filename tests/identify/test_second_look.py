@@ -25,3 +25,16 @@ def test_a_strong_effect_whose_score_is_low_is_fitted_and_found():
     state, fits = fit_proposals(search, state, 1, proposals, 0.0)
     assert len(fits) <= 2 and fits[0].names == ("hole_adhesion",)
     assert fits[0].cost < 2.0 * count < 0.1 * state.declared.cost
+
+
+def test_an_effect_whose_prediction_goes_too_far_is_fitted_all_the_same():
+    """At its predicted values `superelastic` is worse than the declared model, and was not fitted at all."""
+    data = measured({"superelastic": {"threshold_strain": 4e-4, "plateau_ratio": 0.6}}, robot=ROBOT)
+    count = len(data.readings)
+    problem = FitProblem.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
+    state = SearchState.start(problem, evaluate(problem, (), {}))
+    search = Search(IdentifySettings(candidates=1), lambda text, share: None)
+    state, proposals = propose(search, state, 1, [state.declared], 0.0)
+    state, fits = fit_proposals(search, state, 1, proposals, 0.0)
+    assert [fit.names for fit in fits] == [("superelastic",)]
+    assert fits[0].cost < 0.02 * state.declared.cost
