@@ -268,9 +268,9 @@ def fit_and_rank(
     chosen = list(zip(new, begun, strict=True))
     if most is not None:
         fitted_before = len(starters) - len(new)
-        chosen = sorted(chosen, key=lambda c: _outlook(state.problem, *c[0], c[1]))[
-            : max(1, most - fitted_before)
-        ]
+        problem = state.problem
+        chosen.sort(key=lambda c: _outlook(problem, parent=c[0][0], score=c[0][1], fit=c[1]))
+        chosen = chosen[: max(1, most - fitted_before)]
     fittings = [
         candidate_fit(state.problem, parent, score, now, race, (more or {}).get(score.effect.name, ()))
         for (parent, score), now in chosen
