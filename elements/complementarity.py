@@ -8,6 +8,9 @@ from scipy.linalg.lapack import dgesv
 
 Array = NDArray[np.float64]
 
+#: Smallest eigenvalue of `positive_definite_near` over the largest magnitude of those it began with [1].
+LEAST_EIGENVALUE = 0.05
+
 
 class _Exchange:
     """Which of the violated indices are exchanged: all, until their number no longer falls, then the lowest alone.
@@ -130,3 +133,21 @@ def solve_nonnegative(matrix: Array, right: Array, start: Array) -> tuple[Array,
             return z, True
         positive = positive ^ exchange(broken, count)
     return start, False
+
+
+def positive_definite_near(matrix: Array) -> Array:
+    """A symmetric positive definite matrix near a given one, with which `solve_nonnegative` always has one solution.
+
+    The symmetric part, scaled to diagonal entries of 1 or -1; where any of its eigenvalues is below `LEAST_EIGENVALUE`
+    times the largest magnitude, what it lacks is added to all of them.
+
+    Parameters
+    ----------
+    matrix
+        Shape (k, k); no zeros on its diagonal.
+    """
+    root = np.sqrt(np.maximum(np.abs(np.diagonal(matrix)), 1e-300))
+    scaled = 0.5 * (matrix + matrix.T) / root / root[:, None]
+    values = np.linalg.eigvalsh(scaled)
+    lifted = scaled + max(0.0, LEAST_EIGENVALUE * np.abs(values).max() - values[0]) * np.eye(len(root))
+    return np.asarray(lifted * root * root[:, None])

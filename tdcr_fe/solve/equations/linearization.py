@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import ElementChain
-from tdcr_fe.elements.complementarity import solve_nonnegative
+from tdcr_fe.elements.complementarity import positive_definite_near, solve_nonnegative
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.factors import BorderedFactors, Factors
 from tdcr_fe.solve.equations.numbering import Numbering, zero_bases
@@ -100,6 +100,10 @@ class Linearization(NamedTuple):
         After the step every tendon with prescribed displacement is taut and meets it, or has no tension and takes less
         length than its base lets out: a complementarity problem in the tensions, with the robot in equilibrium.
         Arguments as of `step`.
+
+        Far from a solution the problem may have none: with friction against the pull, or near buckling, a tendon that
+        is pulled may let others go. The step is then that of a positive definite matrix nearby, which has one always;
+        without it, slack tendons would stay slack, and the iteration where it is.
         """
         factors = self.factorisation
         if not isinstance(factors, BorderedFactors):
@@ -108,6 +112,8 @@ class Linearization(NamedTuple):
         start = factors.inner.solve(-unbalanced)
         at_zero = gap + factors.rows @ start - factors.schur @ tension
         new, solved = solve_nonnegative(factors.schur, at_zero, tension)
+        if not solved:
+            new, solved = solve_nonnegative(positive_definite_near(factors.schur), at_zero, tension)
         if not solved:
             return self, self.step(unbalanced, forces, inputs)
         linear = self._replace(factorisation=factors.with_slack(new == 0.0))
