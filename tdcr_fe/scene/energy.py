@@ -2,128 +2,129 @@
 
 The works and dissipations are summed over the steps and kept in data coordinates, so that Exudyn itself restores them
 with the state. All sums are by the trapezoidal rule between the beginning and the end of a step.
+
+The integration in time has an error, and with ``spectralRadius`` below 1 it damps; both change the energy. How much
+follows from forces and accelerations. In a step the coordinates change by ``dq``, and the equation of motion holds at
+both ends, so that by the trapezoidal rule the forces ``f`` do the work ``dq (f0 + f1) / 2`` that the inertial forces
+``M a`` do, ``dq (M a0 + M a1) / 2``. The numerical dissipation is the difference of the second from what the
+kinetic energy gains, which is zero with ``spectralRadius = 1``, and that of the first from the true work: the sums of
+the tendons less what tendons and backbone store. What then remains is the work on other items of the scene.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import spence
 
 from tdcr_fe.elements.actuation import TendonActuation
-from tdcr_fe.elements.backbone import BEAM_TO_SECTION, relative_twists
-from tdcr_fe.elements.disks import disk_inertia
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION, relative_twists, strain_matrices
 from tdcr_fe.elements.elastic_tendons import ElasticTendons
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.friction import TendonLaw
-from tdcr_fe.elements.generalized import twists_by_coordinates
+from tdcr_fe.elements.generalized import generalized_forces
 from tdcr_fe.elements.history import RobotHistory
 from tdcr_fe.elements.material_damping import MaterialDamping
 from tdcr_fe.elements.node_coordinates import NodeCoordinates
 from tdcr_fe.elements.poses import log_so3
-from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection
+from tdcr_fe.elements.section import nodal_sum
 from tdcr_fe.elements.system import SystemReference
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.scene.loads import PointLoad
+from tdcr_fe.scene.loads import Frame, PointLoad
+from tdcr_fe.scene.motion import Masses, Motion
+from tdcr_fe.scene.stored_energy import elastic_energy
 
 Array = NDArray[np.float64]
 _CURRENT, _START = exu.ConfigurationType.Current, exu.ConfigurationType.StartOfStep
 
-#: Points and weights of a rule on [-1, 1] that is exact up to degree 7.
-_GAUSS = np.polynomial.legendre.leggauss(4)
-#: Columns of the sensor, all in J.
-ENERGY_COLUMNS = (
-    "kinetic",
-    "elastic",
-    "gravity",
+#: What the robot stores, the first columns of the sensor [J].
+STORED_COLUMNS = ("kinetic", "elastic", "gravity")
+#: Sums over the steps, the other columns [J].
+SUM_COLUMNS = (
     "tendon_work",
     "load_work",
     "friction_dissipation",
     "material_dissipation",
+    "numerical_dissipation",
     "balance",
 )
+#: Columns of the sensor, all in J.
+ENERGY_COLUMNS = STORED_COLUMNS + SUM_COLUMNS
 
 
-class Motion(NamedTuple):
-    """Nodes of a robot at one time.
-
-    Attributes
-    ----------
-    coordinates, velocities : ndarray, shape (7 N,)
-        Without reference values.
-    positions, rotations : ndarray
-        Shapes (N, 3) and (N, 3, 3).
-    linear, angular : ndarray, shape (N, 3)
-        Velocities, of the positions in world axes, of the rotations in the nodes' own.
-    """
-
-    coordinates: Array
-    velocities: Array
-    positions: Array
-    rotations: Array
-    linear: Array
-    angular: Array
-
-
-@dataclass(frozen=True)
-class Masses:
-    """Inertia of a robot.
+class Instant(NamedTuple):
+    """A robot at the beginning or at the end of a step.
 
     Attributes
     ----------
-    of_elements : ndarray, shape (E,)
-        [kg].
-    rotary : ndarray, shape (E, 3)
-        About the beam's axes [kg m^2].
-    of_nodes : ndarray, shape (N,)
-        Of disks and tip [kg].
-    inertia : ndarray, shape (N, 3)
-        Of the disks, about the beam's axes [kg m^2].
-    gravity : ndarray, shape (3,)
-        [m/s^2].
+    motion : Motion
+    forces : TendonForces
+        With the history at the beginning of the step.
+    nodal : ndarray, shape (7 N,)
+        Forces of tendons, backbone and springs to ground on the coordinates of the nodes.
+    stored : ndarray, shape (3,)
+        Energies, see `STORED_COLUMNS` [J].
+    load_factor : float
+        By which the static solver multiplies loads and weight [1].
     """
 
-    of_elements: Array
-    rotary: Array
-    of_nodes: Array
-    inertia: Array
-    gravity: Array
+    motion: Motion
+    forces: TendonForces
+    nodal: Array
+    stored: Array
+    load_factor: float
+
+
+class Step(NamedTuple):
+    """A step that was solved.
+
+    Attributes
+    ----------
+    start, end : Instant
+    last : Instant or None
+        The end of the step before, where this one continues it. Inputs that are set in between act in this step, but
+        not in the accelerations with which it begins.
+    """
+
+    start: Instant
+    end: Instant
+    last: Instant | None
 
     @classmethod
-    def of(cls, robot: Robot, actuation: TendonActuation, gravity: Vector) -> Masses:
-        """Of a robot and its mesh, with the acceleration of gravity."""
-        mesh, disks = actuation.mesh, robot.disks
-        masses = np.zeros(len(mesh.arc_lengths))
-        inertia = np.zeros((len(masses), 3))
-        for s in disks.positions:
-            k = mesh.node_at(s)
-            masses[k] += disks.mass
-            inertia[k] += disk_inertia(disks.mass, disks.radius, disks.thickness)[:3]
-        masses[-1] += robot.tip_mass
-        lengths = mesh.lengths
-        rotary = mesh.rotary_inertia * lengths[:, None]
-        return cls(mesh.mass_per_length * lengths, rotary, masses, inertia, np.array(gravity, dtype=float))
+    def after(cls, last: Instant | None, start: Instant, end: Instant) -> Step:
+        """A step after the one that ended at `last`, if it continues that one."""
+        continues = last is not None and all(
+            np.array_equal(getattr(start.motion, key), getattr(last.motion, key))
+            for key in ("coordinates", "velocities")
+        )
+        return cls(start, end, last if continues else None)
 
-    def kinetic(self, motion: Motion) -> float:
-        """Kinetic energy [J]: velocities are linear between the nodes, as in Exudyn's beams."""
-        found = np.sum(self.of_nodes[:, None] * motion.linear**2) + np.sum(self.inertia * motion.angular**2)
-        for of_elements, v in ((self.of_elements[:, None], motion.linear), (self.rotary, motion.angular)):
-            near, far = v[:-1], v[1:]
-            found += np.sum(of_elements * (near**2 + near * far + far**2)) / 3.0
-        return 0.5 * float(found)
+    @property
+    def statics(self) -> bool:
+        """Whether the static solver has taken it, which leaves velocities as they are."""
+        return np.array_equal(self.start.motion.velocities, self.end.motion.velocities)
 
-    def potential(self, positions: Array) -> float:
-        """Potential energy in the field of gravity [J], zero at the origin of the world."""
-        middle = 0.5 * (positions[:-1] + positions[1:])
-        moment = self.of_elements @ middle + self.of_nodes @ positions
-        return -float(self.gravity @ moment)
+    @property
+    def load_factors(self) -> Array:
+        """By which the solver has multiplied loads and weight at the beginning and the end, shape (2,)."""
+        if not self.statics:
+            return np.ones(2)
+        return np.array([(self.last or self.end).load_factor, self.end.load_factor])
+
+    @property
+    def gained(self) -> Array:
+        """Change of the stored energies [J], shape (3,)."""
+        return self.end.stored - self.start.stored
+
+    def work(self, at_start: Array, at_end: Array) -> float:
+        """Work of forces on the coordinates by the trapezoidal rule [J]."""
+        way = self.end.motion.coordinates - self.start.motion.coordinates
+        return 0.5 * float((at_start + at_end) @ way)
 
 
 class EnergyBalance:
@@ -147,7 +148,7 @@ class EnergyBalance:
     Attributes
     ----------
     node
-        Data node of the sums: work of tendons and of loads, dissipation by friction and by material, balance [J].
+        Data node of the sums, see `SUM_COLUMNS` [J].
     """
 
     def __init__(
@@ -163,7 +164,9 @@ class EnergyBalance:
         self._system, self._actuation, self._damping, self._loads = system, actuation, damping, loads
         self._masses = Masses.of(robot, actuation, gravity)
         self._coordinates = NodeCoordinates(system, actuation.nodes)
-        count = len(ENERGY_COLUMNS) - 3
+        #: The end of the last step.
+        self._last: Instant | None = None
+        count = len(SUM_COLUMNS)
         self.node = system.mbs.AddNode(
             eii.NodeGenericData(
                 name=f"{name}.energy",
@@ -179,30 +182,13 @@ class EnergyBalance:
 
         Elastic energy is that of the backbone, of elastic tendons and of springs to ground.
         """
-        motion = self._motion(_CURRENT)
-        actuation = self._actuation
-        return self._stored(motion, self._tendons(actuation.history).at_rest(self._measured(motion)))
+        motion = Motion.of(self._system, self._coordinates, _CURRENT)
+        tendons = self._tendons(self._actuation.history)
+        return self._stored(motion, tendons.at_rest(self._measured(motion)))
 
     def _stored(self, motion: Motion, forces: TendonForces) -> Array:
-        positions = motion.positions
-        elastic = self._backbone_energy(motion) + tendon_energy(
-            forces, self._tendons(self._actuation.history)
-        )
-        springs = self._actuation.model.springs
-        if springs is not None:
-            away = springs.rest - positions[springs.nodes]
-            elastic += 0.5 * float(np.einsum("qi,qij,qj->", away, springs.stiffness, away))
-        return np.array([self._masses.kinetic(motion), elastic, self._masses.potential(positions)])
-
-    def _backbone_energy(self, motion: Motion) -> float:
-        mesh, section = self._actuation.mesh, self._actuation.section
-        twists = relative_twists(motion.positions, motion.rotations)
-        found = 0.5 * float(np.sum(mesh.twist_stiffness * (twists - mesh.reference_twists) ** 2))
-        if section is not None and section.superelastic is not None:
-            found += superelastic_energy(section.superelastic, twists, mesh.lengths)
-        if section is not None and section.nonlinear is not None:
-            found += fibre_energy(section.nonlinear, twists - mesh.reference_twists, twists, mesh.lengths)
-        return found
+        elastic = elastic_energy(self._actuation, motion, forces, self._tendons(self._actuation.history))
+        return np.array([self._masses.kinetic(motion), elastic, self._masses.potential(motion.positions)])
 
     # ------------------------------------------------------------------ sums
 
@@ -214,23 +200,48 @@ class EnergyBalance:
         t
             At the end of the step [s].
         """
-        data = self._system.mbs.systemData
-        start, end = self._motion(_START), self._motion(_CURRENT)
-        if np.array_equal(start.coordinates, end.coordinates):
+        begin = Motion.of(self._system, self._coordinates, _START)
+        finish = Motion.of(self._system, self._coordinates, _CURRENT)
+        last, self._last = self._last, self._instant(finish, t)
+        if np.array_equal(begin.coordinates, finish.coordinates):
+            # A step at rest, or a solver that begins, with the inputs for its initial accelerations.
             return
-        before = self._forces(start, data.GetTime(_START))
-        after = self._forces(end, t)
+        start = self._instant(begin, self._system.mbs.systemData.GetTime(_START))
+        step = Step.after(last, start, self._last)
         law = self._tendons(self._actuation.history).law()
-        tendon_work, friction = tendon_work_and_dissipation(law, before, after)
-        load_work = sum(_load_work(load, self._moved(load, start, end)) for load in self._loads.values())
-        material = self._material_dissipation(start, end)
-        gained = float(np.sum(self._stored(end, after) - self._stored(start, before)))
-        balance = tendon_work + load_work - friction - material - gained
+        tendon_work, friction = tendon_work_and_dissipation(law, start.forces, step.end.forces)
+        load_work, load_trapezoid = self._work_of_loads(step)
+        material = self._material_dissipation(begin, finish)
+        kinetic, elastic, gravity = step.gained
+        # The part of the weight that the static solver does not apply yet.
+        load_work += (1.0 - step.load_factors.mean()) * gravity
+        load_trapezoid += (1.0 - step.load_factors.mean()) * gravity
+        numerical = self._work_of_inertia(step) - kinetic + load_work - load_trapezoid
+        numerical += tendon_work - friction - elastic - step.work((step.last or start).nodal, step.end.nodal)
+        balance = tendon_work + load_work - friction - material - numerical - (kinetic + elastic + gravity)
         sums = self._sums()
-        sums += [tendon_work, load_work, friction, material, balance]
+        sums += [tendon_work, load_work, friction, material, numerical, balance]
+
+    def _work_of_loads(self, step: Step) -> tuple[float, float]:
+        """Work of the concentrated loads as set, and that of the mean of those at both ends of the step [J]."""
+        found = np.zeros(2)
+        for load in self._loads.values():
+            moved, value = self._moved(load, step.start.motion, step.end.motion), load.value
+            before = value if step.last is None else load.applied
+            mean = 0.5 * (step.load_factors @ [before, value])
+            true = mean if step.statics else value
+            found += [_load_work(load.frame, force, moved) for force in (true, mean)]
+        return float(found[0]), float(found[1])
+
+    def _work_of_inertia(self, step: Step) -> float:
+        """Of the forces that accelerate the masses, by the trapezoidal rule [J]."""
+        if step.statics:
+            return 0.0
+        of = self._masses.inertial_forces
+        return step.work(of(step.start.motion), of(step.end.motion))
 
     def values(self) -> Array:
-        """All columns, see `ENERGY_COLUMNS` [J], shape (8,)."""
+        """All columns, see `ENERGY_COLUMNS` [J], shape (9,)."""
         return np.concatenate((self.stored(), self._sums()))
 
     def _sums(self) -> Array:
@@ -238,7 +249,7 @@ class EnergyBalance:
         data = self._system.mbs.systemData
         first = int(data.GetNodeLTGData(self.node)[0])
         everything: Array = data.GetDataCoordinates(_CURRENT, copy=False)
-        return everything[first : first + len(ENERGY_COLUMNS) - 3]
+        return everything[first : first + len(SUM_COLUMNS)]
 
     def _material_dissipation(self, start: Motion, end: Motion) -> float:
         if self._damping is None:
@@ -256,13 +267,27 @@ class EnergyBalance:
 
     # ------------------------------------------------------------------ state
 
-    def _motion(self, configuration: Any) -> Motion:
-        data, numbers = self._system.mbs.systemData, self._coordinates.numbers
-        moved = np.asarray(data.GetODE2Coordinates(configuration))[numbers]
-        rates = np.asarray(data.GetODE2Coordinates_t(configuration))[numbers]
-        positions, rotations, parameters = self._coordinates.poses(moved)
-        twists = (twists_by_coordinates(rotations, parameters) @ rates[:, :, None])[:, :, 0]
-        return Motion(moved.ravel(), rates.ravel(), positions, rotations, rates[:, :3], twists[:, 3:])
+    def _instant(self, motion: Motion, t: float) -> Instant:
+        """With the history at the beginning of the step, at a time [s]."""
+        history = self._actuation.history
+        values = self._actuation.input_values(t)
+        forces = self._tendons(history).forces(self._measured(motion), values, history.base_tension, t)
+        return Instant(
+            motion,
+            forces,
+            self._nodal_forces(motion, forces),
+            self._stored(motion, forces),
+            static_load_factor(self._system.mbs),
+        )
+
+    def _nodal_forces(self, motion: Motion, forces: TendonForces) -> Array:
+        """Forces of tendons, backbone and springs to ground on the coordinates of the nodes, shape (7 N,)."""
+        mesh = self._actuation.mesh
+        twists = relative_twists(motion.positions, motion.rotations)
+        strained = mesh.twist_stiffness * (twists - mesh.reference_twists)
+        wrenches = forces.nodal_wrenches()
+        wrenches -= nodal_sum((strained[:, None] @ strain_matrices(twists))[:, 0])
+        return generalized_forces(wrenches, motion.rotations, motion.parameters)
 
     def _measured(self, motion: Motion) -> Any:
         return self._actuation.model.measure(motion.positions, motion.rotations)
@@ -273,20 +298,26 @@ class EnergyBalance:
             actuation.model, actuation.by_displacement, history, actuation.inextensible_stiffness
         )
 
-    def _forces(self, motion: Motion, t: float) -> TendonForces:
-        """Forces with the history at the beginning of the step."""
-        history = self._actuation.history
-        values = self._actuation.input_values(t)
-        return self._tendons(history).forces(self._measured(motion), values, history.base_tension, t)
 
-
-def _load_work(load: PointLoad, moved: tuple[Array, Array, Array]) -> float:
+def _load_work(frame: Frame, value: Array, moved: tuple[Array, Array, Array]) -> float:
     """Work of a concentrated load that is constant in a step, in its own frame [J]."""
     way, turned, mean_rotation = moved
-    force, moment = load.value.reshape(2, 3)
-    if load.frame == "section":
+    force, moment = value.reshape(2, 3)
+    if frame == "section":
         force, moment = mean_rotation @ force, mean_rotation @ moment
     return float(force @ way + moment @ turned)
+
+
+def static_load_factor(mbs: exu.MainSystem) -> float:
+    """By which the static solver that runs, or ran last, multiplies loads [1].
+
+    It ramps them from zero over the load steps unless told otherwise. One where there was no static solver, or it was
+    not stored (``storeSolver=False``).
+    """
+    solver, settings = mbs.sys.get("staticSolver"), mbs.sys.get("simulationSettings")
+    if solver is None or settings is None or not settings.staticSolver.useLoadFactor:
+        return 1.0
+    return float(solver.ComputeLoadFactor(settings))
 
 
 def material_force(tension: Array, compliance: Array) -> Array:
@@ -311,54 +342,6 @@ def tendon_work_and_dissipation(
     work = float(np.sum(mean[:, 0] * passed[:, 0]))
     drop = np.where(mask[:, 1:], mean[:, :-1] - mean[:, 1:], 0.0)
     return work, float(np.sum(drop * passed[:, 1:]))
-
-
-def tendon_energy(forces: TendonForces, tendons: ElasticTendons) -> float:
-    """Elastic energy of the tendons between base plate and anchor, ``T^2 l0 / (2 EA)`` [J]."""
-    law = tendons.law()
-    p = law.parameters
-    if not law.elastic:
-        return 0.0
-    material = p.material - forces.field.released_length
-    return 0.5 * float(
-        np.sum(np.where(p.mask, p.compliance[:, None] * forces.field.tension**2 * material, 0.0))
-    )
-
-
-def superelastic_energy(law: SuperelasticSection, twists: Array, lengths: Array) -> float:
-    """Energy of a superelastic section beyond that of linear elasticity [J]: the integral of its moment."""
-    bend = twists[:, 4:] / lengths[:, None] - law.precurvature[:, 1:]
-    k = np.sqrt(np.einsum("ei,ei->e", bend, bend))
-    w, kc = law.threshold / 40.0, law.threshold
-    at_zero = float(np.logaddexp(0.0, -kc / w))
-    area = w * (_softplus_integral((k - kc) / w) - _softplus_integral(np.array(-kc / w))) - at_zero * k
-    return -float(np.sum((1.0 - law.ratio) * w * law.bending_stiffness * lengths * area))
-
-
-def fibre_energy(law: NonlinearSection, away: Array, twists: Array, lengths: Array) -> float:
-    """Energy of nonlinear fibres beyond that of linear elasticity [J].
-
-    The integral of their forces on the straight way from the unloaded twists, exact because these are cubic on it.
-
-    Parameters
-    ----------
-    law
-        The fibres.
-    away, twists
-        Twists of the elements less those of the unloaded state, and the twists, shape (E, 6).
-    lengths
-        Of the elements [m], shape (E,).
-    """
-    shares = 0.5 * (_GAUSS[0] + 1.0)
-    forces = law.gradient(twists - (1.0 - shares)[:, None, None] * away, lengths)
-    return 0.5 * float(np.einsum("s,sei,ei->", _GAUSS[1], forces, away))
-
-
-def _softplus_integral(x: Array) -> Array:
-    """Integral of ``log(1 + exp(x))`` from minus infinity: ``-Li2(-exp(x))``."""
-    low = -spence(1.0 + np.exp(np.minimum(x, 0.0)))
-    high = np.pi**2 / 6.0 + 0.5 * x**2 + spence(1.0 + np.exp(-np.maximum(x, 0.0)))
-    return np.where(x > 0.0, high, low)
 
 
 def energy_sensor(balance: EnergyBalance, name: str, output: Mapping[str, Any]) -> Any:

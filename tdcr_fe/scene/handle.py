@@ -317,9 +317,12 @@ class TDCR:
 
         Its columns, all in J and listed in `tdcr_fe.scene.energy.ENERGY_COLUMNS`, are the kinetic, elastic and
         gravitational energy; then sums over the steps: work of the tendons at the base plate, work of the loads of
-        `add_load`, dissipation by friction and by the material; and the balance: works less dissipation less what the
-        stored energy has grown. The balance is what goes to other items of the scene, and the error of the integration
-        in time. Elastic energy includes elastic tendons and springs to ground.
+        `add_load`, dissipation by friction, by the material and by the integration in time; and the balance: works less
+        dissipation less what the stored energy has grown. The balance goes to other items of the scene, or is what
+        Newton's method has left. The numerical dissipation is damping by ``spectralRadius`` and the error of the time
+        step, which may be negative: where it is not small beside the works, take smaller steps. Elastic energy includes
+        elastic tendons and springs to ground. ``mbs.SolveStatic`` ramps loads and weight, and the work of loads is that
+        of the ramp.
 
         Parameters
         ----------

@@ -15,7 +15,8 @@ from scipy.integrate import quad
 from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection
 from tdcr_fe.model.disks import Disks
 from tdcr_fe.native import register
-from tdcr_fe.scene.energy import ENERGY_COLUMNS, fibre_energy, superelastic_energy
+from tdcr_fe.scene.energy import ENERGY_COLUMNS
+from tdcr_fe.scene.stored_energy import fibre_energy, superelastic_energy
 from tdcr_fe.solve.statics import SolveTDCR
 
 register()
@@ -127,13 +128,15 @@ def test_the_force_of_nonlinear_fibres_is_the_derivative_of_their_energy():
 # ---------------------------------------------------------------- balance
 
 
-def random_run(seed: int, end: float, step: float = 1e-3) -> tuple[float, float, dict[str, np.ndarray]]:
+def random_run(
+    seed: int, end: float, step: float = 1e-3, rho: float = 1.0
+) -> tuple[float, dict[str, np.ndarray]]:
     """A random robot under random tensions, and a force at the tip from the beginning on, up to a time [s].
 
     Returns
     -------
-    balance, work : float
-        Largest balance at any time; sum of all exchanges, by their size, with tendons and loads [J].
+    work : float
+        Sum of all exchanges, by their size, with tendons and loads [J].
     columns : dict
     """
     rng = np.random.default_rng(seed)
@@ -161,30 +164,44 @@ def random_run(seed: int, end: float, step: float = 1e-3) -> tuple[float, float,
         return share * high * (1.0 + 0.5 * np.sin(2.0 * np.pi * rates * t + phases))
 
     handle.set_inputs_over_time(tensions)
-    run(mbs, handle, end, step)
+    run(mbs, handle, end, step, rho)
     found = columns(mbs, sensor)
-    exchanged = sum(np.abs(np.diff(found[k])).sum() for k in ("tendon_work", "load_work"))
-    return float(np.abs(found["balance"]).max()), float(exchanged), found
+    return exchanged(found), found
 
 
-def check(seed, end, step=1e-3):
-    """Largest balance over the work, after checks of the columns that do not depend on it."""
-    balance, work, found = random_run(seed, end, step)
+def exchanged(found: dict[str, np.ndarray]) -> float:
+    """Sum of all exchanges, by their size, with tendons and loads [J]."""
+    return float(sum(np.abs(np.diff(found[k])).sum() for k in ("tendon_work", "load_work")))
+
+
+def check(seed: int, end: float, step: float = 1e-3, rho: float = 1.0) -> tuple[float, float]:
+    """Largest balance and numerical dissipation over the work, after checks of the other columns."""
+    work, found = random_run(seed, end, step, rho)
     assert work > 1e-4
     for kind in ("friction_dissipation", "material_dissipation"):
         assert np.diff(found[kind]).min() > -1e-3 * work
         assert found[kind][-1] >= 0.0
     stored = sum(found[k] for k in ("kinetic", "elastic", "gravity"))
     into = found["tendon_work"] + found["load_work"]
-    out = found["friction_dissipation"] + found["material_dissipation"] + found["balance"]
+    out = sum(found[k] for k in found if k.endswith("dissipation")) + found["balance"]
     assert stored - stored[0] == pytest.approx(into - out, abs=1e-9 * work)
-    return balance / work
+    return largest(found["balance"]) / work, largest(found["numerical_dissipation"]) / work
 
 
-@pytest.mark.parametrize("seed", [0, 2])
-def test_the_energy_of_a_random_motion_is_balanced(seed):
-    """To 1e-4 of the work at all times of a tenth of a second."""
-    assert check(seed, 0.1) < 1e-4
+def largest(values: np.ndarray) -> float:
+    return float(np.abs(values).max())
+
+
+@pytest.mark.parametrize(("seed", "rho"), [(0, 1.0), (2, 1.0), (2, 0.5)])
+def test_the_energy_of_a_random_motion_is_balanced(seed, rho):
+    """To 1e-5 of the work at all times of a tenth of a second, with and without damping by the integration.
+
+    When the balance was the sum of what goes to other items and of the error of the integration, it was 7e-5 with
+    ``spectralRadius = 1`` and 6e-4 with 0.5, although there is no other item.
+    """
+    balance, numerical = check(seed, 0.1, rho=rho)
+    assert balance < 1e-5
+    assert numerical < (1e-4 if rho == 1.0 else 1e-3)
 
 
 @pytest.mark.slow
@@ -192,16 +209,17 @@ def test_the_energy_of_a_random_motion_is_balanced(seed):
 def test_the_energy_of_random_motions_is_balanced_for_half_a_second(seed, figure):
     """Random robots of 1 to 3 tendons with friction, elasticity, gravity, damping by the material: 1e-4 of the work.
 
-    In steps of 1 ms; two of them have 1.2e-4 and 1.3e-4, and in steps of 0.5 ms 1.6e-5 and 7e-6. That is the error of
-    the trapezoidal rule, as without tendons in the next test.
+    In steps of 1 ms. The integration, by the trapezoidal rule, takes or gives up to 9e-5 of the work in eighteen, and
+    1.2e-4 and 1.3e-4 in two; in steps of 0.5 ms these two have 1.6e-5 and 7e-6.
     """
-    others = seed in (3, 9)
-    figure("energy others" if others else "energy", check(seed, 0.5))
-    if others:
-        figure("energy half", check(seed, 0.5, 5e-4))
+    balance, numerical = check(seed, 0.5)
+    figure("energy", balance)
+    figure("energy numerical", numerical)
+    if seed in (3, 9):
+        figure("energy half", check(seed, 0.5, 5e-4)[1])
 
 
-def test_the_balance_falls_with_the_step_as_that_of_exudyns_beams_alone():
+def test_the_numerical_dissipation_falls_with_the_step_as_that_of_exudyns_beams_alone():
     """No tendon is pulled, and a force at the tip swings the backbone: 2.7e-5 of the work at 1 ms, 8e-6 at 0.5 ms."""
     found = []
     for step in (1e-3, 5e-4):
@@ -211,9 +229,30 @@ def test_the_balance_falls_with_the_step_as_that_of_exudyns_beams_alone():
         load.set([0.05, 0.0, 0.0])
         run(mbs, handle, 0.2, step)
         sums = columns(mbs, sensor)
-        found.append(np.abs(sums["balance"]).max() / np.abs(np.diff(sums["load_work"])).sum())
+        found.append(largest(sums["numerical_dissipation"]) / exchanged(sums))
     assert found[0] < 5e-5
     assert found[1] < found[0] / 3.0
+
+
+def test_inputs_that_jump_at_every_step_leave_the_balance_as_it_is():
+    """Tensions and a load are set in ``PreStep``: they hold in the step, which begins with accelerations of the old.
+
+    The difference is an error of the time step, no work on other items; as such it would be 2e-3 of the work.
+    """
+    _keep, mbs, handle = scene(three(0.3), assemble=False)
+    load, sensor = handle.add_load("tip", LENGTH, "section"), handle.add_energy_sensor()
+    mbs.Assemble()
+
+    def control(mbs, t):
+        handle.set_tensions([0.4 + 0.3 * np.sin(40.0 * t), 0.0, 0.3 * (t > 0.025)])
+        load.set([0.01 * np.sin(90.0 * t), 0.0, 0.0], [0.0, 1e-4 * np.cos(90.0 * t), 0.0])
+        return True
+
+    mbs.SetPreStepUserFunction(control)
+    run(mbs, handle, 0.05)
+    found = columns(mbs, sensor)
+    assert largest(found["balance"]) < 1e-4 * exchanged(found)
+    assert largest(found["numerical_dissipation"]) > 1e-3 * exchanged(found)
 
 
 def test_a_damper_of_the_scene_gets_what_the_balance_shows():
@@ -269,6 +308,23 @@ def test_the_sums_are_restored_with_the_state():
     assert present(mbs, sensor)["tendon_work"] > 1.5 * first["tendon_work"]
     mbs.systemData.SetSystemState(stored)
     assert present(mbs, sensor) == pytest.approx(first, rel=1e-9, abs=1e-15)
+
+
+def test_loads_and_weight_that_the_static_solver_ramps_are_balanced():
+    """``mbs.SolveStatic`` multiplies them by a factor from 0 to 1: a load does half its final value times the way.
+
+    With the work of the whole load from the first step on, the balance was more than half of the work.
+    """
+    _keep, mbs, handle = scene(three(0.0), assemble=False, gravity=(0.5, 0.0, 0.0))
+    load, sensor = handle.add_load("tip", LENGTH), handle.add_energy_sensor()
+    mbs.Assemble()
+    load.set([2e-3, 0.0, 0.0])
+    assert mbs.SolveStatic(static_settings(20))
+    found, away = present(mbs, sensor), handle.tip_position[0]
+    assert abs(found["balance"]) < 1e-6 * found["elastic"]
+    # The ramp holds back half of the work of the weight.
+    assert found["load_work"] - 0.5 * found["gravity"] == pytest.approx(0.5 * 2e-3 * away, rel=1e-3)
+    assert found["elastic"] == pytest.approx(found["load_work"] - found["gravity"], rel=1e-3)
 
 
 def test_a_slow_pull_by_exudyns_statics_is_balanced_too():

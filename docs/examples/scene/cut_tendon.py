@@ -36,7 +36,7 @@ arm.set_tensions({"right": 0.0})
 
 settings = arm.recommended_settings(0.2, 1e-3)
 settings.timeIntegration.verboseMode = 0
-# Little numerical damping, so that the balance below is that of the robot.
+# Little numerical damping, so that nearly all energy goes to friction and material.
 settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
 settings.solution.file.write = False
 settings.solution.sensors.writePeriod = 1e-3
@@ -50,7 +50,8 @@ for name, value in last.items():
 stored = first["elastic"]
 assert last["friction_dissipation"] > 0.01 * stored
 assert last["material_dissipation"] > 0.1 * stored
-assert abs(last["balance"]) < 5e-3 * stored  # the error of the time integration right after the cut
+assert abs(last["numerical_dissipation"]) < 5e-3 * stored  # most of it right after the cut
+assert abs(last["balance"]) < 5e-4 * stored  # no other item; Newton's tolerance
 
 figure, axes = plt.subplots(figsize=(7.5, 3.5), layout="constrained")
 for name in ("elastic", "kinetic", "friction_dissipation", "material_dissipation"):
