@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 import json
+import signal
+import time
 
 import pytest
 
 from tdcr_fe import cli
 from tdcr_fe.io.problems import LONGEST, Problem
-from tdcr_fe.validation.broken_files import MUTATIONS, Outcome, draw, run_case
+from tdcr_fe.validation.broken_files import MUTATIONS, Outcome, campaign, draw, run_case
 from tdcr_fe.validation.broken_files.__main__ import main
 from tdcr_fe.validation.broken_files.campaign import Ran, judge
 from tdcr_fe.validation.broken_files.toml_mutations import paths, to_toml
@@ -61,6 +63,35 @@ def test_the_judge_sees_what_is_wrong():
     may = next(c for c in map(draw, itertools.count()) if not c.change.must_be_refused)
     assert judge(may, Ran(130, "", "solving"), 10.0, []) == "valid, long"
     assert judge(case, Ran(2, 3000 * good), 0.1, []) == "endless message"
+
+
+def _compute(seconds: float) -> None:
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs timers of the system")
+def test_the_limit_counts_processor_time_and_is_not_swallowed(monkeypatch):
+    """On a busy machine 54 of 2000 were judged to hang or to have failed, as the limit was one of the clock."""
+
+    class Slow:
+        def __del__(self):
+            _compute(0.2)
+
+    monkeypatch.setattr(campaign, "TIME_LIMIT", 0.05)
+    where: list[str] = []
+    with campaign._limited(where):
+        time.sleep(0.2)
+    assert where == []
+    with pytest.raises(KeyboardInterrupt), campaign._limited(where):
+        slow = Slow()
+        del slow  # an exception within a destructor is swallowed
+        _compute(0.2)
+    assert "reading" in where
+    monkeypatch.setattr(campaign, "CLOCK_LIMIT", 0.05)
+    with pytest.raises(KeyboardInterrupt), campaign._limited(where):
+        time.sleep(0.2)
 
 
 def test_the_command_keeps_outcomes_and_goes_on(tmp_path, capsys):

@@ -26,12 +26,12 @@ from tdcr_fe.io.records import Record
 from tdcr_fe.validation.broken_files.inputs import INPUTS, Inputs, files_of
 from tdcr_fe.validation.broken_files.mutations import Change, change
 
-#: Time after which a command is interrupted [s].
+#: Processor time after which a command is interrupted [s].
 TIME_LIMIT = 10.0
+#: Time on the clock after which it is interrupted, too: it waits for something, or the machine is busy [s].
+CLOCK_LIMIT = 60.0
 #: A command that does not end within this time after the interruption hangs [s].
 GRACE = 30.0
-#: Time in which a process starts and imports what it needs, on a busy machine [s].
-START = 10.0
 #: Longest message [characters]: one mistake in a long list must not fill the terminal.
 LONGEST_MESSAGE = 20_000
 
@@ -177,7 +177,7 @@ def judge(case: Case, ran: Ran, seconds: float, written: list[Path]) -> str:
     """The outcome of a command, see `Outcome`."""
     if "Traceback (most recent call last)" in ran.errors:
         return "traceback"
-    if seconds > TIME_LIMIT + GRACE or ran.interrupted_in == "reading":
+    if seconds > CLOCK_LIMIT + GRACE or ran.interrupted_in == "reading":
         return "hang"
     if "Warning: " in ran.errors:
         return "warning of Python"
@@ -225,12 +225,14 @@ class _TimeLimit(KeyboardInterrupt):
 
 @contextmanager
 def _limited(where: list[str]) -> Iterator[None]:
-    """Interrupt what runs longer than `TIME_LIMIT`, and note where it was; on Windows nothing is interrupted."""
+    """Interrupt what runs longer than the limits, and note where it was; on Windows nothing is interrupted."""
     if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        for _, timer, _ in timers:  # once: what is solved is still to be written
+            signal.setitimer(timer, 0.0)
         modules = []
         while frame is not None:
             modules.append(frame.f_globals.get("__name__", ""))
@@ -238,13 +240,29 @@ def _limited(where: list[str]) -> Iterator[None]:
         where.append("solving" if any(m.startswith(_SOLVING) for m in modules) else "reading")
         raise _TimeLimit
 
-    before = signal.signal(signal.SIGALRM, interrupt)
-    signal.setitimer(signal.ITIMER_REAL, TIME_LIMIT)
+    def interrupt_again(swallowed: sys.UnraisableHookArgs) -> None:
+        # Callbacks of weak references and destructors swallow exceptions.
+        if isinstance(swallowed.exc_value, _TimeLimit):
+            signal.setitimer(signal.ITIMER_REAL, 0.01)
+        else:
+            sys.__unraisablehook__(swallowed)
+
+    timers = (
+        (signal.SIGPROF, signal.ITIMER_PROF, TIME_LIMIT),
+        (signal.SIGALRM, signal.ITIMER_REAL, CLOCK_LIMIT),
+    )
+    before = [signal.signal(number, interrupt) for number, _, _ in timers]
+    hook, sys.unraisablehook = sys.unraisablehook, interrupt_again
+    for _, timer, limit in timers:
+        signal.setitimer(timer, limit)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        for _, timer, _ in timers:
+            signal.setitimer(timer, 0.0)
+        for (number, _, _), handler in zip(timers, before, strict=True):
+            signal.signal(number, handler)
+        sys.unraisablehook = hook
 
 
 def _in_this_process(arguments: list[str]) -> Ran:
@@ -273,7 +291,7 @@ def _in_process_of_its_own(arguments: list[str]) -> Ran:
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, encoding="utf-8")
     stopped = ""
     try:
-        _, errors = process.communicate(timeout=TIME_LIMIT + START)
+        _, errors = process.communicate(timeout=CLOCK_LIMIT)
     except subprocess.TimeoutExpired:
         stopped = "solving"
         process.terminate()
