@@ -32,6 +32,10 @@ PROMISE = 0.1
 #: prediction.
 SECOND_LOOK = 4
 
+#: Where one of so many that promise most leaves noise, those are not tried whose predicted cost is more than so many
+#: times that at which a fit is of interest.
+FIRST, HOPELESS = 2, 10.0
+
 #: Fits whose BIC differs by less than this share and this constant may change order on substeps of their own, see
 #: `fitting.NEAR_PATH` [1].
 PATH_SHARE, PATH_MARGIN = 0.03, 20.0
@@ -66,8 +70,9 @@ def propose(
                     note = "more parameters than these readings determine"
             entry = Candidate(number, fit.names, score.effect.name, score.drop / noise, note=note)
             state = replace(state, candidates=(*state.candidates, entry))
-        state, pairs = _pairs(search, state, number, fit)
-        proposals += _promising(pairs, [p for p in proposals if p[1] is fit])
+        if not residual_is_noise(state.problem, fit, search.significance):
+            state, pairs = _pairs(search, state, number, fit)
+            proposals += _promising(pairs, [p for p in proposals if p[1] is fit])
     chosen: dict[Names, tuple[Fit, Score]] = {}
     for _, fit, score in sorted(proposals, key=lambda p: p[0]):
         if len(chosen) < search.settings.candidates + SECOND_LOOK:
@@ -255,30 +260,51 @@ def fit_and_rank(
     fits : list
         Fitted model, score and fit of every model that was fitted, now or before.
     """
+    problem = state.problem
     new = [x for x in starters if names_with(*x) not in state.fits]
     known = min([known, *(state.fits[names_with(*x)].cost for x in starters if names_with(*x) in state.fits)])
     if new:
         search.report(f"fitting {listed_names([score.effect.name for _, score in new])}", progress)
     # The first effect is fitted to the end, whatever time that takes.
     race = fitting.Race(known, search.deadline if state.best.effects else math.inf)
-    begun = fitting.run_fits(
-        state.problem,
-        [fitting.begin(state.problem, (*p.effects, x.effect), x.starts[:1], race, p) for p, x in new],
-    )
-    chosen = list(zip(new, begun, strict=True))
+    explained = residual_is_noise(problem, state.best, search.significance)
+    begun: list[tuple[tuple[Fit, Score], Fit]] = []
+    if most is not None and not explained:
+        begun = _descended(problem, new[:FIRST], race)
+        explained = any(residual_is_noise(problem, f, search.significance) for _, f in begun)
+    rest = new[len(begun) :]
+    if explained:
+        rest = [x for x in rest if x[1].cost(problem) <= HOPELESS * race.limit]
+    begun += _begun(problem, rest, race)
     if most is not None:
         fitted_before = len(starters) - len(new)
-        problem = state.problem
-        chosen.sort(key=lambda c: _outlook(problem, parent=c[0][0], score=c[0][1], fit=c[1]))
-        chosen = chosen[: max(1, most - fitted_before)]
+        begun.sort(key=lambda c: _outlook(problem, parent=c[0][0], score=c[0][1], fit=c[1]))
+        begun = begun[: max(1, most - fitted_before)]
     fittings = [
-        candidate_fit(state.problem, parent, score, now, race, (more or {}).get(score.effect.name, ()))
-        for (parent, score), now in chosen
+        candidate_fit(problem, parent, score, now, race, (more or {}).get(score.effect.name, ()))
+        for (parent, score), now in begun
     ]
-    for found in finished(state.problem, fitting.run_fits(state.problem, fittings), race, margin):
+    for found in finished(problem, fitting.run_fits(problem, fittings), race, margin):
         state = with_note_on_differences(state.with_fit(found), found.differenced)
     known_fits = [(p, x, state.fits.get(names_with(p, x))) for p, x in starters]
     return state, [(p, x, fit) for p, x, fit in known_fits if fit is not None]
+
+
+def _begun(
+    problem: FitProblem, starters: Sequence[tuple[Fit, Score]], race: fitting.Race
+) -> list[tuple[tuple[Fit, Score], Fit]]:
+    """Models with one more effect at their predicted values."""
+    begun = [fitting.begin(problem, (*p.effects, x.effect), x.starts[:1], race, p) for p, x in starters]
+    return list(zip(starters, fitting.run_fits(problem, begun), strict=True))
+
+
+def _descended(
+    problem: FitProblem, starters: Sequence[tuple[Fit, Score]], race: fitting.Race
+) -> list[tuple[tuple[Fit, Score], Fit]]:
+    """Models with one more effect from their predicted values on, on the path of the others."""
+    begun = _begun(problem, starters, race)
+    fits = [fitting.descend(problem, f, race, 5, x.predicted) for (_, x), f in begun]
+    return list(zip(starters, fitting.run_fits(problem, fits), strict=True))
 
 
 def _outlook(problem: FitProblem, parent: Fit, score: Score, fit: Fit) -> float:

@@ -53,10 +53,17 @@ class Race:
     lowest : float
     deadline : float
         Reading of `tdcr_fe.identify.time_limit.clock` [s].
+    left_behind : tuple of float
+        A fit is of interest up to the first times the lowest cost, plus the second [1].
     """
 
-    def __init__(self, lowest: float = float("inf"), deadline: float = float("inf")) -> None:
-        self.lowest, self.deadline = lowest, deadline
+    def __init__(
+        self,
+        lowest: float = float("inf"),
+        deadline: float = float("inf"),
+        left_behind: tuple[float, float] = LEFT_BEHIND,
+    ) -> None:
+        self.lowest, self.deadline, self.left_behind = lowest, deadline, left_behind
 
     def reached(self, cost: float) -> None:
         """One of the fits has this cost."""
@@ -70,7 +77,7 @@ class Race:
     @property
     def limit(self) -> float:
         """Cost above which a fit is of no interest."""
-        return LEFT_BEHIND[0] * self.lowest + LEFT_BEHIND[1]
+        return self.left_behind[0] * self.lowest + self.left_behind[1]
 
 
 def run_fits(problem: FitProblem, fittings: Sequence[Fitting]) -> list[Fit]:

@@ -41,8 +41,8 @@ from tdcr_fe.identify.search_state import (
 AHEAD = 0.5
 
 #: Models whose place is moved to neighbouring ones, the best first; and only while their cost is at most so many times
-#: that at which a fit is of interest.
-MOVED, MOVABLE = 2, 10.0
+#: that at which a fit is of interest, fewer where the best model leaves noise.
+MOVED, MOVABLE, MOVABLE_BESIDE_NOISE = 2, 10.0, 3.0
 
 
 def local_search(search: Search, state: SearchState) -> Stage:
@@ -59,15 +59,17 @@ def local_search(search: Search, state: SearchState) -> Stage:
     return state
 
 
-def place_ahead(search: Search, state: SearchState) -> SearchState | None:
+def place_ahead(search: Search, state: SearchState) -> tuple[SearchState, SearchState | None]:
     """A single local cause that leaves noise, where one promises far more than every effect along the whole robot.
 
     Then the fits of all other effects have a mark that they must come near, and most are stopped at once.
 
     Returns
     -------
-    SearchState or None
-        With the model of that cause as the best one.
+    state : SearchState
+        With the scores.
+    located : SearchState or None
+        With the model of that cause as the best one; None where there is no such cause.
     """
     declared = state.declared
     state, scores = scores_beside(state, declared)
@@ -76,12 +78,11 @@ def place_ahead(search: Search, state: SearchState) -> SearchState | None:
         min((x.cost(state.problem) for x in every if x.starts), default=math.inf) for every in (scores, local)
     )
     if not local_cost < AHEAD * listed:
-        return None
+        return state, None
     located = search_places(search, state, [declared])
     found = located.best is not state.best
-    return (
-        located if found and residual_is_noise(located.problem, located.best, search.significance) else None
-    )
+    explains = found and residual_is_noise(located.problem, located.best, search.significance)
+    return state, located if explains else None
 
 
 def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> SearchState:
@@ -89,9 +90,10 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
     found: list[tuple[float, Fit, Score]] = []
     sizes: dict[str, Mapping[str, float]] = {}
     problem = state.problem
+    explained = residual_is_noise(problem, state.best, search.significance)
     for base in sorted(bases, key=lambda f: bic(problem, f))[:3]:
         # A local cause is fitted only if it does about as well as the best model to first order; the best candidate
-        # has more margin, because the linearisation is inaccurate.
+        # has more margin, because the linearisation is inaccurate, unless the best model leaves noise.
         margin = 0.1 * base.cost + 5.0 * state.best.cost if base is not state.best else math.inf
         state, scored = local_scores_beside(search, state, base)
         needed = required_drop(1, search.significance, reduced_chi_square(state.problem, base))
@@ -103,7 +105,7 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
             (x.cost(state.problem), base, x)
             for i, x in enumerate(scores[:2])
             if names_with(base, x) not in state.fits
-            and x.cost(state.problem) < (margin if i else max(margin, 0.6 * base.cost))
+            and x.cost(state.problem) < (margin if i or explained else max(margin, 0.6 * base.cost))
         ]
     chosen = [(base, score) for _, base, score in sorted(found, key=lambda p: p[0])[:3]]
     if not chosen:
@@ -113,7 +115,8 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
     fits = fitting.run_fits(
         state.problem, [candidate_fit(state.problem, b, x, None, race) for b, x in chosen]
     )
-    fits = finished(state.problem, better_places(state.problem, fits, sizes, race), race)
+    movable = MOVABLE_BESIDE_NOISE if explained else MOVABLE
+    fits = finished(state.problem, better_places(state.problem, fits, sizes, race, movable), race)
     for new in fits:
         state = state.with_fit(new)
     fits = [
@@ -135,7 +138,11 @@ def _best_of_each_kind(scores: Sequence[Score]) -> list[Score]:
 
 
 def better_places(
-    problem: FitProblem, fits: Sequence[Fit], sizes: Mapping[str, Mapping[str, float]], race: fitting.Race
+    problem: FitProblem,
+    fits: Sequence[Fit],
+    sizes: Mapping[str, Mapping[str, float]],
+    race: fitting.Race,
+    movable: float = MOVABLE,
 ) -> list[Fit]:
     """Models whose last effect is at one place, moved to neighbouring places for as long as the cost falls.
 
@@ -151,18 +158,21 @@ def better_places(
         By effect at a place, the size from which a fit may begin, besides that of the place before.
     race
         With the lowest cost of all models; nothing begins after its deadline.
+    movable
+        A model is moved while its cost is at most so many times that at which a fit is of interest [1].
     """
     found = list(fits)
     order = sorted(range(len(found)), key=lambda i: found[i].cost)
     for i in order[:MOVED]:
         tried = {found[i].names[-1]}
-        while found[i].solved and not race.over and found[i].cost <= MOVABLE * race.limit:
+        while found[i].solved and not race.over and found[i].cost <= movable * race.limit:
             effect = found[i].effects[-1]
             assert isinstance(effect, EffectAtPlace)
             near = [x for x in effect.neighbours(problem.data.robot) if x.name not in tried]
             tried |= {x.name for x in near}
+            nearer = fitting.Race(found[i].cost, race.deadline, left_behind=(1.0, 0.0))
             moved = fitting.run_fits(
-                problem, [_moved(problem, found[i], x, sizes.get(x.name), race.deadline) for x in near]
+                problem, [_moved(problem, found[i], x, sizes.get(x.name), nearer) for x in near]
             )
             best = min(moved, key=lambda f: f.cost, default=found[i])
             if not best.cost < found[i].cost:
@@ -176,10 +186,9 @@ def _moved(
     fit: Fit,
     effect: EffectAtPlace,
     size: Mapping[str, float] | None,
-    deadline: float,
+    race: fitting.Race,
 ) -> fitting.Fitting:
-    """A model with its last effect at another place, fitted from the same size or another."""
-    race = fitting.Race(deadline=deadline)
+    """A model with its last effect at another place, fitted from the same size or another, if it may win the race."""
     values = {k: v for k, v in fit.values.items() if k != fit.names[-1]}
     sizes = [fit.values[fit.names[-1]], *([] if size is None else [dict(size)])]
     starts = [{**values, effect.name: x} for x in sizes]

@@ -12,6 +12,12 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.run import Run, RunDerivatives
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import Channel, Location, arc_lengths, channel
+from tdcr_fe.model.interpolation import (
+    ElementChange,
+    share_change,
+    within_elements,
+    within_elements_change,
+)
 from tdcr_fe.model.observed_step import AT_NODE, ObservedChange, ObservedStep
 
 Array = NDArray[np.float64]
@@ -24,7 +30,7 @@ POSITION = "position"
 class _Markers(NamedTuple):
     """Readings of the coordinates of markers, which are predicted for all steps at once.
 
-    What `ObservedStep.markers` and `ObservedStep.marker_changes` give step by step, for markers at nodes.
+    What `ObservedStep.markers` and `ObservedStep.marker_changes` give step by step.
 
     Attributes
     ----------
@@ -48,42 +54,96 @@ class _Markers(NamedTuple):
         axes = np.array(["xyz".index(readings[i].quantity[-1]) for i in which], dtype=int)
         return cls(which, steps[which], axes, arc_lengths([readings[i].location for i in which]))
 
-    def _nodes(self, run: Run) -> NDArray[np.int_]:
-        places, inverse = np.unique(self.s, return_inverse=True)
-        return np.argmin(np.abs(places[:, None] - run.s), axis=1)[inverse]
+    def solved(self, run: Run) -> _Markers:
+        """Those of the steps that were solved."""
+        own = self.steps < run.solved
+        return _Markers(self.which[own], self.steps[own], self.axes[own], self.s[own])
 
-    def are_at_nodes(self, run: Run) -> bool:
-        """Whether every marker is at a node."""
-        if not self.which.size:
-            return False
-        return bool(np.max(np.abs(run.s[self._nodes(run)] - self.s)) < AT_NODE)
+    def _seen(self, run: Run) -> _Seen:
+        """The markers, each of them once."""
+        places, at = np.unique(self.s, return_inverse=True)
+        pairs, inverse = np.unique(self.steps * places.size + at, return_inverse=True)
+        steps, s = pairs // places.size, places[pairs % places.size]
+        return _Seen(steps, s, np.argmin(np.abs(s[:, None] - run.s), axis=1), inverse)
 
-    def _levers(self, run: Run, seen: ObservedStep) -> Array:
-        """Offsets of the markers from the backbone in the world [m], shape (k, 3)."""
-        rotations = run.rotations[self.steps, self._nodes(run)]
-        return np.asarray(np.einsum("nij,nj->ni", rotations, seen.offsets(self.s)))
+    def positions(self, run: Run, observed: ObservedStep) -> Array:
+        """Measured coordinates [m], shape (k,); ``observed``: any step as it is observed."""
+        seen = self._seen(run)
+        at = seen.positions(run) + seen.levers(run, observed)
+        return np.asarray(at @ observed.frame.T + observed.shift)[seen.inverse, self.axes]
 
-    def positions(self, run: Run, seen: ObservedStep) -> Array:
-        """Measured coordinates [m], shape (k,); ``seen``: any step as it is observed."""
-        at = run.positions[self.steps, self._nodes(run)] + self._levers(run, seen)
-        return np.asarray(np.einsum("nj,nj->n", seen.frame[self.axes], at) + seen.shift[self.axes])
-
-    def changes(self, run: Run, by: RunDerivatives, seen: ObservedStep) -> Array:
+    def changes(self, run: Run, by: RunDerivatives, observed: ObservedStep) -> Array:
         """Derivatives of `positions`, shape (k, P)."""
-        nodes = self._nodes(run)
-        turned = np.cross(by.rotations[self.steps, nodes], self._levers(run, seen)[..., None], axis=1)
-        moved = by.positions[self.steps, nodes] + turned
-        return np.asarray(np.einsum("nj,njp->np", seen.frame[self.axes], moved))
+        seen = self._seen(run)
+        levers = seen.levers(run, observed)
+        turned = np.cross(by.rotations[seen.steps, seen.nodes], levers[..., None], axis=1)
+        return np.asarray(observed.frame @ (seen.changes(run, by) + turned))[seen.inverse, self.axes]
 
 
-def _change(by: RunDerivatives, k: int, which: NDArray[np.bool_] | slice = slice(None)) -> ObservedChange:
-    """Derivatives of a step by some of the parameters."""
+class _Seen(NamedTuple):
+    """Markers in the steps in which they are seen.
+
+    Attributes
+    ----------
+    steps : ndarray of int, shape (m,)
+    s : ndarray, shape (m,)
+        Arc lengths [m].
+    nodes : ndarray of int, shape (m,)
+        The nodes nearest to them.
+    inverse : ndarray of int, shape (k,)
+        For every reading, its marker.
+    """
+
+    steps: NDArray[np.int_]
+    s: Array
+    nodes: NDArray[np.int_]
+    inverse: NDArray[np.int_]
+
+    def _at_nodes(self, run: Run) -> bool:
+        """Whether every marker is at a node."""
+        return bool(np.max(np.abs(run.s[self.nodes] - self.s), initial=0.0) < AT_NODE)
+
+    def levers(self, run: Run, observed: ObservedStep) -> Array:
+        """Offsets of the markers from the backbone in the world [m], shape (m, 3)."""
+        rotations = run.rotations[self.steps, self.nodes]
+        return np.asarray(np.einsum("nij,nj->ni", rotations, observed.offsets(self.s)))
+
+    def positions(self, run: Run) -> Array:
+        """Of the backbone at the markers [m], shape (m, 3)."""
+        if self._at_nodes(run):
+            return np.asarray(run.positions[self.steps, self.nodes])
+        k, share, _ = self._elements(run)
+        p, r = run.positions, run.rotations
+        ends = p[self.steps, k], r[self.steps, k], p[self.steps, k + 1], r[self.steps, k + 1]
+        return within_elements(*ends, share)
+
+    def changes(self, run: Run, by: RunDerivatives) -> Array:
+        """Derivatives of `positions`, shape (m, 3, P)."""
+        if self._at_nodes(run) and not np.any(by.arc_lengths):
+            return np.asarray(by.positions[self.steps, self.nodes])
+        k, share, length = self._elements(run)
+        p, r = run.positions, run.rotations
+        ends = p[self.steps, k], r[self.steps, k], p[self.steps, k + 1], r[self.steps, k + 1]
+        change = ElementChange(
+            by.positions[self.steps, k],
+            by.rotations[self.steps, k],
+            by.positions[self.steps, k + 1],
+            by.rotations[self.steps, k + 1],
+            share_change(by.arc_lengths[k], by.arc_lengths[k + 1], share, length),
+        )
+        return within_elements_change(*ends, share, change)
+
+    def _elements(self, run: Run) -> tuple[NDArray[np.int_], Array, Array]:
+        """Their elements, their shares of them [1], and the lengths of these [m]."""
+        k = np.clip(np.searchsorted(run.s, self.s, side="right") - 1, 0, run.s.size - 2)
+        length = run.s[k + 1] - run.s[k]
+        return k, (self.s - run.s[k]) / length, length
+
+
+def _change(by: RunDerivatives, k: int) -> ObservedChange:
+    """Derivatives of a step."""
     return ObservedChange(
-        by.positions[k][..., which],
-        by.rotations[k][..., which],
-        by.displacements[k][..., which],
-        by.distal_tensions[k][..., which],
-        by.arc_lengths[..., which],
+        by.positions[k], by.rotations[k], by.displacements[k], by.distal_tensions[k], by.arc_lengths
     )
 
 
@@ -111,7 +171,9 @@ class Reader:
         self._markers = _Markers.of(readings, self.step)
         groups: dict[tuple[int, str], list[int]] = {}
         for i, r in enumerate(readings):
-            groups.setdefault((index[r.step], r.quantity), []).append(i)
+            if r.channel.family != POSITION:
+                groups.setdefault((index[r.step], r.quantity), []).append(i)
+        #: Readings of each step by channel, but for those of markers.
         self._groups: dict[int, list[tuple[Channel, Array, list[Location]]]] = {}
         for (k, quantity), which in groups.items():
             locations = [readings[i].location for i in which]
@@ -133,14 +195,12 @@ class Reader:
         """
         out = np.full(self.count, np.nan)
         observe = self._observer(run, experiment)
-        at_nodes = run.solved > 0 and self._markers.are_at_nodes(run)
-        if at_nodes:
-            out[self._markers.which] = self._markers.positions(run, observe(0))
-        for k in range(run.solved):
-            groups = self._groups_of(k, at_nodes)
-            step = observe(k) if groups else None
-            for known, which, locations in groups:
-                assert step is not None
+        markers = self._markers.solved(run)
+        if markers.which.size:
+            out[markers.which] = markers.positions(run, observe(0))
+        for k in sorted(k for k in self._groups if k < run.solved):
+            step = observe(k)
+            for known, which, locations in self._groups[k]:
                 out[which] = known.predict(step, locations)
         return out
 
@@ -158,24 +218,14 @@ class Reader:
         assert by is not None
         out = np.full((self.count, len(by.names)), np.nan)
         observe = self._observer(run, experiment)
-        at_nodes = run.solved > 0 and self._markers.are_at_nodes(run)
-        moving = np.any(by.arc_lengths != 0.0, axis=0)  # then markers at nodes do not stay there
-        if at_nodes:
-            out[self._markers.which] = self._markers.changes(run, by, observe(0))
-        for k in range(run.solved):
+        markers = self._markers.solved(run)
+        if markers.which.size:
+            out[markers.which] = markers.changes(run, by, observe(0))
+        for k in sorted(k for k in self._groups if k < run.solved):
             step, change = observe(k), _change(by, k)
-            for known, which, locations in self._groups_of(k, at_nodes):
+            for known, which, locations in self._groups[k]:
                 out[which] = known.derivatives(step, change, locations)
-            if at_nodes and np.any(moving):
-                change = _change(by, k, moving)
-                for known, which, locations in self._groups.get(k, []):
-                    out[np.ix_(which.astype(int), moving)] = known.derivatives(step, change, locations)
         return out
-
-    def _groups_of(self, k: int, without_markers: bool) -> list[tuple[Channel, Array, list[Location]]]:
-        """Readings of a step by channel; those of markers are left out where they are read for all steps at once."""
-        own = self._groups.get(k, [])
-        return [g for g in own if g[0].family != POSITION] if without_markers else own
 
     def _observer(self, run: Run, experiment: Experiment) -> Callable[[int], ObservedStep]:
         """What is observed of a run's steps."""

@@ -82,7 +82,9 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
             state = state.without_trying(FURTHER_EFFECTS)
             break
         progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
-        located = place_ahead(search, state) if locate and not state.best.effects else None
+        located: SearchState | None = None
+        if locate and not state.best.effects:
+            state, located = place_ahead(search, state)
         if located is not None:
             state = replace(located, best=located.declared, rivals={})
             level = [state.declared]

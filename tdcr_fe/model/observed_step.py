@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.model.interpolation import interpolate_positions, rotation_vector_rate, within_elements
+from tdcr_fe.model.interpolation import (
+    ElementChange,
+    interpolate_positions,
+    rotation_vector_rate,
+    share_change,
+    within_elements_change,
+)
 from tdcr_fe.model.results import StepResult
 
 Array = NDArray[np.float64]
@@ -128,25 +134,19 @@ class ObservedStep:
         return np.asarray(self.frame @ (moved + turned))
 
     def _between_nodes(self, change: ObservedChange, s: Array) -> Array:
-        """Derivatives of the positions at arc lengths between nodes, (n_markers, 3, P), by central differences."""
+        """Derivatives of the positions at arc lengths between nodes, (n_markers, 3, P)."""
         k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, self.s.size - 2)
-        steps = difference_steps(self, change)
-        moved = []
-        for h in (steps, -steps):
-            ends = []
-            for nodes in (k, k + 1):
-                turned = (h * change.rotations[nodes]).swapaxes(1, 2)
-                turn = Rotation.from_rotvec(turned.reshape(-1, 3)).as_matrix().reshape(*turned.shape, 3)
-                at = self.positions[nodes, :, None] + h * change.positions[nodes]
-                rotation = (turn @ self.rotations[nodes, None]).reshape(-1, 3, 3)
-                ends.append(
-                    (at.swapaxes(1, 2).reshape(-1, 3), rotation, self.s[nodes, None] + h * change.s[nodes])
-                )
-            (a, turn_a, start), (b, turn_b, end) = ends
-            share = (s[:, None] - start) / (end - start)
-            moved.append(within_elements(a, turn_a, b, turn_b, share.ravel()))
-        found = (moved[0] - moved[1]).reshape(len(s), -1, 3).swapaxes(1, 2)
-        return np.asarray(found / (2.0 * steps))
+        length = self.s[k + 1] - self.s[k]
+        share = (s - self.s[k]) / length
+        by = ElementChange(
+            change.positions[k],
+            change.rotations[k],
+            change.positions[k + 1],
+            change.rotations[k + 1],
+            share_change(change.s[k], change.s[k + 1], share, length),
+        )
+        p, r = self.positions, self.rotations
+        return within_elements_change(p[k], r[k], p[k + 1], r[k + 1], share, by)
 
     def tip_change(self, change: ObservedChange) -> Array:
         """Derivatives of `tip`, shape (3, P)."""

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from identify_data import LENGTH, MODEL, measured
 
 from tdcr_fe.effects import effect
@@ -16,9 +17,12 @@ from tdcr_fe.model.observed_step import ObservedChange
 from tdcr_fe.model.settings import SolverSettings
 
 
-def test_markers_at_nodes_are_read_as_the_channels_predict_them():
-    """Turned and shifted frame, markers off the backbone and one of them more; with derivatives."""
+@pytest.mark.parametrize("share", [1.0, 0.93])
+def test_markers_are_read_as_the_channels_predict_them(share):
+    """At nodes and between them: turned and shifted frame, markers off the backbone and one more; with derivatives."""
     data = measured(model=replace(MODEL, friction="per-hole"))
+    moved = [replace(r, location=share * r.location) if r.location else r for r in data.readings]
+    data = replace(data, readings=tuple(moved))
     count = len(data.readings)
     own = FitProblem.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
     scale = effect("stiffness_scale")

@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 from identify_data import MODEL, ROBOT, measured
 
-from tdcr_fe.identify.candidates import SECOND_LOOK, fit_proposals, propose
+from tdcr_fe.identify import identify
+from tdcr_fe.identify.candidates import FIRST, SECOND_LOOK, fit_proposals, propose
 from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.local_search import place_ahead
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.identify.settings import IdentifySettings
@@ -38,3 +40,25 @@ def test_an_effect_whose_prediction_goes_too_far_is_fitted_all_the_same():
     state, fits = fit_proposals(search, state, 1, proposals, 0.0)
     assert [fit.names for fit in fits] == [("superelastic",)]
     assert fits[0].cost < 0.02 * state.declared.cost
+
+
+def test_where_one_candidate_leaves_noise_those_that_promise_far_less_are_not_simulated():
+    """Nine candidates were simulated at their predicted values, and five of them fitted: 46 runs."""
+    result = identify(measured({"precurvature": {"kappa_x": 0.4, "kappa_y": -0.8}}, robot=ROBOT))
+    assert result.verdict == "explained" and [e.name for e in result.effects] == ["precurvature"]
+    first = [c for c in result.candidates if c.round == 1]
+    assert sum(c.fitted for c in first) <= FIRST < 6 < len(first)
+    assert result.runs < 36
+
+
+def test_scores_are_computed_once_for_a_model():
+    """Those beside the declared model were computed twice: before and after single places were looked at."""
+    data = measured({"gravity": {"g_x": 3.0, "g_y": 0.0, "g_z": 0.0}}, robot=ROBOT)
+    count = len(data.readings)
+    problem = FitProblem.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
+    state = SearchState.start(problem, evaluate(problem, (), {}))
+    search = Search(IdentifySettings(), lambda text, share: None)
+    state, located = place_ahead(search, state)
+    before = problem.forward.runs
+    state, proposals = propose(search, state, 1, [state.declared], 0.0)
+    assert located is None and proposals and problem.forward.runs == before
