@@ -48,11 +48,17 @@ STRENGTHS = (1.0, 8.0, 64.0)
 
 
 def propose(
-    search: Search, state: SearchState, number: int, level: Sequence[Fit], progress: float
+    search: Search,
+    state: SearchState,
+    number: int,
+    level: Sequence[Fit],
+    progress: float,
+    explained: bool = False,
 ) -> tuple[SearchState, list[tuple[Fit, Score]]]:
     """The best candidates beside each model, by the predicted BIC to first order; `SECOND_LOOK` more than are fitted.
 
     A candidate that comes with another effect has a model that contains that one, at values that are not yet fitted.
+    Such pairs are not tried beside a model that leaves noise, or where another one does (``explained``).
     """
     proposals: list[tuple[float, Fit, Score]] = []
     for fit in level:
@@ -70,7 +76,7 @@ def propose(
                     note = "more parameters than these readings determine"
             entry = Candidate(number, fit.names, score.effect.name, score.drop / noise, note=note)
             state = replace(state, candidates=(*state.candidates, entry))
-        if not residual_is_noise(state.problem, fit, search.significance):
+        if not (explained or residual_is_noise(state.problem, fit, search.significance)):
             state, pairs = _pairs(search, state, number, fit)
             proposals += _promising(pairs, [p for p in proposals if p[1] is fit])
     chosen: dict[Names, tuple[Fit, Score]] = {}
@@ -200,10 +206,13 @@ def fit_proposals(
     number: int,
     proposals: Sequence[tuple[Fit, Score]],
     progress: float,
-    known: float = math.inf,
+    known: Fit | None = None,
 ) -> tuple[SearchState, list[Fit]]:
-    """Fit the candidates of a round; those that were solved, best first. ``known``: the lowest cost so far."""
-    state, raced = fit_and_rank(search, state, proposals, known, progress, most=search.settings.candidates)
+    """Fit the candidates of a round; those that were solved, best first. ``known``: a model that leaves noise."""
+    cost, most = math.inf if known is None else known.cost, search.settings.candidates
+    state, raced = fit_and_rank(
+        search, state, proposals, cost, progress, most=most, explained=known is not None
+    )
     problem = state.problem
     for fit, score, new in raced:
         entries = tuple(
@@ -234,6 +243,7 @@ def fit_and_rank(
     more: Mapping[str, Sequence[Point]] | None = None,
     most: int | None = None,
     margin: float = 0.0,
+    explained: bool = False,
 ) -> tuple[SearchState, list[tuple[Fit, Score, Fit]]]:
     """Fit models, each a fitted one with one more effect; those that cannot come near the best are stopped.
 
@@ -244,7 +254,7 @@ def fit_and_rank(
     starters
         A fitted model, and the score of an effect beside it.
     known
-        Lowest cost so far.
+        Lowest cost so far [1].
     progress
         Fraction of the search that is done [1].
     more
@@ -253,6 +263,8 @@ def fit_and_rank(
         So many models are fitted at most: those that promise most at their predicted values; None for all.
     margin
         See `finished`.
+    explained
+        Whether a model with the known cost leaves noise; that of the best model of the state is seen.
 
     Returns
     -------
@@ -267,7 +279,7 @@ def fit_and_rank(
         search.report(f"fitting {listed_names([score.effect.name for _, score in new])}", progress)
     # The first effect is fitted to the end, whatever time that takes.
     race = fitting.Race(known, search.deadline if state.best.effects else math.inf)
-    explained = residual_is_noise(problem, state.best, search.significance)
+    explained = explained or residual_is_noise(problem, state.best, search.significance)
     begun: list[tuple[tuple[Fit, Score], Fit]] = []
     if most is not None and not explained:
         begun = _descended(problem, new[:FIRST], race)
@@ -332,7 +344,7 @@ def candidate_fit(
     race: fitting.Race,
     more: Sequence[Point] = (),
 ) -> fitting.Fitting:
-    """Fit a candidate beside a model from the first start; from the others where its cost stays too high.
+    """Fit a candidate beside a model, on its path, from the first start; from the others where the cost stays too high.
 
     Parameters
     ----------
@@ -361,13 +373,14 @@ def candidate_fit(
             return now
         other = yield from fitting.descend(problem, other, race, 12 if more else 5)
         now = min(now, other, key=lambda f: f.cost)
-    if now.solved and now.cost <= race.limit:
-        now = yield from fitting.finish(problem, replace(now, given_up=False), race)
     return now
 
 
 def finished(problem: FitProblem, fits: Sequence[Fit], race: fitting.Race, margin: float = 0.0) -> list[Fit]:
-    """Fits of which the best is improved to the end, with those that may come near it.
+    """Fits of which those that come near the best are improved to the end, see `tdcr_fe.identify.fitting.finish`.
+
+    First those that the race has not left behind, all at a time; then, for as long as the order changes, those whose
+    BIC is near that of the best.
 
     Parameters
     ----------
@@ -381,17 +394,17 @@ def finished(problem: FitProblem, fits: Sequence[Fit], race: fitting.Race, margi
         Fits whose BIC is within so much of the best one are improved as well.
     """
     found, done = list(fits), set[int]()
-    while True:
-        ranks = [rank(problem, f) if f.solved else math.inf for f in found]
-        lowest = min(ranks, default=math.inf)
-        near = lowest + max(margin, PATH_SHARE * lowest + PATH_MARGIN)
-        todo = [i for i, f in enumerate(found) if i not in done and f.cost <= race.limit and ranks[i] <= near]
-        if not todo or math.isinf(lowest):
-            return found
+    todo = [i for i, f in enumerate(found) if f.solved and f.cost <= race.limit]
+    while todo:
         ready = [fitting.finish(problem, replace(found[i], given_up=False), race) for i in todo]
         for i, fit in zip(todo, fitting.run_fits(problem, ready), strict=True):
             found[i] = fit
             done.add(i)
+        ranks = [rank(problem, f) if f.solved else math.inf for f in found]
+        lowest = min(ranks, default=math.inf)
+        near = lowest + max(margin, PATH_SHARE * lowest + PATH_MARGIN)
+        todo = [i for i, f in enumerate(found) if i not in done and f.cost <= race.limit and ranks[i] <= near]
+    return found
 
 
 def scores_beside(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score]]:

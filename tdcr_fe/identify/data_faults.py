@@ -43,6 +43,8 @@ FARTHEST = 2.0
 CLEAR_JUMP, LEAST_PART, BESIDE_TREND = 4.0, 4, 0.7
 #: Other drives are simulated with friction where they leave less than this share of the residual without it [1].
 LIKELY = 0.5
+#: Share of the readings that must be predicted without friction to say whether drives are likely [1].
+SOLVED_SHARE = 0.25
 #: Largest number of load steps that are simulated to try exchanged tendons.
 MOST_STEPS = 1500
 
@@ -415,7 +417,8 @@ def _likely_without_friction(
     """Whether other drives would remove most of the residual, by the change of the predictions without friction.
 
     A run without friction costs a tenth of one with it. The exchange of two tendons moves the robot by as much as they
-    do; friction changes a part of that.
+    do; friction changes a part of that. Where other drives are not solved to the end, the steps before that decide, if
+    they are `SOLVED_SHARE` of all; fewer say nothing, and the drives are tried with friction.
     """
     if problem.experiment.model.friction == "none":
         return [True] * len(experiments)
@@ -428,9 +431,13 @@ def _likely_without_friction(
         for e, run in zip(free, problem.solve(free), strict=True)
     ]
     r = declared.residual[problem.readings.is_position]
-    least = LIKELY * float(np.mean(np.abs(r)))
-    # What cannot be predicted without friction is tried with it.
-    return [not float(np.mean(np.abs(r + other - here))) > least for other in others]
+    found = []
+    for other in others:
+        left = np.abs(r + other - here)
+        known = np.isfinite(left)
+        enough = np.count_nonzero(known) >= SOLVED_SHARE * r.size
+        found.append(not enough or bool(np.mean(left[known]) <= LIKELY * np.mean(np.abs(r[known]))))
+    return found
 
 
 def _commanded(experiment: Experiment) -> tuple[LoadStep, ...]:

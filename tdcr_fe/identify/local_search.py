@@ -44,6 +44,9 @@ AHEAD = 0.5
 #: that at which a fit is of interest, fewer where the best model leaves noise.
 MOVED, MOVABLE, MOVABLE_BESIDE_NOISE = 2, 10.0, 3.0
 
+#: A place is left where its linear model does not come below so many times the cost of the place before.
+OUT_OF_REACH = 10.0
+
 
 def local_search(search: Search, state: SearchState) -> Stage:
     """Try single bays, and springs at one location, beside the best model, smaller ones, and the declared one."""
@@ -115,6 +118,7 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
     fits = fitting.run_fits(
         state.problem, [candidate_fit(state.problem, b, x, None, race) for b, x in chosen]
     )
+    explained = explained or any(residual_is_noise(state.problem, f, search.significance) for f in fits)
     movable = MOVABLE_BESIDE_NOISE if explained else MOVABLE
     fits = finished(state.problem, better_places(state.problem, fits, sizes, race, movable), race)
     for new in fits:
@@ -190,10 +194,19 @@ def _moved(
 ) -> fitting.Fitting:
     """A model with its last effect at another place, fitted from the same size or another, if it may win the race."""
     values = {k: v for k, v in fit.values.items() if k != fit.names[-1]}
-    sizes = [fit.values[fit.names[-1]], *([] if size is None else [dict(size)])]
-    starts = [{**values, effect.name: x} for x in sizes]
-    now = yield from fitting.begin(problem, (*fit.effects[:-1], effect), starts, race, fit)
-    return (yield from fitting.descend(problem, now, race))
+    effects = (*fit.effects[:-1], effect)
+    sizes = [*([] if size is None else [dict(size)]), fit.values[fit.names[-1]]]
+    best: Fit | None = None
+    for x in sizes:
+        now = yield from fitting.begin(problem, effects, [{**values, effect.name: x}], race, fit)
+        if best is None or fitting.reachable_cost(problem, now) < fitting.reachable_cost(problem, best):
+            best = now
+        if fitting.reachable_cost(problem, best) <= race.limit or race.over:
+            break
+    assert best is not None
+    if fitting.reachable_cost(problem, best) > OUT_OF_REACH * race.limit:
+        return replace(best, given_up=True)
+    return (yield from fitting.descend(problem, best, race))
 
 
 def _with_local(state: SearchState, fits: Sequence[Fit]) -> SearchState:

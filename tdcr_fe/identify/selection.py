@@ -6,7 +6,6 @@ keeps the last one that was complete.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -88,9 +87,9 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
         if located is not None:
             state = replace(located, best=located.declared, rivals={})
             level = [state.declared]
-        state, proposals = propose(search, state, number, level, progress)
+        state, proposals = propose(search, state, number, level, progress, located is not None)
         yield state
-        known = math.inf if located is None else located.best.cost
+        known = None if located is None else located.best
         state, fits = fit_proposals(search, state, number, proposals, progress, known)
         accepted = [
             f

@@ -7,9 +7,9 @@ import pytest
 from identify_data import MODEL, ROBOT, measured
 
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.data_faults import jump_of_residual
+from tdcr_fe.identify.data_faults import _likely_without_friction, jump_of_residual
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.problem import Fit, FitProblem
+from tdcr_fe.identify.problem import Fit, FitProblem, evaluate
 from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import BadRow, Reading
@@ -74,6 +74,30 @@ def test_exchanged_tendons_are_named(clean):
     result = identify(replace(clean, steps=steps))
     assert result.verdict == "cannot tell"
     assert f"tendons {a} and {b} are exchanged" in result.remaining.description
+
+
+class _Unsolved(FitProblem):
+    """Of every run but the first, only the first six steps are solved."""
+
+    def solve(self, experiments, reference=None, record=False):
+        first, *others = super().solve(experiments, reference, record)
+        return [first, *(replace(r, positions=r.positions * self._known(r)) for r in others)]
+
+    def _known(self, run):
+        return np.where(np.arange(len(run.positions)) < 6, 1.0, np.nan)[:, None, None]
+
+
+def test_other_drives_that_are_not_solved_without_friction_are_judged_by_the_steps_that_are():
+    """They were simulated with friction then: a blind set took half its time for displacements of the other sign."""
+    data = measured(
+        {"gravity": {"g_x": 5.0, "g_y": 0.0, "g_z": 0.0}}, model=replace(MODEL, friction="per-hole")
+    )
+    count = len(data.readings)
+    own = _Unsolved.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
+    other = {"t1": "t2", "t2": "t1"}
+    steps = tuple(replace(s, tensions={other[n]: t for n, t in s.tensions.items()}) for s in data.steps)
+    exchanged = replace(own.experiment, steps=steps)
+    assert _likely_without_friction(own, evaluate(own, (), {}), [exchanged]) == [False]
 
 
 def test_sensor_that_stands_still_is_named(clean):
