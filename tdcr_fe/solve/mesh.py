@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.wording import steps_named
 from tdcr_fe.scene import TDCR
 from tdcr_fe.solve.element_equations import ElementModel
+from tdcr_fe.solve.equations.state import SolverState, StoredState
 from tdcr_fe.solve.mesh_error import MeshEstimate, SolvedState, estimate
 from tdcr_fe.solve.simulation import Simulation
+
+Array = NDArray[np.float64]
 
 #: Solved states that are estimated at once.
 CHUNK = 8
@@ -103,6 +108,26 @@ def refined(
     if total > MOST_ELEMENTS:
         wanted = np.maximum(n, np.floor(wanted * MOST_ELEMENTS / total))
     return tuple(int(x) for x in wanted)
+
+
+def on_mesh(state: StoredState, old: Array, new: Array, there: SolverState) -> StoredState:
+    """A state of a robot alone in its scene on another mesh, with the same strains.
+
+    Parameters
+    ----------
+    state
+        On the old mesh.
+    old, new
+        Arc lengths of the nodes of both [m].
+    there
+        Any state on the new mesh.
+    """
+    before, unknowns = state.unknowns.twists[0], there.configuration.unknowns
+    # The sum of the twists from the base on is linear in the arc length within each element.
+    summed = np.concatenate((np.zeros((1, 6)), before.cumsum(axis=0)))
+    twists = np.diff(np.stack([np.interp(new, old, column) for column in summed.T], axis=1), axis=0)
+    moved = unknowns._replace(twists=(twists,), bases=state.unknowns.bases)
+    return replace(state, unknowns=moved)
 
 
 def mesh_warnings(

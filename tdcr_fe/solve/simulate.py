@@ -18,6 +18,7 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.sensitivities import Sensitivities
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.mesh import elements_of_bays
+from tdcr_fe.solve.equations.state import StoredState
 from tdcr_fe.solve.instability import ExternalCompression, instability_warnings, is_unstable
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, StepFailed
 from tdcr_fe.solve.mesh import (
@@ -25,6 +26,7 @@ from tdcr_fe.solve.mesh import (
     MeshMonitor,
     error_order,
     mesh_warnings,
+    on_mesh,
     refined,
 )
 from tdcr_fe.solve.mesh_error import MeshEstimate
@@ -171,9 +173,10 @@ def _refined_runs(
     counts = elements_of_bays(robot, model)
     automatic = model.elements_per_bay == "auto" and reference_path is None
     kept: _Run | None = None
+    last: _Run | None = None
     for mesh in range(1, MOST_MESHES + 1):
         meshed = replace(model, elements_per_bay=counts)
-        last = _Run(robot, meshed, steps, targets, settings, progress, request)
+        last = _Run(robot, meshed, steps, targets, settings, progress, request, last)
         finer = last.take_steps(reference_path, automatic and mesh < MOST_MESHES)
         if kept is None or len(last.solved) >= len(kept.solved):
             kept = last
@@ -182,7 +185,7 @@ def _refined_runs(
         counts = finer
         # A refined mesh is one for the steps to come as well.
         request = request._replace(pilots=False)
-    assert kept is not None
+    assert kept is not None and last is not None
     return kept, last
 
 
@@ -230,6 +233,7 @@ class _Run:
         settings: SolverSettings,
         progress: Callable[[StepResult], None] | None,
         request: _Request,
+        before: _Run | None = None,
     ) -> None:
         self.steps, self.targets, self.progress = steps, targets, progress
         self.simulation = Simulation(robot, model, targets, settings)
@@ -249,6 +253,8 @@ class _Run:
         self.message = CONVERGED
         # Estimates for steps to come, see `_pilot`; None until there is need of them.
         self.pilots: list[MeshEstimate] | None = None if request.pilots else []
+        #: States that are near the ends of the steps, from which their solutions begin.
+        self.near: dict[int, StoredState] = {} if before is None else before.near_on(self.simulation)
 
     def take_steps(self, reference_path: PathRecord | None, refine: bool) -> tuple[int, ...] | None:
         """Solve all steps; or return the elements per bay of the finer mesh that they need."""
@@ -259,8 +265,16 @@ class _Run:
                 reference = None if reference_path is None else reference_path[number - 1]
                 follow = None if self.history is None else self.history.advance
                 report = self.simulation.advance(
-                    target, step.substeps, reference, increments, follow, divide=follow is not None
+                    target,
+                    step.substeps,
+                    reference,
+                    increments,
+                    follow,
+                    divide=follow is not None,
+                    near=self.near.get(number),
                 )
+                if refine:
+                    self._keep_near(number, report)
                 result = self._result(number, step, report, target)
             except StepFailed as failure:
                 label = f" ({step.label})" if step.label else ""
@@ -296,21 +310,37 @@ class _Run:
         if not refine or self.pilots is not None or not costly or number == len(self.steps):
             return changed
         self.monitor.flush()
-        self.pilots = [] if self._too_coarse() else self._pilot(self.targets[number:])
+        self.pilots = [] if self._too_coarse() else self._pilot(number)
         return True
 
-    def _pilot(self, targets: Sequence[Actuation]) -> list[MeshEstimate]:
-        """Estimates for steps to come, each solved whole, whatever its friction path; the state is as before."""
+    def _pilot(self, solved: int) -> list[MeshEstimate]:
+        """Estimates for the steps after those solved, each solved whole, whatever its friction path.
+
+        The state is as before; those of the steps to come are kept, as near those that they will have.
+        """
         start, monitor = self.simulation.position, MeshMonitor(self.simulation, self.goal)
         try:
-            for target in targets:
-                self.simulation.advance(target, substeps=1)
+            for number, target in enumerate(self.targets[solved:], start=solved + 1):
+                report = self.simulation.advance(target, substeps=1)
                 monitor.record()
+                self._keep_near(number, report)
         except StepFailed:
             pass
         monitor.flush()
         self.simulation.return_to(start)
         return monitor.estimates
+
+    def _keep_near(self, number: int, report: LoadStepReport) -> None:
+        """Keep the present state as near the end of a step; not after a snap-through, which must be found again."""
+        if report.snapped or report.presliding_factor > 1.0:
+            self.near.pop(number, None)
+        else:
+            self.near[number] = self.simulation.state.stored()
+
+    def near_on(self, finer: Simulation) -> dict[int, StoredState]:
+        """The states of the steps as far as they are known, on a finer mesh."""
+        old, new = (run.handle.mesh.arc_lengths for run in (self.simulation, finer))
+        return {n: on_mesh(state, old, new, finer.state) for n, state in self.near.items()}
 
     def _result(self, number: int, step: LoadStep, report: LoadStepReport, target: Actuation) -> StepResult:
         """The present state as a result, with the responses of the tip where they are asked for."""

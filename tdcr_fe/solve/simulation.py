@@ -18,7 +18,7 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
 from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.state import SolverState, Target
+from tdcr_fe.solve.equations.state import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Path, StepFailed
@@ -118,6 +118,7 @@ class Simulation:
         follow: PathObserver | None = None,
         divide: bool = False,
         at_end: bool = False,
+        near: StoredState | None = None,
     ) -> LoadStepReport:
         """Solve one load step.
 
@@ -141,6 +142,8 @@ class Simulation:
             Where the path has reversals located within a substep, `follow` is only called with its end, and as if the
             history ended there: holes that stick then hold on, whatever the inputs on the way. That saves the path
             that is divided.
+        near
+            A state that is near the end of the step, from which its solution begins.
 
         Raises
         ------
@@ -158,6 +161,7 @@ class Simulation:
             self.system, self.state, self.state.time, target.time, self._set_creep if creeps else None
         )
         divide = divide or record_path is not None
+        guess = None if near is None else self.system.warm_start(self.state, near)
 
         def solved(divide: bool) -> Path:
             with one_thread():
@@ -171,6 +175,7 @@ class Simulation:
                     self._end,
                     self._last,
                     divide=divide,
+                    near=guess,
                 )
 
         try:

@@ -201,6 +201,21 @@ def test_a_large_step_of_six_tendons_takes_few_solves(monkeypatch):
     assert distance(found.tips, tight.tips) < 1e-5 * case.robot.backbone.length
 
 
+def test_the_error_of_a_path_through_several_states_is_that_without_every_other_of_them():
+    """A step through three states within it: once their number had to be doubled for an estimate, to seven."""
+    case = draw(2)
+    model = replace(case.model, elements_per_bay=1)
+    before, step = case.steps[:2]
+    found = simulate(case.robot, model, (before, step))
+    assert found.steps[-1].substeps == 4
+    assert found.steps[-1].details["refinement_error"] == 0.0
+    fine = simulate(case.robot, model, (before, replace(step, substeps=256)))
+    whole = simulate(case.robot, model, (before, replace(step, substeps=1)))
+    length = case.robot.backbone.length
+    assert np.abs(found.tips[-1] - fine.tips[-1]).max() < 2e-6 * length
+    assert np.abs(whole.tips[-1] - fine.tips[-1]).max() > 1e-4 * length
+
+
 def test_a_pull_from_rest_takes_one_solve_although_every_hole_begins_to_slip():
     """Twelve holes change from stick to slip; version 0.1 solved this load step three times."""
     result = solve(paper(0.3), pull(1.0))

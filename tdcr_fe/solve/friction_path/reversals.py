@@ -37,7 +37,8 @@ SAFETY = 2.0
 NEGLIGIBLE = 0.01
 #: Uncertainty of what located reversals cause before the substep is solved with them, as a fraction of it [1].
 CORRECTION_ERROR = 0.03
-#: Error of reversals located with twice as many states within the substep as before, over what they changed [1].
+#: Error of reversals located through states within the substep, over what changes where every other of them is left
+#: out, or since there were less of them [1].
 REFINED_ERROR = 0.5
 #: Largest effect of reversals over that at first order [1].
 FIRST_ORDER = 1.25
@@ -349,6 +350,10 @@ def find_reversals(
     turning = _history(start, end, holes, path, corrected) if path.complete and locate else None
     if turning is not None and len(points) > 2:
         error = REFINED_ERROR * effect
+        if error > allowed and len(points) % 2 == 1:
+            coarser = substep._replace(model=substep.model.through_every_other_state())
+            moved = corrected - coarser.with_reversals(coarser.follow())
+            error = min(error, REFINED_ERROR * substep.displacement(moved, end.numbering) / length)
         return Reversals(effect, error, 0.5, error, turning, path)
     if path.complete:
         located = Reversals(effect, 0.0, _division(path, corrected - substep.after))

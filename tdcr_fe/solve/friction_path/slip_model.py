@@ -317,6 +317,11 @@ class SlipModel:
         """The same with another factor on the parabola."""
         return SlipModel(*self._given, bulge)
 
+    def through_every_other_state(self) -> SlipModel:
+        """The same without every other state within the substep, of which there is an odd number."""
+        transfer, ends, holes, unknown, presliding = self._given
+        return SlipModel(transfer, ends[::2], holes, unknown, presliding)
+
     def _interval(self, factor: float) -> _Interval:
         return self._intervals[min(bisect_right(self.ends, factor), len(self.ends) - 1)]
 

@@ -22,7 +22,7 @@ from tdcr_fe.solve.load_steps.continuity import is_continuous
 from tdcr_fe.solve.load_steps.load_path import Increment, Path, Progress, StepFailed, one_substep
 from tdcr_fe.solve.load_steps.ramp import Ramp
 from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver, with_history_of
-from tdcr_fe.solve.load_steps.substep_reversals import SubstepReversals, has_rates
+from tdcr_fe.solve.load_steps.substep_reversals import Attempt, SubstepReversals, has_rates
 from tdcr_fe.solve.newton.newton import NewtonResult
 
 #: Parts of a load step to begin with where functions of the user set inputs or loads.
@@ -36,12 +36,15 @@ class _Goal(NamedTuple):
     ----------
     load_factor : float
         [1].
-    near : Equilibrium or None
-        A solution there that is near the one looked for.
+    near : SolverState or None
+        A state there that is near the one looked for.
+    linearization : Linearization or None
+        In that state, where known.
     """
 
     load_factor: float
-    near: Equilibrium | None = None
+    near: SolverState | None = None
+    linearization: Linearization | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +62,15 @@ class LoadStepper:
     divide : bool
         Whether substeps always end where slips reverse, so that each has the history of the one before, as derivatives
         along the path need it. Else a substep may be solved with the reversals located in it.
+    near : SolverState or None
+        A state that is near the end of the load step, from which its solution begins.
     """
 
     solver: SubstepSolver
     start: Equilibrium | None = None
     linearization: Linearization | None = None
     divide: bool = False
+    near: SolverState | None = None
 
     def solve(
         self,
@@ -198,17 +204,20 @@ class LoadStepper:
         """The load step in equal parts, each divided further where slips reverse."""
         goals = [(k + 1) / count for k in range(count)]
         path = Path(state, linearization=self.linearization)
-        return self._followed(Progress(path, here=self.start), goals)
+        return self._followed(Progress(path, here=self.start), goals, self.near if count == 1 else None)
 
-    def _followed(self, now: Progress, ends: Sequence[float]) -> Path:
-        """From a state on, in parts with these ends."""
+    def _followed(self, now: Progress, ends: Sequence[float], near: SolverState | None = None) -> Path:
+        """From a state on, in parts with these ends; a state near the last one may be known."""
         reversals = SubstepReversals(self.solver, self.divide)
         goals = [_Goal(end) for end in reversed(ends)]
+        goals[0] = _Goal(ends[-1], near)
         while goals:
-            goal, near = goals[-1]
-            guess, line = now.path.state, now.path.linearization
-            if near is not None:
-                guess, line = with_history_of(near.state, guess), near.linearization
+            goal, near, line = goals[-1]
+            guess = now.path.state
+            if near is None:
+                line = now.path.linearization
+            else:
+                guess = with_history_of(near, guess)
             result = self.solver.solve(guess, goal, line, now.path.state)
             if not result.converged:
                 if near is not None:
@@ -221,16 +230,14 @@ class LoadStepper:
                     continue
                 now = now.with_rejected(result.iterations)
                 continue
-            part = reversals.attempt(now, goal, result, near)
+            part = reversals.attempt(now, goal, result, line, predicted=near is None)
             now = now.with_rejected(part.spent)
             length = goal - now.load_factor
             room = (
                 now.path.substeps + len(goals) < self.solver.settings.max_substeps and length > SMALLEST_PART
             )
             if part.division < 1.0 and room:
-                goals[-1] = _Goal(
-                    goal, None if self.solver.jump_suspected(now.path.state, part.result.state) else part.end
-                )
+                goals[-1] = self._near(goal, now.path.state, part)
                 goals.append(_Goal(now.load_factor + part.division * length))
                 now = now.with_rejected(part.result.iterations)._replace(here=part.start)
             else:
@@ -248,6 +255,12 @@ class LoadStepper:
         if error == 0.0 and now.here is None:
             return now.path
         return replace(now.path, refinement_error=error, end=now.here)
+
+    def _near(self, goal: float, before: SolverState, part: Attempt) -> _Goal:
+        """A goal to which a substep was solved that is divided now, and its solution where that is on this branch."""
+        if part.end is None or self.solver.jump_suspected(before, part.result.state):
+            return _Goal(goal)
+        return _Goal(goal, part.end.state, part.end.linearization)
 
     def _rescued(self, now: Progress, goal: float, failed: NewtonResult) -> Path:
         """The path with a smallest substep that does not converge."""
@@ -284,6 +297,7 @@ def solve_ramp(
     start: Equilibrium | None = None,
     linearization: Linearization | None = None,
     divide: bool = False,
+    near: SolverState | None = None,
 ) -> Path:
     """Take a scene through a load step and leave it in the state reached; the one driver of all load steps.
 
@@ -303,7 +317,7 @@ def solve_ramp(
         The end of the path before, where nothing has changed since.
     linearization
         The last one of the path before, for the first iteration.
-    divide
+    divide, near
         See `LoadStepper`.
 
     Returns
@@ -318,9 +332,8 @@ def solve_ramp(
         of the step.
     """
     try:
-        path = LoadStepper(SubstepSolver(system, ramp, settings), start, linearization, divide).solve(
-            state, substeps, reference_path
-        )
+        stepper = LoadStepper(SubstepSolver(system, ramp, settings), start, linearization, divide, near)
+        path = stepper.solve(state, substeps, reference_path)
     except BaseException as stop:
         reached, load_factor = (
             (stop.state, stop.load_factor) if isinstance(stop, StepFailed) else (state, 0.0)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.numbering import Numbering
 from tdcr_fe.solve.equations.state import SolverState
 from tdcr_fe.solve.equations.system import SceneSystem
@@ -115,17 +116,36 @@ class SubstepReversals:
     solver: SubstepSolver
     divide: bool = False
 
-    def attempt(self, now: Progress, goal: float, result: NewtonResult, near: Equilibrium | None) -> Attempt:
-        """A converged substep: as it is, or to be divided where slips reverse."""
+    def attempt(
+        self, now: Progress, goal: float, result: NewtonResult, near: Linearization | None, *, predicted: bool
+    ) -> Attempt:
+        """A converged substep: as it is, or to be divided where slips reverse.
+
+        Parameters
+        ----------
+        now
+            Where it begins.
+        goal
+            Load factor at its end [1].
+        result
+            The solve.
+        near
+            Linearisation with which it began, for a solve without any iteration.
+        predicted
+            Whether it began at its start. From a guess near the solution, the first iteration predicts nothing about
+            the way there.
+        """
         settings, system = self.solver.settings, self.solver.system
-        line = result.linearization
-        if line is None and near is not None:
-            line = near.linearization
-        if line is None or not line.numbering.has_friction or has_rates(system) or goal == now.load_factor:
+        if not system.numbering().has_friction or has_rates(system) or goal == now.load_factor:
             return Attempt(result)
+        if predicted and result.linearization is None:
+            # Nothing changes.
+            return Attempt(result)
+        line = result.linearization or near
+        if line is None:
+            line = self._linearised(result.state, goal).linearization
         whole = now.load_factor == 0.0 and goal == 1.0
-        # From a guess near the solution, the first iteration predicts nothing about the way there.
-        steady = result if near is None else result._replace(predicted_slips=None)
+        steady = result if predicted else result._replace(predicted_slips=None)
         if (
             whole
             and not (self.solver.ramp.loads_change or self.solver.ramp.curved)
