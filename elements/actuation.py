@@ -21,6 +21,7 @@ from tdcr_fe.elements.elastic_tendons import ElasticTendons, stretch
 from tdcr_fe.elements.forces import ForceModel, TendonForces
 from tdcr_fe.elements.friction import FrictionState, TendonLaw
 from tdcr_fe.elements.history import HistoryNodes, RobotHistory
+from tdcr_fe.elements.iterated_backbone import IteratedBackbone
 from tdcr_fe.elements.motors import Motor, wound
 from tdcr_fe.elements.node_coordinates import NodeCoordinates
 from tdcr_fe.elements.scene_forces import Holes, Inputs, SceneForces, values_at
@@ -101,6 +102,7 @@ class TendonActuation:
         self.motors: tuple[Motor, ...] = ()
         self._node_coordinates = NodeCoordinates(system, self.nodes)
         self._scene_forces = SceneForces(self._node_coordinates, model)
+        self._backbone = IteratedBackbone(system, self._node_coordinates)
         self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
         self._no_jacobian = _container(np.zeros((7 * len(self.nodes),) * 2))
         self._force_function: Any = 0
@@ -301,9 +303,14 @@ class TendonActuation:
         if self.motors:
             nodes, inputs = self._wound(displacements, t)
             tangent = self._scene_forces.tangent_with_motors(nodes, t, inputs, self._elastic(), self.motors)
-            return _container(-by_position * tangent)
-        moved, tendons = np.array(displacements), self._elastic()
-        tangent = self._scene_forces.tangent(moved, t, self.inputs, tendons, self.holes)
+        else:
+            nodes, tendons = np.array(displacements), self._elastic()
+            tangent = self._scene_forces.tangent(nodes, t, self.inputs, tendons, self.holes)
+        # Both factors together are those of an iteration in time; derivatives for linearised systems are exact.
+        if by_velocity != 0.0 and by_position != 0.0:
+            excess = self._backbone.excess_tangent(self.mesh, nodes)
+            if excess is not None:
+                tangent[: nodes.size, : nodes.size] -= excess
         tangent *= -by_position
         return _container(tangent)
 

@@ -28,7 +28,7 @@ FIGURES: dict[str, tuple[str, float]] = {
     "energy": ("balance of energy over 0.5 s at 1 ms, 20 random robots [work]", 1e-4),
     "energy numerical": ("numerical dissipation in these, by the error of the time step [work]", 1.5e-4),
     "energy half": ("the same of the two with the most, at 0.5 ms [work]", 1e-4),
-    "sudden": ("cut and sudden pull of 2 N, steps over those of 1 ms", 5.0),
+    "sudden": ("cut and sudden pull of 2 N, thin and thick disks: steps over those of 1 ms", 5.0),
     "sudden long": ("the same, over those of 5 ms", 5.0),
     "recommended": ("robots of the tests that the recommended settings do not solve at 1 ms", 0),
     "step 1": ("step of 13 disks, one tendon with friction, over constant forces without hooks", 2.5),

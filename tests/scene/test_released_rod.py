@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import BACKBONE, LENGTH, Robot, distance, scene, three
+from robots import BACKBONE, DISKS, LENGTH, Robot, distance, scene, three
 
 from tdcr_fe.model.disks import Disks
 from tdcr_fe.native import register
@@ -48,16 +48,21 @@ def test_a_released_rod_moves_as_with_a_finer_step_and_mesh(figure):
     figure("rod", distance(coarse, fine))
 
 
-@pytest.mark.parametrize(("step", "most"), [(1e-3, 2.0), (5e-3, 5.0)])
+@pytest.mark.parametrize(
+    ("step", "thickness"),
+    [(1e-3, 0.0), (5e-3, 0.0), (5e-3, 4e-3), pytest.param(1e-3, 4e-3, marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("change", ["cut", "pull"])
-def test_a_cut_tendon_and_a_sudden_pull_of_two_newton_are_solved(change, step, most, figure):
+def test_a_cut_tendon_and_a_sudden_pull_of_two_newton_are_solved(change, step, thickness, figure):
     """With friction and modified Newton, in a tenth of a second: not many more steps than asked for.
 
     In version 0.1 with Exudyn's default ``adaptInitialResidual`` the run was lost in the first step: after an iteration
     that diverges the next one counts as a solution. With tangents of the friction alone, all holes slid one way in one
-    iteration and the other way in the next, and the sudden pull took 8.5 times the steps.
+    iteration and the other way in the next, and the sudden pull took 8.5 times the steps. With the geometric stiffness
+    of whatever axial forces an iterate has, steps of 5 ms took 4.5 times as many, and 9 to 13 times with thick disks.
     """
-    _keep, mbs, handle = scene(three(0.3))
+    disks = replace(DISKS, thickness=thickness)
+    _keep, mbs, handle = scene(three(0.3, disks=disks))
     if change == "cut":
         handle.set_tensions([2.0, 0.0, 0.0])
         SolveTDCR(mbs)
@@ -68,6 +73,6 @@ def test_a_cut_tendon_and_a_sudden_pull_of_two_newton_are_solved(change, step, m
     assert mbs.SolveDynamic(settings)
     taken = mbs.sys["dynamicSolver"].it.currentStepIndex / round(0.1 / step)
     figure("sudden" if step < 5e-3 else "sudden long", taken)
-    assert taken <= most
+    assert taken <= (2.0 if step < 5e-3 else 3.0)
     assert distance(handle.tip_position, start) > 0.1
     assert np.linalg.norm(handle.tip_position) < 1.001 * LENGTH
