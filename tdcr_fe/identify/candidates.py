@@ -10,7 +10,13 @@ import numpy as np
 
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.criteria import rank, reduced_chi_square, required_drop, residual_is_noise
+from tdcr_fe.identify.criteria import (
+    noise_cost,
+    rank,
+    reduced_chi_square,
+    required_drop,
+    residual_is_noise,
+)
 from tdcr_fe.identify.findings import Candidate
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.screening import Score, screen
@@ -32,15 +38,23 @@ PROMISE = 0.1
 #: prediction.
 SECOND_LOOK = 4
 
-#: Where one of so many that promise most leaves noise, those are not tried whose predicted cost is more than so many
-#: times that at which a fit is of interest.
-FIRST, HOPELESS = 2, 10.0
+#: So many that promise most go first. Where one of them leaves noise, those are not tried whose predicted cost is more
+#: than so many times that at which a fit is of interest, or that take off less than this share of what that one does.
+FIRST, HOPELESS, LITTLE_BESIDE_NOISE = 2, 10.0, 0.15
+
+#: The best of them is fitted to the end at once where its cost is at most so many times that of noise: the error of a
+#: path that is not its own may be larger than noise.
+NEARLY = 4.0
+
+#: Where it leaves less than this share of the misfit, those are not tried that take off less than this share.
+LITTLE = 0.05
 
 #: Fits whose BIC differs by less than this share and this constant may change order on substeps of their own, see
 #: `fitting.NEAR_PATH` [1].
 PATH_SHARE, PATH_MARGIN = 0.03, 20.0
 
-#: Local causes that saturate are simulated where no other one leaves less than this share of the misfit to first order.
+#: Local causes that saturate are simulated where no other one leaves less than this share of the misfit to first order,
+#: nor the best model.
 SOLVED = 0.1
 
 #: The first of them is tried so many times as strong as its probe points, which show only itself [1].
@@ -282,11 +296,10 @@ def fit_and_rank(
     explained = explained or residual_is_noise(problem, state.best, search.significance)
     begun: list[tuple[tuple[Fit, Score], Fit]] = []
     if most is not None and not explained:
-        begun = _descended(problem, new[:FIRST], race)
+        begun = _first(problem, new[:FIRST], race)
         explained = any(residual_is_noise(problem, f, search.significance) for _, f in begun)
     rest = new[len(begun) :]
-    if explained:
-        rest = [x for x in rest if x[1].cost(problem) <= HOPELESS * race.limit]
+    rest = [x for x in rest if _has_a_chance(problem, x, race, explained)]
     begun += _begun(problem, rest, race)
     if most is not None:
         fitted_before = len(starters) - len(new)
@@ -302,6 +315,18 @@ def fit_and_rank(
     return state, [(p, x, fit) for p, x, fit in known_fits if fit is not None]
 
 
+def _has_a_chance(
+    problem: FitProblem, starter: tuple[Fit, Score], race: fitting.Race, explained: bool
+) -> bool:
+    """Whether a candidate promises enough, to first order, beside the model that is ahead."""
+    parent, score = starter
+    predicted = score.cost(problem)
+    share = (parent.cost - predicted) / max(1e-300, parent.cost - race.lowest)
+    if explained:
+        return predicted <= HOPELESS * race.limit and share >= LITTLE_BESIDE_NOISE
+    return share >= LITTLE or race.lowest > LITTLE * parent.cost
+
+
 def _begun(
     problem: FitProblem, starters: Sequence[tuple[Fit, Score]], race: fitting.Race
 ) -> list[tuple[tuple[Fit, Score], Fit]]:
@@ -310,13 +335,17 @@ def _begun(
     return list(zip(starters, fitting.run_fits(problem, begun), strict=True))
 
 
-def _descended(
+def _first(
     problem: FitProblem, starters: Sequence[tuple[Fit, Score]], race: fitting.Race
 ) -> list[tuple[tuple[Fit, Score], Fit]]:
-    """Models with one more effect from their predicted values on, on the path of the others."""
+    """Models with one more effect, fitted on the path of those without; the best to the end if it may leave noise."""
     begun = _begun(problem, starters, race)
     fits = [fitting.descend(problem, f, race, 5, x.predicted) for (_, x), f in begun]
-    return list(zip(starters, fitting.run_fits(problem, fits), strict=True))
+    found = fitting.run_fits(problem, fits)
+    best = min(range(len(found)), key=lambda i: found[i].cost, default=None)
+    if best is not None and found[best].cost <= NEARLY * noise_cost(problem):
+        (found[best],) = fitting.run_fits(problem, [fitting.finish(problem, found[best], race)])
+    return list(zip(starters, found, strict=True))
 
 
 def _outlook(problem: FitProblem, parent: Fit, score: Score, fit: Fit) -> float:
@@ -443,7 +472,8 @@ def local_scores_beside(search: Search, state: SearchState, fit: Fit) -> tuple[S
         state, scores = first_order_local_scores(state, fit)
         least = min((x.cost(state.problem) for x in scores), default=math.inf)
         explained = residual_is_noise(state.problem, state.best, search.significance)
-        if least > SOLVED * fit.cost and not explained:
+        ahead = min(least, state.best.cost)
+        if (ahead > SOLVED * fit.cost or fit is state.best) and not explained:
             scores = sorted([*scores, *_strong_scores(state.problem, fit)], key=lambda s: -s.drop)
         state = replace(state, local_scores={**state.local_scores, key: scores})
     return state, state.local_scores[key]

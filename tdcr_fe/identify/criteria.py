@@ -80,6 +80,12 @@ def residual_is_noise(problem: FitProblem, fit: Fit, significance: float) -> boo
     return is_noise(structure(problem.data, r, len(fit.free)), significance)
 
 
+def noise_cost(problem: FitProblem) -> float:
+    """Sum of squares of the fitted readings up to which it is that of noise."""
+    count = int(np.count_nonzero(problem.fitted))
+    return count + NOISE_Z_SCORE * math.sqrt(2.0 * count)
+
+
 def chi_square_threshold(parameters: int, significance: float) -> float:
     """Fall of the sum of squares that so many parameters reach by chance, with Bonferroni's correction over effects."""
     return float(chdtri(max(1, parameters), significance / len(EFFECTS)))

@@ -153,12 +153,16 @@ def in_time(state: SearchState, stage: Stage, what: str) -> Stage:
 
 
 def fitted_model(
-    state: SearchState, effects: Sequence[Effect], starts: Sequence[Point]
+    state: SearchState, effects: Sequence[Effect], starts: Sequence[Point], whole: bool = False
 ) -> tuple[SearchState, Fit]:
-    """Fit a model on the path of the best one, or return the fit made before."""
+    """Fit a model on the path of the best one, or return the fit made before.
+
+    ``whole``: to its best values, even where it cannot come near the best model; else it ends where that is seen.
+    """
     key = frozenset(e.name for e in effects)
-    if key not in state.fits:
-        fitted = fitting.smaller(state.problem, effects, starts, state.best)
+    if key not in state.fits or (whole and state.fits[key].given_up):
+        race = fitting.Race() if whole else fitting.Race(state.best.cost)
+        fitted = fitting.smaller(state.problem, effects, starts, state.best, race)
         (new,) = fitting.run_fits(state.problem, [fitted])
         state = state.with_fit(new)
     return state, state.fits[key]

@@ -143,9 +143,10 @@ def with_intermediate_models(state: SearchState) -> SearchState:
     for i in range(1, len(effects)):
         part = effects[:i]
         known = state.fits.get(frozenset(e.name for e in part))
-        if known is None or not known.solved:
+        if known is None or not known.solved or known.given_up:
+            values = state.best.values if known is None or not known.solved else known.values
             try:
-                state, _ = fitted_model(state, part, [{e.name: state.best.values[e.name] for e in part}])
+                state, _ = fitted_model(state, part, [{e.name: values[e.name] for e in part}], whole=True)
             except OutOfTime:
                 return state.without_trying(SMALLER_MODELS)
     return state
