@@ -228,6 +228,10 @@ class Piece(NamedTuple):
     tension: Array
     tension_rate: Array
 
+    def shortened(self, share: float) -> Piece:
+        """A fraction of it, from its beginning on."""
+        return self._replace(part=share * self.part)
+
     def end(self, part: float, bounds: Bounds) -> tuple[float, Array, Array]:
         """Load factor, unknowns, and tensions of the segments after a part of it."""
         moved = part * self.motion.rate + (0.5 * part * part) * self.motion.rate_change
@@ -250,103 +254,209 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
     tension
         Of the segments there [N], shape (q,).
     """
-    k, c, presliding = len(mobilisation), len(base_tension), slips.presliding
-    z, bounds = np.append(mobilisation, base_tension), _bounds(k, base_tension)
-    tolerance = RATE_TOLERANCE * presliding
-    now, start, open_, slack = 0.0, np.zeros(0), None, np.zeros(c)
-    turning_slip, turning_factor, turning_mobilisation = np.zeros(k), np.zeros(k), mobilisation.copy()
-    stiffness = np.append(np.full(k, presliding), np.zeros(c))
-    scale = np.append(np.full(k, presliding), np.full(c, presliding / max(1e-3, float(tension.max()))))
-    free, excess = np.zeros(k + c, dtype=bool), np.zeros(k + c)
-    pieces: list[Piece] = []
-    complete, shortened, returned = False, 0, np.zeros(k + c, dtype=bool)
-    stops = iter(slips.ends)
-    stop, longest = 0.0, _longest(slips)
+    path = _Unknowns.of(slips, mobilisation, base_tension, tension)
+    k, z, bounds = path.holes, np.append(mobilisation, base_tension), path.bounds
+    now, pieces, shortened = 0.0, list[Piece](), 0
+    stuck = _Stuck(path)
+    turning = _Turning(np.zeros(k), mobilisation.copy(), np.zeros(k))
+    ends, longest = [*slips.ends], _longest(slips)
+    start: SlipState | None = None
     state: SlipState | None = None
-    evaluated, trial = _Evaluated.at(0.0, tension), None
-    for _ in range(50 + 6 * (k + c)):
-        side = bounds.side(z)
+    evaluated, trial = _Evaluated.at(now, tension), None
+    for _ in range(50 + 6 * len(z)):
         if state is None:
-            state, trial = slips.at(now, z, tension), None
-            tension = state.tension
+            state = slips.at(now, z, tension)
+            tension, start = state.tension, start or state
             evaluated = _Evaluated.at(now, tension)
-            inside = free.nonzero()[0]
-            if inside.size:
-                change = _correction(z, state, inside, excess, stiffness)
-                trial = _Trial(inside, z[inside] + change)
-                # What has come to its bound too early is moved back once: else its way there might never end.
-                at_bound = side[inside] != 0.0
-                change[at_bound & returned[inside]] = 0.0
-                returned[inside] = at_bound
-                z, state = _changed(z, state, inside, change, bounds)
-                side = bounds.side(z)
-        if not start.size:
-            start = state.slip
-        if c:
-            slack = np.maximum(-state.slip[k:], 0.0)
-            open_ = np.append(np.zeros(k, dtype=bool), slack > tolerance)
-        rates = solve_rates(state.columns, state.by_load, side, open_, scale, tolerance)
+            z, state, trial = stuck.corrected(z, state)
+        side = bounds.side(z)
+        slack = np.maximum(-state.slip[k:], 0.0)
+        rates = solve_rates(state.columns, state.by_load, side, path.open(slack), path.scale, path.tolerance)
         # Where the interpolation leads far from both ends, numbers may overflow: the path is then not complete.
         if rates is None or not isfinite(rates.excess @ rates.excess):
             break
-        held = rates.side == 0.0
-        turned = _NONE if rates.side is side else (held & (side != 0.0))[:k].nonzero()[0]
+        free = rates.side == 0.0
+        turned = _NONE if rates.side is side else (free & (side != 0.0))[:k].nonzero()[0]
         if turned.size and not evaluated.serves(now, tension, DECISIVE):
             state = None
             continue
         if turned.size and pieces and shortened < MOST_SHORTENINGS:
-            share = _reached(pieces[-1], turned, side, state, trial, bounds, LATE * presliding)
+            share = _reached(pieces[-1], turned, side, state, trial, bounds, LATE * path.presliding)
             if share < 1.0:
-                last, shortened = pieces.pop(), shortened + 1
-                last = last._replace(part=share * last.part)
-                pieces.append(last)
-                now, z, tension = last.end(last.part, bounds)
-                state = None
+                pieces[-1] = pieces[-1].shortened(share)
+                now, z, tension = pieces[-1].end(pieces[-1].part, bounds)
+                state, shortened = None, shortened + 1
                 continue
         shortened = 0
-        new = (held > free).nonzero()[0]
-        if new.size:
-            excess[new] = state.slip[new] - stiffness[new] * z[new]
-            excess[k:] = 0.0
-        free = held
+        stuck.hold(free, z, state)
         if turned.size:
-            turning_slip[turned], turning_factor[turned] = (state.slip - start)[turned], now
-            turning_mobilisation[turned] = side[turned]
-        if now >= stop - 1e-12:
-            stop = next(stops, 0.0)
-            if not stop:
-                complete = True
-                break
-        event = distance_to_bound(rates, z, bounds)
-        curved, most = event > STRAIGHT, longest
-        tension_rate = state.tension_rates(rates.free, rates.rate)
-        slope = _slope(slips, now, stop, z, state, rates, tension_rate, k) if curved else None
-        if curved and slope is None:
-            curved, most = False, STRAIGHT
-        if slope is not None:
-            if not isfinite(slope @ slope):
-                break
-            motion = rates.motion(slope)
-            event = min(
-                distance_to_curved_bound(motion, rates.free, z, bounds),
-                distance_to_reversal(motion, tolerance, k),
-            )
-        else:
-            motion = rates.motion(None)
-        if c:
-            event = min(event, distance_to_closing(motion, slack, k))
-        event = min(event, slips.distance_to_jump(z, motion.rate, state.tension, tension_rate))
-        part = min(stop - now, most, max(SHORTEST, event))
-        pieces.append(Piece(now, part, z, motion, state.tension, tension_rate))
-        now, z, tension = pieces[-1].end(part, bounds)
-        ended = curved or now >= stop - 1e-12
+            turning.set(turned, state.slip[turned] - start.slip[turned], side[turned], now)
+        if now >= ends[0] - 1e-12:
+            del ends[0]
+        if not ends:
+            break
+        piece, curved = _next_piece(slips, path, now, ends[0], longest, z, state, rates, slack)
+        if piece is None:
+            break
+        pieces.append(piece)
+        now, z, tension = piece.end(piece.part, bounds)
+        ended = curved or now >= ends[0] - 1e-12
         if ended or not evaluated.serves(now, tension) or state.jumps_to(slips.branches(z, tension)):
             state = None
         else:
-            state, trial = state.ahead(part, tension, rates.rate, rates.excess), None
-    return FollowedPath(
-        z, turning_slip, turning_mobilisation, turning_factor, complete, tuple(pieces), bounds
-    )
+            state, trial = state.ahead(piece.part, tension, rates.rate, rates.excess), None
+    return FollowedPath(z, *turning, not ends, tuple(pieces), bounds)
+
+
+class _Unknowns(NamedTuple):
+    """What is the same all along a path.
+
+    Attributes
+    ----------
+    holes : int
+        Number of mobilisations; tensions at the base follow.
+    presliding : float
+        Presliding distance [m].
+    tolerance : float
+        Slip rates below it are zero [m].
+    bounds : Bounds
+    stiffness : ndarray, shape (n,)
+        Presliding distance at holes, zero for tensions [m].
+    scale : ndarray, shape (n,)
+        From the unknowns to lengths [m, m/N].
+    """
+
+    holes: int
+    presliding: float
+    tolerance: float
+    bounds: Bounds
+    stiffness: Array
+    scale: Array
+
+    @classmethod
+    def of(cls, slips: Slips, mobilisation: Array, base_tension: Array, tension: Array) -> _Unknowns:
+        """Of a substep; arguments as of `follow`."""
+        k, presliding = len(mobilisation), slips.presliding
+        own = np.full(k, presliding)
+        tensions = np.full(len(base_tension), presliding / max(1e-3, float(tension.max())))
+        return cls(
+            k,
+            presliding,
+            RATE_TOLERANCE * presliding,
+            _bounds(k, base_tension),
+            np.append(own, np.zeros(len(base_tension))),
+            np.append(own, tensions),
+        )
+
+    def open(self, slack: Array) -> Flags | None:
+        """Which unknowns cannot leave their bounds because their tendon has slack, see `solve_rates`."""
+        if not slack.size:
+            return None
+        return np.append(np.zeros(self.holes, dtype=bool), slack > self.tolerance)
+
+
+class _Turning(NamedTuple):
+    """Where slips reversed last, see `FollowedPath`; the arrays are filled on the way."""
+
+    slip: Array
+    mobilisation: Array
+    factor: Array
+
+    def set(self, which: Index, slip: Array, mobilisation: Array, factor: float) -> None:
+        """Slips of some holes reverse at a load factor; changes the arrays."""
+        self.slip[which], self.mobilisation[which], self.factor[which] = slip, mobilisation, factor
+
+
+class _Stuck:
+    """Unknowns inside their bounds along a path; the excess of their slips stays what it was where they came there.
+
+    Parameters
+    ----------
+    path
+        What is the same all along it.
+    """
+
+    def __init__(self, path: _Unknowns) -> None:
+        count = len(path.scale)
+        self._path, self._excess = path, np.zeros(count)
+        self._free: Flags = np.zeros(count, dtype=bool)
+        #: What came to its bound too early the last time.
+        self._returned: Flags = np.zeros(count, dtype=bool)
+
+    def hold(self, free: Flags, z: Array, state: SlipState) -> None:
+        """Which unknowns are inside their bounds from a state on."""
+        new = (free > self._free).nonzero()[0]
+        if new.size:
+            self._excess[new] = state.slip[new] - self._path.stiffness[new] * z[new]
+            self._excess[self._path.holes :] = 0.0
+        self._free = free
+
+    def corrected(self, z: Array, state: SlipState) -> tuple[Array, SlipState, _Trial | None]:
+        """Unknowns with which the excess is kept, the state there, and the unknowns as they would be without bounds.
+
+        What has come to its bound too early is moved back once: else its way there might never end.
+        """
+        inside, path = self._free.nonzero()[0], self._path
+        if not inside.size:
+            return z, state, None
+        change = _correction(z, state, inside, self._excess, path.stiffness)
+        trial = _Trial(inside, z[inside] + change)
+        at_bound = path.bounds.side(z)[inside] != 0.0
+        change[at_bound & self._returned[inside]] = 0.0
+        self._returned[inside] = at_bound
+        z, state = _changed(z, state, inside, change, path.bounds)
+        return z, state, trial
+
+
+def _next_piece(
+    slips: Slips,
+    path: _Unknowns,
+    now: float,
+    stop: float,
+    longest: float,
+    z: Array,
+    state: SlipState,
+    rates: Rates,
+    slack: Array,
+) -> tuple[Piece | None, bool]:
+    """The path up to the next event, None where numbers overflow; and whether rates change within it.
+
+    Parameters
+    ----------
+    slips, path
+        In the substep.
+    now, stop
+        Load factor, and the one up to which the slips are smooth [1].
+    longest
+        See `_longest`.
+    z
+        Unknowns, shape (n,).
+    state
+        Slips there.
+    rates
+        Of the unknowns.
+    slack
+        Of tendons [m], shape (c,).
+    """
+    event = distance_to_bound(rates, z, path.bounds)
+    curved, most = event > STRAIGHT, longest
+    tension_rate = state.tension_rates(rates.free, rates.rate)
+    slope = _slope(slips, now, stop, z, state, rates, tension_rate, path.holes) if curved else None
+    if curved and slope is None:
+        curved, most = False, STRAIGHT
+    motion = rates.motion(slope)
+    if slope is not None:
+        if not isfinite(slope @ slope):
+            return None, curved
+        event = min(
+            distance_to_curved_bound(motion, rates.free, z, path.bounds),
+            distance_to_reversal(motion, path.tolerance, path.holes),
+        )
+    if slack.size:
+        event = min(event, distance_to_closing(motion, slack, path.holes))
+    event = min(event, slips.distance_to_jump(z, motion.rate, state.tension, tension_rate))
+    part = min(stop - now, most, max(SHORTEST, event))
+    return Piece(now, part, z, motion, state.tension, tension_rate), curved
 
 
 def _longest(slips: Slips) -> float:

@@ -37,9 +37,11 @@ SAFETY = 2.0
 NEGLIGIBLE = 0.01
 #: Uncertainty of what located reversals cause before the substep is solved with them, as a fraction of it [1].
 CORRECTION_ERROR = 0.03
-#: Error of reversals located through states within the substep, over what changes where every other of them is left
-#: out, or since there were less of them [1].
+#: Error of reversals located with twice as many states within the substep as before, over what they changed [1].
 REFINED_ERROR = 0.5
+#: Largest difference between the tensions of solved states and those of the followed path, over the largest tension,
+#: with which what changes without every other state shows the error: off the path slips are taken as linear [1].
+NEAR_PATH = 2e-3
 #: Largest effect of reversals over that at first order [1].
 FIRST_ORDER = 1.25
 #: Nearest to its ends, as a fraction of it, where a substep is divided without and with a reversal located [1].
@@ -350,10 +352,10 @@ def find_reversals(
     turning = _history(start, end, holes, path, corrected) if path.complete and locate else None
     if turning is not None and len(points) > 2:
         error = REFINED_ERROR * effect
-        if error > allowed and len(points) % 2 == 1:
+        if error > allowed and len(points) % 2 == 1 and _near_path(points, picked, path):
             coarser = substep._replace(model=substep.model.through_every_other_state())
             moved = corrected - coarser.with_reversals(coarser.follow())
-            error = min(error, REFINED_ERROR * substep.displacement(moved, end.numbering) / length)
+            error = min(error, substep.displacement(moved, end.numbering) / length)
         return Reversals(effect, error, 0.5, error, turning, path)
     if path.complete:
         located = Reversals(effect, 0.0, _division(path, corrected - substep.after))
@@ -372,6 +374,15 @@ def find_reversals(
     lost = substep.at_worst(path, corrected)
     error = FIRST_ORDER * substep.displacement(corrected - lost, end.numbering) / length
     return Reversals(effect, error, substep.rough_division, np.inf, turning, path if path.complete else None)
+
+
+def _near_path(points: Sequence[Point], picked: TautTendons, path: FollowedPath) -> bool:
+    """Whether all solved states after the start are near a followed path."""
+    for at in points[1:]:
+        tension = picked.tensions(at.state)
+        if float(np.abs(path.at(at.factor)[1] - tension).max()) > NEAR_PATH * float(tension.max()):
+            return False
+    return True
 
 
 def _history(

@@ -136,8 +136,8 @@ class SlipDerivatives:
         Derivatives of the slips by the load factor at fixed mobilisations and unknown tensions at the base [m].
     """
 
-    __slots__ = ("_by_tension", "_columns", "_factors", "_missing", "_segments", "_tension_by_load", "_transfer",
-                 "branches", "by_load", "stiffness")  # fmt: skip
+    __slots__ = ("_by_tension", "_chosen", "_columns", "_factors", "_missing", "_segments", "_tension_by_load",
+                 "_transfer", "_which", "branches", "by_load", "stiffness")  # fmt: skip
 
     def __init__(
         self,
@@ -157,6 +157,9 @@ class SlipDerivatives:
         self._missing: Flags = np.ones(n, dtype=bool)
         # Column by column, each in one piece.
         self._columns, self._segments = np.empty((n, n)), np.empty((n, q))
+        #: Those asked for last.
+        self._which: Index | None = None
+        self._chosen = self._columns
 
     def put_on(self, tensions: Array) -> Array:
         """Changes of the tensions, the turning of the tendons included, by those put on, shape (q,) or (q, i)."""
@@ -165,6 +168,8 @@ class SlipDerivatives:
 
     def columns(self, which: Index) -> Array:
         """As of `SlipState`."""
+        if which is self._which:
+            return self._chosen
         new = which[self._missing[which]]
         if new.size:
             segments = self.put_on(self._transfer.columns(new))
@@ -172,12 +177,12 @@ class SlipDerivatives:
             columns[new, np.arange(len(new))] += self.stiffness[new]
             self._columns[new], self._segments[new] = columns.T, segments.T
             self._missing[new] = False
-        return self._columns[which].T
+        self._which, self._chosen = which, self._columns[which].T
+        return self._chosen
 
     def segments(self, which: Index) -> Array:
         """As of `SlipState`."""
-        if self._missing[which].any():
-            self.columns(which)
+        self.columns(which)
         return self._segments[which].T
 
     def tension_rates(self, free: Index, rate: Array) -> Array:
