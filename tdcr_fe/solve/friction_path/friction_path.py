@@ -260,13 +260,12 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
     stuck = _Stuck(path)
     turning = _Turning(np.zeros(k), mobilisation.copy(), np.zeros(k))
     ends, longest = [*slips.ends], _longest(slips)
-    start: SlipState | None = None
-    state: SlipState | None = None
+    start, state = np.zeros(0), None
     evaluated, trial = _Evaluated.at(now, tension), None
     for _ in range(50 + 6 * len(z)):
         if state is None:
             state = slips.at(now, z, tension)
-            tension, start = state.tension, start or state
+            tension, start = state.tension, start if start.size else state.slip
             evaluated = _Evaluated.at(now, tension)
             z, state, trial = stuck.corrected(z, state)
         side = bounds.side(z)
@@ -290,7 +289,7 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
         shortened = 0
         stuck.hold(free, z, state)
         if turned.size:
-            turning.set(turned, state.slip[turned] - start.slip[turned], side[turned], now)
+            turning.set(turned, state.slip[turned] - start[turned], side[turned], now)
         if now >= ends[0] - 1e-12:
             del ends[0]
         if not ends:
