@@ -270,7 +270,9 @@ def follow(slips: Slips, mobilisation: Array, base_tension: Array, tension: Arra
             z, state, trial = stuck.corrected(z, state)
         side = bounds.side(z)
         slack = np.maximum(-state.slip[k:], 0.0)
-        rates = solve_rates(state.columns, state.by_load, side, path.open(slack), path.scale, path.tolerance)
+        rates = solve_rates(
+            state.columns, state.by_load, side, path.held_by(slack), path.scale, path.tolerance
+        )
         # Where the interpolation leads far from both ends, numbers may overflow: the path is then not complete.
         if rates is None or not isfinite(rates.excess @ rates.excess):
             break
@@ -347,7 +349,7 @@ class _Unknowns(NamedTuple):
             np.append(own, tensions),
         )
 
-    def open(self, slack: Array) -> Flags | None:
+    def held_by(self, slack: Array) -> Flags | None:
         """Which unknowns cannot leave their bounds because their tendon has slack, see `solve_rates`."""
         if not slack.size:
             return None
