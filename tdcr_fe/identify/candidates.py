@@ -472,8 +472,8 @@ def local_scores_beside(search: Search, state: SearchState, fit: Fit) -> tuple[S
         state, scores = first_order_local_scores(state, fit)
         least = min((x.cost(state.problem) for x in scores), default=math.inf)
         explained = residual_is_noise(state.problem, state.best, search.significance)
-        ahead = min(least, state.best.cost)
-        if (ahead > SOLVED * fit.cost or fit is state.best) and not explained:
+        beaten = fit is not state.best and state.best.cost <= SOLVED * fit.cost
+        if least > SOLVED * fit.cost and not (explained or beaten):
             scores = sorted([*scores, *_strong_scores(state.problem, fit)], key=lambda s: -s.drop)
         state = replace(state, local_scores={**state.local_scores, key: scores})
     return state, state.local_scores[key]
