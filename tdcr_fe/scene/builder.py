@@ -195,8 +195,9 @@ def CreateTDCR(
         mbs, robot, model, mesh, rigid, backbone, tendons, [*bodies, joint], clamp, name, presliding, pose, damping
     )  # fmt: skip
     handle = TDCR(
-        mbs, name, robot, model, mesh, backbone.nodes, backbone.beams, disks, tendons.holes, tendons.segments,
-        joint, base, gravity, actuation, rigid=rigid, damping=damping,
+        mbs=mbs, name=name, robot=robot, model=model, mesh=mesh, nNodes=backbone.nodes, oBeams=backbone.beams,
+        bDisks=disks, mHoles=tendons.holes, oTendons=tendons.segments, oBaseJoint=joint, mBase=base,
+        lGravity=gravity, actuation=actuation, rigid=rigid, damping=damping,
     )  # fmt: skip
     if not show:
         hide(mbs, handle)

@@ -311,8 +311,8 @@ def _load_work(frame: Frame, value: Array, moved: tuple[Array, Array, Array]) ->
 def static_load_factor(mbs: exu.MainSystem) -> float:
     """By which the static solver that runs, or ran last, multiplies loads [1].
 
-    It ramps them from zero over the load steps unless told otherwise. One where there was no static solver, or it was
-    not stored (``storeSolver=False``).
+    It ramps them from zero over the load steps unless ``useLoadFactor`` is off. One where there was no static solver,
+    or it was not stored (``storeSolver=False``).
     """
     solver, settings = mbs.sys.get("staticSolver"), mbs.sys.get("simulationSettings")
     if solver is None or settings is None or not settings.staticSolver.useLoadFactor:

@@ -1,9 +1,9 @@
-"""The handle of a robot in a scene: its items, and methods that set and read its state."""
+"""The handle of a robot in a scene: its items, and methods that add loads, motors, sensors and contact."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import exudyn as exu
@@ -11,16 +11,11 @@ import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.actuation import TendonActuation
-from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
-from tdcr_fe.elements.friction import hole_states
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.elements.material_damping import MaterialDamping
 from tdcr_fe.elements.motors import Motor
-from tdcr_fe.elements.tension_field import TensionField
-from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Model
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.scene.assembled_robot import AssembledRobot
 from tdcr_fe.scene.disk_contact import (
     ContactLaw,
     DiskContact,
@@ -31,18 +26,16 @@ from tdcr_fe.scene.disk_contact import (
 )
 from tdcr_fe.scene.dynamics import recommended_settings
 from tdcr_fe.scene.energy import EnergyBalance, energy_sensor
-from tdcr_fe.scene.inputs import InputsOverTime, named_inputs
 from tdcr_fe.scene.loads import Frame, PointLoad, add_point_load
-from tdcr_fe.scene.mesh import softened_stiffness
 from tdcr_fe.scene.parts import section_marker
 from tdcr_fe.scene.sensors import add_disk_sensors, add_tendon_sensors, add_tip_sensors, sensor_output
 
 Array = NDArray[np.float64]
 
 
-@dataclass
-class TDCR:
-    """A robot in a scene: its Exudyn items, and methods that set and read its state.
+@dataclass(kw_only=True)
+class TDCR(AssembledRobot):
+    """A robot in a scene: its Exudyn items, methods that add to them, and those that set and read its state.
 
     Attributes
     ----------
@@ -84,27 +77,19 @@ class TDCR:
         By the material of the backbone; its ``item`` is the object that applies it.
     """
 
-    mbs: exu.MainSystem
-    name: str
-    robot: Robot
     model: Model
-    mesh: BackboneMesh
     nNodes: list[Any]
-    oBeams: list[Any]
     bDisks: list[Any]
     mHoles: list[list[Any]]
     oTendons: list[list[Any]]
     oBaseJoint: Any
     mBase: Any
     lGravity: list[Any]
-    actuation: TendonActuation
     mNodes: dict[int, Any] = field(default_factory=dict)
     loads: dict[str, PointLoad] = field(default_factory=dict)
     sensors: dict[str, Any] = field(default_factory=dict)
     contacts: list[DiskContact] = field(default_factory=list)
-    rigid: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     damping: MaterialDamping | None = None
-    _compliance: float = 1.0
     _spheres: dict[bool, list[Sphere]] = field(default_factory=dict)
 
     @property
@@ -340,71 +325,7 @@ class TDCR:
         self.sensors["energy"] = sensor
         return sensor
 
-    # ------------------------------------------------------------------ actuation
-
-    def set_tensions(self, tensions: Mapping[str, float] | Sequence[float]) -> None:
-        """Prescribe tensions at the base [N]; tendons that are not named keep their inputs."""
-        self._set_inputs(tensions, False)
-
-    def set_displacements(self, displacements: Mapping[str, float] | Sequence[float]) -> None:
-        """Prescribe displacements: length pulled in at the base since the unloaded, just taut state [m]."""
-        self._set_inputs(displacements, True)
-
-    def set_inputs_over_time(self, inputs: Callable[[float], Sequence[float]]) -> None:
-        """Prescribe the inputs as a function of time, for ``mbs.SolveStatic`` and ``mbs.SolveDynamic``.
-
-        Parameters
-        ----------
-        inputs
-            Function of the solver's time [s] (0 to 1 over the load steps of ``SolveStatic``) that returns tension [N]
-            or displacement [m] of every tendon in order, shape (n_tendons,). Whether a value is a tension or a
-            displacement was determined by the last `set_tensions` or `set_displacements`. Every value is checked:
-            one finite number per tendon, no negative tension. A later `set_tensions` or `set_displacements` ends
-            the function; tendons that it does not name keep what they had at the last solved time.
-        """
-        if not callable(inputs):
-            hint = "set_tensions and set_displacements take values."
-            raise TypeError(f"set_inputs_over_time needs a function of the time [s], not {inputs!r}. {hint}")
-        self.actuation.inputs = InputsOverTime(self.name, self.robot.tendon_names, self.actuation, inputs)
-
-    def _set_inputs(self, given: Mapping[str, float] | Sequence[float], by_displacement: bool) -> None:
-        self._need_robot()
-        names, actuation = self.robot.tendon_names, self.actuation
-        inputs = named_inputs(names, given, by_displacement)
-        # Inputs over time end here: the other tendons keep what they had in the last solved state.
-        values = actuation.input_values(actuation.state.time).copy()
-        mode = actuation.by_displacement.copy()
-        for name, value in inputs.items():
-            values[names.index(name)] = value
-            mode[names.index(name)] = by_displacement
-        actuation.inputs, actuation.by_displacement = values, mode
-
-    @property
-    def compliance_factor(self) -> float:
-        """Factor on the backbone's compliance in bending and torsion [1]."""
-        return self._compliance
-
-    def set_compliance_factor(self, factor: float) -> None:
-        """Make the backbone softer in bending and torsion by a factor on its compliance [1].
-
-        Rigid inserts stay as they are.
-        """
-        if not factor > 0.0:
-            raise ValueError(f"compliance factor {factor}; must be positive")
-        if factor == self._compliance:
-            return
-        self._compliance = factor
-        softer = softened_stiffness(self.mesh, self.rigid, factor)
-        for beam, stiffness, rigid in zip(self.oBeams, softer, self.rigid, strict=True):
-            if not rigid:
-                section = self.mbs.GetObjectParameter(beam, "sectionData")
-                section.stiffnessMatrix = np.diag(stiffness)
-                self.mbs.SetObjectParameter(beam, "sectionData", section)
-        model, section = self.actuation.model, self.actuation.section
-        if section is not None and section.superelastic is not None:
-            bending = np.where(self.rigid, 0.0, self.mesh.stiffness[:, 5] / factor)
-            section = replace(section, superelastic=replace(section.superelastic, bending_stiffness=bending))
-        self.actuation.model = replace(model, mesh=replace(self.mesh, stiffness=softer), section=section)
+    # ------------------------------------------------------------------ after Assemble
 
     def recommended_settings(self, end_time: float, step_size: float) -> exu.SimulationSettings:
         """Settings for ``mbs.SolveDynamic`` with tolerances that suit this robot; both times in [s].
@@ -418,77 +339,3 @@ class TDCR:
     def reset(self) -> None:
         """Reset the friction history of all holes to that of a robot that was never loaded."""
         self.actuation.reset()
-
-    # ------------------------------------------------------------------ reading
-
-    @property
-    def arc_lengths(self) -> Array:
-        """Arc lengths of the backbone nodes [m], shape (N,)."""
-        return self.mesh.arc_lengths
-
-    def shape(self) -> tuple[Array, Array]:
-        """World positions [m] (N, 3) and section rotations (N, 3, 3) of all nodes; the third column is the tangent."""
-        self._need_assembly()
-        p, r, _ = self.actuation.scene_poses()
-        return p, r @ BEAM_TO_SECTION.T
-
-    def position_at(self, s: float | Array) -> Array:
-        """World position at any arc length [m], shape (..., 3)."""
-        p, r = self.shape()
-        return interpolate_positions(self.arc_lengths, p, r, np.asarray(s, dtype=float))
-
-    @property
-    def tip_position(self) -> Array:
-        """World position of the tip [m], shape (3,)."""
-        return self.shape()[0][-1]
-
-    @property
-    def tip_rotation(self) -> Array:
-        """Rotation of the tip section, shape (3, 3); the third column is the tangent."""
-        return self.shape()[1][-1]
-
-    def tensions(self) -> dict[str, Array]:
-        """By tendon, tension of every segment from base plate to anchor [N]."""
-        field_ = self._field()
-        return {t.name: self._segments(i, field_.tension[i]) for i, t in enumerate(self.robot.tendons)}
-
-    def displacements(self) -> dict[str, float]:
-        """By tendon, length pulled in at the base since the unloaded, just taut state [m].
-
-        For a tendon driven by displacement the prescribed value, whether it is taut or slack.
-        """
-        self._field()
-        return dict(zip(self.robot.tendon_names, self.actuation.displacements.tolist(), strict=True))
-
-    def hole_states(self) -> dict[str, tuple[str, ...]]:
-        """By tendon, state of the hole at the distal end of every segment: stick, pull, release, anchor."""
-        if self.actuation.geometry is None:  # the continuous path has one tension and no friction
-            holes = np.zeros((len(self.robot.tendons), max(1, len(self.robot.disks.positions))))
-        else:
-            holes = self.actuation.law.at_holes(self._field().mobilisation)
-        return {t.name: hole_states(holes[i], self._count(i)) for i, t in enumerate(self.robot.tendons)}
-
-    def _need_robot(self) -> None:
-        """Refuse what is asked of a robot that is not in the system any more."""
-        if not SceneHooks.has(self.mbs, self.actuation):
-            raise ValueError(
-                f"robot {self.name!r} is not in the system any more (removed by mbs.Reset, or deleted); create it again"
-            )
-
-    def _need_assembly(self) -> None:
-        self._need_robot()
-        if not self.mbs.systemIsConsistent:
-            raise ValueError(f"robot {self.name!r} cannot be read yet; call mbs.Assemble() first")
-
-    def _field(self) -> TensionField:
-        """Tensions in the present state of the scene."""
-        self._need_assembly()
-        return self.actuation.current_forces().field
-
-    def _count(self, i: int) -> int:
-        return len(self.robot.hole_arc_lengths(self.robot.tendons[i])) - 1
-
-    def _segments(self, i: int, values: Array) -> Array:
-        if self.actuation.geometry is None:
-            return np.full(self._count(i), values[0])
-        return values[: self._count(i)].copy()

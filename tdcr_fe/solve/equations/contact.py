@@ -25,7 +25,7 @@ SOLVED = ("ContactSphereSphere", "ContactSphereTriangle", "ContactCoordinate")
 TURNS = ("ConnectorTorsionalSpringDamper",)
 #: Part of the gap and of the size of a contact by which its bodies may approach in one substep, so that none is jumped
 #: over.
-ROOM = 0.5
+APPROACH_LIMIT = 0.5
 
 
 class GeneralSpheres(NamedTuple):
@@ -128,9 +128,9 @@ class ContactStates:
         if self.present:
             self._solver.PostNewton(self._mbs, self._settings)
 
-    def room(self) -> float:
+    def motion_limit(self) -> float:
         """By how much a node may move from the present configuration without jumping over a contact [m]."""
-        return min(self.general_room, 0.5 * float(np.min(self.rooms(), initial=np.inf)))
+        return min(self.general_motion_limit, 0.5 * float(np.min(self.approach_limits(), initial=np.inf)))
 
     def too_deep(self) -> bool:
         """Whether the centre of a sphere is inside another one in the present configuration."""
@@ -144,14 +144,14 @@ class ContactStates:
         )
 
     @property
-    def general_room(self) -> float:
+    def general_motion_limit(self) -> float:
         """By how much a node may move without jumping over one of a ``GeneralContact`` [m]."""
-        return ROOM * self._general_size
+        return APPROACH_LIMIT * self._general_size
 
-    def rooms(self) -> Array:
+    def approach_limits(self) -> Array:
         """By how much the bodies of every pair may approach without jumping over each other [m], shape (n_pairs,)."""
         data: Array = self._mbs.systemData.GetDataCoordinates(exu.ConfigurationType.Current, copy=False)
-        return ROOM * (np.maximum(data[self._gaps], 0.0) + self._sizes)
+        return APPROACH_LIMIT * (np.maximum(data[self._gaps], 0.0) + self._sizes)
 
     def relative_positions(self) -> Array:
         """Position of the first body of every pair, seen from the second [m], shape (n_pairs, 3).

@@ -215,27 +215,27 @@ class SceneSystem:
         """Whether the scene has items of contact."""
         return self._kernel.contact.present
 
-    def contact_room(self, state: SolverState) -> float:
+    def contact_motion_limit(self, state: SolverState) -> float:
         """By how much a node may move from a state without jumping over a contact [m]."""
         if not self.has_contact:
             return float("inf")
         self.layout.space.write(state.configuration)
         self._kernel.contact.follow()
-        return self._kernel.contact.room()
+        return self._kernel.contact.motion_limit()
 
     def may_jump_over_contact(self, before: SolverState, after: SolverState) -> bool:
         """Whether bodies may have jumped over each other from one state to another, which is left in the scene."""
         contact = self._kernel.contact
         moved = after.configuration.positions - before.configuration.positions
-        if float(np.linalg.norm(moved, axis=1).max()) > contact.general_room:
+        if float(np.linalg.norm(moved, axis=1).max()) > contact.general_motion_limit:
             return True
         self.layout.space.write(before.configuration)
         contact.follow()
-        rooms, start = contact.rooms(), contact.relative_positions()
+        limits, start = contact.approach_limits(), contact.relative_positions()
         self.layout.space.write(after.configuration)
         contact.follow()
         approach = np.linalg.norm(contact.relative_positions() - start, axis=1)
-        return bool(np.any(approach > rooms))
+        return bool(np.any(approach > limits))
 
     def scene_tangent(self, residual: Residual) -> SceneTangent:
         """Exudyn's Jacobian: everything but the forces of the tendons and inside the sections.

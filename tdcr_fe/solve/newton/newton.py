@@ -372,14 +372,14 @@ def _damped_step(
     nodes = 6 * system.layout.reduction.nodes
     scale = system.layout.scales.elastic_force * system.length
     least, most = 1e-6 * scale, MOST_DAMPING * scale
-    room = system.contact_room(residual.state)
+    limit = system.contact_motion_limit(residual.state)
     for _ in range(20):
         step = _full_step(system, residual, numbering, presliding, damping)
         change = step.change[:nodes].reshape(-1, 6)
         turn = float(np.max(np.abs(change[:, 3:])))
         moved = float(np.max(np.linalg.norm(change[:, :3], axis=1)))
         climbs = step.linearization.factorisation.sign * residual.state.tangent_sign < 0
-        if (turn <= DAMPED_TURN and moved <= room and not climbs) or damping >= most:
+        if (turn <= DAMPED_TURN and moved <= limit and not climbs) or damping >= most:
             break
         damping = min(max(4.0 * damping, least), most)
     return step._replace(damping=0.2 * damping if turn < 0.2 * DAMPED_TURN else damping)
