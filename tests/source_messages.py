@@ -40,7 +40,7 @@ TAKE_A_MESSAGE = {
 RETURN_A_MESSAGE = {
     "advice",
     "_allowed",
-    "_failure",
+    "failure",
     "hole_count_text",
     "problem",
     "reason",

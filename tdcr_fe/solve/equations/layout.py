@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.solve.equations.band import BandLayout
+from tdcr_fe.solve.equations.buckling import buckling_shortening
 from tdcr_fe.solve.equations.configuration import ConfigurationSpace
 from tdcr_fe.solve.equations.numbering import Numbering
 from tdcr_fe.solve.equations.reduction import BodyFrameReduction, RobotNodes
@@ -39,6 +40,8 @@ class SceneLayout:
         Whether no objects but the robots resist motion.
     band : BandLayout or None
         Order of the unknowns of a banded tangent, where it is that of one robot alone and is faster than a full one.
+    buckling : tuple of ndarray, shape (E,)
+        By robot, shortening of every element at which its bay buckles [m].
     numberings : dict of Numbering
         Those computed so far, by which tendons are driven by displacement.
     """
@@ -52,6 +55,7 @@ class SceneLayout:
     user_loads: bool
     no_others: bool
     band: BandLayout | None
+    buckling: tuple[NDArray[np.float64], ...]
     numberings: dict[tuple[bytes, ...], Numbering] = field(default_factory=dict)
 
     @classmethod
@@ -83,6 +87,7 @@ class SceneLayout:
             any(load.get("loadVectorUserFunction") or load.get("loadUserFunction") for load in loads),
             no_others,
             BandLayout.of(robots) if no_others else None,
+            tuple(buckling_shortening(robot) for robot in robots),
         )
 
 

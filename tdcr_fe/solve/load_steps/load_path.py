@@ -123,12 +123,15 @@ class Progress(NamedTuple):
         Largest displacement of a node that reversals left out of account may cause, over the length [1].
     here : Equilibrium or None
         At its end, where known.
+    rescued : int
+        Number of smallest substeps that converged only by a rescue (`SubstepSolver.rescue`).
     """
 
     path: Path
     load_factor: float = 0.0
     error: float = 0.0
     here: Equilibrium | None = None
+    rescued: int = 0
 
     def with_rejected(self, iterations: int) -> Progress:
         """The same after an attempt that was not accepted."""

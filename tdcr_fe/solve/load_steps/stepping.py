@@ -27,6 +27,8 @@ from tdcr_fe.solve.newton.newton import NewtonResult
 
 #: Parts of a load step to begin with where functions of the user set inputs or loads.
 CURVED_PARTS = 8
+#: So many smallest substeps of a step that converge only by a rescue are a step without a solution.
+MOST_RESCUED = 16
 
 
 class _Goal(NamedTuple):
@@ -225,9 +227,13 @@ class LoadStepper:
                 elif self.solver.may_be_halved(goal - now.load_factor, result.status):
                     goals.append(_Goal(0.5 * (now.load_factor + goal)))
                 else:
-                    now = Progress(self._rescued(now, goal, result), goal, now.error)
+                    now = self._rescued(now, goal, result)
                     goals.pop()
                     continue
+                now = now.with_rejected(result.iterations)
+                continue
+            if self._leaves_branch(now, goal, result):
+                goals.append(_Goal(0.5 * (now.load_factor + goal)))
                 now = now.with_rejected(result.iterations)
                 continue
             part = reversals.attempt(now, goal, result, line, predicted=near is None)
@@ -246,7 +252,7 @@ class LoadStepper:
                     accepted = replace(
                         accepted, located=True, increments=(*part.within, *accepted.increments)
                     )
-                now = Progress(now.path.then(accepted), goal, now.error + part.error, part.end)
+                now = Progress(now.path.then(accepted), goal, now.error + part.error, part.end, now.rescued)
                 goals.pop()
         if now.here is not None:
             # The search for reversals looked at other loads.
@@ -256,20 +262,36 @@ class LoadStepper:
             return now.path
         return replace(now.path, refinement_error=error, end=now.here)
 
+    def _leaves_branch(self, now: Progress, goal: float, result: NewtonResult) -> bool:
+        """Whether a solution is likely on a branch of bays that buckled, and a shorter substep may stay on this one.
+
+        Where tendons are driven by displacement, a straight backbone under great compression is a solution, too.
+        """
+        before, system = now.path.state, self.solver.system
+        shorter = self.solver.may_be_halved(goal - now.load_factor, result.status)
+        if not (shorter and self.solver.passes_buckling(before, result.state)):
+            return False
+        continuous = is_continuous(self.solver, before, now.load_factor, result.state, goal)
+        self.solver.ramp.apply(system, goal)
+        return not continuous
+
     def _near(self, goal: float, before: SolverState, part: Attempt) -> _Goal:
         """A goal to which a substep was solved that is divided now, and its solution where that is on this branch."""
         if part.end is None or self.solver.jump_suspected(before, part.result.state):
             return _Goal(goal)
         return _Goal(goal, part.end.state, part.end.linearization)
 
-    def _rescued(self, now: Progress, goal: float, failed: NewtonResult) -> Path:
-        """The path with a smallest substep that does not converge."""
+    def _rescued(self, now: Progress, goal: float, failed: NewtonResult) -> Progress:
+        """After a smallest substep that does not converge; a step of which many do not is given up."""
         try:
+            if now.rescued >= MOST_RESCUED:
+                raise self.solver.failure(now.path.state, now.load_factor, goal, failed, failed.iterations)
             part = self.solver.rescue(now.path.state, now.load_factor, goal, failed)
         except StepFailed as failure:
             failure.iterations += now.path.iterations + now.path.rejected
             raise
-        return now.path.then(replace(part, rejected=part.rejected + failed.iterations))
+        path = now.path.then(replace(part, rejected=part.rejected + failed.iterations))
+        return Progress(path, goal, now.error, rescued=now.rescued + 1)
 
     def _depends_on_rates(self, before: SolverState, after: SolverState) -> bool:
         """Whether slip rates may matter: coefficients follow laws, and a hole under tension changed its state.

@@ -117,9 +117,25 @@ class SubstepSolver:
         return float(np.max(np.abs(moved))) / self.system.length
 
     def jump_suspected(self, before: SolverState, after: SolverState) -> bool:
-        """Whether a substep may have jumped to another branch: large rotation or a sign change of the tangent."""
+        """Whether a substep may have jumped to another branch.
+
+        Signs of it are a large rotation, a change of the tangent's sign, and a bay beyond its buckling load.
+        """
         turn = self.system.layout.space.turn_between(before.configuration, after.configuration)
-        return turn > self.settings.max_substep_turn or before.tangent_sign * after.tangent_sign < 0
+        return (
+            turn > self.settings.max_substep_turn
+            or before.tangent_sign * after.tangent_sign < 0
+            or self.passes_buckling(before, after)
+        )
+
+    def passes_buckling(self, before: SolverState, after: SolverState) -> bool:
+        """Whether a bay is beyond its buckling load after a substep, and was not before."""
+        for i, (robot, limit) in enumerate(zip(self.system.robots, self.system.layout.buckling, strict=True)):
+            unloaded = robot.mesh.lengths
+            beyond = unloaded - after.configuration.twists[i][:, 0] > limit
+            if beyond.any() and np.any(beyond & (unloaded - before.configuration.twists[i][:, 0] <= limit)):
+                return True
+        return False
 
     def rescue(self, state: SolverState, start: float, end: float, failed: NewtonResult) -> Path:
         """For a smallest substep that does not converge: try snap-through, then a larger presliding distance."""
@@ -143,11 +159,12 @@ class SubstepSolver:
                     presliding_factor=factor,
                 )
             spent += result.iterations
-        raise self._failure(state, start, end, failed, spent + failed.iterations)
+        raise self.failure(state, start, end, failed, spent + failed.iterations)
 
-    def _failure(
+    def failure(
         self, state: SolverState, start: float, end: float, failed: NewtonResult, iterations: int
     ) -> StepFailed:
+        """The error for a smallest substep that did not converge, with the state at its beginning."""
         message = (
             f"{failed.reason(self.settings)}, between load factors {start:.4f} and {end:.4f} of the step, the "
             f"smallest substep allowed. {advice(failed.status)}"
