@@ -218,12 +218,12 @@ class TendonActuation:
 
     # ------------------------------------------------------------------ forces
 
-    def input_values(self, t: float = 0.0) -> Array:
+    def input_values(self, t: float = 0.0, configuration: Any = exu.ConfigurationType.Current) -> Array:
         """Tensions [N] and displacements [m] at the base, at time t, with what the motors have wound in the scene."""
         values = values_at(self.inputs, t)
         if not self.motors:
             return values
-        data = self.mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Current, copy=False)
+        data = self.mbs.systemData.GetODE2Coordinates(configuration, copy=False)
         angles = np.array([data[self.mbs.GetNodeODE2Index(motor.node)] for motor in self.motors])
         return wound(self.motors, values, angles, self.by_displacement)
 

@@ -202,11 +202,11 @@ class EnergyBalance:
         """
         begin = Motion.of(self._system, self._coordinates, _START)
         finish = Motion.of(self._system, self._coordinates, _CURRENT)
-        last, self._last = self._last, self._instant(finish, t)
+        last, self._last = self._last, self._instant(finish, t, _CURRENT)
         if np.array_equal(begin.coordinates, finish.coordinates):
             # A step at rest, or a solver that begins, with the inputs for its initial accelerations.
             return
-        start = self._instant(begin, self._system.mbs.systemData.GetTime(_START))
+        start = self._instant(begin, self._system.mbs.systemData.GetTime(_START), _START)
         step = Step.after(last, start, self._last)
         law = self._tendons(self._actuation.history).law()
         tendon_work, friction = tendon_work_and_dissipation(law, start.forces, step.end.forces)
@@ -267,10 +267,10 @@ class EnergyBalance:
 
     # ------------------------------------------------------------------ state
 
-    def _instant(self, motion: Motion, t: float) -> Instant:
-        """With the history at the beginning of the step, at a time [s]."""
+    def _instant(self, motion: Motion, t: float, configuration: Any) -> Instant:
+        """With the history at the beginning of the step, at a time [s]; motors are as in a configuration of Exudyn."""
         history = self._actuation.history
-        values = self._actuation.input_values(t)
+        values = self._actuation.input_values(t, configuration)
         forces = self._tendons(history).forces(self._measured(motion), values, history.base_tension, t)
         return Instant(
             motion,
