@@ -32,7 +32,7 @@ def test_driven_by_displacement_bays_do_not_jump_beyond_their_buckling_load(numb
         np.testing.assert_allclose(one.base_tensions, other.base_tensions, rtol=0, atol=1e-3)
 
 
-def test_a_step_of_which_no_substep_converges_is_given_up_soon(monkeypatch):
+def test_the_refinement_of_a_step_of_which_no_substep_converges_is_given_up_soon(monkeypatch):
     """With friction that falls with the rate, every smallest substep was tried with 400 iterations: ten minutes."""
     tried = []
     real = stepping.SubstepSolver.rescue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -123,15 +124,15 @@ class Progress(NamedTuple):
         Largest displacement of a node that reversals left out of account may cause, over the length [1].
     here : Equilibrium or None
         At its end, where known.
-    rescued : int
-        Number of smallest substeps that converged only by a rescue (`SubstepSolver.rescue`).
+    rescues : float
+        So many more smallest substeps may be solved by a rescue (`SubstepSolver.rescue`).
     """
 
     path: Path
     load_factor: float = 0.0
     error: float = 0.0
     here: Equilibrium | None = None
-    rescued: int = 0
+    rescues: float = math.inf
 
     def with_rejected(self, iterations: int) -> Progress:
         """The same after an attempt that was not accepted."""

@@ -7,6 +7,7 @@ whole, reversals within it are located, and it is divided where they are.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -27,7 +28,7 @@ from tdcr_fe.solve.newton.newton import NewtonResult
 
 #: Parts of a load step to begin with where functions of the user set inputs or loads.
 CURVED_PARTS = 8
-#: So many smallest substeps of a step that converge only by a rescue are a step without a solution.
+#: A path is refined no further where so many of its smallest substeps converge only by a rescue.
 MOST_RESCUED = 16
 
 
@@ -157,7 +158,7 @@ class LoadStepper:
         while agreed < needed and 2 * count <= self.solver.settings.max_substeps:
             count *= 2
             try:
-                finer = self._divided(state, count)
+                finer = self._divided(state, count, MOST_RESCUED)
             except StepFailed as failure:
                 # The coarser path is kept, with its refinement error.
                 error = max(error, 2.0 * self.solver.settings.path_tolerance)
@@ -202,11 +203,13 @@ class LoadStepper:
         unstable = before.tangent_sign * after.tangent_sign < 0
         return unstable or not is_continuous(self.solver, before, start, after, end)
 
-    def _divided(self, state: SolverState, count: int) -> Path:
+    def _divided(self, state: SolverState, count: int, rescues: float = math.inf) -> Path:
         """The load step in equal parts, each divided further where slips reverse."""
         goals = [(k + 1) / count for k in range(count)]
         path = Path(state, linearization=self.linearization)
-        return self._followed(Progress(path, here=self.start), goals, self.near if count == 1 else None)
+        return self._followed(
+            Progress(path, here=self.start, rescues=rescues), goals, self.near if count == 1 else None
+        )
 
     def _followed(self, now: Progress, ends: Sequence[float], near: SolverState | None = None) -> Path:
         """From a state on, in parts with these ends; a state near the last one may be known."""
@@ -252,7 +255,7 @@ class LoadStepper:
                     accepted = replace(
                         accepted, located=True, increments=(*part.within, *accepted.increments)
                     )
-                now = Progress(now.path.then(accepted), goal, now.error + part.error, part.end, now.rescued)
+                now = Progress(now.path.then(accepted), goal, now.error + part.error, part.end, now.rescues)
                 goals.pop()
         if now.here is not None:
             # The search for reversals looked at other loads.
@@ -282,16 +285,16 @@ class LoadStepper:
         return _Goal(goal, part.end.state, part.end.linearization)
 
     def _rescued(self, now: Progress, goal: float, failed: NewtonResult) -> Progress:
-        """After a smallest substep that does not converge; a step of which many do not is given up."""
+        """After a smallest substep that does not converge."""
         try:
-            if now.rescued >= MOST_RESCUED:
+            if now.rescues <= 0:
                 raise self.solver.failure(now.path.state, now.load_factor, goal, failed, failed.iterations)
             part = self.solver.rescue(now.path.state, now.load_factor, goal, failed)
         except StepFailed as failure:
             failure.iterations += now.path.iterations + now.path.rejected
             raise
         path = now.path.then(replace(part, rejected=part.rejected + failed.iterations))
-        return Progress(path, goal, now.error, rescued=now.rescued + 1)
+        return Progress(path, goal, now.error, rescues=now.rescues - 1)
 
     def _depends_on_rates(self, before: SolverState, after: SolverState) -> bool:
         """Whether slip rates may matter: coefficients follow laws, and a hole under tension changed its state.
