@@ -209,8 +209,8 @@ def test_the_energy_of_a_random_motion_is_balanced(seed, rho):
 def test_the_energy_of_random_motions_is_balanced_for_half_a_second(seed, figure):
     """Random robots of 1 to 3 tendons with friction, elasticity, gravity, damping by the material: 1e-4 of the work.
 
-    In steps of 1 ms. The integration, by the trapezoidal rule, takes or gives up to 9e-5 of the work in eighteen, and
-    1.2e-4 and 1.3e-4 in two; in steps of 0.5 ms these two have 1.6e-5 and 7e-6.
+    In steps of 1 ms. The integration, by the trapezoidal rule, takes or gives up to 1.6e-4 of the work; two robots with
+    1.2e-4 and 1.3e-4 have 1.7e-5 and 7e-6 in steps of 0.5 ms.
     """
     balance, numerical = check(seed, 0.5)
     figure("energy", balance)
