@@ -31,6 +31,8 @@ from tdcr_fe.identify.search_state import (
 from tdcr_fe.identify.swaps import swap_effects
 from tdcr_fe.identify.time_limit import EXCHANGES, FURTHER_EFFECTS, PLACES, SMALLER_MODELS, OutOfTime
 
+#: A local cause that leaves less than so much of the misfit of the best effect along the whole robot is kept [1].
+FAR_AHEAD = 0.1
 #: An effect beyond so many is added only where it removes at least so much of the misfit on held-out steps [1].
 MANY_EFFECTS, WORTHWHILE = 4, 0.1
 
@@ -58,6 +60,10 @@ def search_effects(search: Search, state: SearchState) -> Stage:
         before = state.best
         state = yield from in_time(state, local_search(search, state), PLACES)
         if state.best is not before:
+            if not residual_is_noise(state.problem, state.best, search.significance):
+                # What is left beside a local cause may be an effect along the whole robot.
+                beside = forward_selection(search, state, locate=False)
+                state = yield from in_time(state, beside, FURTHER_EFFECTS)
             state = yield from in_time(state, backward_selection(search, state), EXCHANGES)
     return state
 
@@ -123,18 +129,32 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
             others = fitting.run_fits(problem, again)
         level = [best] if explained or number > 1 else [best, *others]
         if number == 1 and not explained and locate and not search.late:
-            # If one local cause explains everything, the search for several effects that mimic it is skipped.
-            located = search_places(search, state, [state.declared])
-            if located.best is not state.best and residual_is_noise(
-                located.problem, located.best, search.significance
-            ):
-                state = located
+            state, taken = _with_local_cause(search, state)
+            if taken and residual_is_noise(state.problem, state.best, search.significance):
                 break
-            scales = located.problem.scales
-            problem = replace(state.problem, scales=scales)
-            state = replace(state, local_scores=located.local_scores, problem=problem)
+            level = [state.best] if taken else level
     yield state
     return state
+
+
+def _with_local_cause(search: Search, state: SearchState) -> tuple[SearchState, bool]:
+    """A single local cause in place of the best effect along the whole robot, if it explains everything or nearly so.
+
+    The search for several effects that mimic it is then skipped.
+
+    Returns
+    -------
+    state : SearchState
+    taken : bool
+        Whether there is such a cause.
+    """
+    located = search_places(search, state, [state.declared])
+    if located.best is not state.best:
+        explains = residual_is_noise(located.problem, located.best, search.significance)
+        if explains or located.best.cost < FAR_AHEAD * state.best.cost:
+            return located, True
+    problem = replace(state.problem, scales=located.problem.scales)
+    return replace(state, local_scores=located.local_scores, problem=problem), False
 
 
 def with_intermediate_models(state: SearchState) -> SearchState:

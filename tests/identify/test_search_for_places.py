@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from identify_data import MODEL, ROBOT, measured
 
 from tdcr_fe.effects import effect
@@ -79,3 +80,17 @@ def test_a_place_that_cannot_come_near_the_best_model_is_not_moved():
     first = fit(own, (start,), [{start.name: {"stiffness": 1.0}}])
     (found,) = better_places(own, [first], {}, Race(1e-3 * first.cost))
     assert found is first
+
+
+@pytest.mark.parametrize(("tendon", "at"), [(1.0, 0.1), (2.0, 0.05)])
+def test_beside_a_hole_that_holds_fast_the_search_goes_on(tendon, at):
+    """A hole and precurvature: they ended as friction of 2.6, and as the hole alone, partly explained."""
+    causes = {"stuck_hole": {"tendon": tendon, "s": at}, "precurvature": {"kappa_x": 0.01, "kappa_y": 0.0}}
+    result = identify(measured(causes, robot=ROBOT, model=FRICTIONAL))
+    assert result.verdict == "explained"
+    hole, bend = result.effects
+    assert (hole.name, bend.name) == ("stuck_hole", "precurvature")
+    assert (hole.parameters["tendon"].value, hole.parameters["s"].value) == (tendon, at)
+    for name, true in causes["precurvature"].items():
+        found = bend.parameters[name]
+        assert abs(found.value - true) < 3.0 * found.std_error
