@@ -129,8 +129,13 @@ class SubstepSolver:
         )
 
     def passes_buckling(self, before: SolverState, after: SolverState) -> bool:
-        """Whether a bay is beyond its buckling load after a substep, and was not before."""
+        """Whether a bay of a robot driven by displacement is beyond its buckling load after a substep, not before.
+
+        Prescribed tensions do not grow with the compression.
+        """
         for i, (robot, limit) in enumerate(zip(self.system.robots, self.system.layout.buckling, strict=True)):
+            if not robot.by_displacement.any():
+                continue
             unloaded = robot.mesh.lengths
             beyond = unloaded - after.configuration.twists[i][:, 0] > limit
             if beyond.any() and np.any(beyond & (unloaded - before.configuration.twists[i][:, 0] <= limit)):
