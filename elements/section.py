@@ -25,6 +25,11 @@ _POINTS, _WEIGHTS = (
     0.5 * np.polynomial.legendre.leggauss(4)[1],
 )
 
+#: Change of a strain for numerical derivatives [1].
+STRAIN_DIFFERENCE = 1e-5
+#: Distance from the axis at which a change of curvature by them makes that strain, over the length of the backbone [1].
+THINNEST = 0.1
+
 
 def gauss_arc_lengths(nodes: Array) -> Array:
     """Arc lengths of the integration points of every element [m], shape (E, 4)."""
@@ -243,12 +248,14 @@ class SectionForces:
     def wrench_tangent(self, twists: Array, tensions: Array) -> Array:
         """Derivative of `wrenches` with respect to the twists of both nodes, shape (E, 12, 12).
 
-        By central differences over the six components of the twist; the strain matrix supplies the rest.
+        By central differences over the six components of the twist; the strain matrix supplies the rest. The
+        differences are those of strains, so that they suit elements of any length.
         """
-        step = 1e-6
-        shifts = np.concatenate((np.eye(6), -np.eye(6))) * step
-        w = self.wrenches(twists + shifts[:, None, :], tensions)
-        by_twist = np.moveaxis((w[:6] - w[6:]) / (2.0 * step), 0, -1)
+        stretch, bend = STRAIN_DIFFERENCE, STRAIN_DIFFERENCE / (THINNEST * self.lengths.sum())
+        step = self.lengths[:, None] * np.repeat((stretch, bend), 3)
+        shifts = np.concatenate((np.eye(6), -np.eye(6)))[:, None, :] * step
+        w = self.wrenches(twists + shifts, tensions)
+        by_twist = np.moveaxis((w[:6] - w[6:]) / (2.0 * step.T[..., None]), 0, -1)
         return by_twist @ strain_matrices(twists)
 
 

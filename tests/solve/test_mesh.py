@@ -18,9 +18,9 @@ from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRou
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve import mesh
-from tdcr_fe.solve.element_equations import POINTS, WEIGHTS, _collocation_matrix
+from tdcr_fe.solve.element_equations import POINTS, WEIGHTS, ElementModel, _collocation_matrix
 from tdcr_fe.solve.mesh import CHUNK, on_mesh, refined
-from tdcr_fe.solve.mesh_error import MeshEstimate
+from tdcr_fe.solve.mesh_error import MeshEstimate, SolvedState, estimate
 from tdcr_fe.solve.simulate import PathRecord, Simulation, SolverSettings, StepFailed, simulate
 from tdcr_fe.validation.random_robots import draw
 
@@ -356,13 +356,30 @@ def test_a_bay_without_a_finite_estimate_is_refined_as_far_as_allowed() -> None:
 
 
 def test_the_error_is_infinite_where_the_equations_along_an_element_have_no_finite_solution() -> None:
-    """Lengths in mm and a modulus in GPa, read as SI units: the own weight strains the backbone by a factor of 1e8."""
+    """The bending moments of turns by 1e160 rad in one bay overflow along their elements."""
+    arm = Simulation(paper(), Model(friction="none", elements_per_bay=2), resolve(paper(), pull(1.0)))
+    state = SolvedState.of(arm)
+    twists = state.twists.copy()
+    twists[4:6, 3:] = 1e160
+    found = estimate(ElementModel.of(arm.handle), [replace(state, twists=twists)], goal=0.0)[0]
+    assert found.largest == np.inf
+    sound = estimate(ElementModel.of(arm.handle), [state], goal=0.0)[0]
+    assert np.isfinite(sound.largest)
+
+
+def test_a_robot_in_mm_and_gpa_that_are_read_as_si_units_ends_with_the_suspicion() -> None:
+    """Its own weight strains the backbone by a factor of 1e8: no step is solved, and the warnings say why."""
     backbone = Backbone(300.0, 0.7, 60.0, 0.3, 5600.0)
-    tendon = Tendon("t1", ParallelRouting(8.0))
-    robot = Robot(backbone, Disks.equally_spaced(15, 300.0, mass=2e-4, radius=10.0), (tendon,))
+    robot = Robot(
+        backbone,
+        Disks.equally_spaced(15, 300.0, mass=2e-4, radius=10.0),
+        (Tendon("t1", ParallelRouting(8.0)),),
+    )
     model = Model(friction="none", gravity=(0.0, 0.0, -9.81), elements_per_bay=2)
     result = simulate(robot, model, [LoadStep(tensions={"t1": 1.0})])
-    assert result.steps[0].discretisation_error == np.inf
+    assert not result.converged
+    assert any("backbone.length = 300 m" in w and "mm?" in w for w in result.warnings)
+    assert any("youngs_modulus = 60 Pa" in w and "GPa?" in w for w in result.warnings)
 
 
 def test_elements_per_bay_can_be_given_for_every_bay() -> None:

@@ -40,9 +40,12 @@ def solved():
     return simulate(robot(), Model(elements_per_bay=2, gravity=(0.0, 1.0, -9.81)), steps)
 
 
-@pytest.mark.parametrize("number", [*range(1, 25), 25, 41])
+@pytest.mark.parametrize("number", [*range(1, 25), 25, 41, 4649, 8115])
 def test_random_robots_hold_all_checks(number):
-    """Seed 25 has the default mesh, seed 41 the energy balance."""
+    """Seed 25 has the default mesh, 41 the energy balance.
+
+    In seed 4649 the last step hardly moves a node and mobilises a hole; in seed 8115 two nodes nearly coincide.
+    """
     outcome = outcome_of(solve_case(number))
     assert outcome.passed, (outcome.error, outcome.message, outcome.broken)
 

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 FRICTION_TOLERANCE = 1e-4
 #: Only below this relative residual may an iteration end because its steps have become too small [1].
 STALLED_RESIDUAL = 1e-3
+#: And only where the last step has not brought the residual below this fraction of what it was [1].
+STALLED_REDUCTION = 0.5
 
 
 class NewtonStatus(Enum):
@@ -173,13 +175,15 @@ def first_unmet(iterate: Iterate, settings: SolverSettings, *, balance: bool = T
     return None
 
 
-def stalled(residual: float, step: Array, scales: ResidualScales, settings: SolverSettings) -> bool:
-    """Whether a step is so small that the remaining residual is round-off of very stiff parts.
+def stalled(
+    before: float, after: float, step: Array, scales: ResidualScales, settings: SolverSettings
+) -> bool:
+    """Whether a step is so small, and of so little use, that the rest of the residual is round-off of very stiff parts.
 
     Parameters
     ----------
-    residual
-        Relative residual before the step [1].
+    before, after
+        Relative residual before and after the step [1].
     step
         Change of the unknowns.
     scales
@@ -187,4 +191,6 @@ def stalled(residual: float, step: Array, scales: ResidualScales, settings: Solv
     settings
         Of the solver.
     """
-    return residual < STALLED_RESIDUAL and scales.step_size(step) <= settings.step_tolerance
+    useless = STALLED_REDUCTION * before <= after
+    small = max(before, after) < STALLED_RESIDUAL and scales.step_size(step) <= settings.step_tolerance
+    return useless and small

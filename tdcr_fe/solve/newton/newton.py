@@ -287,11 +287,12 @@ def _iterate(
             return end(NewtonStatus.SINGULAR)
         if len(residuals) == 1:
             predicted = step.slips
-        last = stalled(residual.size, step.change, system.layout.scales, settings)
+        before = residual.size
         trial, turn = _advance(system, residual.state, step, numbering, settings.max_turn)
         # Newton's steps are taken with the contact of their start, a damped motion opens and closes it on its way.
         residual = system.residual(trial, residual.target, numbering, len(residuals), hold_contact=not damped)
         iterate = _iterate_of(system, residual, numbering, step, presliding)
+        last = stalled(before, residual.size, step.change, system.layout.scales, settings)
         if last and first_unmet(iterate, settings, balance=False) is None:
             residuals.append(residual.size)
             return end(NewtonStatus.STALLED)
