@@ -22,7 +22,7 @@ from tdcr_fe.elements.backbone import BackboneMesh, relative_twists, strain_matr
 from tdcr_fe.elements.generalized import generalized_tangent, twists_by_coordinates
 from tdcr_fe.elements.node_coordinates import NodeCoordinates
 from tdcr_fe.elements.poses import skew
-from tdcr_fe.elements.section import nodal_sum
+from tdcr_fe.elements.section import wrenches_on_nodes
 from tdcr_fe.elements.system import SystemReference
 
 Array = NDArray[np.float64]
@@ -130,7 +130,7 @@ def constant_wrench_tangent(wrenches: Array, twists: Array, rotations: Array, pa
     k = np.zeros((6 * n, 6 * n))
     for e, block in enumerate(blocks):
         k[6 * e : 6 * e + 12, 6 * e : 6 * e + 12] += block
-    of_nodes = nodal_sum(-(wrenches[:, None] @ by_nodes)[:, 0])
+    of_nodes = wrenches_on_nodes(wrenches, by_nodes)
     for node, (force, moment) in enumerate(zip(skew(of_nodes[:, :3]), skew(of_nodes[:, 3:]), strict=True)):
         i = 6 * node
         k[i : i + 3, i + 3 : i + 6] -= force

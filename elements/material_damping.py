@@ -21,7 +21,7 @@ from tdcr_fe.elements.backbone import relative_twists, strain_matrices
 from tdcr_fe.elements.generalized import generalized_forces, twists_by_coordinates
 from tdcr_fe.elements.node_coordinates import NodeCoordinates
 from tdcr_fe.elements.poses import skew
-from tdcr_fe.elements.section import nodal_sum
+from tdcr_fe.elements.section import wrenches_on_nodes
 from tdcr_fe.elements.system import SystemReference
 
 Array = NDArray[np.float64]
@@ -184,7 +184,7 @@ class MaterialDamping:
     def _wrenches(self, twist_stiffness: Array, state: Motion) -> Array:
         """``[f, m]`` on the nodes in their own frames, shape (N, 6)."""
         resisting = self._viscosity(twist_stiffness) * state.rates
-        return nodal_sum(-(resisting[:, None] @ state.by_nodes)[:, 0])
+        return wrenches_on_nodes(resisting, state.by_nodes)
 
     @staticmethod
     def _by_poses(resist: Array, state: Motion) -> Array:

@@ -14,6 +14,7 @@ from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import Channel, Location, arc_lengths, channel
 from tdcr_fe.model.interpolation import (
     ElementChange,
+    elements_at,
     share_change,
     within_elements,
     within_elements_change,
@@ -135,7 +136,7 @@ class _Seen(NamedTuple):
 
     def _elements(self, run: Run) -> tuple[NDArray[np.int_], Array, Array]:
         """Their elements, their shares of them [1], and the lengths of these [m]."""
-        k = np.clip(np.searchsorted(run.s, self.s, side="right") - 1, 0, run.s.size - 2)
+        k = elements_at(run.s, self.s)
         length = run.s[k + 1] - run.s[k]
         return k, (self.s - run.s[k]) / length, length
 

@@ -56,10 +56,23 @@ def interpolate_positions(nodes: Array, positions: Array, rotations: Array, s: A
     flat = np.atleast_1d(s).ravel()
     if np.any(flat < nodes[0] - 1e-6) or np.any(flat > nodes[-1] + 1e-6):
         raise ValueError(f"arc length outside the backbone, which spans {nodes[0]:g} to {nodes[-1]:g} m")
-    k = np.clip(np.searchsorted(nodes, flat, side="right") - 1, 0, len(nodes) - 2)
+    k = elements_at(nodes, flat)
     x = (flat - nodes[k]) / (nodes[k + 1] - nodes[k])
     result = within_elements(positions[k], rotations[k], positions[k + 1], rotations[k + 1], x)
     return result.reshape((*np.shape(s), 3))
+
+
+def elements_at(nodes: Array, s: Array) -> NDArray[np.int_]:
+    """Numbers of the elements that hold arc lengths; at a node, of the one that begins there, the last one at the tip.
+
+    Parameters
+    ----------
+    nodes
+        Arc lengths of the nodes, ascending [m], shape (n,).
+    s
+        Arc lengths [m], any shape.
+    """
+    return np.clip(np.searchsorted(nodes, s, side="right") - 1, 0, len(nodes) - 2)
 
 
 def within_elements(start: Array, turn: Array, end: Array, end_turn: Array, share: Array) -> Array:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.interpolation import (
     ElementChange,
+    elements_at,
     interpolate_positions,
     rotation_vector_rate,
     share_change,
@@ -135,7 +136,7 @@ class ObservedStep:
 
     def _between_nodes(self, change: ObservedChange, s: Array) -> Array:
         """Derivatives of the positions at arc lengths between nodes, (n_markers, 3, P)."""
-        k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, self.s.size - 2)
+        k = elements_at(self.s, s)
         length = self.s[k + 1] - self.s[k]
         share = (s - self.s[k]) / length
         by = ElementChange(
@@ -193,9 +194,7 @@ class ObservedStep:
 
     def _elements_at(self, s: Array) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
         """Numbers of the elements before and after arc lengths; the same one between nodes."""
-        lower = np.clip(np.searchsorted(self.s, s - AT_NODE, side="right") - 1, 0, self.s.size - 2)
-        upper = np.clip(np.searchsorted(self.s, s + AT_NODE, side="right") - 1, 0, self.s.size - 2)
-        return lower, upper
+        return elements_at(self.s, s - AT_NODE), elements_at(self.s, s + AT_NODE)
 
 
 def difference_steps(step: ObservedStep, change: ObservedChange) -> Array:

@@ -31,7 +31,7 @@ from tdcr_fe.elements.history import RobotHistory
 from tdcr_fe.elements.material_damping import MaterialDamping
 from tdcr_fe.elements.node_coordinates import NodeCoordinates
 from tdcr_fe.elements.poses import log_so3
-from tdcr_fe.elements.section import nodal_sum
+from tdcr_fe.elements.section import wrenches_on_nodes
 from tdcr_fe.elements.system import SystemReference
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Robot
@@ -285,8 +285,7 @@ class EnergyBalance:
         mesh = self._actuation.mesh
         twists = relative_twists(motion.positions, motion.rotations)
         strained = mesh.twist_stiffness * (twists - mesh.reference_twists)
-        wrenches = forces.nodal_wrenches()
-        wrenches -= nodal_sum((strained[:, None] @ strain_matrices(twists))[:, 0])
+        wrenches = forces.nodal_wrenches() + wrenches_on_nodes(strained, strain_matrices(twists))
         return generalized_forces(wrenches, motion.rotations, motion.parameters)
 
     def _measured(self, motion: Motion) -> Any:

@@ -60,6 +60,13 @@ def hinge_length(length: float) -> float:
     return max(1e-5 * length, 5e-6)
 
 
+def of_backbone(mesh: BackboneMesh) -> NDArray[np.bool_]:
+    """Whether each element is one of the backbone; the first one may stand for a base that gives way."""
+    found = np.ones(len(mesh.lengths), dtype=bool)
+    found[0] = mesh.lengths[0] > 1.5 * hinge_length(float(mesh.arc_lengths[-1]))
+    return found
+
+
 def build_mesh(
     robot: Robot, model: Model, extra: Iterable[float] = ()
 ) -> tuple[BackboneMesh, NDArray[np.bool_]]:

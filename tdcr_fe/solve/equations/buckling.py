@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
-from tdcr_fe.scene.mesh import hinge_length
+from tdcr_fe.scene.mesh import of_backbone
 
 Array = NDArray[np.float64]
 
@@ -32,8 +32,7 @@ def buckling_shortening(robot: TendonActuation) -> Array:
     if ends[-1] < len(mesh.lengths):
         free[-1] *= 2.0
     # An element that stands for the stiffness of the base is no part of a bay.
-    of_backbone = mesh.lengths > 1.5 * hinge_length(float(mesh.arc_lengths[-1]))
-    bending = np.where(of_backbone, mesh.stiffness[:, 4:].min(axis=1), np.inf)
+    bending = np.where(of_backbone(mesh), mesh.stiffness[:, 4:].min(axis=1), np.inf)
     softest = np.full(len(free), np.inf)
     np.minimum.at(softest, bays, bending)
     return np.asarray(mesh.lengths * np.pi**2 * (softest / free**2)[bays] / mesh.stiffness[:, 0])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.backbone import BackboneMesh
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.scene.mesh import hinge_length
+from tdcr_fe.scene.mesh import of_backbone
 from tdcr_fe.solve.equations.reduction import BodyFrameReduction
 
 Array = NDArray[np.float64]
@@ -99,5 +99,5 @@ class ResidualScales:
 def _elastic_force(mesh: BackboneMesh) -> float:
     """Smallest EI of the backbone over the square of its length [N], without the element that stands for the base."""
     length = float(mesh.arc_lengths[-1])
-    bending = mesh.stiffness[mesh.lengths > 1.5 * hinge_length(length), 5]
+    bending = mesh.stiffness[of_backbone(mesh), 5]
     return float(np.min(bending)) / length**2
