@@ -22,8 +22,8 @@ from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
 from tdcr_fe.solve.load_steps.continuity import is_continuous
 from tdcr_fe.solve.load_steps.load_path import Increment, Path, Progress, StepFailed, one_substep
 from tdcr_fe.solve.load_steps.ramp import Ramp
-from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver, with_history_of
-from tdcr_fe.solve.load_steps.substep_reversals import Attempt, SubstepReversals, has_rates
+from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver, has_rates, with_history_of
+from tdcr_fe.solve.load_steps.substep_reversals import Attempt, SubstepReversals
 from tdcr_fe.solve.newton.newton import NewtonResult
 
 #: Parts of a load step to begin with where functions of the user set inputs or loads.

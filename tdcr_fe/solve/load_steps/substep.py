@@ -36,6 +36,11 @@ def with_history_of(state: SolverState, start: SolverState) -> SolverState:
     )
 
 
+def has_rates(system: SceneSystem) -> bool:
+    """Whether coefficients of friction follow laws, which may depend on slip rates."""
+    return any(law is not None for robot in system.robots for law in robot.law.parameters.laws)
+
+
 @dataclass(frozen=True, eq=False)
 class SubstepSolver:
     """Solves substeps of one load step of a scene.
@@ -170,9 +175,10 @@ class SubstepSolver:
         self, state: SolverState, start: float, end: float, failed: NewtonResult, iterations: int
     ) -> StepFailed:
         """The error for a smallest substep that did not converge, with the state at its beginning."""
+        moments = any(load[3:].any() for load in self.ramp.apply(self.system, end).loads)
         message = (
             f"{failed.reason(self.settings)}, between load factors {start:.4f} and {end:.4f} of the step, the "
-            f"smallest substep allowed. {advice(failed.status)}"
+            f"smallest substep allowed. {advice(failed.status, moments, has_rates(self.system))}"
         )
         if failed.status is NewtonStatus.SINGULAR:
             free = freely_moving(self.system, state)
@@ -180,8 +186,16 @@ class SubstepSolver:
         return StepFailed(message, start, failed.residual, state, iterations)
 
 
-def advice(status: NewtonStatus) -> str:
-    """What to try where a step fails."""
+def advice(status: NewtonStatus, moments: bool = False, rates: bool = False) -> str:
+    """What to try where a step fails.
+
+    Parameters
+    ----------
+    status
+        Of the last solve.
+    moments, rates
+        Whether there are concentrated moments, and coefficients of friction that may depend on slip rates.
+    """
     if status is NewtonStatus.SINGULAR:
         return "Fix or support what moves freely."
     if status is NewtonStatus.CONTACT_TOO_DEEP:
@@ -190,10 +204,20 @@ def advice(status: NewtonStatus) -> str:
         return "No equilibrium in contact was found near the last one; try smaller load steps."
     if status is NewtonStatus.NO_CONTACT_STATE:
         return "Try smaller load steps, or a smaller contact stiffness."
-    if status is NewtonStatus.NO_FRICTION_STATE:
+    if status is NewtonStatus.NO_FRICTION_STATE and not moments:
         return (
             "Try smaller load steps, or a larger presliding distance: presliding = 1e-5 in the [solver] table "
             "(SolverSettings in Python)."
+        )
+    if status is NewtonStatus.NOT_FINITE and rates:
+        return (
+            "Give the load step more time: a coefficient of friction that falls with the slip rate has no unique "
+            "solution in a short step."
+        )
+    if moments:
+        return (
+            "Try smaller load steps. A concentrated moment is not conservative: beyond a critical size no equilibrium "
+            "is stable, and the robot whirls instead of coming to rest."
         )
     return (
         "Try smaller load steps. If the load is near the point where the robot buckles or snaps through, no "

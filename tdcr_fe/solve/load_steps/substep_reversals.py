@@ -13,7 +13,6 @@ import numpy as np
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.numbering import Numbering
 from tdcr_fe.solve.equations.state import SolverState
-from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.equilibrium import Equilibrium, near_enough
 from tdcr_fe.solve.friction_path.friction_path import FollowedPath
 from tdcr_fe.solve.friction_path.reversals import History, Point, Reversals, find_reversals
@@ -21,7 +20,7 @@ from tdcr_fe.solve.friction_path.steady_slip import slips_steadily
 from tdcr_fe.solve.friction_path.taut_tendons import TautTendons
 from tdcr_fe.solve.load_steps.load_path import Progress
 from tdcr_fe.solve.load_steps.states_within import solve_within
-from tdcr_fe.solve.load_steps.substep import SubstepSolver, with_history_of
+from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates, with_history_of
 from tdcr_fe.solve.newton.newton import NewtonResult
 
 #: Largest error of a substep, as a fraction of what is left of the path tolerance, within the load step and at its end;
@@ -94,11 +93,6 @@ class _Known(NamedTuple):
         tension = self.picked.tensions(at.state)
         off = np.abs(path.at(at.factor)[1] - tension)
         return at.factor == 0.0 or bool(off.max() <= NEAR_PATH * tension.max())
-
-
-def has_rates(system: SceneSystem) -> bool:
-    """Whether coefficients of friction follow laws, which may depend on slip rates."""
-    return any(law is not None for robot in system.robots for law in robot.law.parameters.laws)
 
 
 @dataclass(frozen=True, eq=False)

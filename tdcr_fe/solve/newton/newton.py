@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.backbone import ElementChain
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.equations.factors import BorderedFactors
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.numbering import Numbering
 from tdcr_fe.solve.equations.residual import Residual
@@ -379,11 +380,23 @@ def _damped_step(
         change = step.change[:nodes].reshape(-1, 6)
         turn = float(np.max(np.abs(change[:, 3:])))
         moved = float(np.max(np.linalg.norm(change[:, :3], axis=1)))
-        climbs = step.linearization.factorisation.sign * residual.state.tangent_sign < 0
+        climbs = _climbs(system, step.linearization, residual.state)
         if (turn <= DAMPED_TURN and moved <= limit and not climbs) or damping >= most:
             break
         damping = min(max(4.0 * damping, least), most)
     return step._replace(damping=0.2 * damping if turn < 0.2 * DAMPED_TURN else damping)
+
+
+def _climbs(system: SceneSystem, linear: Linearization, state: SolverState) -> bool:
+    """Whether a damped step goes towards a saddle point, so that its damping is too small.
+
+    A robot with driven tendons may be held by them although it is unstable at fixed tensions; then both parts of the
+    sign are negative. With other items in the scene the sign of a stable state is not known.
+    """
+    factors = linear.factorisation
+    if isinstance(factors, BorderedFactors):
+        return system.layout.reduction.other.size == 0 and factors.sign < 0
+    return factors.sign * state.tangent_sign < 0
 
 
 def _padded(fixed: Array, numbering: Numbering) -> Array:
