@@ -114,7 +114,7 @@ def _simulated_tables(folder: Path) -> Mapping[str, str]:
     branches = [f"{name} {branch}" for name in none for branch, _ in pulls]
     result = simulate(robot, model, steps, settings).raise_if_failed()
     tables = {
-        "loading.csv": loading_table(range(1, len(steps) + 1), steps, branches),
+        "loading.csv": loading_table(robot, range(1, len(steps) + 1), steps, branches),
         "observations.csv": observations_table(_readings(robot, result)),
     }
     return {name: table.to_csv(index=False, lineterminator="\n") for name, table in tables.items()}

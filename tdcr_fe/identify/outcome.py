@@ -159,7 +159,7 @@ class IdentificationResult:
         if self.next_experiment is None:
             return None
         steps = self.next_experiment.steps
-        return loading_text(range(1, len(steps) + 1), steps, ["next"] * len(steps))
+        return loading_text(self.data.robot, range(1, len(steps) + 1), steps, ["next"] * len(steps))
 
     def __repr__(self) -> str:
         from tdcr_fe.identify.sentences import summary

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from tdcr_fe.io.atomic import write_folder, write_json
-from tdcr_fe.io.loading_table import loading_table
+from tdcr_fe.io.loading_table import loading_table, without_columns
 from tdcr_fe.io.summary import summary
 from tdcr_fe.io.tables import write_results
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
+from tdcr_fe.model.loading import resolve
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.targets import FollowResult
 
@@ -58,8 +59,9 @@ def write_follow(
         (folder / "robot.toml").write_text(robot_to_toml(result.robot), encoding="utf-8")
         (folder / "scenario.toml").write_text(scenario, encoding="utf-8")
         numbers = range(1, len(result.steps) + 1)
-        table = loading_table(list(numbers), result.steps, [""] * len(result.steps))
-        table.to_csv(folder / "loading.csv", index=False)
+        if not without_columns(result.robot, resolve(result.robot, result.steps)):
+            table = loading_table(result.robot, list(numbers), result.steps, [""] * len(result.steps))
+            table.to_csv(folder / "loading.csv", index=False)
 
     asked = len(result.targets) if targets_asked is None else targets_asked
     steps_asked = len(result.steps) - len(result.targets) + asked

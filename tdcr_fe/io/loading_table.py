@@ -8,11 +8,12 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from tdcr_fe.io.cells import millimetres_hint, number, whole_number
 from tdcr_fe.io.problems import Problem
-from tdcr_fe.model.loading import Load, LoadStep
+from tdcr_fe.model.loading import Actuation, Load, LoadStep, resolve
 from tdcr_fe.model.robot import Robot
 
 FORCES = ("force_x", "force_y", "force_z")
@@ -177,28 +178,76 @@ def _load_step(step_id: int, values: Mapping[str, float], robot: Robot) -> LoadS
 
 
 def loading_table(
-    step_ids: Sequence[int], steps: Sequence[LoadStep], branches: Sequence[str]
+    robot: Robot, step_ids: Sequence[int], steps: Sequence[LoadStep], branches: Sequence[str]
 ) -> pd.DataFrame:
-    """A loading sequence as ``loading.csv`` has it."""
+    """A loading sequence as ``loading.csv`` has it.
+
+    Parameters
+    ----------
+    robot
+        That is loaded.
+    step_ids, steps, branches
+        Of every step; there is no column of branches where all are empty texts.
+
+    Raises
+    ------
+    ValueError
+        The file has no columns for some of it; the message names what.
+    """
+    states = resolve(robot, steps)
+    foreign = without_columns(robot, states)
+    if foreign:
+        raise ValueError(f"loading.csv cannot express {'; '.join(foreign)}")
+    named = {name for step in steps for name in (*step.tensions, *step.displacements)}
+    driven = [(i, name) for i, name in enumerate(robot.tendon_names) if name in named]
     rows = []
-    any_load = any(s.loads for s in steps)
-    any_branch = any(branches)
-    for step_id, branch, step in zip(step_ids, branches, steps, strict=True):
+    for step_id, branch, step, state in zip(step_ids, branches, steps, states, strict=True):
         row: dict[str, object] = {"step": step_id}
-        if any_branch:
+        if any(branches):
             row["branch"] = branch
         if step.time is not None:
             row["time"] = step.time
-        row |= {f"tension_{n}": v for n, v in step.tensions.items()}
-        row |= {f"displacement_{n}": v for n, v in step.displacements.items()}
-        if any_load:
-            force = step.loads["tip"].force if "tip" in step.loads else (0.0, 0.0, 0.0)
-            row |= dict(zip(FORCES, force, strict=True))
+        row |= {
+            f"{'displacement' if state.by_displacement[i] else 'tension'}_{name}": float(state.values[i])
+            for i, name in driven
+        }
+        if any(s.loads for s in steps):
+            force = np.sum([load.force for load in state.loads.values()], axis=0, initial=0.0)
+            row |= dict(zip(FORCES, np.broadcast_to(force, 3).tolist(), strict=True))
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-def loading_text(step_ids: Sequence[int], steps: Sequence[LoadStep], branches: Sequence[str]) -> str:
-    """A loading sequence as the text of a ``loading.csv``."""
-    text: str = loading_table(step_ids, steps, branches).to_csv(index=False)
+def without_columns(robot: Robot, states: Sequence[Actuation]) -> list[str]:
+    """What of a loading sequence has no columns in ``loading.csv``, in words.
+
+    Parameters
+    ----------
+    robot
+        That is loaded.
+    states
+        What acts at the end of every step.
+    """
+    found = [
+        f"tendon {name}: driven by tension and by displacement"
+        for i, name in enumerate(robot.tendon_names)
+        if len({bool(state.by_displacement[i]) for state in states}) > 1
+    ]
+    for name, load in {(n, load) for state in states for n, load in state.loads.items()}:
+        if not any((*load.force, *load.moment)):
+            continue
+        if any(load.moment):
+            found.append(f"load {name}: a moment")
+        if load.frame != "world" and any(load.force):
+            found.append(f"load {name}: a force in the frame of the section")
+        if abs(load.at - robot.backbone.length) > 1e-9 * robot.backbone.length:
+            found.append(f"load {name}: not at the tip")
+    return sorted(set(found))
+
+
+def loading_text(
+    robot: Robot, step_ids: Sequence[int], steps: Sequence[LoadStep], branches: Sequence[str]
+) -> str:
+    """A loading sequence as the text of a ``loading.csv``, see `loading_table`."""
+    text: str = loading_table(robot, step_ids, steps, branches).to_csv(index=False)
     return text

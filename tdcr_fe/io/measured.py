@@ -259,13 +259,21 @@ def _table(path: Path, problems: list[Problem]) -> pd.DataFrame | None:
 
 
 def write_measured(data: MeasuredData, folder: str | os.PathLike[str]) -> None:
-    """Write data as a folder that `read_measured` reads."""
+    """Write data as a folder that `read_measured` reads.
+
+    Raises
+    ------
+    ValueError
+        The files have no place for a part of robot or loading sequence; nothing is written.
+    """
+    robot = robot_to_toml(data.robot)
+    loading = loading_table(data.robot, data.step_ids, data.steps, data.branches)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     settings = None if data.settings == SolverSettings() else data.settings
-    write_text(robot_to_toml(data.robot), folder / "robot.toml")
+    write_text(robot, folder / "robot.toml")
     write_text(model_to_toml(data.model, settings, data.effects), folder / "model.toml")
-    loading_table(data.step_ids, data.steps, data.branches).to_csv(folder / "loading.csv", index=False)
+    loading.to_csv(folder / "loading.csv", index=False)
     observations_table(data.readings).to_csv(folder / "observations.csv", index=False)
 
 

@@ -101,7 +101,7 @@ def test_the_loading_file_is_read_as_it_was_planned(ambiguous, tmp_path):
     planned = choose_next(SEARCH, ambiguous)
 
     class Made:
-        next_experiment = planned
+        next_experiment, data = planned, ambiguous.problem.data
 
     (tmp_path / "loading.csv").write_text(IdentificationResult.next_loading(Made()), encoding="utf-8")
     table = pd.read_csv(tmp_path / "loading.csv", dtype=str)
@@ -131,7 +131,7 @@ def test_the_report_says_when_no_experiment_helps(ambiguous):
     planned = choose_next(SEARCH, ambiguous)
 
     class Made:
-        next_experiment = planned
+        next_experiment, data = planned, ambiguous.problem.data
 
     (text,) = next_sentence(Made())
     assert text.startswith("Next experiment") and "no load" not in text

@@ -42,6 +42,49 @@ def test_what_is_written_is_read(folder):
     assert data.robot == three(mu=0.1)
 
 
+def written(folder, *steps):
+    """Steps of a robot of three tendons, written and read."""
+    readings = (Reading(1, "position_x", 0.25, 0.0),)
+    ids = tuple(range(1, len(steps) + 1))
+    write_measured(MeasuredData("x", three(), Model(), ids, steps, ("",) * len(steps), readings), folder)
+    return read_measured(folder).steps
+
+
+def test_what_a_step_does_not_name_is_written_as_it_was(tmp_path):
+    """Tensions and loads that are carried over, and forces of two names at the tip."""
+    gust, tip = Load(0.25, (0.01, 0.0, 0.0)), Load(0.25, (0.0, 0.02, 0.0))
+    steps = (
+        LoadStep("", {"t1": 0.5}, loads={"tip": tip}),
+        LoadStep("", {"t2": 0.1}, loads={"gust": gust}),
+        LoadStep(),
+    )
+    found = written(tmp_path / "set", *steps)
+    assert [s.tensions for s in found] == [{"t1": 0.5, "t2": t} for t in (0.0, 0.1, 0.1)]
+    assert [s.loads["tip"].force for s in found] == [(0.0, 0.02, 0.0), (0.01, 0.02, 0.0), (0.01, 0.02, 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("steps", "named"),
+    [
+        ([LoadStep("", loads={"side": Load(0.1, (0.0, 0.1, 0.0))})], "load side: not at the tip"),
+        ([LoadStep("", loads={"tip": Load(0.25, moment=(0.0, 0.1, 0.0))})], "load tip: a moment"),
+        (
+            [LoadStep("", loads={"tip": Load(0.25, (0.0, 0.1, 0.0), frame="section")})],
+            "load tip: a force in the frame of the section",
+        ),
+        (
+            [LoadStep("", {"t1": 0.1}), LoadStep("", displacements={"t1": 1e-3})],
+            "tendon t1: driven by tension and by displacement",
+        ),
+    ],
+)
+def test_what_has_no_column_is_refused_by_name_and_nothing_is_written(tmp_path, steps, named):
+    """Version 0.1 left such loads out."""
+    with pytest.raises(ValueError, match=f"loading.csv cannot express {named}"):
+        written(tmp_path / "set", *steps)
+    assert not (tmp_path / "set").exists()
+
+
 @pytest.mark.parametrize(
     ("row", "column", "hint"),
     [
