@@ -1,14 +1,22 @@
 """Laws of the reference, for blind sets: closed forms, and recipes that hide what no listed effect is."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from tdcr_fe.effects import EFFECTS
+from tdcr_fe.identify.estimate import Estimate
+from tdcr_fe.identify.found_law import LawTerm
+from tdcr_fe.identify.law import where
+from tdcr_fe.identify.law_terms import BENDING, CURVATURE, DEFLECTION, DISPLACED, Term
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.blind.laws import LAWS, make_law_set
+from tdcr_fe.validation.blind_laws.campaign import PRODUCTS, judge
 from tdcr_fe.validation.reference import Extras, ReferenceSettings, solve_reference
 from tdcr_fe.validation.reference.extras import PointForce
 
@@ -63,3 +71,42 @@ def test_a_blind_set_of_a_law_differs_from_the_declared_robot_far_above_the_nois
     noise = [r.value - x for r, x in zip(made.data.readings, made.exact, strict=True)]
     sigma = [r.sigma for r in made.data.readings]
     assert np.std(np.array(noise) / sigma) == pytest.approx(1.0, abs=0.1)
+
+
+def judged(name, *terms, effects=(), alternatives=(), after=0.0005):
+    """The outcome of a set where these terms, as (product, where), were found."""
+    found = tuple(LawTerm(p, Estimate(1.0, 0.1, "N m"), w) for p, w in terms)
+    law = SimpleNamespace(terms=found, formula="m", alternatives=alternatives) if found else None
+    errors = [SimpleNamespace(rms_position=x) for x in (0.001, after)]
+    result = SimpleNamespace(
+        verdict="explained by a law found", law=law, effects=effects, data=SimpleNamespace(robot=ROBOT),
+        before_held_out=errors[0], after_held_out=errors[1], noise=errors[0],
+    )  # fmt: skip
+    return judge(next(r for r in LAWS if r.name == name), result, 1.0)
+
+
+def test_a_formula_is_right_with_the_product_of_its_recipe_and_nothing_else():
+    assert set(PRODUCTS) == {r.name for r in LAWS}
+    hardening = ("|kappa| kappa", "all bays")
+    assert judged("hardening", hardening).right
+    assert not judged("hardening", ("|kappa|^2 kappa", "all bays")).right
+    assert not judged("hardening", hardening, ("t e_x", "all bays")).right
+    assert not judged("hardening", hardening, effects=(SimpleNamespace(name="gravity"),)).right
+    assert not judged("hardening").right
+    assert judged("hardening", ("T kappa", "all bays"), alternatives=("|kappa| kappa",)).among_others
+
+
+def test_a_formula_at_one_place_is_right_at_that_place_only():
+    """Of four bays and disks: the law acts in the third bay, the spring on the third disk."""
+    edges = ROBOT.bay_edges
+    for name, term, bay in (
+        ("hardening in one bay", Term((CURVATURE,), BENDING, 2), 2),
+        ("cubic spring", Term((DEFLECTION, DEFLECTION), DISPLACED, 2), 2),
+    ):
+        assert judged(name, (term.product, where(term, edges))).right
+        assert not judged(name, (term.product, where(replace(term, bay=bay - 1), edges))).right
+        assert not judged(name, (term.product, "all bays")).right
+
+
+def test_half_of_the_error_is_the_mark():
+    assert judged("drift", after=0.0005).halved and not judged("drift", after=0.00051).halved
