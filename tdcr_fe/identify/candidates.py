@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.effects import Effect, EffectAtPlace, Experiment
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import (
     noise_cost,
@@ -475,24 +475,48 @@ def local_scores_beside(search: Search, state: SearchState, fit: Fit) -> tuple[S
         beaten = fit is not state.best and state.best.cost <= SOLVED * fit.cost
         if least > SOLVED * fit.cost and not (explained or beaten):
             scores = sorted([*scores, *_strong_scores(state.problem, fit)], key=lambda s: -s.drop)
+            scores = _joined(scores)
         state = replace(state, local_scores={**state.local_scores, key: scores})
     return state, state.local_scores[key]
 
 
+def at_full_strength(
+    problem: FitProblem, fit: Fit, causes: Sequence[EffectAtPlace] | None = None
+) -> list[Fit]:
+    """A model with each local cause that saturates at full strength, with derivatives by its parameters as before.
+
+    ``causes``: those that are tried; None for some on every tendon, see `strong_candidates`.
+    """
+    fits = []
+    for e in strong_candidates(problem, fit) if causes is None else causes:
+        point = {**fit.values, e.name: e.full_strength(problem.experiment)}
+        fits.append(fitting.evaluated(problem, (*fit.effects, e), point, fit.free, fit))
+    return [new for new in fitting.run_fits(problem, fits) if new.solved]
+
+
 def _strong_scores(problem: FitProblem, fit: Fit) -> list[Score]:
-    """Scores of local causes that saturate, from simulations at full strength beside a model."""
-    effects = strong_candidates(problem, fit)
-    points = [{**fit.values, e.name: e.full_strength(problem.experiment)} for e in effects]
-    fits = [
-        fitting.evaluated(problem, (*fit.effects, e), point, (), fit)
-        for e, point in zip(effects, points, strict=True)
-    ]
+    """Scores of local causes that saturate, from simulations at full strength; the model's own parameters adapt."""
     none = np.zeros((fit.residual.size, 0))
-    return [
-        Score(e, fit.cost - new.cost, fit.held_cost - new.held_cost, [point], new.residual, none)
-        for e, point, new in zip(effects, points, fitting.run_fits(problem, fits), strict=True)
-        if new.solved
-    ]
+    scores = []
+    for new in at_full_strength(problem, fit):
+        point, left = fitting.linear_optimum(problem, new)
+        cost, held_cost = problem.cost(left)
+        starts = [point, new.values] if new.free else [point]
+        scores.append(Score(new.effects[-1], fit.cost - cost, fit.held_cost - held_cost, starts, left, none))
+    return scores
+
+
+def _joined(scores: Sequence[Score]) -> list[Score]:
+    """Scores of which those of one effect are one: the best, which may begin where the others do as well."""
+    by_name: dict[str, Score] = {}
+    for x in scores:
+        known = by_name.get(x.effect.name)
+        by_name[x.effect.name] = (
+            x
+            if known is None
+            else replace(known, starts=[*known.starts, *x.starts[:1]], scales={**x.scales, **known.scales})
+        )
+    return list(by_name.values())
 
 
 def with_screened(state: SearchState, scores: Sequence[Score]) -> SearchState:

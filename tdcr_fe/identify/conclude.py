@@ -16,6 +16,7 @@ from tdcr_fe.identify.data_faults import jump_of_residual, wrong_sigma
 from tdcr_fe.identify.findings import (
     THE_DATA,
     THE_INPUTS,
+    THE_NOISE,
     InputScatter,
     NextExperiment,
     Remainder,
@@ -24,7 +25,7 @@ from tdcr_fe.identify.findings import (
 )
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.found_law import FoundLaw
-from tdcr_fe.identify.information import insufficient_data
+from tdcr_fe.identify.information import insufficient_data, mostly_estimated_noise
 from tdcr_fe.identify.misfit import Misfit, Noise, Structure
 from tdcr_fe.identify.noise import outliers, structure
 from tdcr_fe.identify.outcome import IdentificationResult, Verdict
@@ -137,12 +138,20 @@ class _Judgement(NamedTuple):
         Why the data do not suffice, and their fault; empty where they do, and have none.
     inputs_explain : bool
         Whether errors of the inputs account for all that is left.
+    unknown_noise : str
+        Why what the declared model leaves cannot be told from noise, although it looks like noise; empty where it can.
     """
 
     explained: bool
     insufficient: str
     faulty: str
     inputs_explain: bool
+    unknown_noise: str = ""
+
+    @property
+    def undecided(self) -> bool:
+        """Whether the data do not tell what is missing."""
+        return bool(self.insufficient or self.faulty or self.inputs_explain or self.unknown_noise)
 
 
 def _judged(
@@ -155,7 +164,8 @@ def _judged(
     alone = not (insufficient or best.effects or law)
     inputs_explain = alone and input_scatter is not None and input_scatter.explains_all
     faulty = state.data_fault or (wrong_sigma(problem, best) if alone and not inputs_explain else "")
-    return _Judgement(explained, insufficient, faulty, inputs_explain)
+    unknown_noise = mostly_estimated_noise(problem.data) if explained and alone and not faulty else ""
+    return _Judgement(explained, insufficient, faulty, inputs_explain, unknown_noise)
 
 
 def _with_ceiling(search: Search, state: SearchState) -> tuple[SearchState, Misfit | None]:
@@ -171,7 +181,7 @@ def _verdict(state: SearchState, judged: _Judgement, law: FoundLaw | None) -> Ve
     """The verdict."""
     if state.interrupted:
         return "unfinished"
-    if judged.insufficient or judged.faulty or judged.inputs_explain:
+    if judged.undecided:
         return "cannot tell"
     if not judged.explained and FURTHER_EFFECTS in state.not_tried:
         return "unfinished"
@@ -251,6 +261,8 @@ def _remaining(
         return Remainder("not known", judged.insufficient, moment, edges)
     if judged.inputs_explain:
         return Remainder(THE_INPUTS, INPUTS_EXPLAIN, moment, edges)
+    if judged.unknown_noise:
+        return Remainder(THE_NOISE, judged.unknown_noise, moment, edges)
     if judged.explained:
         text = "what is left has the size and the structure of the noise"
         return Remainder("nowhere", text, moment, edges)

@@ -107,7 +107,11 @@ def required_drop(parameters: int, significance: float, level: float) -> float:
 
 
 def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float) -> bool:
-    """Whether a larger model improves the criteria enough, on the fitted and on the held-out readings."""
+    """Whether a larger model improves the criteria enough, on the fitted and on the held-out readings.
+
+    Where the two models predict nearly the same held-out readings, these cannot decide: the fitted ones then do, if the
+    larger model leaves noise.
+    """
     if not new.solved:
         return False
     level = reduced_chi_square(problem, new)
@@ -116,7 +120,12 @@ def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float)
         return False
     if not np.any(problem.held_out):
         return True
-    return old.held_cost - new.held_cost > HELD_OUT_DROP * level
+    needed = HELD_OUT_DROP * level
+    if old.held_cost - new.held_cost > needed:
+        return True
+    # If the larger model is right, the drop to be expected is the sum of squares of what they differ by.
+    difference = (new.residual - old.residual)[problem.held_out]
+    return float(difference @ difference) < needed and residual_is_noise(problem, new, significance)
 
 
 def robust_threshold(residual: np.typing.NDArray[np.float64]) -> float:

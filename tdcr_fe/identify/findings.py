@@ -103,7 +103,7 @@ class Candidate:
 
 
 #: Where the error remains if the data have a fault, or if errors of the inputs account for all of it.
-THE_DATA, THE_INPUTS = "the data", "the inputs"
+THE_DATA, THE_INPUTS, THE_NOISE = "the data", "the inputs", "the noise"
 
 
 @dataclass(frozen=True)

@@ -267,6 +267,14 @@ def descend(
     return now
 
 
+def linear_optimum(problem: FitProblem, now: Fit) -> tuple[Point, Array]:
+    """The best values that the linear model of a fit knows, and the residual over sigma there, by that model."""
+    if not now.free or not np.isfinite(now.cost):
+        return now.values, now.residual
+    z, step, _ = _proposal(problem, now, 0.0)
+    return problem.point(now.effects, now.values, now.free, z), now.residual - now.jacobian @ step
+
+
 def reachable_cost(problem: FitProblem, now: Fit) -> float:
     """Cost of a fit at the best values that its linear model knows."""
     if not now.free or not np.isfinite(now.cost):

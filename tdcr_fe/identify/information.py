@@ -83,6 +83,22 @@ def unknown_noise(data: MeasuredData) -> list[str]:
     return sorted(missing - estimable)
 
 
+def mostly_estimated_noise(data: MeasuredData) -> str:
+    """Why a declared model that leaves noise proves nothing: most readings have no sigma; empty where they have.
+
+    The noise is then estimated from what the declared model leaves, so that it cannot speak for that model.
+    """
+    without = [r for r in data.readings if r.sigma is None]
+    if 2 * len(without) <= len(data.readings):
+        return ""
+    families = ", ".join(sorted({r.channel.family for r in without}))
+    return (
+        f"no sigma is given for {families}, and what the declared model leaves scatters from step to step like noise: "
+        "if that is the noise of the sensors, nothing is missing; but an effect that changes from step to step without "
+        "order would look the same. Give sigma in observations.csv"
+    )
+
+
 def motion_over_noise(problem: FitProblem, declared: Fit) -> float:
     """Predicted readings less those of the straight, unloaded robot, rms over sigma [1]."""
     at_rest = np.array([r.channel.at_rest(r.location) for r in problem.data.readings])

@@ -128,7 +128,7 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
         for new, (base, _) in zip(fits, chosen, strict=True)
         if new.solved and is_improvement(state.problem, new, base, search.significance)
     ]
-    return _with_local(state, fits) if fits else state
+    return with_local(state, fits) if fits else state
 
 
 def _best_of_each_kind(scores: Sequence[Score]) -> list[Score]:
@@ -209,19 +209,20 @@ def _moved(
     return (yield from fitting.descend(problem, best, race))
 
 
-def _with_local(state: SearchState, fits: Sequence[Fit]) -> SearchState:
+def with_local(state: SearchState, fits: Sequence[Fit]) -> SearchState:
     """Take the best model with an effect at a place where it explains more than the present one.
 
-    The place itself counts as one or two fitted numbers more.
+    Each place itself counts as one or two fitted numbers more.
     """
     problem = state.problem
     local = min(fits, key=lambda f: bic(problem, f))
-    effect = local.effects[-1]
-    assert isinstance(effect, EffectAtPlace)
-    chosen = len(effect.place) * math.log(problem.count)
+    added = [e for e in local.effects if isinstance(e, EffectAtPlace) and e.name not in state.best.names]
+    chosen = sum(len(e.place) for e in added) * math.log(problem.count)
     gain = (bic(problem, state.best) - bic(problem, local) - chosen) / reduced_chi_square(problem, local)
     if gain <= BIC_DIFFERENCE:
         return state
     rivals = {k: v for k, v in state.rivals.items() if k in local.names}
     state = replace(state.with_fit(local), best=local, rivals=rivals)
-    return refined(state.with_history(f"{effect.name} explains more than effects along the whole robot"))
+    where = " and ".join(e.name for e in added)
+    verb = "explains" if len(added) == 1 else "explain"
+    return refined(state.with_history(f"{where} {verb} more than effects along the whole robot"))

@@ -17,6 +17,7 @@ from tdcr_fe.identify.criteria import BIC_DIFFERENCE, is_improvement, rank, resi
 from tdcr_fe.identify.information import lacks_test
 from tdcr_fe.identify.local_search import local_search, place_ahead, search_places
 from tdcr_fe.identify.problem import Fit
+from tdcr_fe.identify.saturated import saturated_pairs
 from tdcr_fe.identify.search_state import (
     Search,
     SearchState,
@@ -60,12 +61,22 @@ def search_effects(search: Search, state: SearchState) -> Stage:
         before = state.best
         state = yield from in_time(state, local_search(search, state), PLACES)
         if state.best is not before:
-            if not residual_is_noise(state.problem, state.best, search.significance):
-                # What is left beside a local cause may be an effect along the whole robot.
-                beside = forward_selection(search, state, locate=False)
-                state = yield from in_time(state, beside, FURTHER_EFFECTS)
-            state = yield from in_time(state, backward_selection(search, state), EXCHANGES)
+            state = yield from _beside_local_cause(search, state)
+        if not (search.late or residual_is_noise(state.problem, state.best, search.significance)):
+            before = state.best
+            state = yield from in_time(state, saturated_pairs(search, state), PLACES)
+            if state.best is not before:
+                state = yield from _beside_local_cause(search, state)
+                state = yield from in_time(state, swap_effects(search, state), EXCHANGES)
     return state
+
+
+def _beside_local_cause(search: Search, state: SearchState) -> Stage:
+    """What is left beside a local cause may be an effect along the whole robot; others may be unnecessary then."""
+    if not residual_is_noise(state.problem, state.best, search.significance):
+        beside = forward_selection(search, state, locate=False)
+        state = yield from in_time(state, beside, FURTHER_EFFECTS)
+    return (yield from in_time(state, backward_selection(search, state), EXCHANGES))
 
 
 def forward_selection(search: Search, state: SearchState, locate: bool = True) -> Stage:

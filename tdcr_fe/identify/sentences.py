@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 
-from tdcr_fe.identify.findings import THE_DATA, THE_INPUTS
+from tdcr_fe.identify.findings import THE_DATA, THE_INPUTS, THE_NOISE
 from tdcr_fe.identify.misfit import Misfit
 from tdcr_fe.identify.outcome import IdentificationResult
 from tdcr_fe.identify.remarks import half_width, remarks
@@ -40,6 +40,8 @@ def headline(result: IdentificationResult) -> str:
         return "Cannot tell: the data have a fault. Mend it in the files, and run this again."
     if verdict == "cannot tell" and result.remaining.where == THE_INPUTS:
         return "Cannot tell: the inputs scatter too much to decide what the model lacks."
+    if verdict == "cannot tell" and result.remaining.where == THE_NOISE:
+        return "Cannot tell: no effect is seen, but the noise of the sensors is not known."
     if verdict == "cannot tell":
         return f"Cannot tell: these readings are too few or too noisy to decide what the model lacks.{found}"
     if verdict == "unfinished":
@@ -209,6 +211,8 @@ def _estimated_noise(result: IdentificationResult) -> list[str]:
     """Where sigma is not given: how the noise is known."""
     if not result.sigma_estimated:
         return []
+    if result.remaining.where == THE_NOISE:
+        return ["The noise is estimated from the scatter of the readings about smooth curves."]
     without = sorted({r.channel.family for r in result.data.readings if r.sigma is None})
     return [
         f"No sigma is given for {_joined(without)}: the noise is estimated from the scatter of the readings about "

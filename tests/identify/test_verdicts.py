@@ -18,7 +18,7 @@ from tdcr_fe.identify import identify
 from tdcr_fe.identify.added_effects import separating_experiments
 from tdcr_fe.identify.candidates import identifiable
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.information import unknown_noise
+from tdcr_fe.identify.information import mostly_estimated_noise, unknown_noise
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import headline, sentences
@@ -66,14 +66,28 @@ def test_a_single_reading_gives_no_verdict(bent, tmp_path, sigma):
     assert result["effects"] == [] and result["simulations"] < 10
 
 
-def test_without_sigma_noise_is_estimated_where_three_steps_allow_it(tmp_path):
+def test_without_sigma_a_model_that_leaves_noise_proves_nothing(tmp_path):
+    """The noise is estimated from what the model leaves, so that it cannot speak for the model."""
     data = measured(given=False)
     status, result = run(data, tmp_path)
-    assert (status, result["verdict"], result["sigma_estimated"]) == (0, "nothing missing", True)
-    assert (
-        "No sigma is given for position: the noise is estimated" in (tmp_path / "out/report.html").read_text()
-    )
+    assert (status, result["verdict"], result["sigma_estimated"]) == (0, "cannot tell", True)
+    assert result["effects"] == [] and result["remaining"]["where"] == "the noise"
+    text = (tmp_path / "out/report.html").read_text()
+    assert "the noise of the sensors is not known" in text and "No sigma is given for position" in text
+    assert "The noise is estimated from the scatter of the readings" in text
     assert unknown_noise(data) == []
+
+
+def test_readings_without_sigma_beside_more_that_have_one_prove_nothing_missing():
+    data = measured()
+    few = tuple(replace(r, sigma=None) if r.step <= 4 else r for r in data.readings)
+    assert mostly_estimated_noise(replace(data, readings=few)) == ""
+    assert mostly_estimated_noise(measured(given=False)).startswith("no sigma is given for position")
+
+
+def test_without_sigma_an_effect_is_named_all_the_same():
+    result = identify(measured({"gravity": {"g_x": 3.0}}, given=False))
+    assert (result.verdict, [e.name for e in result.effects]) == ("explained", ["gravity"])
 
 
 def test_without_sigma_two_steps_give_no_verdict(bent, tmp_path):

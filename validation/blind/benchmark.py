@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 import traceback
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
@@ -104,10 +105,12 @@ def _identified(answer: Answer, out: Path) -> Score:
     from tdcr_fe.io.measured import read_measured
 
     data = read_measured(out / "sets" / str(answer.recipe.seed), strict=True)
+    begun = time.process_time()
     result = identify(data)
+    seconds = time.process_time() - begun
     if result.interrupted:  # it is not the result of this set
         raise KeyboardInterrupt
-    return score(answer, result)
+    return {**score(answer, result), "processor_time": seconds}
 
 
 def _write(file: Path, document: Any) -> None:

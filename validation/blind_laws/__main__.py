@@ -63,9 +63,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             "formula": [o.formula for o in outcomes],
             "right": [o.right for o in outcomes],
             "among others": [o.among_others for o in outcomes],
-            "before [mm]": [1e3 * o.before for o in outcomes],
-            "after [mm]": [1e3 * o.after for o in outcomes],
-            "noise [mm]": [1e3 * o.noise for o in outcomes],
+            "before [mm]": [_millimetres(o.before) for o in outcomes],
+            "after [mm]": [_millimetres(o.after) for o in outcomes],
+            "noise [mm]": [_millimetres(o.noise) for o in outcomes],
             "seconds": [o.seconds for o in outcomes],
         }
     ).round(3)
@@ -79,6 +79,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     enough = halved >= HALVED / len(LAWS) * len(outcomes) and right >= RIGHT / len(LAWS) * len(outcomes)
     return SUCCESS if enough else FAILURE
+
+
+def _millimetres(length: float | None) -> float:
+    return float("nan") if length is None else 1e3 * length
 
 
 if __name__ == "__main__":

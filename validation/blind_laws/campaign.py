@@ -50,9 +50,9 @@ class Outcome:
         Whether it is that of the recipe, at its place, and nothing besides.
     among_others : bool
         Whether the recipe's formula is at least named as one that explains the data as well.
-    before, after : float
+    before, after : float or None
         Distance between predicted and measured markers on the held-out steps, rms [m].
-    noise : float
+    noise : float or None
         The distance that the noise makes, by its sigma [m].
     seconds : float
         Processor time of the identification [s].
@@ -64,15 +64,15 @@ class Outcome:
     formula: str
     right: bool
     among_others: bool
-    before: float
-    after: float
-    noise: float
+    before: float | None
+    after: float | None
+    noise: float | None
     seconds: float
 
     @property
     def halved(self) -> bool:
         """Whether the held-out error fell to half or less."""
-        return self.after <= 0.5 * self.before
+        return self.before is not None and self.after is not None and self.after <= 0.5 * self.before
 
 
 def run_all(recipes: Sequence[LawRecipe], out: Path, processes: int) -> Generator[Outcome, None, None]:

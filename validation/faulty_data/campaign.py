@@ -46,7 +46,7 @@ class Outcome:
     outcome : str
         "refused" (input error that names it), "refused without naming it", "named" (in the report), "cannot tell",
         "not explained" (no cause is given, but the report says that one is missing), "explained otherwise" (another
-        cause is given), "nothing missing".
+        cause is given), "nothing missing" (whatever else the report says).
     verdict : str
         Of the report; empty where the input was refused.
     effects : tuple of str
@@ -131,9 +131,11 @@ def judge(fault: Fault, status: int, errors: str, output: str, report: Path) -> 
     said = re.sub(r"\s+", " ", f"{output} {errors}")
     # The report's own advice repeats what the errors on the first screen say; candidates are not what is concluded.
     named = any(w in effects or (w not in _EFFECT_LIKE and w in said.lower()) for w in fault.words if w)
-    if named:
+    if verdict == "nothing missing":
+        outcome = verdict
+    elif named:
         outcome = "named"
-    elif verdict == "cannot tell" or verdict == "nothing missing":
+    elif verdict == "cannot tell":
         outcome = verdict
     else:
         outcome = "explained otherwise" if verdict.startswith("explained") else "not explained"
