@@ -119,7 +119,7 @@ def test_a_hole_that_holds_fast_is_found_together_with_what_it_hides(name, value
 
 
 def test_beside_a_model_that_adapts_a_hole_that_holds_fast_is_found():
-    """Gravity fitted without the hole is a little off; at those values the hole seemed to explain nothing at its place."""
+    """Gravity fitted without the hole is a little off; at those values the hole, at its place, explained nothing."""
     gravity = {"gravity": {"g_x": 0.0, "g_y": -4.0, "g_z": 0.0}}
     causes = {"stuck_hole": {"tendon": 2.0, "s": 0.15}, **gravity}
     own = problem(measured(causes, robot=ROBOT, model=FRICTIONAL))
