@@ -66,8 +66,8 @@ class TendonActuation:
     connected : bool
         Whether Exudyn's item applies the forces; see `disconnect`.
     holes : "present", "stuck" or "sliding"
-        What the Jacobian of Exudyn's item assumes of holes with friction: the derivative of the forces, or that all
-        stick, or that all slide on.
+        What the Jacobian of Exudyn's item assumes of holes with friction: the derivative of the forces, but that all
+        stick in linearised systems; or that all stick, or that all slide on.
     motors : tuple of Motor
         Wind tendons; see `add_motor`. Their angles follow the coordinates of the nodes in those of Exudyn's item.
     """
@@ -305,7 +305,8 @@ class TendonActuation:
             tangent = self._scene_forces.tangent_with_motors(nodes, t, inputs, self._elastic(), self.motors)
         else:
             nodes, tendons = np.array(displacements), self._elastic()
-            tangent = self._scene_forces.tangent(nodes, t, self.inputs, tendons, self.holes)
+            holes = self._assumed_holes(by_position, by_velocity)
+            tangent = self._scene_forces.tangent(nodes, t, self.inputs, tendons, holes)
         # Both factors together are those of an iteration in time; derivatives for linearised systems are exact.
         if by_velocity != 0.0 and by_position != 0.0:
             excess = self._backbone.excess_tangent(self.mesh, nodes)
@@ -313,6 +314,16 @@ class TendonActuation:
                 tangent[: nodes.size, : nodes.size] -= excess
         tangent *= -by_position
         return _container(tangent)
+
+    def _assumed_holes(self, by_position: float, by_velocity: float) -> Holes:
+        """What a Jacobian assumes of the holes; factors as in `jacobian_on_coordinates`.
+
+        Solvers ask with a negative factor, ``mbs.ComputeLinearizedSystem`` and ``mbs.ComputeODE2Eigenvalues`` with a
+        positive one: they want small vibrations, in which no hole slips beyond its presliding.
+        """
+        if self.holes == "present" and by_position > 0.0 and by_velocity == 0.0:
+            return "stuck"
+        return self.holes
 
     def forces_by_inputs(self, stuck: bool) -> Array:
         """Change of the generalised forces on the coordinates of the nodes with the inputs, shape (7 N, m).

@@ -125,6 +125,22 @@ class MaterialDamping:
         rates = self.motion(displacements, velocities).rates
         return float(np.sum(self._viscosity(twist_stiffness) * rates**2))
 
+    def dissipation(
+        self, twist_stiffness: Array, start: tuple[Array, Array], end: tuple[Array, Array]
+    ) -> float:
+        """Energy that the material dissipates in a step [J]: mean stress times change of strain, over the elements.
+
+        Parameters
+        ----------
+        twist_stiffness
+            As in `forces`.
+        start, end
+            Coordinates and velocities of the nodes, see `motion`.
+        """
+        before, after = self.motion(*start), self.motion(*end)
+        stress = 0.5 * self._viscosity(twist_stiffness) * (before.rates + after.rates)
+        return float(np.sum(stress * (after.twists - before.twists)))
+
     def forces(self, twist_stiffness: Array, displacements: Array, velocities: Array) -> Array:
         """Generalised forces on the coordinates of the nodes, shape (7 N,); zero at rest.
 

@@ -8,7 +8,9 @@ follows from forces and accelerations. In a step the coordinates change by ``dq`
 both ends, so that by the trapezoidal rule the forces ``f`` do the work ``dq (f0 + f1) / 2`` that the inertial forces
 ``M a`` do, ``dq (M a0 + M a1) / 2``. The numerical dissipation is the difference of the second from what the
 kinetic energy gains, which is zero with ``spectralRadius = 1``, and that of the first from the true work: the sums of
-the tendons less what tendons and backbone store. What then remains is the work on other items of the scene.
+the tendons and of the material less what tendons and backbone store. What then remains is the work on other items of
+the scene. The true work of a force is that on its own way: tension times the tendon that passes, stress of the material
+times the change of strain. On the coordinates the same forces do another work where these turn within a step.
 """
 
 from __future__ import annotations
@@ -211,12 +213,14 @@ class EnergyBalance:
         law = self._tendons(self._actuation.history).law()
         tendon_work, friction = tendon_work_and_dissipation(law, start.forces, step.end.forces)
         load_work, load_trapezoid = self._work_of_loads(step)
-        material = self._material_dissipation(begin, finish)
+        material, material_trapezoid = self._material_dissipation(begin, finish)
         kinetic, elastic, gravity = step.gained
         # The part of the weight that the static solver does not apply yet.
         load_work += (1.0 - step.load_factors.mean()) * gravity
         load_trapezoid += (1.0 - step.load_factors.mean()) * gravity
-        numerical = self._work_of_inertia(step) - kinetic + load_work - load_trapezoid
+        numerical = (
+            self._work_of_inertia(step) - kinetic + load_work - load_trapezoid + material_trapezoid - material
+        )
         numerical += tendon_work - friction - elastic - step.work((step.last or start).nodal, step.end.nodal)
         balance = tendon_work + load_work - friction - material - numerical - (kinetic + elastic + gravity)
         sums = self._sums()
@@ -251,12 +255,15 @@ class EnergyBalance:
         everything: Array = data.GetDataCoordinates(_CURRENT, copy=False)
         return everything[first : first + len(SUM_COLUMNS)]
 
-    def _material_dissipation(self, start: Motion, end: Motion) -> float:
+    def _material_dissipation(self, start: Motion, end: Motion) -> tuple[float, float]:
+        """By the rates of strain, and that which the generalised forces on the coordinates give [J]."""
         if self._damping is None:
-            return 0.0
+            return 0.0, 0.0
         stiffness = self._actuation.mesh.twist_stiffness
-        forces = [self._damping.forces(stiffness, m.coordinates, m.velocities) for m in (start, end)]
-        return -0.5 * float((forces[0] + forces[1]) @ (end.coordinates - start.coordinates))
+        both = [(motion.coordinates, motion.velocities) for motion in (start, end)]
+        forces = [self._damping.forces(stiffness, *each) for each in both]
+        trapezoid = -0.5 * float((forces[0] + forces[1]) @ (end.coordinates - start.coordinates))
+        return self._damping.dissipation(stiffness, *both), trapezoid
 
     def _moved(self, load: PointLoad, start: Motion, end: Motion) -> tuple[Array, Array, Array]:
         """Way, rotation vector in world axes, and the mean rotation matrix of the node of a load."""

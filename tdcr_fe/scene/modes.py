@@ -64,8 +64,8 @@ def TDCREigenvalues(mbs: exu.MainSystem, *, holes: Holes = "stuck", numberOfEige
 
     The state must be at rest, as `SolveTDCR` leaves it. Mass and stiffness are those of
     ``mbs.ComputeLinearizedSystem``, projected on what joints permit; the stiffness includes that of the tendons.
-    ``mbs.ComputeLinearizedSystem`` and ``mbs.ComputeODE2Eigenvalues`` themselves give the derivative of the forces in
-    the initial configuration, in which a hole at the bound of its friction sticks in one direction only.
+    ``mbs.ComputeLinearizedSystem`` and ``mbs.ComputeODE2Eigenvalues`` themselves take the initial configuration, with
+    stuck holes.
 
     Parameters
     ----------
