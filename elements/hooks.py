@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.material_damping import MaterialDamping
 from tdcr_fe.elements.recorded_items import RecordedItems, item_counts
+from tdcr_fe.elements.step_sizes import StepSizes
 from tdcr_fe.elements.system import SystemReference
 
 #: Key of the hooks in ``mbs.variables``.
@@ -118,6 +119,7 @@ class SceneHooks:
         self.robots: list[RobotInScene] = []
         #: How many items there were when their numbers were last checked.
         self._counts = item_counts(mbs)
+        self._step_sizes = StepSizes()
         self._users_post_step: Callable[..., Any] | None = None
         # One bound method: each access to the attribute makes another.
         self._own_post_step = self._after_step
@@ -274,6 +276,7 @@ class SceneHooks:
 
     def _after_step(self, mbs: exu.MainSystem, t: float) -> bool:
         self._check_counts()
+        self._step_sizes.check(mbs, t, [robot.actuation.mesh for robot in self.robots])
         for robot in self.robots:
             for observer in robot.observers:
                 observer.observe(t)

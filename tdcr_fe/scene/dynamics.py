@@ -10,11 +10,9 @@ import numpy as np
 
 from tdcr_fe.elements.backbone import BackboneMesh
 from tdcr_fe.elements.material_damping import MaterialDamping
+from tdcr_fe.elements.step_sizes import round_off
 from tdcr_fe.elements.system import SystemReference
 from tdcr_fe.model.robot import Robot
-
-#: Round-off of the forces of an element, over its axial stiffness times the length of the backbone [1].
-ROUND_OFF = 200.0 * float(np.finfo(float).eps)
 
 #: Up to this number of coordinates of a scene the linear equations are solved densely.
 DENSE = 200
@@ -90,6 +88,5 @@ def recommended_settings(
     # Friction couples nearly all coordinates of a robot; for one robot a dense factorisation is the fastest.
     solvers = exu.LinearSolverType
     settings.linearSolver.solverType = solvers.EigenDense if coordinates <= DENSE else solvers.EigenSparse
-    stiffest = float(np.max(mesh.stiffness[:, 0] / mesh.lengths))
-    integration.newton.absoluteTolerance = max(1e-8, ROUND_OFF * float(mesh.arc_lengths[-1]) * stiffest)
+    integration.newton.absoluteTolerance = max(1e-8, round_off(mesh))
     return settings

@@ -365,6 +365,20 @@ def test_recommended_settings_solve_all_robots_of_the_tests(figure):
     figure("recommended", len(unsolved))
 
 
+def test_a_run_with_tolerances_below_round_off_ends_by_name():
+    """Exudyn's default tolerances and full Newton: e3bbe5d took 5000 steps in place of 30."""
+    _keep, mbs, handle = scene(three(0.3))
+    handle.set_inputs_over_time(lambda t: [0.5 * (1.0 - np.cos(np.pi * min(t / 0.03, 1.0))), 0.0, 0.0])
+    settings = dynamic_settings(0.03, 1e-3)
+    settings.timeIntegration.newton = exu.SimulationSettings().timeIntegration.newton
+    settings.timeIntegration.newton.useModifiedNewton = False
+    settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
+    with pytest.raises(exu.ModelError, match=r"below the round-off .* arm.recommended_settings"):
+        mbs.SolveDynamic(settings)
+    assert mbs.sys["dynamicSolver"].it.currentStepIndex < 1000
+    assert mbs.SolveDynamic(handle.recommended_settings(0.03, 1e-3))
+
+
 def test_recommended_settings_refuse_wrong_times():
     handle = scene(paper())[2]
     for times in ((0.0, 1e-3), (1.0, 2.0), (float("nan"), 1e-3)):
