@@ -10,10 +10,20 @@ Array = NDArray[np.float64]
 
 #: Smallest eigenvalue of `positive_definite_near` over the largest magnitude of those it began with [1].
 LEAST_EIGENVALUE = 0.05
+#: Block pivots that may leave as many violated indices as before until single pivots follow. With more of them a
+#: problem in which block pivots cycle takes longer; with fewer, others are given to single pivots, which are slow.
+MOST_IDLE_BLOCKS = 3
+#: Violations below this are round-off: of the bounds of `solve_box`, and of ``w`` over the diagonal of the matrix [1].
+BOX_ROUND_OFF = 1e-11
+#: And of ``w`` in `solve_nonnegative`, over the largest entry of the right side [1].
+SIGN_ROUND_OFF = 1e-13
 
 
-class _Exchange:
-    """Which of the violated indices are exchanged: all, until their number no longer falls, then the lowest alone.
+class PivotRule:
+    """Which violated indices a principal pivoting method exchanges next.
+
+    All of them (a block pivot), until their number has not fallen for `MOST_IDLE_BLOCKS` times; from then on the lowest
+    alone, which terminates for every P-matrix, until their number falls again.
 
     Parameters
     ----------
@@ -21,15 +31,17 @@ class _Exchange:
         Number of indices.
     """
 
-    def __init__(self, size: int) -> None:
-        self._fewest, self._patience = size + 1, 3
+    __slots__ = ("_fewest", "_idle_left")
 
-    def __call__(self, violated: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
+    def __init__(self, size: int) -> None:
+        self._fewest, self._idle_left = size + 1, MOST_IDLE_BLOCKS
+
+    def exchanged(self, violated: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
         """The indices to exchange, of ``count`` violated ones; shapes (k,)."""
         if count < self._fewest:
-            self._fewest, self._patience = count, 3
-        elif self._patience > 0:
-            self._patience -= 1
+            self._fewest, self._idle_left = count, MOST_IDLE_BLOCKS
+        elif self._idle_left > 0:
+            self._idle_left -= 1
         else:
             lowest = np.zeros_like(violated)
             lowest[violated.argmax()] = True
@@ -69,7 +81,7 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
     k = len(right)
     side = np.trunc(np.minimum(np.maximum(start, -1.0), 1.0))
     scale = np.maximum(np.abs(np.diagonal(matrix)), 1e-300)
-    exchange = _Exchange(k)
+    rule = PivotRule(k)
     s = start
     for _ in range(max_blocks + 10 * k):
         free = side == 0
@@ -81,17 +93,16 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
             if singular:
                 return np.clip(start, -1.0, 1.0), False
         w = (right - matrix @ s) / scale
-        tolerance = 1e-11
-        up, down = free & (s > 1.0 + tolerance), free & (s < -1.0 - tolerance)
-        back = ((side == 1) & (w < -tolerance)) | ((side == -1) & (w > tolerance))
-        broken = up | down | back
-        count = int(np.count_nonzero(broken))
+        up, down = free & (s > 1.0 + BOX_ROUND_OFF), free & (s < -1.0 - BOX_ROUND_OFF)
+        back = ((side == 1) & (w < -BOX_ROUND_OFF)) | ((side == -1) & (w > BOX_ROUND_OFF))
+        violated = up | down | back
+        count = int(np.count_nonzero(violated))
         if count == 0:
             return np.clip(s, -1.0, 1.0), True
-        broken = exchange(broken, count)
-        side[broken & back] = 0.0
-        side[broken & up] = 1.0
-        side[broken & down] = -1.0
+        violated = rule.exchanged(violated, count)
+        side[violated & back] = 0.0
+        side[violated & up] = 1.0
+        side[violated & down] = -1.0
     return np.clip(s, -1.0, 1.0), False
 
 
@@ -117,8 +128,8 @@ def solve_nonnegative(matrix: Array, right: Array, start: Array) -> tuple[Array,
     """
     k = len(right)
     positive = start > 0.0
-    tolerance = 1e-13 * float(np.abs(right).max(initial=0.0))
-    exchange = _Exchange(k)
+    tolerance = SIGN_ROUND_OFF * float(np.abs(right).max(initial=0.0))
+    rule = PivotRule(k)
     for _ in range(30 + 10 * k):
         z, inside = np.zeros(k), np.flatnonzero(positive)
         if inside.size:
@@ -127,11 +138,11 @@ def solve_nonnegative(matrix: Array, right: Array, start: Array) -> tuple[Array,
             if singular:
                 return start, False
         w = right + matrix @ z
-        broken = np.where(positive, z <= 0.0, w < -tolerance)
-        count = int(np.count_nonzero(broken))
+        violated = np.where(positive, z <= 0.0, w < -tolerance)
+        count = int(np.count_nonzero(violated))
         if count == 0:
             return z, True
-        positive = positive ^ exchange(broken, count)
+        positive = positive ^ rule.exchanged(violated, count)
     return start, False
 
 

@@ -25,16 +25,16 @@ class LinearSlips:
     """
 
     def __init__(self, by_load, matrix, start, presliding, holes=None, slack=()):
-        self.presliding, self.ends = presliding, (1.0,)
+        self.presliding, self.breakpoints = presliding, (1.0,)
         # ``C`` changes the rates by more than the cube of the load factor does.
-        self.cubic = np.inf
+        self.cubic_coefficient = np.inf
         self._load, self._matrix, self._start = np.array(by_load), np.array(matrix), np.array(start)
         holes = len(start) if holes is None else holes
-        self._stiffness = np.append(np.full(holes, presliding), np.zeros(len(start) - holes))
+        self._elastic_slip = np.append(np.full(holes, presliding), np.zeros(len(start) - holes))
         self._first = np.append(np.zeros(holes), -np.array(slack))
 
     def _by_unknowns(self, x):
-        return np.diag(self._stiffness) - (1.0 - x) * self._matrix[0] - x * self._matrix[1]
+        return np.diag(self._elastic_slip) - (1.0 - x) * self._matrix[0] - x * self._matrix[1]
 
     def slip(self, x, z):
         """Slips, then minus the slack."""
@@ -45,44 +45,44 @@ class LinearSlips:
         """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`."""
         change = self._matrix[0] - self._matrix[1]
         load = (1.0 - x) * self._load[0] + x * self._load[1] + change @ (z - self._start)
-        matrix = np.diag(self._stiffness) - self._by_unknowns(x)
-        return _State(tension, self.slip(x, z), load, matrix, self._stiffness)
+        matrix = np.diag(self._elastic_slip) - self._by_unknowns(x)
+        return _State(tension, self.slip(x, z), load, matrix, self._elastic_slip)
 
     @staticmethod
-    def branches(z, tension):
+    def regimes(z, tension):
         """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`: derivatives do not jump."""
 
     @staticmethod
-    def distance_to_jump(z, rate, tension, tension_rate):
+    def distance_to_regime_change(z, rate, tension, tension_rate):
         """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`."""
         return np.inf
 
-    def rates(self, x, z, tension, rate, near):
+    def complement_rates(self, x, z, tension, rate, near):
         """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`."""
         state = self.at(x, z, tension)
         return state.by_load - state.matrix @ rate
 
 
 class _State:
-    def __init__(self, tension, slip, by_load, matrix, stiffness):
+    def __init__(self, tension, slip, by_load, matrix, elastic_slip):
         self.tension, self.slip, self.by_load, self.matrix = tension, slip, by_load, matrix
-        self.stiffness = stiffness
+        self.elastic_slip = elastic_slip
 
-    def ahead(self, part, tension, rate, excess):
-        slip = self.slip + part * (excess + self.stiffness * rate)
-        return _State(tension, slip, self.by_load, self.matrix, self.stiffness)
+    def extrapolated(self, length, tension, rate, complement):
+        slip = self.slip + length * (complement + self.elastic_slip * rate)
+        return _State(tension, slip, self.by_load, self.matrix, self.elastic_slip)
 
     def columns(self, which):
         return self.matrix[:, which]
 
-    def beside(self, which, change):
+    def with_changed(self, which, change):
         slip = self.slip - self.matrix[:, which] @ change
-        slip[which] += self.stiffness[which] * change
-        return _State(self.tension, slip, self.by_load, self.matrix, self.stiffness)
+        slip[which] += self.elastic_slip[which] * change
+        return _State(self.tension, slip, self.by_load, self.matrix, self.elastic_slip)
 
     @staticmethod
-    def jumps_to(branches):
-        return branches is not None
+    def left_regimes(regimes):
+        return regimes is not None
 
     def tension_rates(self, free, rate):
         return np.zeros_like(self.tension)

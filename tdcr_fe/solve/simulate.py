@@ -254,7 +254,9 @@ class _Run:
         # Estimates for steps to come, see `_pilot`; None until there is need of them.
         self.pilots: list[MeshEstimate] | None = None if request.pilots else []
         #: States that are near the ends of the steps, from which their solutions begin.
-        self.near: dict[int, StoredState] = {} if before is None else before.near_on(self.simulation)
+        self.warm_starts: dict[int, StoredState] = (
+            {} if before is None else before.warm_starts_on(self.simulation)
+        )
 
     def take_steps(self, reference_path: PathRecord | None, refine: bool) -> tuple[int, ...] | None:
         """Solve all steps; or return the elements per bay of the finer mesh that they need."""
@@ -271,10 +273,10 @@ class _Run:
                     increments,
                     follow,
                     divide=follow is not None,
-                    near=self.near.get(number),
+                    warm_start=self.warm_starts.get(number),
                 )
                 if refine:
-                    self._keep_near(number, report)
+                    self._keep_warm_start(number, report)
                 result = self._result(number, step, report, target)
             except StepFailed as failure:
                 label = f" ({step.label})" if step.label else ""
@@ -323,24 +325,24 @@ class _Run:
             for number, target in enumerate(self.targets[solved:], start=solved + 1):
                 report = self.simulation.advance(target, substeps=1)
                 monitor.record()
-                self._keep_near(number, report)
+                self._keep_warm_start(number, report)
         except StepFailed:
             pass
         monitor.flush()
         self.simulation.return_to(start)
         return monitor.estimates
 
-    def _keep_near(self, number: int, report: LoadStepReport) -> None:
+    def _keep_warm_start(self, number: int, report: LoadStepReport) -> None:
         """Keep the present state as near the end of a step; not after a snap-through, which must be found again."""
         if report.snapped or report.presliding_factor > 1.0:
-            self.near.pop(number, None)
+            self.warm_starts.pop(number, None)
         else:
-            self.near[number] = self.simulation.state.stored()
+            self.warm_starts[number] = self.simulation.state.stored()
 
-    def near_on(self, finer: Simulation) -> dict[int, StoredState]:
+    def warm_starts_on(self, finer: Simulation) -> dict[int, StoredState]:
         """The states of the steps as far as they are known, on a finer mesh."""
         old, new = (run.handle.mesh.arc_lengths for run in (self.simulation, finer))
-        return {n: on_mesh(state, old, new, finer.state) for n, state in self.near.items()}
+        return {n: on_mesh(state, old, new, finer.state) for n, state in self.warm_starts.items()}
 
     def _result(self, number: int, step: LoadStep, report: LoadStepReport, target: Actuation) -> StepResult:
         """The present state as a result, with the responses of the tip where they are asked for."""

@@ -118,7 +118,7 @@ class Simulation:
         follow: PathObserver | None = None,
         divide: bool = False,
         at_end: bool = False,
-        near: StoredState | None = None,
+        warm_start: StoredState | None = None,
     ) -> LoadStepReport:
         """Solve one load step.
 
@@ -142,7 +142,7 @@ class Simulation:
             Where the path has reversals located within a substep, `follow` is only called with its end, and as if the
             history ended there: holes that stick then hold on, whatever the inputs on the way. That saves the path
             that is divided.
-        near
+        warm_start
             A state that is near the end of the step, from which its solution begins.
 
         Raises
@@ -161,7 +161,7 @@ class Simulation:
             self.system, self.state, self.state.time, target.time, self._set_creep if creeps else None
         )
         divide = divide or record_path is not None
-        guess = None if near is None else self.system.warm_start(self.state, near)
+        guess = None if warm_start is None else self.system.warm_start(self.state, warm_start)
 
         def solved(divide: bool) -> Path:
             with one_thread():
@@ -175,7 +175,7 @@ class Simulation:
                     self._end,
                     self._last,
                     divide=divide,
-                    near=guess,
+                    warm_start=guess,
                 )
 
         try:

@@ -21,8 +21,8 @@ from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.equations.state import Target
 from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
-from tdcr_fe.solve.friction_path.friction_path import follow
-from tdcr_fe.solve.friction_path.reversals import Point, _Substep
+from tdcr_fe.solve.friction_path.event_integration import follow_friction
+from tdcr_fe.solve.friction_path.substep_slips import InterpolationPoint, SubstepSlips
 from tdcr_fe.solve.friction_path.taut_tendons import TautTendons
 from tdcr_fe.solve.load_steps.ramp import Ramp
 from tdcr_fe.solve.load_steps.states_within import solve_within
@@ -37,7 +37,7 @@ DELTA = 1e-6
 
 def followed(slips, mobilisation):
     """The path, with a tension that nothing depends on."""
-    return follow(slips, mobilisation, np.zeros(0), np.ones(1))
+    return follow_friction(slips, mobilisation, np.zeros(0), np.ones(1))
 
 
 def by_small_steps(slips, mobilisation, count):
@@ -75,15 +75,15 @@ def test_a_single_hole_turns_where_its_slip_rate_vanishes():
     """Slip rates from 3 to -1 micrometre: it turns at 3/4 after 1.125, and lets out 0.125 presliding distances."""
     path = followed(*alone(3e-6, -1e-6, 1.0))
     assert path.complete and path.reversed.all()
-    assert path.turning_factor == pytest.approx([0.75], abs=1e-3)
-    assert path.turning_slip == pytest.approx([1.125e-6], rel=1e-4)
-    assert path.mobilisation == pytest.approx([0.875], abs=1e-3)
+    assert path.reversal_factor == pytest.approx([0.75], abs=1e-3)
+    assert path.reversal_slip == pytest.approx([1.125e-6], rel=1e-4)
+    assert path.unknowns == pytest.approx([0.875], abs=1e-3)
 
 
 def test_a_slip_that_keeps_its_direction_is_not_reversed():
     path = followed(*alone(3e-6, 1e-6, -0.5))
     assert path.complete and not path.reversed.any()
-    assert path.mobilisation == pytest.approx([1.0])
+    assert path.unknowns == pytest.approx([1.0])
 
 
 def test_a_path_that_overflows_is_not_complete():
@@ -96,7 +96,7 @@ def test_coupled_holes_are_followed_as_by_many_small_steps(seed):
     slips, mobilisation = random_slips(seed)
     path = followed(slips, mobilisation)
     assert path.complete
-    assert path.mobilisation == pytest.approx(by_small_steps(slips, mobilisation, 4000), abs=0.03)
+    assert path.unknowns == pytest.approx(by_small_steps(slips, mobilisation, 4000), abs=0.03)
 
 
 def test_reversals_occur_among_them():
@@ -145,7 +145,9 @@ def test_slips_and_their_derivatives_are_those_of_the_solved_ends(given):
     targets = tuple(Target((x,), start.state.loads, 0.0) for x in (np.array([0.6, 0.9]), after))
     clamped, both = simulation.system.layout.clamped, TautTendons.of([start, end])
     start, end = (at.with_response(clamped, both.numbers) for at in (start, end))
-    substep = _Substep.of([Point(0.0, start), Point(1.0, end)], both, targets, DELTA)
+    substep = SubstepSlips.of(
+        [InterpolationPoint(0.0, start), InterpolationPoint(1.0, end)], both, targets, DELTA
+    )
     for x, at in ((0.0, start), (1.0, end)):
         tension = np.concatenate([f.field.tension.reshape(-1) for f in at.forces])
         state = substep.model.at(x, at.mobilisation, tension)
@@ -172,11 +174,11 @@ def test_slips_are_interpolated_better_through_a_state_within_the_substep():
     def ready(at):
         return at.with_response(system.layout.clamped, both.numbers)
 
-    whole = [Point(0.0, ready(start)), Point(1.0, ready(end))]
-    substep = _Substep.of(whole, both, targets, DELTA)
+    whole = [InterpolationPoint(0.0, ready(start)), InterpolationPoint(1.0, ready(end))]
+    substep = SubstepSlips.of(whole, both, targets, DELTA)
     path = substep.follow()
     middle = ready(solve_within(solver, whole, both, path, 0.5, 0.5))
-    refined = _Substep.of([whole[0], Point(0.5, middle), whole[1]], both, targets, DELTA)
+    refined = SubstepSlips.of([whole[0], InterpolationPoint(0.5, middle), whole[1]], both, targets, DELTA)
     for factor in (0.25, 0.75):
         inside = solve_within(solver, whole, both, path, factor, factor)
         assert np.array_equal(inside.mobilisation, path.at(factor)[0])

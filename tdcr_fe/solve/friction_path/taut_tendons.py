@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.solve.equations.state import Target
 from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
-from tdcr_fe.solve.friction_path.slip_model import End
+from tdcr_fe.solve.friction_path.slip_interpolation import SlipData
 from tdcr_fe.solve.friction_path.tension_response import LoadResponse
 from tdcr_fe.solve.friction_path.tension_transfer import TendonsInSubstep
 
@@ -73,9 +73,9 @@ class TautTendons(NamedTuple):
         """Tensions of their segments in a state [N], shape (q,)."""
         return self._joined([own.field.tension for own in at.forces])
 
-    def end(
+    def slip_data(
         self, at: Equilibrium, targets: tuple[Target, Target], factor: float, load: LoadResponse | None
-    ) -> End:
+    ) -> SlipData:
         """A state within the substep between two targets, with the response to the change of its loads."""
         forces, response = at.forces, at.response
         assert response is not None
@@ -100,10 +100,10 @@ class TautTendons(NamedTuple):
             driven = own.which[own.driven]
             pulled = -both[own.driven].sum(axis=1)
             first, last = (target.inputs[robot][driven] for target in targets)
-            slack = first + factor * (last - first) - field.base_slip[driven]
-            bases.append((slack, pulled[:, :-1], pulled[:, -1] + last - first))
+            minus_slack = first + factor * (last - first) - field.base_slip[driven]
+            bases.append((minus_slack, pulled[:, :-1], pulled[:, -1] + last - first))
             segment = here.stop
-        return End(
+        return SlipData(
             factor,
             self.tensions(at),
             np.concatenate(

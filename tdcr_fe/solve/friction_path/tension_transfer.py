@@ -1,4 +1,9 @@
-"""How tension passes along all tendons of a substep, as functions of flat arrays: Capstan, and any other law."""
+"""How tension passes along all tendons of a substep: by the Capstan equation, or by any other law.
+
+Tensions of all segments, of all tendons one after the other, as functions of mobilisations, turning angles and tensions
+at the base. `LawTransfer` asks `tdcr_fe.elements.friction.TendonLaw` for them; `CapstanTransfer` writes out the most
+frequent law for flat arrays of all tendons at once, and takes a third of the time.
+"""
 
 from __future__ import annotations
 
@@ -79,7 +84,7 @@ class Transfer(Protocol):
         ...
 
 
-class CapstanAt(NamedTuple):
+class CapstanTensions(NamedTuple):
     """Tensions by the Capstan equation, and their derivatives, see `Transfer`.
 
     Attributes
@@ -88,52 +93,54 @@ class CapstanAt(NamedTuple):
     tension : ndarray, shape (q,)
         [N].
     ratio : ndarray, shape (q,)
-        To the tension at the base [1].
-    acting : ndarray, shape (r,)
+        Tension over that at the base of the tendon [1].
+    acting_friction : ndarray, shape (r,)
         Coefficient of friction times mobilisation [1].
-    turned : ndarray, shape (r,)
-        Coefficient of friction times turning angle [1].
+    full_exponent : ndarray, shape (r,)
+        Coefficient of friction times turning angle: Capstan's exponent at full mobilisation [1].
     """
 
     law: CapstanTransfer
     tension: Array
     ratio: Array
-    acting: Array
-    turned: Array
+    acting_friction: Array
+    full_exponent: Array
 
     @property
     def by_load(self) -> Array:
         """See `Transfer.by_load`."""
-        return self.ratio * self.law.change
+        return self.ratio * self.law.base_change
 
     def by_angles(self, change: Array) -> Array:
         """See `Transfer.by_angles`."""
         if change.ndim == 1:
-            return -self.tension * (self.law.before @ (self.acting * change))
-        found = self.law.before_segments(self.acting[:, None] * change)
+            return -self.tension * (self.law.holes_before @ (self.acting_friction * change))
+        found = self.law.summed_before_segments(self.acting_friction[:, None] * change)
         found *= -self.tension[:, None]
         return found
 
     def by_unknowns(self, change: Array) -> Array:
         """See `Transfer.by_unknowns`."""
         law, k = self.law, self.law.holes
-        found = -self.tension * (law.before @ (self.turned * law.at_holes(change[:k])))
-        return found + self.ratio * (law.owner @ change[k:]) if law.unknown else found
+        found = -self.tension * (law.holes_before @ (self.full_exponent * law.at_holes(change[:k])))
+        return found + self.ratio * (law.base_of_segment @ change[k:]) if law.unknown else found
 
     def columns(self, which: Index) -> Array:
         """See `Transfer.columns`."""
         law = self.law
         count = int(np.count_nonzero(which < law.holes)) if law.unknown else len(which)
         mobilised = which[:count]
-        if law.single is None:
-            found = law.before @ (self.turned[:, None] * law.incidence[:, mobilised])
+        if law.hole_of_mobilisation is None:
+            found = law.holes_before @ (self.full_exponent[:, None] * law.incidence[:, mobilised])
         else:
-            own = law.single[mobilised]
-            found = law.before[:, own] * self.turned[own]
+            own = law.hole_of_mobilisation[mobilised]
+            found = law.holes_before[:, own] * self.full_exponent[own]
         found *= -self.tension[:, None]
         if count == len(which):
             return found
-        return np.concatenate((found, self.ratio[:, None] * law.owner[:, which[count:] - law.holes]), axis=1)
+        return np.concatenate(
+            (found, self.ratio[:, None] * law.base_of_segment[:, which[count:] - law.holes]), axis=1
+        )
 
 
 class CapstanTransfer:
@@ -148,24 +155,24 @@ class CapstanTransfer:
     ----------
     holes, unknown : int
         Numbers of mobilisations and of unknown tensions at the base.
-    before : ndarray, shape (q, r)
-        Holes before each segment.
+    holes_before : ndarray, shape (q, r)
+        Ones where a hole comes before a segment, on the way from the base.
     incidence : ndarray, shape (r, k)
         From the mobilisations to the holes.
-    single : ndarray of int, shape (k,), or None
-        The hole of every mobilisation, where each acts at one hole alone.
-    owner : ndarray, shape (q, c)
-        Which unknown tension each segment has at its base.
-    change : ndarray, shape (q,)
-        Of the given tensions at the base, in the substep [N].
+    hole_of_mobilisation : ndarray of int, shape (k,), or None
+        The hole at which each mobilisation acts; None where any acts at several holes.
+    base_of_segment : ndarray, shape (q, c)
+        Ones where an unknown tension is that at the base of the segment's tendon.
+    base_change : ndarray, shape (q,)
+        Change of the tension at the base of the segment's tendon in the substep [N]; zero where it is unknown.
     """
 
     def __init__(self, tendons: Sequence[TendonsInSubstep]) -> None:
         q, r, k = (sum(getattr(t, name) for t in tendons) for name in ("segments", "angles", "holes"))
         c = sum(len(t.driven) for t in tendons)
-        self.before = np.zeros((q, r))
+        self.holes_before = np.zeros((q, r))
         self._friction, self.incidence = np.zeros(r), np.zeros((r, k))
-        self._base, self.owner = np.zeros((2, q)), np.zeros((q, c))
+        self._base, self.base_of_segment = np.zeros((2, q)), np.zeros((q, c))
         #: By robot, its segments, its angles, the number of its tendons, and holes before the segments of each.
         self._robots: list[tuple[slice, slice, int, Array]] = []
         segment = angle = hole = base = 0
@@ -178,46 +185,46 @@ class CapstanTransfer:
             given[:, own.driven] = 0.0
             for i, tendon in enumerate(own.which):
                 segments, angles = slice(segment, segment + n), slice(angle, angle + n - 1)
-                self.before[segments, angles] = every
+                self.holes_before[segments, angles] = every
                 self._friction[angles] = own.law.parameters.friction[tendon]
                 columns = incidence[:, own.frictional[i]]
                 self.incidence[angles, hole : hole + columns.shape[1]] = columns
                 self._base[:, segments] = given[:, i, None]
                 if i in own.driven:
-                    self.owner[segments, base] = 1.0
+                    self.base_of_segment[segments, base] = 1.0
                     base += 1
                 segment, angle, hole = segments.stop, angles.stop, hole + columns.shape[1]
         self.holes, self.unknown = k, c
-        self.change = self._base[1] - self._base[0]
+        self.base_change = self._base[1] - self._base[0]
         single = (self.incidence != 0.0).sum(axis=0) == 1
-        self.single = self.incidence.argmax(axis=0) if bool(single.all()) else None
+        self.hole_of_mobilisation = self.incidence.argmax(axis=0) if bool(single.all()) else None
 
     def at_holes(self, values: Array) -> Array:
         """Values of the mobilisations at the holes, (k,) to (r,)."""
-        if self.single is None:
+        if self.hole_of_mobilisation is None:
             return np.asarray(self.incidence @ values)
         found = np.zeros(len(self._friction))
-        found[self.single] = values
+        found[self.hole_of_mobilisation] = values
         return found
 
-    def before_segments(self, at_holes: Array) -> Array:
+    def summed_before_segments(self, at_holes: Array) -> Array:
         """Sums over the holes before each segment, (r, j) to (q, j)."""
-        found = np.empty((len(self.before), at_holes.shape[1]))
+        found = np.empty((len(self.holes_before), at_holes.shape[1]))
         for segments, angles, count, every in self._robots:
             own = at_holes[angles].reshape(count, every.shape[1], -1)
             np.matmul(every, own, out=found[segments].reshape(count, every.shape[0], -1))
         return found
 
     @staticmethod
-    def branches(z: Array, tension: Array) -> None:
-        """See `LawTransfer.branches`: Capstan's equation is smooth."""
+    def regimes(z: Array, tension: Array) -> None:
+        """See `LawTransfer.regimes`: Capstan's equation is smooth."""
 
     @staticmethod
-    def distance_to_jump(z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
-        """See `LawTransfer.distance_to_jump`."""
+    def distance_to_regime_change(z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """See `LawTransfer.distance_to_regime_change`."""
         return np.inf
 
-    def at(self, factor: float, z: Array, angles: Array) -> CapstanAt:
+    def at(self, factor: float, z: Array, angles: Array) -> CapstanTensions:
         """Tensions of the segments, and their derivatives.
 
         Parameters
@@ -230,14 +237,14 @@ class CapstanTransfer:
             Turning angles [rad], shape (r,).
         """
         acting = self.at_holes(z[: self.holes]) * self._friction
-        ratio = np.exp(-(self.before @ (acting * angles)))
-        given = self._base[0] + factor * self.change
+        ratio = np.exp(-(self.holes_before @ (acting * angles)))
+        given = self._base[0] + factor * self.base_change
         if self.unknown:
-            given += self.owner @ z[self.holes :]
-        return CapstanAt(self, given * ratio, ratio, acting, self._friction * angles)
+            given += self.base_of_segment @ z[self.holes :]
+        return CapstanTensions(self, given * ratio, ratio, acting, self._friction * angles)
 
 
-class LawAt(NamedTuple):
+class LawTensions(NamedTuple):
     """Tensions by any law, and their derivatives, see `Transfer`.
 
     Attributes
@@ -283,11 +290,11 @@ class LawTransfer:
         self._holes = sum(t.holes for t in tendons)
         self._unknown = sum(len(t.driven) for t in tendons)
         self._size = sum(t.segments for t in tendons), sum(t.angles for t in tendons)
-        self._places: list[_Places] = []
+        self._positions: list[_Positions] = []
         segment = angle = hole = 0
         base, before = self._holes, []
         for own in tendons:
-            self._places.append(_Places.of(own, segment, angle, hole, base))
+            self._positions.append(_Positions.of(own, segment, angle, hole, base))
             tendon, group = np.nonzero(own.frictional)
             before.append(segment + tendon * own.law.shape[1] + (group if own.law.each_hole else 0))
             segment, angle, hole = segment + own.segments, angle + own.angles, hole + own.holes
@@ -295,7 +302,7 @@ class LawTransfer:
         #: Segment before the hole, or the first one, of every mobilisation.
         self._before: Index = np.concatenate(before)
 
-    def branches(self, z: Array, tension: Array) -> Flags:
+    def regimes(self, z: Array, tension: Array) -> Flags:
         """Which holes hold tension back, and which segments are under tension, shape (k + q,).
 
         Adhesion holds tension behind a hole that is released even where there is none before it, and takes at most
@@ -303,7 +310,7 @@ class LawTransfer:
         """
         return np.concatenate((z[: self._holes] < 0.0, tension > 0.0))
 
-    def distance_to_jump(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+    def distance_to_regime_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
         """Part of the substep to where these change at constant rates; segments that become taut are not foreseen.
 
         Parameters
@@ -321,11 +328,13 @@ class LawTransfer:
         )
         return float(to_zero.min(initial=np.inf))
 
-    def at(self, factor: float, z: Array, angles: Array) -> LawAt:
+    def at(self, factor: float, z: Array, angles: Array) -> LawTensions:
         """As of `CapstanTransfer`."""
         q, r = self._size
-        found = LawAt(np.zeros(q), np.zeros((q, r)), np.zeros((q, self._holes + self._unknown)), np.zeros(q))
-        for at in self._places:
+        found = LawTensions(
+            np.zeros(q), np.zeros((q, r)), np.zeros((q, self._holes + self._unknown)), np.zeros(q)
+        )
+        for at in self._positions:
             own, which, (m, n) = at.tendons, at.tendons.which, at.tendons.law.shape
             change = own.tension[1] - own.tension[0]
             tension = own.tension[0] + factor * change
@@ -349,7 +358,7 @@ class LawTransfer:
         return found
 
 
-class _Places(NamedTuple):
+class _Positions(NamedTuple):
     """Where the numbers of one robot's tendons stand in the arrays of a `LawTransfer`.
 
     Attributes
@@ -370,7 +379,7 @@ class _Places(NamedTuple):
     base: Index
 
     @classmethod
-    def of(cls, tendons: TendonsInSubstep, segment: int, angle: int, hole: int, base: int) -> _Places:
+    def of(cls, tendons: TendonsInSubstep, segment: int, angle: int, hole: int, base: int) -> _Positions:
         """Those of tendons whose first numbers are given."""
         m, n = len(tendons.which), tendons.law.shape[1]
         return cls(

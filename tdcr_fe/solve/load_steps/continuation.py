@@ -13,7 +13,7 @@ from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.state import SolverState
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.friction_path.reversals import Equilibrium
+from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
 from tdcr_fe.solve.load_steps.load_path import Path
 
 Array = NDArray[np.float64]

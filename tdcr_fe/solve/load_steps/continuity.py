@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.solve.equations.state import SolverState
 from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
-from tdcr_fe.solve.friction_path.reversals import Point
+from tdcr_fe.solve.friction_path.substep_slips import InterpolationPoint
 from tdcr_fe.solve.friction_path.taut_tendons import TautTendons
 from tdcr_fe.solve.load_steps.states_within import twist_change, twists
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
@@ -40,15 +40,16 @@ def is_continuous(
         return False
     first = Equilibrium.at(system, before, ramp.apply(system, start))
     last = Equilibrium.at(system, after, ramp.apply(system, end))
-    picked = TautTendons.of((first, last))
-    if not (first.balanced and picked.tendons):
+    taut = TautTendons.of((first, last))
+    if not (first.balanced and taut.tendons):
         return False
-    first, last = (at.with_response(system.layout.clamped, picked.numbers) for at in (first, last))
+    first, last = (at.with_response(system.layout.clamped, taut.numbers) for at in (first, last))
     from_end = last.load_response(system, ramp.apply(system, start)).times(-1.0)
     from_start = first.load_response(system, ramp.apply(system, end))
-    tension = picked.tensions(last) - picked.tensions(first)
+    tension = taut.tensions(last) - taut.tensions(first)
     slopes = [
-        twist_change(at, tension, 1.0) for at in (Point(0.0, first, from_start), Point(1.0, last, from_end))
+        twist_change(at, tension, 1.0)
+        for at in (InterpolationPoint(0.0, first, from_start), InterpolationPoint(1.0, last, from_end))
     ]
     change = twists(last) - twists(first)
     return _rotation(change - 0.5 * (slopes[0] + slopes[1])) <= UNEXPLAINED * _rotation(change)

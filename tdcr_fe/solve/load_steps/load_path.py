@@ -122,17 +122,17 @@ class Progress(NamedTuple):
         At its end [1].
     error : float
         Largest displacement of a node that reversals left out of account may cause, over the length [1].
-    here : Equilibrium or None
-        At its end, where known.
-    rescues : float
+    equilibrium : Equilibrium or None
+        The state at its end with its linearisation, where known.
+    rescues_left : float
         So many more smallest substeps may be solved by a rescue (`SubstepSolver.rescue`).
     """
 
     path: Path
     load_factor: float = 0.0
     error: float = 0.0
-    here: Equilibrium | None = None
-    rescues: float = math.inf
+    equilibrium: Equilibrium | None = None
+    rescues_left: float = math.inf
 
     def with_rejected(self, iterations: int) -> Progress:
         """The same after an attempt that was not accepted."""

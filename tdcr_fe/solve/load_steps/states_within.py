@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.solve.equations.state import SolverState
 from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
-from tdcr_fe.solve.friction_path.friction_path import FollowedPath
-from tdcr_fe.solve.friction_path.reversals import Point
+from tdcr_fe.solve.friction_path.path import FrictionPath
+from tdcr_fe.solve.friction_path.substep_slips import InterpolationPoint
 from tdcr_fe.solve.friction_path.taut_tendons import TautTendons
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 from tdcr_fe.solve.newton.newton import newton
@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 
 def solve_within(
     solver: SubstepSolver,
-    points: Sequence[Point],
-    picked: TautTendons,
-    path: FollowedPath,
+    points: Sequence[InterpolationPoint],
+    taut: TautTendons,
+    path: FrictionPath,
     factor: float,
     load_factor: float,
 ) -> Equilibrium | None:
@@ -38,7 +38,7 @@ def solve_within(
         Of the load step.
     points
         The states known so far, by load factor.
-    picked
+    taut
         The tendons whose slips are followed.
     path
         The followed path.
@@ -48,7 +48,7 @@ def solve_within(
         Of the load step [1].
     """
     system = solver.system
-    guess = _guess(solver, points, picked, path, factor)
+    guess = _interpolated(solver, points, taut, path, factor)
     if guess is None:
         return None
     target = solver.ramp.apply(system, load_factor)
@@ -63,56 +63,83 @@ def solve_within(
     return Equilibrium.at(system, result.state, target)
 
 
-def _guess(
+def _interpolated(
     solver: SubstepSolver,
-    points: Sequence[Point],
-    picked: TautTendons,
-    path: FollowedPath,
+    points: Sequence[InterpolationPoint],
+    taut: TautTendons,
+    path: FrictionPath,
     factor: float,
 ) -> SolverState | None:
-    """The state at a load factor by the interpolation with which the path was followed; None where it is far off."""
-    z, tension = path.at(factor)
+    """The state at a load factor within the substep, by interpolation; None where an element turns by too much.
+
+    Twists of the elements by a cubic along the line between the tensions of the states on both sides, beside it linear
+    in the tensions: as slips are interpolated (`tdcr_fe.solve.friction_path.slip_interpolation`). Mobilisations and
+    tensions at the base are those of the path.
+    """
+    unknowns, tension = path.at(factor)
     last = next(i for i, at in enumerate(points) if at.factor >= factor)
     first, then = points[last - 1], points[last]
     length = then.factor - first.factor
     x = (factor - first.factor) / length
-    ends = [picked.tensions(at.state) for at in (first, then)]
-    change, more = ends[1] - ends[0], tension - ends[0] - x * (ends[1] - ends[0])
+    ends = [taut.tensions(at.state) for at in (first, then)]
+    change, off_line = ends[1] - ends[0], tension - ends[0] - x * (ends[1] - ends[0])
     slopes = [twist_change(at, change, length) for at in (first, then)]
     whole = twists(then.state) - twists(first.state)
-    beyond = whole - 0.5 * (slopes[0] + slopes[1])
-    step = x * slopes[0] + x * x * (0.5 * (slopes[1] - slopes[0]) + (3.0 - 2.0 * x) * beyond)
-    step += (1.0 - x) * twist_change(first, more, 0.0) + x * twist_change(then, more, 0.0)
+    defect = whole - 0.5 * (slopes[0] + slopes[1])
+    step = x * slopes[0] + x * x * (0.5 * (slopes[1] - slopes[0]) + (3.0 - 2.0 * x) * defect)
+    step += (1.0 - x) * twist_change(first, off_line, 0.0) + x * twist_change(then, off_line, 0.0)
     state = first.state.state
     configuration = moved_elements(solver.system, state, step, solver.settings.max_turn)
     if configuration is None:
         return None
-    numbering, k = first.state.numbering, len(picked.holes)
-    mobilised = first.state.mobilisation.copy()
-    mobilised[picked.holes] = z[:k]
+    return _with_path_unknowns(first.state, taut, unknowns)._replace(configuration=configuration)
+
+
+def _with_path_unknowns(at: Equilibrium, taut: TautTendons, unknowns: Array) -> SolverState:
+    """A state with other mobilisations, and other tensions at the base of tendons driven by displacement.
+
+    Parameters
+    ----------
+    at
+        The state.
+    taut
+        The tendons under tension; those driven by displacement that are not among them have none.
+    unknowns
+        Mobilisations of their frictional holes [1], then tensions at the base [N], shape (k + c,).
+    """
+    state, numbering, k = at.state, at.numbering, len(taut.holes)
+    mobilised = at.mobilisation.copy()
+    mobilised[taut.holes] = unknowns[:k]
     tensions = list(state.base_tension)
     for part in numbering.robots:
         if part.driven.size:
             tensions[part.robot] = tensions[part.robot].copy()
             tensions[part.robot][part.driven] = 0.0
-    for own_tendons, i in zip(picked.tendons, picked.robots, strict=True):
-        driven = own_tendons.which[own_tendons.driven]
-        tensions[i][driven] = z[k : k + len(driven)]
+    for own, robot in zip(taut.tendons, taut.robots, strict=True):
+        driven = own.which[own.driven]
+        tensions[robot][driven] = unknowns[k : k + len(driven)]
         k += len(driven)
-    return state._replace(
-        configuration=configuration,
-        mobilisation=numbering.with_frictional_holes(state.mobilisation, mobilised),
-        base_tension=tuple(tensions),
-    )
+    mobilisation = numbering.with_frictional_holes(state.mobilisation, mobilised)
+    return state._replace(mobilisation=mobilisation, base_tension=tuple(tensions))
 
 
 def twists(at: Equilibrium) -> Array:
-    """Twists of all elements."""
+    """Twists of all elements: translations [m] and rotations [rad], six values each."""
     return np.concatenate([own.reshape(-1) for own in at.state.configuration.twists])
 
 
-def twist_change(at: Point, tension: Array, load: float) -> Array:
-    """Change of the twists of all elements by one of the tensions [N], and by a part of the change of the loads."""
+def twist_change(at: InterpolationPoint, tension: Array, load: float) -> Array:
+    """Change of the twists of all elements by one of the tensions and of the loads, to first order.
+
+    Parameters
+    ----------
+    at
+        Where it is linearised.
+    tension
+        Change of the tensions of the segments [N], shape (q,).
+    load
+        Part of the change of the loads in the substep [1].
+    """
     line, response = at.state.linearization, at.state.response
     assert response is not None
     nodes = response.nodes @ tension

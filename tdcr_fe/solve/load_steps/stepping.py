@@ -39,14 +39,14 @@ class _Goal(NamedTuple):
     ----------
     load_factor : float
         [1].
-    near : SolverState or None
+    warm_start : SolverState or None
         A state there that is near the one looked for.
     linearization : Linearization or None
         In that state, where known.
     """
 
     load_factor: float
-    near: SolverState | None = None
+    warm_start: SolverState | None = None
     linearization: Linearization | None = None
 
 
@@ -65,7 +65,7 @@ class LoadStepper:
     divide : bool
         Whether substeps always end where slips reverse, so that each has the history of the one before, as derivatives
         along the path need it. Else a substep may be solved with the reversals located in it.
-    near : SolverState or None
+    warm_start : SolverState or None
         A state that is near the end of the load step, from which its solution begins.
     """
 
@@ -73,7 +73,7 @@ class LoadStepper:
     start: Equilibrium | None = None
     linearization: Linearization | None = None
     divide: bool = False
-    near: SolverState | None = None
+    warm_start: SolverState | None = None
 
     def solve(
         self,
@@ -102,7 +102,7 @@ class LoadStepper:
         if reference_path is not None:
             return self._along_reference(state, reference_path)
         if substeps is None:
-            return self._resolved(state)
+            return self._with_path_resolved(state)
         return self._equal_substeps(state, substeps)
 
     def _equal_substeps(self, state: SolverState, count: int) -> Path:
@@ -146,10 +146,10 @@ class LoadStepper:
             start = end
         return path
 
-    def _resolved(self, state: SolverState) -> Path:
+    def _with_path_resolved(self, state: SolverState) -> Path:
         """The load step with its path dependence resolved; halved where reversals are not all there is to it."""
         count = CURVED_PARTS if self.solver.ramp.curved else 1
-        path = self._divided(state, count)
+        path = self._in_equal_parts(state, count)
         needed = 2 if self._depends_on_rates(state, path.state) else 0
         if not needed:
             spent, confirmed = self._jumps_examined(state, path)
@@ -158,7 +158,7 @@ class LoadStepper:
         while agreed < needed and 2 * count <= self.solver.settings.max_substeps:
             count *= 2
             try:
-                finer = self._divided(state, count, MOST_RESCUED)
+                finer = self._in_equal_parts(state, count, MOST_RESCUED)
             except StepFailed as failure:
                 # The coarser path is kept, with its refinement error.
                 error = max(error, 2.0 * self.solver.settings.path_tolerance)
@@ -184,7 +184,7 @@ class LoadStepper:
         for end, after in path.increments:
             if self._jump_possible(before, start, after, end):
                 try:
-                    halves = self._followed(Progress(Path(before), start), (0.5 * (start + end), end))
+                    halves = self._through(Progress(Path(before), start), (0.5 * (start + end), end))
                     spent += halves.iterations + halves.rejected
                     away = self.solver.distance(halves.state, after)
                     confirmed = away <= 2.0 * self.solver.settings.path_tolerance
@@ -203,67 +203,80 @@ class LoadStepper:
         unstable = before.tangent_sign * after.tangent_sign < 0
         return unstable or not is_continuous(self.solver, before, start, after, end)
 
-    def _divided(self, state: SolverState, count: int, rescues: float = math.inf) -> Path:
-        """The load step in equal parts, each divided further where slips reverse."""
-        goals = [(k + 1) / count for k in range(count)]
-        path = Path(state, linearization=self.linearization)
-        return self._followed(
-            Progress(path, here=self.start, rescues=rescues), goals, self.near if count == 1 else None
-        )
+    def _in_equal_parts(self, state: SolverState, count: int, rescues: float = math.inf) -> Path:
+        """The load step in equal parts, each divided further where that is needed.
 
-    def _followed(self, now: Progress, ends: Sequence[float], near: SolverState | None = None) -> Path:
+        Parameters
+        ----------
+        state
+            At its beginning.
+        count
+            Number of parts.
+        rescues
+            So many smallest substeps may be solved by a rescue (`SubstepSolver.rescue`).
+        """
+        ends = [(k + 1) / count for k in range(count)]
+        path = Path(state, linearization=self.linearization)
+        now = Progress(path, equilibrium=self.start, rescues_left=rescues)
+        return self._through(now, ends, self.warm_start if count == 1 else None)
+
+    def _through(self, now: Progress, ends: Sequence[float], warm_start: SolverState | None = None) -> Path:
         """From a state on, in parts with these ends; a state near the last one may be known."""
         reversals = SubstepReversals(self.solver, self.divide)
         goals = [_Goal(end) for end in reversed(ends)]
-        goals[0] = _Goal(ends[-1], near)
+        goals[0] = _Goal(ends[-1], warm_start)
         while goals:
-            goal, near, line = goals[-1]
-            guess = now.path.state
-            if near is None:
-                line = now.path.linearization
-            else:
-                guess = with_history_of(near, guess)
-            result = self.solver.solve(guess, goal, line, now.path.state)
-            if not result.converged:
-                if near is not None:
-                    goals[-1] = _Goal(goal)
-                elif self.solver.may_be_halved(goal - now.load_factor, result.status):
-                    goals.append(_Goal(0.5 * (now.load_factor + goal)))
-                else:
-                    now = self._rescued(now, goal, result)
-                    goals.pop()
-                    continue
-                now = now.with_rejected(result.iterations)
-                continue
-            if self._leaves_branch(now, goal, result):
-                goals.append(_Goal(0.5 * (now.load_factor + goal)))
-                now = now.with_rejected(result.iterations)
-                continue
-            part = reversals.attempt(now, goal, result, line, predicted=near is None)
-            now = now.with_rejected(part.spent)
-            length = goal - now.load_factor
-            room = (
-                now.path.substeps + len(goals) < self.solver.settings.max_substeps and length > SMALLEST_PART
-            )
-            if part.division < 1.0 and room:
-                goals[-1] = self._near(goal, now.path.state, part)
-                goals.append(_Goal(now.load_factor + part.division * length))
-                now = now.with_rejected(part.result.iterations)._replace(here=part.start)
-            else:
-                accepted = one_substep(part.result, goal)
-                if part.located:
-                    accepted = replace(
-                        accepted, located=True, increments=(*part.within, *accepted.increments)
-                    )
-                now = Progress(now.path.then(accepted), goal, now.error + part.error, part.end, now.rescues)
-                goals.pop()
-        if now.here is not None:
+            now = self._advanced(now, goals, reversals)
+        if now.equilibrium is not None:
             # The search for reversals looked at other loads.
             self.solver.ramp.apply(self.solver.system, 1.0)
         error = now.error if now.error > self.solver.settings.path_tolerance else 0.0
-        if error == 0.0 and now.here is None:
+        if error == 0.0 and now.equilibrium is None:
             return now.path
-        return replace(now.path, refinement_error=error, end=now.here)
+        return replace(now.path, refinement_error=error, end=now.equilibrium)
+
+    def _advanced(self, now: Progress, goals: list[_Goal], reversals: SubstepReversals) -> Progress:
+        """One attempt at the next part: it is solved, or its end is replaced by a nearer one.
+
+        Parameters
+        ----------
+        now
+            Where it begins.
+        goals
+            Ends of the parts still to be solved, the next one last; changed.
+        reversals
+            Examines solved substeps.
+        """
+        goal, warm_start, line = goals[-1]
+        guess = now.path.state
+        if warm_start is None:
+            line = now.path.linearization
+        else:
+            guess = with_history_of(warm_start, guess)
+        result = self.solver.solve(guess, goal, line, now.path.state)
+        middle = 0.5 * (now.load_factor + goal)
+        if not result.converged:
+            if warm_start is not None:
+                goals[-1] = _Goal(goal)
+            elif self.solver.may_be_halved(goal - now.load_factor, result.status):
+                goals.append(_Goal(middle))
+            else:
+                goals.pop()
+                return self._rescued(now, goal, result)
+            return now.with_rejected(result.iterations)
+        if self._leaves_branch(now, goal, result):
+            goals.append(_Goal(middle))
+            return now.with_rejected(result.iterations)
+        part = reversals.attempt(now, goal, result, line, predicted=warm_start is None)
+        now = now.with_rejected(part.rejected)
+        length = goal - now.load_factor
+        room = now.path.substeps + len(goals) < self.solver.settings.max_substeps and length > SMALLEST_PART
+        if part.division < 1.0 and room:
+            goals[-1] = self._again(goal, now.path.state, part)
+            goals.append(_Goal(now.load_factor + part.division * length))
+            return now.with_rejected(part.result.iterations)._replace(equilibrium=part.start)
+        goals.pop()
+        return _accepted(now, goal, part)
 
     def _leaves_branch(self, now: Progress, goal: float, result: NewtonResult) -> bool:
         """Whether a solution is likely on a branch of bays that buckled, and a shorter substep may stay on this one.
@@ -278,8 +291,8 @@ class LoadStepper:
         self.solver.ramp.apply(system, goal)
         return not continuous
 
-    def _near(self, goal: float, before: SolverState, part: Attempt) -> _Goal:
-        """A goal to which a substep was solved that is divided now, and its solution where that is on this branch."""
+    def _again(self, goal: float, before: SolverState, part: Attempt) -> _Goal:
+        """The end of a substep that is divided now, with its solution as warm start where that is on this branch."""
         if part.end is None or self.solver.jump_suspected(before, part.result.state):
             return _Goal(goal)
         return _Goal(goal, part.end.state, part.end.linearization)
@@ -287,14 +300,14 @@ class LoadStepper:
     def _rescued(self, now: Progress, goal: float, failed: NewtonResult) -> Progress:
         """After a smallest substep that does not converge."""
         try:
-            if now.rescues <= 0:
+            if now.rescues_left <= 0:
                 raise self.solver.failure(now.path.state, now.load_factor, goal, failed, failed.iterations)
             part = self.solver.rescue(now.path.state, now.load_factor, goal, failed)
         except StepFailed as failure:
             failure.iterations += now.path.iterations + now.path.rejected
             raise
         path = now.path.then(replace(part, rejected=part.rejected + failed.iterations))
-        return Progress(path, goal, now.error, rescues=now.rescues - 1)
+        return Progress(path, goal, now.error, rescues_left=now.rescues_left - 1)
 
     def _depends_on_rates(self, before: SolverState, after: SolverState) -> bool:
         """Whether slip rates may matter: coefficients follow laws, and a hole under tension changed its state.
@@ -312,6 +325,14 @@ class LoadStepper:
         return False
 
 
+def _accepted(now: Progress, goal: float, part: Attempt) -> Progress:
+    """After a substep that is accepted, with the states that were solved within it."""
+    solved = one_substep(part.result, goal)
+    if part.located:
+        solved = replace(solved, located=True, increments=(*part.within, *solved.increments))
+    return Progress(now.path.then(solved), goal, now.error + part.error, part.end, now.rescues_left)
+
+
 def solve_ramp(
     system: SceneSystem,
     state: SolverState,
@@ -322,7 +343,7 @@ def solve_ramp(
     start: Equilibrium | None = None,
     linearization: Linearization | None = None,
     divide: bool = False,
-    near: SolverState | None = None,
+    warm_start: SolverState | None = None,
 ) -> Path:
     """Take a scene through a load step and leave it in the state reached; the one driver of all load steps.
 
@@ -342,7 +363,7 @@ def solve_ramp(
         The end of the path before, where nothing has changed since.
     linearization
         The last one of the path before, for the first iteration.
-    divide, near
+    divide, warm_start
         See `LoadStepper`.
 
     Returns
@@ -357,7 +378,7 @@ def solve_ramp(
         of the step.
     """
     try:
-        stepper = LoadStepper(SubstepSolver(system, ramp, settings), start, linearization, divide, near)
+        stepper = LoadStepper(SubstepSolver(system, ramp, settings), start, linearization, divide, warm_start)
         path = stepper.solve(state, substeps, reference_path)
     except BaseException as stop:
         reached, load_factor = (

@@ -8,22 +8,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.backbone import ElementChain
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.equations.factors import BorderedFactors
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.numbering import Numbering
 from tdcr_fe.solve.equations.residual import Residual
 from tdcr_fe.solve.equations.state import SolverState, Target
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.convergence import Iterate, NewtonStatus, Unmet, first_unmet, stalled
-from tdcr_fe.solve.newton.friction_step import (
-    FrictionCoupling,
-    all_keep_slipping,
-    friction_step,
-    mobilisations,
-    slip_residual,
+from tdcr_fe.solve.newton.steps import (
+    NewtonStep,
+    advanced,
+    chord_step,
+    damped_step,
+    full_step,
+    step_with,
 )
 
 Array = NDArray[np.float64]
@@ -37,12 +36,8 @@ MARGIN = 0.05
 NEAR_TURN = 0.01
 #: And only where the relative residual is below this: else the tangent changes more with the loads than with the state.
 NEAR_RESIDUAL = 0.01
-#: A damped step turns no section by more than this; below a fifth of it the damping is reduced [rad].
-DAMPED_TURN = 0.5
 #: How often contact that opens or closes is updated in one solve.
 MOST_CONTACT_UPDATES = 20
-#: Largest damping, over the elastic force times the length: nothing moves any more [1].
-MOST_DAMPING = 1e9
 
 
 class NewtonResult(NamedTuple):
@@ -95,32 +90,6 @@ class NewtonResult(NamedTuple):
         if self.unmet is not None:
             return f"{self.status.value} after {self.iterations} iterations: {self.unmet.text}"
         return f"{self.status.value} ({found})"
-
-
-class NewtonStep(NamedTuple):
-    """Change of all unknowns, and where it comes from.
-
-    Attributes
-    ----------
-    change : ndarray, shape (total,)
-    linearization : Linearization
-        The linearisation used.
-    friction_kept : bool
-        Whether every hole continues to slip in its direction, so that a chord step may follow.
-    damping : float
-        Damping used [N m].
-    chords : int
-        Chord steps that may still follow with the same linearisation.
-    slips : ndarray, shape (k,), or None
-        Slip residual after the step at fixed friction, where friction is kept [m].
-    """
-
-    change: Array
-    linearization: Linearization
-    friction_kept: bool
-    damping: float = 0.0
-    chords: int = 1
-    slips: Array | None = None
 
 
 def newton(
@@ -177,7 +146,7 @@ def newton(
         residual = system.residual(trial, target, numbering)
     # Iterates far off may overflow; the residual is then not a number, which ends the solve by name.
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        near = None if damped else _usable(linearization, system, residual, numbering)
+        near = None if damped else _if_usable(linearization, system, residual, numbering)
         result = _iterate(system, numbering, residual, settings, presliding, damped, near)
         if system.has_contact:
             return _with_contact(system, trial, result, numbering, settings, presliding, damped)
@@ -215,7 +184,7 @@ def _with_contact(
     return result._replace(status=NewtonStatus.NO_CONTACT_STATE) if result.converged else result
 
 
-def _usable(
+def _if_usable(
     linearization: Linearization | None, system: SceneSystem, residual: Residual, numbering: Numbering
 ) -> Linearization | None:
     """A linearisation, if the first step from a state may be taken with it.
@@ -248,7 +217,7 @@ def _iterate(
     residuals: list[float] = []
     step: NewtonStep | None = None
     turn, predicted = 0.0, None
-    damping = system.layout.scales.elastic_force * system.length if damped else 0.0
+    damping = system.layout.scales.elastic_force * system.length if damped else None
 
     def end(status: NewtonStatus, unmet: Unmet | None = None) -> NewtonResult:
         linear = None if step is None else step.linearization
@@ -270,26 +239,19 @@ def _iterate(
             return end(NewtonStatus.CONVERGED)
         if len(residuals) > limit:
             return end(NewtonStatus.CONVERGED if unmet is None else unmet.status, unmet)
-        # Where little is left to do, the tangent at hand does it; should it not, the next step has its own.
+        # Expected after a chord step; if it does not suffice, the next step has its own tangent.
         left = CHORD_CONTRACTION * turn * residual.size
-        chord = chord_allowed and left < MARGIN * settings.tolerance
+        chord = chord_allowed and (unmet is None or left < MARGIN * settings.tolerance)
         try:
-            if step is not None and (chord or unmet is None):
-                step = _chord_step(step, numbering, residual)
-            elif damped:
-                step = _damped_step(system, residual, numbering, presliding, damping)
-                damping = step.damping
-            elif near is not None and step is None:
-                # Its chord steps contract less, so two may follow.
-                step = _step_with(near, system, residual, numbering, presliding)._replace(chords=2)
-            else:
-                step = _full_step(system, residual, numbering, presliding)
+            step = _next_step(system, residual, numbering, presliding, step, chord, damping, near)
         except np.linalg.LinAlgError:
             return end(NewtonStatus.SINGULAR)
+        if damped:
+            damping = step.damping
         if len(residuals) == 1:
             predicted = step.slips
         before = residual.size
-        trial, turn = _advance(system, residual.state, step, numbering, settings.max_turn)
+        trial, turn = advanced(system, residual.state, step, numbering, settings.max_turn)
         # Newton's steps are taken with the contact of their start, a damped motion opens and closes it on its way.
         residual = system.residual(trial, residual.target, numbering, len(residuals), hold_contact=not damped)
         iterate = _iterate_of(system, residual, numbering, step, presliding)
@@ -297,6 +259,41 @@ def _iterate(
         if last and first_unmet(iterate, settings, balance=False) is None:
             residuals.append(residual.size)
             return end(NewtonStatus.STALLED)
+
+
+def _next_step(
+    system: SceneSystem,
+    residual: Residual,
+    numbering: Numbering,
+    presliding: float,
+    last: NewtonStep | None,
+    chord: bool,
+    damping: float | None,
+    near: Linearization | None,
+) -> NewtonStep:
+    """The next step of an iteration.
+
+    Parameters
+    ----------
+    system, residual, numbering, presliding
+        As in `_iterate`.
+    last
+        The step before; None at the start.
+    chord
+        Whether it is a chord step.
+    damping
+        Of the damped motion [N m]; None where Newton's steps are taken.
+    near
+        Linearisation of a near state, for the first step; None for a new one.
+    """
+    if chord and last is not None:
+        return chord_step(last, numbering, residual)
+    if damping is not None:
+        return damped_step(system, residual, numbering, presliding, damping)
+    if near is not None and last is None:
+        # Its chord steps contract less, so two may follow.
+        return step_with(near, system, residual, numbering, presliding)._replace(chords=2)
+    return full_step(system, residual, numbering, presliding)
 
 
 def _iterate_of(
@@ -318,128 +315,6 @@ def _iterate_of(
         presliding,
         numbering.has_friction,
     )
-
-
-def _full_step(
-    system: SceneSystem,
-    residual: Residual,
-    numbering: Numbering,
-    presliding: float,
-    damping: float = 0.0,
-) -> NewtonStep:
-    """A step with a new tangent: at fixed friction where every hole keeps slipping, else a complementarity step."""
-    linear = system.linearize(residual, numbering, damping)
-    return _step_with(linear, system, residual, numbering, presliding, damping)
-
-
-def _step_with(
-    linear: Linearization,
-    system: SceneSystem,
-    residual: Residual,
-    numbering: Numbering,
-    presliding: float,
-    damping: float = 0.0,
-) -> NewtonStep:
-    """A step with a given linearisation, of this or a near state."""
-    linear, fixed = linear.complementarity_step(residual.unbalanced, residual.forces, residual.target.inputs)
-    if not numbering.has_friction:
-        return NewtonStep(fixed, linear, True, damping)
-    state, forces = residual.state, residual.forces
-    mobilised = mobilisations(numbering, state)
-    slips = slip_residual(numbering, forces, state, fixed, presliding)
-    if all_keep_slipping(mobilised, slips):
-        return NewtonStep(_padded(fixed, numbering), linear, True, damping, slips=slips)
-    coupling = FrictionCoupling.of(numbering, forces, system.layout.clamped, linear.slack)
-    change = friction_step(coupling, linear.factorisation.solve, fixed, slips, mobilised, presliding)
-    return NewtonStep(change, linear, False, damping)
-
-
-def _chord_step(before: NewtonStep, numbering: Numbering, residual: Residual) -> NewtonStep:
-    """Chord step: with the tangent and frames of the previous iteration, at fixed friction."""
-    change = before.linearization.step(residual.unbalanced, residual.forces, residual.target.inputs)
-    return before._replace(change=_padded(change, numbering), chords=before.chords - 1)
-
-
-def _damped_step(
-    system: SceneSystem,
-    residual: Residual,
-    numbering: Numbering,
-    presliding: float,
-    damping: float,
-) -> NewtonStep:
-    """A step of the damped motion, limited in rotation, never towards a saddle point, nor over a contact.
-
-    The damping it returns is that for the next step.
-    """
-    nodes = 6 * system.layout.reduction.nodes
-    scale = system.layout.scales.elastic_force * system.length
-    least, most = 1e-6 * scale, MOST_DAMPING * scale
-    limit = system.contact_motion_limit(residual.state)
-    for _ in range(20):
-        step = _full_step(system, residual, numbering, presliding, damping)
-        change = step.change[:nodes].reshape(-1, 6)
-        turn = float(np.max(np.abs(change[:, 3:])))
-        moved = float(np.max(np.linalg.norm(change[:, :3], axis=1)))
-        climbs = _climbs(system, step.linearization, residual.state)
-        if (turn <= DAMPED_TURN and moved <= limit and not climbs) or damping >= most:
-            break
-        damping = min(max(4.0 * damping, least), most)
-    return step._replace(damping=0.2 * damping if turn < 0.2 * DAMPED_TURN else damping)
-
-
-def _climbs(system: SceneSystem, linear: Linearization, state: SolverState) -> bool:
-    """Whether a damped step goes towards a saddle point, so that its damping is too small.
-
-    A robot with driven tendons may be held by them although it is unstable at fixed tensions; then both parts of the
-    sign are negative. With other items in the scene the sign of a stable state is not known.
-    """
-    factors = linear.factorisation
-    if isinstance(factors, BorderedFactors):
-        return system.layout.reduction.other.size == 0 and factors.sign < 0
-    return factors.sign * state.tangent_sign < 0
-
-
-def _padded(fixed: Array, numbering: Numbering) -> Array:
-    """A step at fixed friction as one of all unknowns."""
-    step = np.zeros(numbering.total)
-    step[: numbering.linear] = fixed
-    return step
-
-
-def _advance(
-    system: SceneSystem, state: SolverState, step: NewtonStep, numbering: Numbering, max_turn: float
-) -> tuple[SolverState, float]:
-    """The state after a step, no element turning more than allowed; and the turn of the whole step [rad]."""
-    chains: tuple[ElementChain, ...] = step.linearization.chains
-    change = step.change
-    move = system.layout.space.move(state.configuration, change, chains, max_turn)
-    tension, mobilisation = state.base_tension, state.mobilisation
-    for part in numbering.robots:
-        i = part.robot
-        if part.driven.size:
-            new = tension[i].copy()
-            pulled = np.maximum(new[part.driven] + move.fraction * change[part.tensions], 0.0)
-            if move.fraction == 1.0:
-                # Exactly: round-off in the tension of a slack tendon would count as a miss of its displacement.
-                pulled[step.linearization.slack[i]] = 0.0
-            new[part.driven] = pulled
-            tension = (*tension[:i], new, *tension[i + 1 :])
-        slipped = change[part.mobilisations]
-        if slipped.any():
-            new = mobilisation[i].copy()
-            new[part.frictional] = np.clip(new[part.frictional] + move.fraction * slipped, -1.0, 1.0)
-            mobilisation = (*mobilisation[:i], new, *mobilisation[i + 1 :])
-    moved = SolverState(
-        move.configuration,
-        tension,
-        mobilisation,
-        state.friction,
-        state.prescribed,
-        state.loads,
-        state.time,
-        state.tangent_sign,
-    )
-    return moved, move.turn
 
 
 def _committed(

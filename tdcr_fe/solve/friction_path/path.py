@@ -1,0 +1,148 @@
+"""The friction states within a substep as a path: pieces over which all rates are linear in the load factor."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.solve.friction_path.slip_rates import LinearRates
+from tdcr_fe.solve.friction_path.unknowns import Bounds
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+#: Places in a piece, its ends included, at which slip rates are compared with their errors.
+COMPARED_PLACES = 6
+#: The error of a slip rate is taken as a parabola that is zero at both ends of the substep; this much of its scale is
+#: added, so that rates near the ends are compared with something [1].
+RATE_ERROR_AT_ENDS = 1e-2
+#: Presliding distances of slip in one direction that leave nothing of the mobilisation before: from -1 to 1.
+FORGETTING_SLIP = 2.0
+
+
+class Piece(NamedTuple):
+    """A part of the substep over which the rates of all unknowns are linear in the load factor.
+
+    Unknowns are those of `tdcr_fe.solve.friction_path.unknowns`; load factors are those within the substep, 0 to 1.
+
+    Attributes
+    ----------
+    start, length : float
+        Load factor where it begins, and by how much it grows in it [1].
+    unknowns : ndarray, shape (k + c,)
+        Where it begins.
+    rates : LinearRates
+        Their rates and those of their complements.
+    tension, tension_rate : ndarray, shape (q,)
+        Tensions of the segments where it begins, and their derivative by the load factor [N].
+    """
+
+    start: float
+    length: float
+    unknowns: Array
+    rates: LinearRates
+    tension: Array
+    tension_rate: Array
+
+    def shortened(self, fraction: float) -> Piece:
+        """A fraction of it, from its beginning on."""
+        return self._replace(length=fraction * self.length)
+
+    def after(self, length: float, bounds: Bounds) -> tuple[float, Array, Array]:
+        """What is reached on the piece after a change of the load factor.
+
+        Parameters
+        ----------
+        length
+            Change of the load factor from the beginning of the piece on [1].
+        bounds
+            Of the unknowns.
+
+        Returns
+        -------
+        factor : float
+            Load factor there [1].
+        unknowns : ndarray, shape (k + c,)
+        tension : ndarray, shape (q,)
+            Of the segments [N].
+        """
+        moved = length * self.rates.rate + (0.5 * length * length) * self.rates.rate_change
+        unknowns = np.minimum(np.maximum(self.unknowns + moved, bounds.lower), bounds.upper)
+        return self.start + length, unknowns, self.tension + length * self.tension_rate
+
+
+class FrictionPath(NamedTuple):
+    """Friction states all through a substep, and where slips reversed last.
+
+    Attributes
+    ----------
+    unknowns : ndarray, shape (k + c,)
+        Mobilisations at its end [1], and the unknown tensions at the base there [N].
+    reversal_slip : ndarray, shape (k,)
+        Change of the slip from the start of the substep to its last reversal; zero where there is none [m].
+    reversal_mobilisation : ndarray, shape (k,)
+        Mobilisation at the last reversal, 1 or -1; that at the start where there is none [1].
+    reversal_factor : ndarray, shape (k,)
+        Load factor of the last reversal within the substep; zero where there is none [1].
+    complete : bool
+        Whether the end of the substep was reached.
+    pieces : tuple of Piece
+        The path, piece by piece.
+    bounds : Bounds
+        Of the unknowns.
+    """
+
+    unknowns: Array
+    reversal_slip: Array
+    reversal_mobilisation: Array
+    reversal_factor: Array
+    complete: bool
+    pieces: tuple[Piece, ...]
+    bounds: Bounds
+
+    @property
+    def reversed(self) -> Flags:
+        """Which slips reversed, shape (k,)."""
+        return self.reversal_factor > 0.0
+
+    def at(self, factor: float) -> tuple[Array, Array]:
+        """Unknowns, shape (k + c,), and tensions of the segments [N], shape (q,), at a load factor [1]."""
+        piece = self.pieces[bisect_right(self.pieces, factor, key=lambda p: p.start) - 1]
+        _, unknowns, tension = piece.after(factor - piece.start, self.bounds)
+        return unknowns, tension
+
+    def insensitive_holes(self, error: Array, presliding: float) -> Flags:
+        """Holes whose mobilisation at the end does not depend on an error of the slips, shape (k,).
+
+        They slip up to the end in one direction, faster than the error changes, and that all the time or over a
+        distance that leaves nothing of their history.
+
+        Parameters
+        ----------
+        error
+            Error of the change of the slips in the substep [m], shape (k,). It is taken to grow like that of a parabola
+            in the rates: at the rate ``6 x (1 - x)`` times the error, with the load factor ``x``.
+        presliding
+            Presliding distance [m].
+        """
+        k = len(error)
+        start, length = np.array([(p.start, p.length) for p in self.pieces]).T
+        side = np.array([p.rates.side[:k] for p in self.pieces])
+        rate = np.array([p.rates.complement[:k] for p in self.pieces])
+        change = np.array([p.rates.complement_change[:k] for p in self.pieces])
+        last = side[-1]
+        # From which piece on the hole slips in its last direction up to the end.
+        final = np.logical_and.accumulate((side == last)[::-1])[::-1]
+        slip = length[:, None] * (rate + (0.5 * length)[:, None] * change)
+        distance = last * np.where(final, slip, 0.0).sum(axis=0)
+        # Between the ends of a piece the parabola may be nearer to the rate than at them.
+        within = length[:, None] * np.linspace(0.0, 1.0, COMPARED_PLACES)
+        at = start[:, None] + within
+        relative_rate = last * (rate[:, None] + within[..., None] * change[:, None])
+        relative_rate /= (6.0 * at * (1.0 - at) + RATE_ERROR_AT_ENDS)[..., None]
+        slowest = np.where(final[:, None], relative_rate, np.inf).min(axis=(0, 1))
+        forgotten = final[0] | (distance >= FORGETTING_SLIP * presliding + error)
+        return np.asarray((last != 0.0) & (slowest >= error) & forgotten)

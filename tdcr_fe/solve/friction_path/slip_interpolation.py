@@ -1,0 +1,154 @@
+"""Slips and turning angles between two solved states, interpolated by load factor and tensions of the segments.
+
+With the configuration eliminated they are smooth functions of the load factor and of the tensions of all segments.
+Along the straight line between the tensions of both states they are cubic (Hermite's polynomial through values and
+rates), and beside it linear in the tensions, with derivatives that change linearly from one state to the other.
+Documentation: page "Theory", section "Slips as functions of the tensions".
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class SlipData(NamedTuple):
+    """Slips and turning angles in one solved state, with their derivatives.
+
+    Attributes
+    ----------
+    factor : float
+        Load factor within the substep [1].
+    tension : ndarray, shape (q,)
+        Of the segments [N].
+    values : ndarray, shape (k + c + r,)
+        Slips at the frictional holes [m], minus the slack of tendons whose tension at the base is unknown [m], turning
+        angles [rad].
+    by_tension : ndarray, shape (k + c + r, q)
+        Their derivatives by the tensions of the segments [m/N, rad/N].
+    by_load : ndarray, shape (k + c + r,)
+        Those by the load factor at fixed tensions [m, rad].
+    """
+
+    factor: float
+    tension: Array
+    values: Array
+    by_tension: Array
+    by_load: Array
+
+
+class LinePoint(NamedTuple):
+    """Values on the straight line between the tensions of two states, at one load factor.
+
+    Attributes
+    ----------
+    tension : ndarray, shape (q,)
+        Of the segments, on the line [N].
+    values, rates : ndarray, shape (k + c + r,)
+        As in `SlipData`, and their derivatives by the load factor along the line [m, rad].
+    by_tension : ndarray, shape (k + c + r, q)
+        Their derivatives by the tensions [m/N, rad/N].
+    """
+
+    tension: Array
+    values: Array
+    rates: Array
+    by_tension: Array
+
+
+class Interval(NamedTuple):
+    """Values between two solved states as polynomials of the load factor.
+
+    Attributes
+    ----------
+    start, length : float
+        Load factor where it begins, and by how much it grows in it [1].
+    tension, tension_rate : ndarray, shape (q,)
+        Tensions of the segments at its start, and their derivative by the load factor along the straight line [N].
+    coefficients : ndarray, shape (k + c + r, 4)
+        Of the values along this line: cubic polynomials of the fraction of the interval, lowest power first [m, rad].
+    by_tension, by_tension_change : ndarray, shape (k + c + r, q)
+        Derivatives by the tensions at its start, and their change up to its end [m/N, rad/N].
+    parabola : float
+        Part ``p`` of that change by which the derivatives leave their straight line: ``x + p x (1 - x)`` in place of
+        the fraction ``x`` of the interval [1].
+    """
+
+    start: float
+    length: float
+    tension: Array
+    tension_rate: Array
+    coefficients: Array
+    by_tension: Array
+    by_tension_change: Array
+    parabola: float
+
+    @classmethod
+    def between(cls, first: SlipData, last: SlipData, defect_factor: float) -> Interval:
+        """Between two states; see `tdcr_fe.solve.friction_path.slip_model.SlipModel` for the factor."""
+        length, change = last.factor - first.factor, last.tension - first.tension
+        slopes = [length * at.by_load + at.by_tension @ change for at in (first, last)]
+        # What the trapezoidal rule leaves out: the integral of the parabola in the rates.
+        defect = defect_factor * (last.values - first.values - 0.5 * (slopes[0] + slopes[1]))
+        square = 0.5 * (slopes[1] - slopes[0]) + 3.0 * defect
+        return cls(
+            first.factor,
+            length,
+            first.tension,
+            change / length,
+            np.stack((first.values, slopes[0], square, -2.0 * defect), axis=1),
+            first.by_tension,
+            last.by_tension - first.by_tension,
+            defect_factor - 1.0,
+        )
+
+    @property
+    def defect(self) -> Array:
+        """Change of the values beyond that by the mean of their rates at both ends [m, rad], shape (k + c + r,)."""
+        return np.asarray(-0.5 * self.coefficients[:, 3])
+
+    def at(self, factor: float) -> LinePoint:
+        """Tensions on the straight line at a load factor, the values there, their rates and derivatives."""
+        x = (factor - self.start) / self.length
+        powers = np.array(((1.0, 0.0), (x, 1.0), (x * x, 2.0 * x), (x * x * x, 3.0 * x * x)))
+        both = self.coefficients @ powers
+        by_tension = self.by_tension + (x + self.parabola * x * (1.0 - x)) * self.by_tension_change
+        line = self.tension + (factor - self.start) * self.tension_rate
+        return LinePoint(line, both[:, 0], both[:, 1] / self.length, by_tension)
+
+    def rates_at_fixed_tensions(self, at: LinePoint, off: Array) -> Array:
+        """Rates of the values where the tensions stay as they are, at tensions off the straight line [m, rad].
+
+        Parameters
+        ----------
+        at
+            The point on the line at this load factor.
+        off
+            By how much the tensions exceed those on the line [N], shape (q,).
+        """
+        return np.asarray(
+            at.rates + self.by_tension_change @ off / self.length - at.by_tension @ self.tension_rate
+        )
+
+    def error_off_line(self, factors: Array, tensions: Array, count: int) -> Array:
+        """Largest error of the first values by a parabola in their derivatives, at tensions off the line [m].
+
+        The parabola is taken to be as large as the change of the derivatives in the interval.
+
+        Parameters
+        ----------
+        factors
+            Load factors within the interval [1], shape (p,).
+        tensions
+            Of the segments there [N], shape (p, q).
+        count
+            Number of values.
+        """
+        x = (factors - self.start) / self.length
+        off = tensions - self.tension - (factors - self.start)[:, None] * self.tension_rate
+        change = (x * (1.0 - x))[:, None] * (off @ self.by_tension_change[:count].T)
+        return np.asarray(np.abs(change).max(axis=0))
