@@ -21,7 +21,7 @@ derivation is in the documentation, pages "Theory" and "Friction laws".
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,132 +29,20 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.capstan import Slopes, capstan, capstan_with_adhesion
 from tdcr_fe.elements.coefficient_derivatives import tension_derivatives
 from tdcr_fe.elements.coefficients import (
-    CoefficientLaw,
     Linearisation,
     evaluate_laws,
     normal_forces,
     solve_coefficients,
 )
 from tdcr_fe.elements.complementarity import solve_box
+from tdcr_fe.elements.friction_models import FrictionModel
+from tdcr_fe.elements.tendon_parameters import TendonParameters
 from tdcr_fe.elements.tension_field import TensionDerivatives, TensionField
 
 Array = NDArray[np.float64]
 
-
-class FrictionModel(Protocol):
-    """Which slip drives friction at which holes. Adding a model takes a class here and a line in `FRICTION_MODELS`.
-
-    A model has ``g`` mobilisations per tendon; the matrices give the slip that drives them and where they act.
-    """
-
-    @property
-    def kind(self) -> str:
-        """Name in ``scenario.toml``."""
-        ...
-
-    @property
-    def active(self) -> bool:
-        """Whether the model has friction."""
-        ...
-
-    def slip_operator(self, n: int) -> Array:
-        """Matrix from released segment lengths to the slip that drives each friction variable, shape (g, n)."""
-        ...
-
-    def hole_incidence(self, n: int) -> Array:
-        """From the mobilisations to the holes ``1 .. n-1``, shape (n-1, g)."""
-        ...
-
-
-@dataclass(frozen=True)
-class NoFriction:
-    """The same tension all along (paper, Eq. 11)."""
-
-    kind: ClassVar[str] = "none"
-    active: ClassVar[bool] = False
-
-    def slip_operator(self, n: int) -> Array:
-        """See `FrictionModel.slip_operator`."""
-        return np.zeros((0, n))
-
-    def hole_incidence(self, n: int) -> Array:
-        """See `FrictionModel.hole_incidence`."""
-        return np.zeros((n - 1, 0))
-
-
-@dataclass(frozen=True)
-class PerTendonFriction:
-    """The paper's law: one sign per tendon, from the rate of its whole length (Eqs. 15-31, Fig. 2)."""
-
-    kind: ClassVar[str] = "per-tendon"
-    active: ClassVar[bool] = True
-
-    def slip_operator(self, n: int) -> Array:
-        """See `FrictionModel.slip_operator`."""
-        return np.ones((1, n))
-
-    def hole_incidence(self, n: int) -> Array:
-        """See `FrictionModel.hole_incidence`."""
-        return np.ones((n - 1, 1))
-
-
-@dataclass(frozen=True)
-class PerHoleFriction:
-    """Stick, pull-slip or release-slip at each hole, from the material that passes that hole."""
-
-    kind: ClassVar[str] = "per-hole"
-    active: ClassVar[bool] = True
-
-    def slip_operator(self, n: int) -> Array:
-        """See `FrictionModel.slip_operator`."""
-        return np.triu(np.ones((n - 1, n)), 1)
-
-    def hole_incidence(self, n: int) -> Array:
-        """See `FrictionModel.hole_incidence`."""
-        return np.eye(n - 1)
-
-
-#: Every friction model, by the name it has in ``scenario.toml``.
-FRICTION_MODELS: dict[str, FrictionModel] = {
-    law.kind: law for law in (NoFriction(), PerTendonFriction(), PerHoleFriction())
-}
-
-
-@dataclass(frozen=True)
-class TendonParameters:
-    """Parameters of all tendons of one robot; shorter tendons are padded at the end.
-
-    Attributes
-    ----------
-    lengths : ndarray, shape (m, n)
-        Length of every segment in the unloaded state, zero where padded [m].
-    mask : ndarray of bool, shape (m, n)
-        Which segments exist.
-    friction : ndarray, shape (m, n-1)
-        Friction coefficient at every hole, zero at and beyond the anchor [1].
-    adhesion : ndarray, shape (m, n-1)
-        Tension drop at every hole that does not grow with the tension [N].
-    compliance : ndarray, shape (m,)
-        ``1 / EA`` of the tendon, zero where inextensible [1/N].
-    pretension : ndarray, shape (m,)
-        Tension in the unloaded state where the displacement at the base is zero [N].
-    laws : tuple of CoefficientLaw or None
-        Law of each tendon's coefficients of friction, used instead of ``friction``; None, or an empty tuple, where
-        the coefficients are constant.
-    """
-
-    lengths: Array
-    mask: NDArray[np.bool_]
-    friction: Array
-    adhesion: Array
-    compliance: Array
-    pretension: Array
-    laws: tuple[CoefficientLaw | None, ...] = ()
-
-    @property
-    def material(self) -> Array:
-        """Length of every segment's tendon without tension, where the displacement at the base is zero [m], (m, n)."""
-        return self.lengths / (1.0 + self.compliance * self.pretension)[:, None]
+#: Largest error of the mobilisations of elastic tendons in a configuration [1], and most iterations up to it.
+MOBILISATION_TOLERANCE, MOST_ITERATIONS = 1e-10, 20
 
 
 @dataclass(frozen=True)
@@ -190,6 +78,29 @@ class TendonLaw:
         Friction model: the slip that drives the friction at each hole.
     presliding
         Slip through a hole from rest to full friction [m].
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Numbers of tendons and of segments of the longest one, (m, n).
+    groups : int
+        Mobilisations per tendon, g.
+    coefficients : ndarray, shape (m, n-1)
+        Constant coefficients of friction of the holes [1].
+    slip_operator : ndarray, shape (g, n)
+        From released segment lengths to the slip that drives each mobilisation [1].
+    hole_incidence : ndarray, shape (n-1, g)
+        From the mobilisations to the holes [1].
+    frictional : ndarray of bool, shape (m, g)
+        For which mobilisations there is friction.
+    has_friction : bool
+        Whether there is friction anywhere.
+    elastic : bool
+        Whether any tendon stretches.
+    each_hole : bool
+        Whether every hole has its own mobilisation.
+    simple : bool
+        Whether tensions follow from angles and mobilisations alone: no elasticity, adhesion or law of coefficients.
     """
 
     def __init__(self, parameters: TendonParameters, law: FrictionModel, presliding: float = 1e-6) -> None:
@@ -202,7 +113,6 @@ class TendonLaw:
         self.coefficients = parameters.friction if law.active else zero
         self._adhesion = parameters.adhesion if law.active else zero
         self._has_adhesion = bool(np.any(self._adhesion > 0.0))
-        #: Slip operator: from released segment lengths to the slip that drives each mobilisation, shape (g, n).
         self.slip_operator = law.slip_operator(n)
         self.hole_incidence = law.hole_incidence(n)
         self.groups = self.slip_operator.shape[0]
@@ -213,15 +123,12 @@ class TendonLaw:
         for i, coefficient in enumerate(self._laws):
             if coefficient is not None:
                 acts[i] = self._holes[i]
-        #: For which mobilisations there is friction, shape (m, g).
         self.frictional: NDArray[np.bool_] = (acts.astype(float) @ np.abs(self.hole_incidence)) > 0.0
         self._material = parameters.material
         self.has_friction = bool(np.any(self.frictional))
-        #: Whether any tendon stretches.
         self.elastic = bool(np.any(parameters.compliance > 0.0))
         self._masked = parameters.mask.astype(float)
         self.each_hole = self.groups == n - 1 and bool(np.all(self.hole_incidence == np.eye(n - 1)))
-        #: Whether tensions follow from angles and lengths alone: no elasticity, adhesion or law of coefficients.
         self.simple = not (self.elastic or self._has_adhesion or self._laws)
         # Arrays that never change.
         self._negative, self._nothing, self._constant = -self._masked, np.zeros((m, n)), np.zeros((m, n, n))
@@ -246,7 +153,17 @@ class TendonLaw:
         return mobilisation @ self.hole_incidence.T
 
     def trial_mobilisation(self, slip: Array, state: FrictionState, presliding: float) -> Array:
-        """Mobilisation that the slip would lead to, not yet limited to [-1, 1], shape (m, g)."""
+        """Trial state of the return mapping: the mobilisation without its limits -1 and 1 [1], shape (m, g).
+
+        Parameters
+        ----------
+        slip
+            That drives each mobilisation [m], shape (m, g).
+        state
+            History from which it is counted.
+        presliding
+            Presliding distance [m].
+        """
         return state.mobilisation + (slip - state.slip) / presliding
 
     def field(
@@ -338,8 +255,10 @@ class TendonLaw:
         elapsed = time - state.time
         at_holes = self.at_holes(mobilisation)
         half = 0.5 * angles
-        # Slip rates at the holes by the released lengths of the segments.
-        pace = (self.hole_incidence @ self.slip_operator) * (1.0 / elapsed if elapsed > 0.0 else 0.0)
+        # Derivatives of the slip rates at the holes by the released lengths of the segments [1/s].
+        rate_by_released = (self.hole_incidence @ self.slip_operator) * (
+            1.0 / elapsed if elapsed > 0.0 else 0.0
+        )
 
         def linearise(coefficient: Array) -> Linearisation:
             tension, slopes = self._transfer(base_tension, angles, at_holes, coefficient)
@@ -348,7 +267,7 @@ class TendonLaw:
             law = evaluate_laws(
                 self._laws, self.coefficients, self._holes, normal_forces(tension, angles), rate
             )
-            by_tension = (law.by_rate[:, :, None] * pace) * released_d_tension[:, None, :]
+            by_tension = (law.by_rate[:, :, None] * rate_by_released) * released_d_tension[:, None, :]
             by_pull = law.by_normal * np.sin(half)
             hole = np.arange(half.shape[1])
             by_tension[:, hole, hole] += by_pull
@@ -380,7 +299,7 @@ class TendonLaw:
             time,
             elapsed > 0.0 and bool(np.any(solved.law.by_rate)),
             lambda: tension_derivatives(
-                solved, angles, pace[None] * d_length[:, None, :], self.hole_incidence
+                solved, angles, rate_by_released[None] * d_length[:, None, :], self.hole_incidence
             ),
         )
 
@@ -417,54 +336,64 @@ class TendonLaw:
             slip = self.slips(self.parameters.lengths - lengths)
             trial = self.trial_mobilisation(slip, state, delta)
             field = self.field(base_tension, lengths, angles, np.clip(trial, -1.0, 1.0), state, time)
-            return self._following(field, trial, delta)
+            return self._with_consistent_tangent(field, trial, delta)
         mobilisation = state.mobilisation
-        for _ in range(20):
+        for _ in range(MOST_ITERATIONS):
             field = self.field(base_tension, lengths, angles, mobilisation, state, time)
-            # Trial state, and how it changes with the mobilisations: own = 1 - d trial / ds.
             trial = self.trial_mobilisation(field.slip, state, delta)
-            if np.max(np.abs(np.clip(trial, -1.0, 1.0) - mobilisation), initial=0.0) <= 1e-10:
+            error = np.abs(np.clip(trial, -1.0, 1.0) - mobilisation)
+            if np.max(error, initial=0.0) <= MOBILISATION_TOLERANCE:
                 break
-            own = self._own_change(field, delta)
-            right = trial - mobilisation + (own @ mobilisation[..., None])[..., 0]
-            mobilisation = np.stack([solve_box(*x)[0] for x in zip(own, right, mobilisation, strict=True)])
-        return self._following(field, trial, delta)
+            # A step of Newton's method for s = clip(trial(s)): a complementarity problem by tendon.
+            jacobian = self._jacobian(field, delta)
+            right = trial - mobilisation + (jacobian @ mobilisation[..., None])[..., 0]
+            by_tendon = zip(jacobian, right, mobilisation, strict=True)
+            mobilisation = np.stack([solve_box(*x)[0] for x in by_tendon])
+        return self._with_consistent_tangent(field, trial, delta)
 
-    def _own_change(self, field: TensionField, presliding: float) -> Array:
-        """``1 - d trial / ds``: of the trial mobilisations by the mobilisations, shape (m, g, g)."""
-        drive = self.slip_operator / presliding
-        return np.eye(self.groups) - (drive * field.released_d_tension[:, None, :]) @ field.by_mobilisation
+    def _jacobian(self, field: TensionField, presliding: float) -> Array:
+        """Derivatives of the mobilisations less the trial ones by the mobilisations [1], shape (m, g, g).
 
-    def _following(self, field: TensionField, trial: Array, presliding: float) -> TensionField:
-        """A field whose derivatives, formed when first used, include the change of the mobilisations.
+        The trial mobilisations depend on them through the stretch of the tendons.
+        """
+        trial_by_released = self.slip_operator / presliding
+        return (
+            np.eye(self.groups)
+            - (trial_by_released * field.released_d_tension[:, None, :]) @ field.by_mobilisation
+        )
+
+    def _with_consistent_tangent(self, field: TensionField, trial: Array, presliding: float) -> TensionField:
+        """A field with the consistent tangent of the return mapping: its derivatives include the mobilisations' change.
+
+        They are formed when first used.
 
         Parameters
         ----------
         field
             With the mobilisations fixed.
         trial
-            Trial mobilisations, of which those within [-1, 1] change, shape (m, g).
+            Trial mobilisations [1], shape (m, g): those within [-1, 1] change with the configuration.
         presliding
-            [m].
+            Presliding distance [m].
         """
 
         def derive() -> TensionDerivatives:
             sticks = np.abs(trial) < 1.0
-            drive = sticks[:, :, None] * (self.slip_operator / presliding)
-            by_length = drive * field.released_d_length[:, None, :]
+            by_released = sticks[:, :, None] * (self.slip_operator / presliding)
+            by_length = by_released * field.released_d_length[:, None, :]
             if not self.elastic:
                 d_length = field.by_mobilisation @ by_length
                 if field.depends_on_length:
                     d_length = d_length + field.d_length
                 return TensionDerivatives(d_length, field.d_angle, field.d_base, field.by_mobilisation)
-            own = np.where(sticks[:, :, None], self._own_change(field, presliding), np.eye(self.groups))
-            by_tension = drive * field.released_d_tension[:, None, :]
+            jacobian = np.where(sticks[:, :, None], self._jacobian(field, presliding), np.eye(self.groups))
+            by_tension = by_released * field.released_d_tension[:, None, :]
             by_base = by_tension @ field.d_base[:, :, None]
             by_angle = by_tension @ field.d_angle
             if field.depends_on_length:
                 by_length = by_length + by_tension @ field.d_length
             right = np.concatenate((by_length, by_angle, by_base), axis=2)
-            ds = field.by_mobilisation @ np.linalg.solve(own, right)
+            ds = field.by_mobilisation @ np.linalg.solve(jacobian, right)
             n = self.shape[1]
             return TensionDerivatives(
                 field.d_length + ds[:, :, :n] if field.depends_on_length else ds[:, :, :n],

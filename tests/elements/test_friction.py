@@ -10,15 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from two_tendons import ANGLES, LENGTHS, MASK, tendon_law
 
-from tdcr_fe.elements.friction import (
-    FRICTION_MODELS,
-    FrictionState,
-    NoFriction,
-    PerHoleFriction,
-    PerTendonFriction,
-    TendonLaw,
-    hole_states,
-)
+from tdcr_fe.elements.friction import FrictionState, TendonLaw, hole_states
+from tdcr_fe.elements.friction_models import FRICTION_MODELS, NoFriction, PerHoleFriction, PerTendonFriction
 
 
 def law(kind, mu=0.3, **rest) -> TendonLaw:
