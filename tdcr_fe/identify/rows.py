@@ -249,17 +249,7 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
         # An iteration is followed by a run on the path of the new parameters.
         race = fitting.Race(deadline=search.deadline - 2.0 * duration)
         (best,) = fitting.run_fits(problem, [fitting.finish(problem, best, race, FINAL_ITERATIONS)])
-    fits = {frozenset(f.names): f for f in (declared, best)}
-    everything = replace(
-        state,
-        problem=problem,
-        declared=declared,
-        best=best,
-        fits=fits,
-        scores={},
-        local_scores={},
-        first_order_local_scores={},
-    )
+    everything = state.begun_anew(problem, declared, best)
     return _with_smaller_models(search, state, everything, duration)
 
 

@@ -108,6 +108,20 @@ class SearchState:
         """With the declared model alone."""
         return cls(problem, declared, declared, {frozenset(): declared})
 
+    def begun_anew(self, problem: FitProblem, declared: Fit, best: Fit) -> SearchState:
+        """The search begun anew with another problem: of it only the declared and the best model are fitted."""
+        fits = {frozenset(fit.names): fit for fit in (declared, best)}
+        return replace(
+            self,
+            problem=problem,
+            declared=declared,
+            best=best,
+            fits=fits,
+            scores={},
+            local_scores={},
+            first_order_local_scores={},
+        )
+
     def with_fit(self, fit: Fit) -> SearchState:
         """With another fit."""
         return replace(self, fits={**self.fits, frozenset(fit.names): fit})

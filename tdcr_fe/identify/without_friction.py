@@ -86,18 +86,7 @@ def restore_friction(search: Search, state: SearchState, problem: FitProblem) ->
     problem = replace(
         problem, robust_threshold=min(problem.robust_threshold, robust_threshold(best.residual))
     )
-    fits = {frozenset(): declared, frozenset(best.names): best}
-    again = replace(
-        state,
-        problem=problem,
-        declared=declared,
-        best=best,
-        fits=fits,
-        scores={},
-        local_scores={},
-        first_order_local_scores={},
-        refused=_without_friction(problem),
-    )
+    again = replace(state.begun_anew(problem, declared, best), refused=_without_friction(problem))
     again = again.with_history(
         f"with the declared friction, misfit per reading {mean_cost(best.cost, problem.fitted):.3g} on fitted and "
         f"{mean_cost(best.held_cost, problem.held_out):.3g} on held-out steps"

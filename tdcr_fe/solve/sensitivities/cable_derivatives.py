@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +15,7 @@ from tdcr_fe.solve.sensitivities.cable_variation import (
     hole_disturbance,
     shift_variation,
 )
-from tdcr_fe.solve.sensitivities.neighbours import Inherited, Neighbours, Stacked
+from tdcr_fe.solve.sensitivities.neighbours import Inherited, ParameterModels
 from tdcr_fe.solve.sensitivities.parameters import RELATIVE_STEP
 
 Array = NDArray[np.float64]
@@ -28,12 +26,8 @@ class CableDerivatives:
 
     Parameters
     ----------
-    present
-        Model at the present values.
-    found
-        Models at neighbouring values.
-    count
-        Number of parameters P.
+    models
+        At the present and at neighbouring values.
 
     Attributes
     ----------
@@ -43,14 +37,14 @@ class CableDerivatives:
         Whether the tensions depend on the slips at the beginning of the increment, as with rates of slip.
     """
 
-    def __init__(self, present: RobotModel, found: Sequence[Neighbours], count: int) -> None:
-        self.present, self.count = present, count
-        own = present.forces
+    def __init__(self, models: ParameterModels) -> None:
+        self.present, self.count = models.present, models.count
+        own = models.present.forces
         self.depends_on_history = own.law.law.active and any(x is not None for x in own.law.parameters.laws)
-        self._holes = Stacked.where(present, found, _holes_differ)
-        self._lengths = Stacked.where(present, found, _lengths_differ)
+        self._holes = models.where(_holes_differ)
+        self._lengths = models.where(_lengths_differ)
         always = self.depends_on_history
-        self._laws = Stacked.where(present, found, lambda a, b: always or _laws_differ(a, b))
+        self._laws = models.where(lambda a, b: always or _laws_differ(a, b))
         self._law_stack = LawStack([m.forces.law for m in self._laws.models])
         self.law = self._law_stack.law.law
         geometries = [m.forces.geometry for m in self._holes.models]

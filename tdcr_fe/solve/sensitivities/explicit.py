@@ -7,8 +7,6 @@ the tendons and of the section are evaluated at the neighbouring values.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +14,7 @@ from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.robot_model import RobotModel, RobotPoint, SectionStack, elastic_gradient
 from tdcr_fe.solve.sensitivities.cable_derivatives import CableDerivatives
 from tdcr_fe.solve.sensitivities.cable_variation import HoleDisturbance
-from tdcr_fe.solve.sensitivities.neighbours import Inherited, Neighbours, Stacked
+from tdcr_fe.solve.sensitivities.neighbours import Inherited, ParameterModels
 from tdcr_fe.solve.sensitivities.parameters import RELATIVE_STEP
 
 Array = NDArray[np.float64]
@@ -27,12 +25,8 @@ class ExplicitDerivatives:
 
     Parameters
     ----------
-    present
-        Model at the present values.
-    found
-        Models at neighbouring values.
-    count
-        Number of parameters P.
+    models
+        At the present and at neighbouring values.
 
     Attributes
     ----------
@@ -42,26 +36,27 @@ class ExplicitDerivatives:
         Derivatives of the arc lengths of the nodes [m].
     """
 
-    def __init__(self, present: RobotModel, found: Sequence[Neighbours], count: int) -> None:
+    def __init__(self, models: ParameterModels) -> None:
+        present, count = models.present, models.count
         self.present, self.count = present, count
         own = present.forces
-        self._elastic = Stacked.where(present, found, _elasticity_differs)
-        self._weight = Stacked.where(present, found, lambda a, b: not np.array_equal(a.weight, b.weight))
-        self._springs = Stacked.where(present, found, _springs_differ)
-        self._section = Stacked.where(present, found, _section_differs)
+        self._elastic = models.where(_elasticity_differs)
+        self._weight = models.where(lambda a, b: not np.array_equal(a.weight, b.weight))
+        self._springs = models.where(_springs_differ)
+        self._section = models.where(_section_differs)
         self._section_stack = SectionStack(self._section.models) if len(self._section.parameters) else None
         straight = own.geometry is not None and own.law.shape[0] > 0
-        self._cables = CableDerivatives(present, found, count) if straight else None
+        self._cables = CableDerivatives(models) if straight else None
         self.law = own.law.law if self._cables is None else self._cables.law
         self._creeps = any(m.robot.backbone.creep_rate != 0.0 for m in self._elastic.models)
         self._by_weight = self._weight.derivative(np.stack([m.weight for m in self._weight.models]))
         self._coefficients = self._elastic_coefficients(0.0)
         self.arc_lengths = np.zeros((own.mesh.arc_lengths.size, count))
-        for each in found:
+        for each in models.neighbours:
             arcs = [m.forces.mesh.arc_lengths for m in (present, *each.models)]
             weights = (each.stencil.base_weight, *each.stencil.weights)
             self.arc_lengths[:, each.number] = sum(w * x for w, x in zip(weights, arcs, strict=True))
-        self._unloaded = Stacked.where(present, found, _released_unloaded_differ)
+        self._unloaded = models.where(_released_unloaded_differ)
 
     def _elastic_coefficients(self, time: float) -> tuple[Array, Array]:
         """Derivatives of stiffness over length, and of its product with the unloaded twists, (E, 6, P')."""

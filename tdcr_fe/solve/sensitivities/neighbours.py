@@ -117,6 +117,31 @@ def _check_structure(present: RobotModel, other: RobotModel) -> None:
         raise StructureChanged("the tendons have other holes there")
 
 
+@dataclass(frozen=True, eq=False)
+class ParameterModels:
+    """Models of a robot at the present values of its parameters, and at neighbouring values of each.
+
+    Attributes
+    ----------
+    present : RobotModel
+        At the present values.
+    neighbours : tuple of Neighbours
+        By parameter of the description; inputs of the load steps have none.
+    count : int
+        Number of parameters P, inputs included.
+    """
+
+    present: RobotModel
+    neighbours: tuple[Neighbours, ...]
+    count: int
+
+    def where(self, differs: Callable[[RobotModel, RobotModel], bool]) -> Stacked:
+        """The models of the parameters by which something differs from the present model."""
+        return Stacked.of(
+            self.present, [x for x in self.neighbours if any(differs(self.present, m) for m in x.models)]
+        )
+
+
 class Stacked(NamedTuple):
     """Models of some parameters, the present model first.
 
@@ -138,16 +163,6 @@ class Stacked(NamedTuple):
     weights: Array
     offsets: Array
     owner: NDArray[np.int_]
-
-    @classmethod
-    def where(
-        cls,
-        present: RobotModel,
-        found: Sequence[Neighbours],
-        differs: Callable[[RobotModel, RobotModel], bool],
-    ) -> Stacked:
-        """The models of the parameters by which something differs from the present model."""
-        return cls.of(present, [x for x in found if any(differs(present, m) for m in x.models)])
 
     @classmethod
     def of(cls, present: RobotModel, chosen: Sequence[Neighbours]) -> Stacked:

@@ -31,7 +31,12 @@ from tdcr_fe.solve.load_steps.ramp import Ramp
 from tdcr_fe.solve.sensitivities.explicit import ExplicitDerivatives
 from tdcr_fe.solve.sensitivities.input_derivatives import InputDerivatives, InputValues
 from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint, TendonChange
-from tdcr_fe.solve.sensitivities.neighbours import Inherited, Neighbours, load_positions, neighbours
+from tdcr_fe.solve.sensitivities.neighbours import (
+    Inherited,
+    ParameterModels,
+    load_positions,
+    neighbours,
+)
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, parameters
 from tdcr_fe.solve.simulation import Simulation
 
@@ -175,9 +180,9 @@ class SensitivityHistory:
         """
         handle, presliding = simulation.handle, simulation.settings.presliding
         loads = tuple(NodeLoad(handle.mesh.node_at(at, 1e-6), frame) for _, at, frame in simulation.loads)
-        present, found = _models(handle, experiment, chosen, presliding)
-        inputs = InputDerivatives.of(experiment, simulation, chosen, found)
-        return cls._begun(handle, presliding, chosen, present, found, inputs, loads)
+        models = _models(handle, experiment, chosen, presliding)
+        inputs = InputDerivatives.of(experiment, simulation, chosen, models.neighbours)
+        return cls._begun(handle, presliding, chosen, models, inputs, loads)
 
     @classmethod
     def of_scene(cls, arm: TDCR, names: Sequence[str | Parameter]) -> SensitivityHistory:
@@ -197,7 +202,7 @@ class SensitivityHistory:
                     f"sensitivities: {p.name!r}: a scene has no load steps; name inputs of the call"
                 )
         presliding = arm.actuation.law.presliding
-        present, found = _models(arm, experiment, chosen, presliding)
+        models = _models(arm, experiment, chosen, presliding)
         own = {id(load): name for name, load in arm.loads.items()}
         items = SceneHooks.of(arm.mbs).point_loads
         loads = tuple(
@@ -208,7 +213,7 @@ class SensitivityHistory:
         )
         labels = [own.get(id(x), "") for x in items]
         inputs = InputDerivatives.of_inputs(len(arm.robot.tendons), labels, chosen)
-        return cls._begun(arm, presliding, chosen, present, found, inputs, loads)
+        return cls._begun(arm, presliding, chosen, models, inputs, loads)
 
     @classmethod
     def _begun(
@@ -216,13 +221,12 @@ class SensitivityHistory:
         handle: TDCR,
         presliding: float,
         chosen: Sequence[Parameter],
-        present: RobotModel,
-        found: Sequence[Neighbours],
+        models: ParameterModels,
         inputs: InputDerivatives,
         loads: tuple[NodeLoad, ...],
     ) -> SensitivityHistory:
         """A history before the first step."""
-        explicit = ExplicitDerivatives(present, found, len(chosen))
+        explicit = ExplicitDerivatives(models)
         return cls(handle, presliding, tuple(chosen), explicit, inputs, loads)
 
     @property
@@ -409,12 +413,12 @@ def _presliding_factor(state: FrictionState, history: FrictionState, presliding:
 
 def _models(
     handle: TDCR, experiment: Experiment, chosen: Sequence[Parameter], presliding: float
-) -> tuple[RobotModel, tuple[Neighbours, ...]]:
-    """Model of a robot in a scene, and its neighbours by all parameters."""
+) -> ParameterModels:
+    """Models of a robot in a scene at the present and at neighbouring values of all parameters."""
     counts = elements_of_bays(handle.robot, handle.model)
     experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
     present = RobotModel.of(experiment.robot, experiment.model, load_positions(experiment), presliding)
-    return present, neighbours(experiment, present, chosen, presliding)
+    return ParameterModels(present, neighbours(experiment, present, chosen, presliding), len(chosen))
 
 
 def _arc_length(arm: TDCR, load: PointLoad) -> float:
