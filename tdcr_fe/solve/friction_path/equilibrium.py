@@ -18,7 +18,8 @@ from tdcr_fe.solve.newton.friction_step import mobilisations
 
 Array = NDArray[np.float64]
 
-#: Largest turn of an element since the last linearisation with which that is as good as a new one [rad].
+#: Largest turn of an element since the last linearisation with which that is as good as a new one [rad]. With four
+#: times as much, one of twenty random robots ended 1.5e-5 of the length off (documentation, page "Theory").
 EXACT_TURN = 1e-5
 #: Relative residual below which forces balance [1].
 BALANCED = 1e-3

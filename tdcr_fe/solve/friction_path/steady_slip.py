@@ -1,4 +1,7 @@
-"""Substeps in which every hole keeps slipping in its direction: a check that costs one right side."""
+"""Whether every hole keeps slipping in its direction through a substep, so that it is exact as a whole.
+
+The check takes at most one solution with factors that are at hand, and settles most load steps that only go on.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,8 @@ from tdcr_fe.solve.newton.newton import NewtonResult
 
 Array = NDArray[np.float64]
 
-#: Slips within this fraction of those predicted from the start have the same direction all through [1].
+#: Slips that differ by less than this fraction of themselves from those predicted from the start have the same
+#: direction all through [1]. With four times as much or as little, twenty random robots took the same iterations.
 PREDICTED = 0.5
 
 

@@ -21,16 +21,18 @@ Index = NDArray[np.int_]
 class TautTendons(NamedTuple):
     """Tendons under tension at either end of a substep.
 
+    All other tendons transmit nothing; their holes are left out of the friction path.
+
     Attributes
     ----------
     tendons : tuple of TendonsInSubstep
-        Of the robots that have any.
+        By robot that has any of them.
     robots : tuple of int
-        Their numbers.
+        Numbers of these robots.
     numbers : tuple of ndarray of int
-        By robot, numbers of the tendons.
-    holes : ndarray of int
-        Their frictional holes, among those of all tendons.
+        By robot, all of them, numbers of the tendons under tension.
+    holes : ndarray of int, shape (k,)
+        Numbers of their frictional holes, among those of all tendons.
     """
 
     tendons: tuple[TendonsInSubstep, ...]
@@ -40,7 +42,13 @@ class TautTendons(NamedTuple):
 
     @classmethod
     def of(cls, states: Sequence[Equilibrium]) -> TautTendons:
-        """Of the substep through some solved states, from its start to its end."""
+        """Tendons under tension in any of some states.
+
+        Parameters
+        ----------
+        states
+            Solved states of a substep, from its start to its end.
+        """
         start, end = states[0], states[-1]
         tendons, robots, numbers, holes = [], [], [], []
         hole = 0
@@ -66,7 +74,7 @@ class TautTendons(NamedTuple):
         return sum(len(own.driven) for own in self.tendons)
 
     def base_tensions(self, end: int) -> Array:
-        """The unknown ones, at one end [N], shape (c,)."""
+        """Tensions at the base of tendons driven by displacement, at the start (0) or the end (1) [N], shape (c,)."""
         return np.concatenate([own.tension[end, own.driven] for own in self.tendons])
 
     def tensions(self, at: Equilibrium) -> Array:
@@ -76,7 +84,19 @@ class TautTendons(NamedTuple):
     def slip_data(
         self, at: Equilibrium, targets: tuple[Target, Target], factor: float, load: LoadResponse | None
     ) -> SlipData:
-        """A state within the substep between two targets, with the response to the change of its loads."""
+        """Slips and turning angles in a state, and their derivatives, see `SlipData`.
+
+        Parameters
+        ----------
+        at
+            The state, with its response to the tensions.
+        targets
+            Inputs and loads at both ends of the substep.
+        factor
+            Load factor of the state within the substep [1].
+        load
+            Response to the change of the loads in the substep; None where no load changes.
+        """
         forces, response = at.forces, at.response
         assert response is not None
         flexibility, turning = response.flexibility, response.angles

@@ -1,4 +1,8 @@
-"""States within a substep, solved at the friction of the followed path: further data for the slips between its ends."""
+"""States within a substep, solved at the mobilisations of the followed path.
+
+Through them the slips are interpolated better than between both ends alone. Documentation: page "Theory", section
+"Solving with reversals".
+"""
 
 from __future__ import annotations
 

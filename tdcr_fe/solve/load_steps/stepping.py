@@ -2,7 +2,8 @@
 
 With friction the solution depends on the path, but only through slips that reverse: a substep in which every slip is
 monotone is exact, however many holes change between stick and slip in it. So the rest of a load step is solved as a
-whole, reversals within it are located, and it is divided where they are.
+whole, and slip reversals within it are located. It is divided where that fails. Documentation: page "Theory", section
+"Loading path and substeps".
 """
 
 from __future__ import annotations

@@ -30,7 +30,8 @@ Array = NDArray[np.float64]
 #: Contraction of a chord step: a step with the tangent of the iteration before leaves about this times the residual,
 #: per turn of the elements since [1/rad]; a prediction that met the tolerance in all of 216 steps of three routings.
 CHORD_CONTRACTION = 3.0
-#: A residual below this fraction of the tolerance is not reduced further [1].
+#: A residual below this fraction of the tolerance is not reduced further [1]. With four times as much, twenty random
+#: robots took 3 % fewer iterations; with a quarter, 10 % more; their errors were the same.
 MARGIN = 0.05
 #: The first step may use a linearisation from whose elements none has turned by more than this since [rad].
 NEAR_TURN = 0.01

@@ -3,7 +3,8 @@
 Where a step goes on in the direction of the last one and every hole goes on slipping in its own, the solutions of both
 lie on one smooth curve. Of this curve the ends of the last step are known, and the slopes there by linearisations that
 are at hand. Hermite's polynomial through them is as near to the solution as one Newton iteration or nearer, and costs
-one right side (E. L. Allgower, K. Georg, Introduction to Numerical Continuation Methods (2003), ch. 6).
+one solution with known factors (E. L. Allgower, K. Georg, Introduction to Numerical Continuation Methods (2003),
+ch. 6).
 """
 
 from __future__ import annotations
