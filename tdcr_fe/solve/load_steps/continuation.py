@@ -54,7 +54,7 @@ class Start(NamedTuple):
     linearization : Linearization or None
         Of a state near it, for the first iteration.
     end : Equilibrium or None
-        Of this very state, for the search of reversals.
+        The same state with an exact linearisation, for the search of reversals.
     """
 
     state: SolverState

@@ -36,7 +36,7 @@ def is_continuous(
         Their load factors [1].
     """
     ramp, system = solver.ramp, solver.system
-    if ramp.curved or ramp.before_increment is not None or not system.tangent_follows_from_elements():
+    if ramp.nonlinear or ramp.before_increment is not None or not system.tangent_follows_from_elements():
         return False
     first = Equilibrium.at(system, before, ramp.apply(system, start))
     last = Equilibrium.at(system, after, ramp.apply(system, end))

@@ -73,7 +73,7 @@ class KnownStates(NamedTuple):
             return None
         ramp, system = solver.ramp, solver.system
         ready = [(x, at.with_response(system.layout.clamped, taut.numbers)) for x, at in states]
-        if not ramp.changes_loads:
+        if not ramp.changes_beyond_inputs:
             return cls(span, taut, tuple([InterpolationPoint(x, at) for x, at in ready]))
         # What is left of the change of the loads, seen from every state; from the last one, back to the start.
         closing = ramp.apply(system, span.end)

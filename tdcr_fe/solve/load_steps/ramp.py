@@ -100,7 +100,7 @@ class Ramp:
         )
 
     @property
-    def curved(self) -> bool:
+    def nonlinear(self) -> bool:
         """Whether inputs or loads may be other than linear in the load factor."""
         return self.user_loads or self.user_inputs
 
@@ -110,7 +110,7 @@ class Ramp:
         return self.user_loads or any(bool((load.start != load.end).any()) for load in self.loads)
 
     @property
-    def changes_loads(self) -> bool:
+    def changes_beyond_inputs(self) -> bool:
         """Whether anything but the tendons' inputs may change: loads, or what depends on time."""
         return self.loads_change or self.user_inputs or self.before_increment is not None
 

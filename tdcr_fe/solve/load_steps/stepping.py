@@ -28,7 +28,7 @@ from tdcr_fe.solve.load_steps.substep_reversals import Attempt, SubstepReversals
 from tdcr_fe.solve.newton.newton import NewtonResult
 
 #: Parts of a load step to begin with where functions of the user set inputs or loads.
-CURVED_PARTS = 8
+NONLINEAR_PARTS = 8
 #: A path is refined no further where so many of its smallest substeps converge only by a rescue.
 MOST_RESCUED = 16
 
@@ -148,8 +148,13 @@ class LoadStepper:
         return path
 
     def _with_path_resolved(self, state: SolverState) -> Path:
-        """The load step with its path dependence resolved; halved where reversals are not all there is to it."""
-        count = CURVED_PARTS if self.solver.ramp.curved else 1
+        """The load step with its path dependence resolved.
+
+        Slip reversals are resolved in every solution. Where coefficients of friction depend on slip rates, or where a
+        jump is suspected, the step is also solved in twice as many parts, again and again, until one solution agrees
+        with the one before; with slip rates two in succession.
+        """
+        count = NONLINEAR_PARTS if self.solver.ramp.nonlinear else 1
         path = self._in_equal_parts(state, count)
         needed = 2 if self._depends_on_rates(state, path.state) else 0
         if not needed:

@@ -114,7 +114,7 @@ class SubstepReversals:
     def _is_steady(self, now: Progress, goal: float, result: NewtonResult, line: Linearization) -> bool:
         """Whether a substep is a whole load step without change of the loads in which all holes slip steadily."""
         ramp, system = self.solver.ramp, self.solver.system
-        if now.load_factor != 0.0 or goal != 1.0 or ramp.loads_change or ramp.curved:
+        if now.load_factor != 0.0 or goal != 1.0 or ramp.loads_change or ramp.nonlinear:
             return False
         clamped, presliding = system.layout.clamped, self.solver.settings.presliding
         return slips_steadily(now.path.state, result, line, clamped, presliding)
@@ -145,7 +145,7 @@ class SubstepReversals:
     def _may_be_refined(self) -> bool:
         """Whether states may be solved within a substep: nothing but robots, and inputs and loads linear in it."""
         ramp = self.solver.ramp
-        linear = not ramp.curved and ramp.before_increment is None
+        linear = not ramp.nonlinear and ramp.before_increment is None
         return linear and self.solver.system.tangent_follows_from_elements()
 
     def _located(
