@@ -33,11 +33,12 @@ def _signed(text: str) -> str:
 
 
 def significant(value: float | None, digits: int = 3) -> str:
-    """A number with some significant digits; a dash where there is none."""
+    """A number with some significant digits, below 100,000 without an exponent; a dash where there is none."""
     if _missing(value):
         return DASH
     assert value is not None
-    return _signed(f"{value + 0.0:.{digits}g}")
+    text = f"{value + 0.0:.{digits}g}"
+    return _signed(f"{float(text):.0f}" if "e+" in text and int(text[-2:]) < 5 else text)
 
 
 def fixed(value: float | None, decimals: int = 2) -> str:

@@ -54,6 +54,7 @@ def test_plain_numbers():
     assert (fixed(-1.005, 1), fixed(None), fixed(-0.0001)) == ("−1.0", "–", "0.00")
     assert (short(0.03801), short(2.04e-11), short(0.0), short(math.nan)) == ("0.0380", "2.0e-11", "0", "–")
     assert significant(123456.0) == "1.23e+05"
+    assert significant(183.0, 2) == "180" and significant(-12_340.0) == "−12300"
 
 
 def page(**rest):

@@ -57,7 +57,7 @@ class Plot {
       this.fixed.append(element("line", { class: "grid", x1: this.x(at), x2: this.x(at), y1: top, y2: bottom }),
         element("text", { class: "tick", x: this.x(at), y: bottom + 13, "text-anchor": "middle" }, short(at)));
     }
-    for (const at of ticks(...y, Math.max(2, (bottom - top) / 38))) {
+    for (const at of ticks(...y, Math.max(2, (bottom - top) / 28))) {
       this.fixed.append(element("line", { class: "grid", x1: left, x2: right, y1: this.y(at), y2: this.y(at) }),
         element("text", { class: "tick", x: left - 5, y: this.y(at) + 3.5, "text-anchor": "end" }, short(at)));
     }
