@@ -75,7 +75,8 @@ def read_table(path: str | os.PathLike[str]) -> pd.DataFrame:
             begin = skipped + reader.line_num + 1
     except csv.Error as error:
         raise _error(path, f"line {begin}", f"not a table: {error}") from error
-    return _frame(path, _without_empty_end(rows[0][1]), [(n, r) for n, r in rows[1:] if any(r)])
+    filled = [(n, r) for n, r in rows[1:] if any(r)]
+    return _frame(path, _without_empty_end(rows[0][1]), filled, commas=delimiter == ",")
 
 
 def _without_empty_end(names: list[str]) -> list[str]:
@@ -135,13 +136,18 @@ def _delimiter(path: Path, header: str) -> str:
     return there[0] if there else ","
 
 
-def _frame(path: Path, names: list[str], rows: list[tuple[int, list[str]]]) -> pd.DataFrame:
+def _frame(
+    path: Path, names: list[str], rows: list[tuple[int, list[str]]], commas: bool = False
+) -> pd.DataFrame:
+    """The table of rows with their lines; ``commas``: whether commas separate the cells."""
     twice = [c for c in names if names.count(c) > 1]
     if twice:
         raise _error(path, twice[0], "the column is there more than once")
     for number, row in rows:
         if any(row[len(names) :]):
             allowed = f"has {len(row)} cells; the header has {len(names)}"
+            if commas:
+                allowed += "; where these are decimal commas, separate the cells by semicolons"
             raise _error(path, f"line {number}", allowed)
     cells = [(row + [""] * len(names))[: len(names)] for _, row in rows]
     table = pd.DataFrame(

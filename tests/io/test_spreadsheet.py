@@ -82,7 +82,7 @@ def test_text_with_a_comma_is_no_number(tmp_path):
         ("step;value\n1;1,234\n2;5,678\n", "line 2, value", "decimal: may be a decimal comma or a thousands"),
         ("step;value\n1;1.234,5\n", "line 2, value", "decimal: remove the thousands separators"),
         ("step;value,sigma\n1;0,5\n", "line 1", "delimiter: the header has comma and semicolon"),
-        ("step,value\n1,0,5\n", "line 2", "has 3 cells; the header has 2"),
+        ("step,value\n1,0,5\n", "line 2", "has 3 cells; the header has 2; where these are decimal commas"),
         ("step,value,value\n1,2,3\n", "value", "the column is there more than once"),
         ('step,value\n1,"2\n', "line 2", "not a table"),
         ("", "", "is empty"),
