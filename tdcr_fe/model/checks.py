@@ -28,6 +28,8 @@ ARC_TOLERANCE = 1e-6
 
 #: Memory that a model may need [bytes].
 MEMORY_LIMIT = 4e9
+#: Matrices of the size of the tangent that a run holds at most, and further ones for each tendon; as measured [1].
+MATRICES, MATRICES_OF_A_TENDON = 7.0, 2.3
 
 
 #: Strain up to which the stress of a nonlinear material must grow, in tension and compression [1].
@@ -343,8 +345,8 @@ def backbone_elements(robot: Robot, model: Model) -> int:
 def size_contradictions(robot: Robot, model: Model, steps: int = 1) -> list[Contradiction]:
     """A mesh whose dense tangent and its factors, or results of all load steps that exceed `MEMORY_LIMIT`.
 
-    Six matrices of ``6 (elements + 1)`` unknowns are counted for the tangent, and 500 bytes a node and step for the
-    results and their tables.
+    Matrices of ``6 (elements + 1)`` unknowns are counted, `MATRICES` and more for each tendon, and 500 bytes a node and
+    step for the results and their tables.
 
     Parameters
     ----------
@@ -361,7 +363,8 @@ def size_contradictions(robot: Robot, model: Model, steps: int = 1) -> list[Cont
         return [Contradiction("model.elements_per_bay", f"{len(given)} numbers", sentence)]
     elements = backbone_elements(robot, model)
     nodes = elements + 1
-    most = int(math.sqrt(MEMORY_LIMIT / (6 * 8)) / 6) - 1
+    matrices = MATRICES + MATRICES_OF_A_TENDON * len(robot.tendons)
+    most = int(math.sqrt(MEMORY_LIMIT / (8.0 * matrices)) / 6) - 1
     if elements > most:
         disks, per_bay = len(robot.bay_ends), model.starting_elements_per_bay
         sentence = (
