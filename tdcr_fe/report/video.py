@@ -84,9 +84,12 @@ class _Drawing:
         middle = (low + high) / 2.0
         for name, centre, width in zip("xyz", middle, span, strict=True):
             getattr(self.space, f"set_{name}lim")(centre - width / 2.0, centre + width / 2.0)
-            getattr(self.space, f"set_{name}label")(f"{name} [{self.unit}]")
+            getattr(self.space, f"set_{name}label")(
+                f"{name} [{self.unit}]", labelpad=8.0 if name == "z" else 4.0
+            )
             getattr(self.space, f"{name}axis").set_major_locator(MaxNLocator(4))
             getattr(self.space, f"{name}axis").pane.set_facecolor("#fafafa")
+        self.space.tick_params(pad=1.0)
         self.space.set_box_aspect(span, zoom=0.84)
         self.space.view_init(elev=20.0, azim=-60.0)
         tips = self.factor * m.tips
