@@ -8,7 +8,7 @@ from typing import Any
 
 from tdcr_fe.effects import effect
 from tdcr_fe.identify import figures
-from tdcr_fe.identify.corrected import corrected_files, effects_block, observation_effects
+from tdcr_fe.identify.corrected import corrected_files, effects_block, observation_effects, scenario_names
 from tdcr_fe.identify.misfit import Misfit
 from tdcr_fe.identify.outcome import IdentificationResult
 from tdcr_fe.identify.remarks import half_width, remarks
@@ -83,6 +83,7 @@ def _first_screen(result: IdentificationResult) -> Section:
             "measure": measure(result),
             "remarks": [t for texts in remarks(result).values() for t in texts],
             "block": effects_block(result),
+            "scenarios": scenario_names(result),
             "law": result.law,
             "observation": [words(n) for n in observation_effects(result)],
         },

@@ -125,7 +125,11 @@ def test_the_command_finds_shared_effects_and_gives_the_errors_of_each(tmp_path)
     a, b = document["datasets"]
     assert (a["dataset"], b["dataset"], b["steps"]) == ("A", "B", [12, 19])
     assert all(s["after"]["fit"]["chi2_per_dof"] < 2.0 for s in (a, b))
-    assert "B (steps 12 to 19)" in (out / "report.html").read_text(encoding="utf-8")
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert "B (steps 12 to 19)" in report
+    for name in ("effects_A.toml", "effects_B.toml"):
+        assert f"<code>{name}</code>" in report and (out / name).exists()
+    assert "<code>effects.toml" not in report and "run effects.toml" not in report
     # Each scenario repeats the fit of its own sequence.
     rms = []
     for name, data in zip("AB", sets(), strict=True):
