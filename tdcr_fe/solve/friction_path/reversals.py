@@ -150,7 +150,9 @@ def find_reversals(
         divided = Reversals(effect, 0.0, _division_at_reversal(path, change))
         if effect > allowed and not locate and not substep.is_rough:
             return divided
-        found = substep.path_error(path, corrected, numbering, allowed * length, effect > allowed)
+        found = substep.path_error(
+            path, corrected, numbering, allowed * length, matters=effect > allowed, locate=locate
+        )
         if found is not None:
             if not (path.reversed.any() or found.reverses or solved_with_reversals):
                 return None
