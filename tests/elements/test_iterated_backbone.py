@@ -74,7 +74,7 @@ def test_only_iterates_with_excessive_forces_have_it():
 
 
 def test_derivatives_for_linearised_systems_are_those_of_the_forces():
-    """Exudyn asks for them without velocities; then the geometric stiffness is that of all forces, however large."""
+    """Exudyn asks for them without velocities: the geometric stiffness is that of all forces, and all holes stick."""
     _keep, mbs, handle, _ = bent()
     data = mbs.systemData
     zero = np.zeros(data.ODE2Size())
@@ -85,6 +85,6 @@ def test_derivatives_for_linearised_systems_are_those_of_the_forces():
     assert own._backbone.excess_tangent(handle.mesh, moved) is not None
     alone = own.jacobian_on_coordinates(moved, 0.0, 1.0, 0.0).Convert2DenseMatrix()
     in_time = own.jacobian_on_coordinates(moved, 0.0, 1.0, 1e3).Convert2DenseMatrix()
-    tangent = own._scene_forces.tangent(moved, 0.0, own.inputs, own._elastic(), "present")
+    tangent = own._scene_forces.tangent(moved, 0.0, own.inputs, own._elastic(), "stuck")
     assert np.array_equal(alone, -tangent)
     assert not np.allclose(in_time, alone)
