@@ -28,6 +28,7 @@ TAKE_A_MESSAGE = {
     "warn",
     "_error",
     "_refuse",
+    "refuse",
     "report",
     "reporter",
     "_Fault",

@@ -290,6 +290,8 @@ def _load(
     try:
         if path.is_dir():
             return refuse(f"{file} is a directory, not a file" if named else "is a directory, not a file")
+        if path.is_symlink() and not path.exists():
+            return refuse(f"{f'{file} ' if named else ''}is a link to {path.readlink()}, which is not there")
         if not path.exists():
             there = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
             near = difflib.get_close_matches(path.name, there, n=1)

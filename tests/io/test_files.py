@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import os
 import re
 import tomllib
 from pathlib import Path
@@ -320,6 +321,16 @@ def test_file_that_is_not_there_is_named_with_the_nearest(tmp_path):
     (problem,) = problems_of(tmp_path / "scenari.toml")
     assert problem.file == str(tmp_path / "scenari.toml")
     assert "no such file" in problem.allowed and "did you mean scenario.toml?" in problem.allowed
+
+
+@pytest.mark.skipif(os.name == "nt", reason="symbolic links need rights on Windows")
+@pytest.mark.parametrize("target", ["moved.toml", "scenario.toml"])
+def test_link_to_nowhere_or_to_itself_is_named(tmp_path, target):
+    """It was said to be missing, and its own name was proposed in its place."""
+    link = tmp_path / "scenario.toml"
+    link.symlink_to(target)
+    (problem,) = problems_of(link)
+    assert (problem.file, problem.allowed) == (str(link), f"is a link to {target}, which is not there")
 
 
 def test_directory_in_place_of_a_file_is_named(tmp_path):
