@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 
+from tdcr_fe.elements.numbers import smallest
 from tdcr_fe.solve.friction_path.path import Piece
+from tdcr_fe.solve.friction_path.slip_rates import rows_of
 from tdcr_fe.solve.friction_path.slip_state import SlipState
 from tdcr_fe.solve.friction_path.unknowns import Bounds, PathUnknowns
 
@@ -42,7 +44,7 @@ class Unclipped(NamedTuple):
         moved = self.values - start
         room = np.where(moved > 0.0, bounds.upper[self.which] - start, bounds.lower[self.which] - start)
         fraction = np.divide(room, moved, out=np.ones(len(start)), where=np.abs(moved) > np.abs(room))
-        return float(fraction.min())
+        return smallest(fraction)
 
 
 class DriftCorrection:
@@ -94,7 +96,7 @@ class DriftCorrection:
         if not free.size:
             return z, state, None
         drift = state.slip[free] - unknowns.elastic_slip[free] * z[free] - self._complement[free]
-        change = np.asarray(dgesv(state.columns(free)[free], drift)[2])
+        change = np.asarray(dgesv(rows_of(state.columns(free), free), drift, overwrite_a=True)[2])
         unclipped = Unclipped(free, z[free] + change)
         at_bound = unknowns.bounds.side(z)[free] != 0.0
         change[at_bound & self._at_bound[free]] = 0.0

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 
+from tdcr_fe.elements.numbers import largest, largest_magnitude
 from tdcr_fe.solve.friction_path.drift_correction import DriftCorrection, Unclipped
 from tdcr_fe.solve.friction_path.path import FrictionPath, Piece
 from tdcr_fe.solve.friction_path.slip_rates import (
@@ -27,6 +28,7 @@ from tdcr_fe.solve.friction_path.slip_rates import (
     distance_to_curved_bound,
     distance_to_reversal,
     distance_to_tautness,
+    rows_of,
     solve_rates,
 )
 from tdcr_fe.solve.friction_path.slip_state import SlipState
@@ -147,13 +149,13 @@ class _Evaluation(NamedTuple):
     @classmethod
     def at(cls, factor: float, tension: Array) -> _Evaluation:
         """At a load factor and tensions."""
-        return cls(factor, tension, float(tension.max()))
+        return cls(factor, tension, largest(tension))
 
     def is_near(self, factor: float, tension: Array, fraction: float = 1.0) -> bool:
         """Whether another load factor and other tensions are within a fraction of the limits of reuse."""
         if factor - self.factor > fraction * CONSTANT_RATES_PIECE:
             return False
-        return float(np.abs(tension - self.tension).max()) <= fraction * REUSED_TENSION_CHANGE * self.largest
+        return largest_magnitude(tension - self.tension) <= fraction * REUSED_TENSION_CHANGE * self.largest
 
 
 class _LastReversals(NamedTuple):
@@ -318,7 +320,7 @@ class _Integration:
 
         None where they jump.
         """
-        fastest = float(np.abs(rates.rate[: self._unknowns.holes]).max(initial=0.0))
+        fastest = largest_magnitude(rates.rate[: self._unknowns.holes])
         length = min(
             SLOPE_PIECE * LONGEST_PIECE,
             self._breakpoints[0] - self.factor,
@@ -326,7 +328,7 @@ class _Integration:
         )
         z, tension = self.z + length * rates.rate, state.tension + length * tension_rate
         ahead = self._slips.complement_rates(self.factor + length, z, tension, rates.rate, state)
-        return None if ahead is None else np.asarray((ahead - rates.complement) / length)
+        return None if ahead is None else (ahead - rates.complement) / length
 
     def _fraction_before_reversal(self) -> float:
         """Fraction of the last piece over which slips kept their direction [1].
@@ -340,7 +342,7 @@ class _Integration:
         free, rate = (piece.rates.side == 0.0).nonzero()[0], state.by_load
         if free.size:
             columns = state.columns(free)
-            rate = rate - columns @ dgesv(columns[free], rate[free])[2]
+            rate = rate - columns.dot(dgesv(rows_of(columns, free), rate[free], overwrite_a=True)[2])
         complement = piece.rates.complement[turned]
         before = np.maximum(side[turned] * complement, 0.0)
         after = np.maximum(-side[turned] * rate[turned], 0.0)
@@ -352,7 +354,7 @@ class _Integration:
         inside = (
             1.0 if self._unclipped is None else self._unclipped.fraction_inside(piece, self._unknowns.bounds)
         )
-        if (1.0 - inside) * piece.length * float(np.abs(complement).max()) > negligible:
+        if (1.0 - inside) * piece.length * largest_magnitude(complement) > negligible:
             fraction = min(fraction, inside)
         return max(fraction, 1.0 - MOST_SHORTENED)
 

@@ -48,16 +48,18 @@ class LinePoint(NamedTuple):
     ----------
     tension : ndarray, shape (q,)
         Of the segments, on the line [N].
-    values, rates : ndarray, shape (k + c + r,)
-        As in `SlipData`, and their derivatives by the load factor along the line [m, rad].
+    values : ndarray, shape (k + c + r,)
+        As in `SlipData` [m, rad].
     by_tension : ndarray, shape (k + c + r, q)
         Their derivatives by the tensions [m/N, rad/N].
+    fixed_rates : ndarray, shape (k + c + r,)
+        Their derivatives by the load factor where the tensions stay as they are [m, rad].
     """
 
     tension: Array
     values: Array
-    rates: Array
     by_tension: Array
+    fixed_rates: Array
 
 
 class Interval(NamedTuple):
@@ -73,6 +75,8 @@ class Interval(NamedTuple):
         Of the values along this line: cubic polynomials of the fraction of the interval, lowest power first [m, rad].
     by_tension, by_tension_change : ndarray, shape (k + c + r, q)
         Derivatives by the tensions at its start, and their change up to its end [m/N, rad/N].
+    along, along_change : ndarray, shape (k + c + r,)
+        Rates of the values by these derivatives and the rates of the tensions along the straight line [m, rad].
     parabola : float
         Part ``p`` of that change by which the derivatives leave their straight line: ``x + p x (1 - x)`` in place of
         the fraction ``x`` of the interval [1].
@@ -85,6 +89,8 @@ class Interval(NamedTuple):
     coefficients: Array
     by_tension: Array
     by_tension_change: Array
+    along: Array
+    along_change: Array
     parabola: float
 
     @classmethod
@@ -95,14 +101,17 @@ class Interval(NamedTuple):
         # What the trapezoidal rule leaves out: the integral of the parabola in the rates.
         defect = defect_factor * (last.values - first.values - 0.5 * (slopes[0] + slopes[1]))
         square = 0.5 * (slopes[1] - slopes[0]) + 3.0 * defect
+        tension_rate, by_tension_change = change / length, last.by_tension - first.by_tension
         return cls(
             first.factor,
             length,
             first.tension,
-            change / length,
+            tension_rate,
             np.stack((first.values, slopes[0], square, -2.0 * defect), axis=1),
             first.by_tension,
-            last.by_tension - first.by_tension,
+            by_tension_change,
+            first.by_tension @ tension_rate,
+            by_tension_change @ tension_rate,
             defect_factor - 1.0,
         )
 
@@ -114,11 +123,14 @@ class Interval(NamedTuple):
     def at(self, factor: float) -> LinePoint:
         """Tensions on the straight line at a load factor, the values there, their rates and derivatives."""
         x = (factor - self.start) / self.length
-        powers = np.array(((1.0, 0.0), (x, 1.0), (x * x, 2.0 * x), (x * x * x, 3.0 * x * x)))
-        both = self.coefficients @ powers
-        by_tension = self.by_tension + (x + self.parabola * x * (1.0 - x)) * self.by_tension_change
+        powers = np.array(((1.0, x, x * x, x * x * x), (0.0, 1.0, 2.0 * x, 3.0 * x * x)))
+        values, slopes = powers.dot(self.coefficients.T)
+        weight = x + self.parabola * x * (1.0 - x)
+        by_tension = weight * self.by_tension_change
+        by_tension += self.by_tension
         line = self.tension + (factor - self.start) * self.tension_rate
-        return LinePoint(line, both[:, 0], both[:, 1] / self.length, by_tension)
+        rates = slopes / self.length - self.along - weight * self.along_change
+        return LinePoint(line, values, by_tension, rates)
 
     def rates_at_fixed_tensions(self, at: LinePoint, off: Array) -> Array:
         """Rates of the values where the tensions stay as they are, at tensions off the straight line [m, rad].
@@ -130,9 +142,7 @@ class Interval(NamedTuple):
         off
             By how much the tensions exceed those on the line [N], shape (q,).
         """
-        return np.asarray(
-            at.rates + self.by_tension_change @ off / self.length - at.by_tension @ self.tension_rate
-        )
+        return at.fixed_rates + self.by_tension_change.dot(off) / self.length
 
     def error_off_line(self, factors: Array, tensions: Array, count: int) -> Array:
         """Largest error of the first values by a parabola in their derivatives, at tensions off the line [m].

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 
+from tdcr_fe.elements.numbers import largest, largest_magnitude
 from tdcr_fe.solve.friction_path.slip_interpolation import Interval, SlipData
 from tdcr_fe.solve.friction_path.slip_state import SlipDerivatives, SlipState
 from tdcr_fe.solve.friction_path.tension_transfer import CapstanTransfer, LawTransfer
@@ -126,18 +127,19 @@ class SlipModel:
         line = interval.at(factor)
         by_tension, turning = line.by_tension[:n], line.by_tension[n:]
         for _ in range(MOST_CORRECTIONS):
-            angles = np.maximum(line.values[n:] + turning @ (tension - line.tension), 0.0)
+            angles = np.maximum(line.values[n:] + turning.dot(tension - line.tension), 0.0)
             transfer = self._transfer.at(factor, z, angles)
             matrix = transfer.by_angles(turning)
             np.subtract(self._identity, matrix, out=matrix)
-            lu, pivots, _ = dgetrf(matrix)
+            # LAPACK has matrices column by column: it takes the transposed one without a copy.
+            lu, pivots, _ = dgetrf(matrix.T, overwrite_a=True)
             excess = transfer.tension - tension
-            tension = tension + dgetrs(lu, pivots, excess)[0]
-            if float(np.abs(excess).max()) <= NEAR_TENSION * float(tension.max()):
+            tension = tension + dgetrs(lu, pivots, excess, trans=1)[0]
+            if largest_magnitude(excess) <= NEAR_TENSION * largest(tension):
                 break
         off = tension - line.tension
         rate = interval.rates_at_fixed_tensions(line, off)
-        slip = line.values[:n] + by_tension @ off
+        slip = line.values[:n] + by_tension.dot(off)
         regimes = self._transfer.regimes(z, transfer.tension)
         derivatives = SlipDerivatives(
             transfer, rate[:n], by_tension, (lu, pivots), rate[n:], self._elastic_slip, regimes
@@ -163,7 +165,7 @@ class SlipModel:
         n, interval = self._count, self._interval(factor)
         line = interval.at(factor)
         turning, with_turning = line.by_tension[n:], near.derivatives.with_turning
-        angles = np.maximum(line.values[n:] + turning @ (tension - line.tension), 0.0)
+        angles = np.maximum(line.values[n:] + turning.dot(tension - line.tension), 0.0)
         transfer = self._transfer.at(factor, z, angles)
         if near.left_regimes(self._transfer.regimes(z, transfer.tension)):
             return None
@@ -172,8 +174,8 @@ class SlipModel:
         direct = transfer.by_angles(own[n:]) + transfer.by_load + transfer.by_unknowns(rate)
         tension_rate = with_turning(direct)
         # The factors are those of the state nearby: one correction with the turning here.
-        tension_rate += with_turning(direct - tension_rate + transfer.by_angles(turning @ tension_rate))
-        return np.asarray(own[:n] + line.by_tension[:n] @ tension_rate - self._elastic_slip * rate)
+        tension_rate += with_turning(direct - tension_rate + transfer.by_angles(turning.dot(tension_rate)))
+        return own[:n] + line.by_tension[:n].dot(tension_rate) - self._elastic_slip * rate
 
     def _interval(self, factor: float) -> Interval:
         return self._intervals[min(bisect_right(self.breakpoints, factor), len(self._intervals) - 1)]

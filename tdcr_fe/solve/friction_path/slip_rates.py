@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv, dgetrs
 
 from tdcr_fe.elements.complementarity import PivotRule
+from tdcr_fe.elements.numbers import smallest
 from tdcr_fe.solve.friction_path.unknowns import Bounds
 
 Array = NDArray[np.float64]
@@ -82,7 +83,7 @@ class Rates(NamedTuple):
         of_free = dgetrs(*self.factors, slope[self.free])[0]
         change = np.zeros(len(slope))
         change[self.free] = of_free
-        return LinearRates(self.side, self.rate, change, self.complement, slope - self.columns @ of_free)
+        return LinearRates(self.side, self.rate, change, self.complement, slope - self.columns.dot(of_free))
 
 
 def solve_rates(
@@ -123,11 +124,11 @@ def solve_rates(
         complement, own = load, _NO_COLUMNS
         if free.size:
             own = columns(free)
-            lu, pivots, found, singular = dgesv(own[free], load[free], overwrite_a=True)
+            lu, pivots, found, singular = dgesv(rows_of(own, free), load[free], overwrite_a=True)
             if singular:
                 return None
             rate[free], factors = found, (lu, pivots)
-            complement = load - own @ found
+            complement = load - own.dot(found)
         violated = active * complement < -tolerance
         if fixed is not None:
             violated &= ~fixed
@@ -145,6 +146,11 @@ def solve_rates(
     return None
 
 
+def rows_of(columns: Array, which: Index) -> Array:
+    """Some rows of columns that lie in memory one after the other, column by column as LAPACK has matrices."""
+    return columns.T.take(which, axis=1).T
+
+
 def distance_to_bound(rates: Rates, z: Array, bounds: Bounds) -> float:
     """Load factor from here to where a free unknown reaches a bound, at constant rates [1]; infinite if none does."""
     free = rates.free
@@ -152,7 +158,7 @@ def distance_to_bound(rates: Rates, z: Array, bounds: Bounds) -> float:
         return np.inf
     rate = rates.rate[free]
     bound = np.where(rate > 0.0, bounds.upper[free], bounds.lower[free])
-    return float(np.abs((bound - z[free]) / rate).min())
+    return smallest(np.abs((bound - z[free]) / rate))
 
 
 def distance_to_curved_bound(rates: LinearRates, free: Index, z: Array, bounds: Bounds) -> float:
@@ -166,7 +172,7 @@ def distance_to_curved_bound(rates: LinearRates, free: Index, z: Array, bounds: 
     discriminant = outward * outward + (2.0 * gap) * (rates.rate_change[free] * _BOTH_SIDES)
     speed = outward + np.sqrt(np.maximum(discriminant, 0.0))
     ahead = (discriminant >= 0.0) & (speed > 0.0)
-    return 2.0 * float(np.divide(gap, speed, out=np.full(gap.shape, np.inf), where=ahead).min())
+    return 2.0 * smallest(np.divide(gap, speed, out=np.full(gap.shape, np.inf), where=ahead))
 
 
 def distance_to_reversal(rates: LinearRates, tolerance: float, holes: int) -> float:

@@ -28,7 +28,7 @@ class SlipDerivatives:
         Those by the tensions of the segments [m/N], shape (n, q).
     factors
         LU factors and pivots of the identity less the derivatives of the tensions by themselves through the turning
-        angles, shape (q, q).
+        angles, transposed, shape (q, q).
     angle_rate
         Derivatives of the turning angles by the load factor at fixed tensions [rad], shape (r,).
     elastic_slip
@@ -42,7 +42,7 @@ class SlipDerivatives:
         Derivatives of the slips, and of minus the slack, by the load factor at fixed unknowns [m].
     """
 
-    __slots__ = ("_by_tension", "_columns", "_factors", "_missing", "_requested", "_requested_columns",
+    __slots__ = ("_by_tension", "_columns", "_diagonal", "_factors", "_missing", "_requested", "_requested_columns",
                  "_tension_by_load", "_tensions", "_transfer", "by_load", "elastic_slip", "regimes")  # fmt: skip
 
     def __init__(
@@ -58,11 +58,12 @@ class SlipDerivatives:
         self._transfer, self._by_tension, self._factors = transfer, by_tension, factors
         self.elastic_slip, self.regimes = elastic_slip, regimes
         self._tension_by_load = self.with_turning(transfer.by_angles(angle_rate) + transfer.by_load)
-        self.by_load: Array = rate + by_tension @ self._tension_by_load
+        self.by_load: Array = rate + by_tension.dot(self._tension_by_load)
         n, q = by_tension.shape
         self._missing: Flags = np.ones(n, dtype=bool)
         # Column by column, each in one piece.
         self._columns, self._tensions = np.empty((n, n)), np.empty((n, q))
+        self._diagonal = self._columns.reshape(-1)[:: n + 1]
         #: Unknowns asked for last: mostly the same ones again.
         self._requested: Index | None = None
         self._requested_columns = self._columns
@@ -75,7 +76,7 @@ class SlipDerivatives:
         changes
             Of the tensions at fixed turning angles [N], shape (q,) or (q, i).
         """
-        found: Array = dgetrs(*self._factors, changes)[0]
+        found: Array = dgetrs(*self._factors, changes, trans=1)[0]
         return found
 
     def columns(self, which: Index) -> Array:
@@ -84,22 +85,22 @@ class SlipDerivatives:
             return self._requested_columns
         new = which[self._missing[which]]
         if new.size:
-            tensions = self.with_turning(self._transfer.columns(new))
-            columns = -(self._by_tension @ tensions)
-            columns[new, np.arange(len(new))] += self.elastic_slip[new]
-            self._columns[new], self._tensions[new] = columns.T, tensions.T
+            tensions = self.with_turning(self._transfer.rows(new).T).T
+            self._columns[new] = -tensions.dot(self._by_tension.T)
+            self._diagonal[new] += self.elastic_slip[new]
+            self._tensions[new] = tensions
             self._missing[new] = False
-        self._requested, self._requested_columns = which, self._columns[which].T
+        self._requested, self._requested_columns = which, self._columns.take(which, axis=0).T
         return self._requested_columns
 
     def tension_columns(self, which: Index) -> Array:
         """See `SlipState.tension_columns`."""
         self.columns(which)
-        return self._tensions[which].T
+        return self._tensions.take(which, axis=0).T
 
     def tension_rates(self, free: Index, rate: Array) -> Array:
         """See `SlipState.tension_rates`."""
-        return self._tension_by_load + self.tension_columns(free) @ rate[free]
+        return self._tension_by_load + self.tension_columns(free).dot(rate[free])
 
 
 class SlipState(NamedTuple):
@@ -180,6 +181,6 @@ class SlipState(NamedTuple):
             Their changes [1, N], shape (i,).
         """
         by = self.derivatives
-        slip = self.slip - by.columns(which) @ change
+        slip = self.slip - by.columns(which).dot(change)
         slip[which] += by.elastic_slip[which] * change
-        return SlipState(self.tension + by.tension_columns(which) @ change, slip, by)
+        return SlipState(self.tension + by.tension_columns(which).dot(change), slip, by)

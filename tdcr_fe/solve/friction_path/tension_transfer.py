@@ -79,8 +79,8 @@ class Transfer(Protocol):
         """Change of the tensions by one of the mobilisations and unknown tensions at the base [N], (k + c,) to (q,)."""
         ...
 
-    def columns(self, which: Index) -> Array:
-        """Derivatives of the tensions by some of these unknowns, in ascending order, shape (q, i)."""
+    def rows(self, which: Index) -> Array:
+        """Derivatives of the tensions by some of these unknowns, in ascending order, shape (i, q)."""
         ...
 
 
@@ -114,7 +114,7 @@ class CapstanTensions(NamedTuple):
     def by_angles(self, change: Array) -> Array:
         """See `Transfer.by_angles`."""
         if change.ndim == 1:
-            return -self.tension * (self.law.holes_before @ (self.acting_friction * change))
+            return -self.tension * self.law.holes_before.dot(self.acting_friction * change)
         found = self.law.summed_before_segments(self.acting_friction[:, None] * change)
         found *= -self.tension[:, None]
         return found
@@ -122,25 +122,24 @@ class CapstanTensions(NamedTuple):
     def by_unknowns(self, change: Array) -> Array:
         """See `Transfer.by_unknowns`."""
         law, k = self.law, self.law.holes
-        found = -self.tension * (law.holes_before @ (self.full_exponent * law.at_holes(change[:k])))
-        return found + self.ratio * (law.base_of_segment @ change[k:]) if law.unknown else found
+        found = -self.tension * law.holes_before.dot(self.full_exponent * law.at_holes(change[:k]))
+        return found + self.ratio * law.base_of_segment.dot(change[k:]) if law.unknown else found
 
-    def columns(self, which: Index) -> Array:
-        """See `Transfer.columns`."""
+    def rows(self, which: Index) -> Array:
+        """See `Transfer.rows`."""
         law = self.law
         count = int(np.count_nonzero(which < law.holes)) if law.unknown else len(which)
         mobilised = which[:count]
         if law.hole_of_mobilisation is None:
-            found = law.holes_before @ (self.full_exponent[:, None] * law.incidence[:, mobilised])
+            found = (law.holes_before @ (self.full_exponent[:, None] * law.incidence[:, mobilised])).T
         else:
             own = law.hole_of_mobilisation[mobilised]
-            found = law.holes_before[:, own] * self.full_exponent[own]
-        found *= -self.tension[:, None]
+            found = law.segments_behind.take(own, axis=0)
+            found *= self.full_exponent[own][:, None]
+        found *= -self.tension
         if count == len(which):
             return found
-        return np.concatenate(
-            (found, self.ratio[:, None] * law.base_of_segment[:, which[count:] - law.holes]), axis=1
-        )
+        return np.concatenate((found, self.ratio * law.base_of_segment.T[which[count:] - law.holes]))
 
 
 class CapstanTransfer:
@@ -157,6 +156,8 @@ class CapstanTransfer:
         Numbers of mobilisations and of unknown tensions at the base.
     holes_before : ndarray, shape (q, r)
         Ones where a hole comes before a segment, on the way from the base.
+    segments_behind : ndarray, shape (r, q)
+        The same, transposed.
     incidence : ndarray, shape (r, k)
         From the mobilisations to the holes.
     hole_of_mobilisation : ndarray of int, shape (k,), or None
@@ -195,6 +196,7 @@ class CapstanTransfer:
                     base += 1
                 segment, angle, hole = segments.stop, angles.stop, hole + columns.shape[1]
         self.holes, self.unknown = k, c
+        self.segments_behind: Array = np.ascontiguousarray(self.holes_before.T)
         self.base_change = self._base[1] - self._base[0]
         single = (self.incidence != 0.0).sum(axis=0) == 1
         self.hole_of_mobilisation = self.incidence.argmax(axis=0) if bool(single.all()) else None
@@ -237,10 +239,10 @@ class CapstanTransfer:
             Turning angles [rad], shape (r,).
         """
         acting = self.at_holes(z[: self.holes]) * self._friction
-        ratio = np.exp(-(self.holes_before @ (acting * angles)))
+        ratio = np.exp(-self.holes_before.dot(acting * angles))
         given = self._base[0] + factor * self.base_change
         if self.unknown:
-            given += self.base_of_segment @ z[self.holes :]
+            given += self.base_of_segment.dot(z[self.holes :])
         return CapstanTensions(self, given * ratio, ratio, acting, self._friction * angles)
 
 
@@ -272,9 +274,9 @@ class LawTensions(NamedTuple):
         """See `Transfer.by_unknowns`."""
         return self.by_unknown @ change
 
-    def columns(self, which: Index) -> Array:
-        """See `Transfer.columns`."""
-        return self.by_unknown[:, which]
+    def rows(self, which: Index) -> Array:
+        """See `Transfer.rows`."""
+        return self.by_unknown.T[which]
 
 
 class LawTransfer:
