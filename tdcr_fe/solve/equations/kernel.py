@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.hooks import SceneHooks
 from tdcr_fe.solve.equations.contact import ContactStates
+from tdcr_fe.solve.equations.triangle_contact import TriangleContact
 
 Array = NDArray[np.float64]
 
@@ -46,6 +47,7 @@ class StaticKernel:
         self._settings = settings
         own = [i for robot in hooks.actuations for i in robot.history_nodes.coordinate_numbers()]
         self.contact = ContactStates(mbs, own)
+        self._triangles = TriangleContact(mbs)
         self._kernel = _initialised(mbs, hooks, settings, self.contact)
         if self._kernel.GetODE1size():
             raise ValueError(
@@ -69,6 +71,18 @@ class StaticKernel:
         constraints
             Whether that of constraints is computed anew.
         """
+        if not self._triangles.touching:
+            return self._exudyns_jacobian(loads, constraints)
+        whole = self._exudyns_jacobian(loads, constraints).copy()
+        with self._triangles.switched_off():
+            found = self._exudyns_jacobian(loads, constraints)
+        n2 = self._mbs.systemData.ODE2Size()
+        rest = found[:n2, :n2]
+        rest += self._triangles.derivative(self.residual, whole[:n2, :n2] - rest)
+        return found
+
+    def _exudyns_jacobian(self, loads: bool, constraints: bool) -> Array:
+        """As `jacobian`, with what Exudyn takes for the derivative of contact with triangles."""
         self._kernel.ComputeJacobianODE2RHS(self._mbs, computeLoadsJacobian=int(loads))
         if constraints:
             self._kernel.ComputeJacobianAE(self._mbs)

@@ -1,0 +1,384 @@
+"""Spheres of a robot against triangles of a ``GeneralContact``: tangent, and `SolveTDCR` against Exudyn's solver."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import exudyn as exu
+import exudyn.itemInterface as eii
+import numpy as np
+import pytest
+from exudyn.utilities import InertiaSphere
+from native_solvers import static_settings
+from robots import LENGTH, distance, scene, three
+
+from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.native import register
+from tdcr_fe.solve.equations.kernel import StaticKernel
+
+register()
+
+RADIUS, STIFFNESS = 0.005, 2000.0
+#: Of sphere and triangle in series.
+SERIES = 0.5 * STIFFNESS
+NORMAL = np.array([-2.0, 1.0, 0.5]) / np.linalg.norm([-2.0, 1.0, 0.5])
+AXES = np.array([np.cross(NORMAL, [0.0, 0.0, 1.0]), np.cross(NORMAL, np.cross(NORMAL, [0.0, 0.0, 1.0]))])
+AXES /= np.linalg.norm(AXES, axis=1)[:, None]
+#: By the nearest point of a triangle, where the sphere's centre is over its plane, in the axes of the plane [m].
+OVER = {"face": (0.0, 0.0), "edge": (0.0, -0.0215), "vertex": (0.0, 0.0415)}
+CORNERS = np.array([[-0.03, -0.02], [0.03, -0.02], [0.0, 0.04]])
+
+
+def general_contact(mbs: exu.MainSystem, friction: float = 0.0) -> Any:
+    contact = mbs.AddGeneralContact()
+    contact.SetFrictionPairings(np.full((1, 1), friction))
+    contact.SetSearchTreeCellSize([4, 4, 4])
+    contact.SetSearchTreeBox([-0.5] * 3, [0.5] * 3)
+    return contact
+
+
+def add_triangles(contact: Any, marker: Any, triangles: np.ndarray) -> None:
+    contact.AddTrianglesRigidBodyBased(
+        rigidBodyMarkerIndex=marker,
+        contactStiffness=STIFFNESS,
+        contactDamping=0.0,
+        frictionMaterialIndex=0,
+        pointList=triangles.reshape(-1, 3).tolist(),
+        triangleList=np.arange(3 * len(triangles)).reshape(-1, 3).tolist(),
+    )
+
+
+def add_sphere(contact: Any, marker: Any) -> None:
+    contact.AddSphereWithMarker(
+        marker, radius=RADIUS, contactStiffness=STIFFNESS, contactDamping=0.0, frictionMaterialIndex=0
+    )
+
+
+class Touching(NamedTuple):
+    """A straight robot whose tip and one further node touch a triangle each.
+
+    Attributes
+    ----------
+    keep, mbs
+        The system.
+    kernel : StaticKernel
+    contact : exudyn.GeneralContact
+    tip, columns : ndarray of int
+        Coordinates of the tip, and of all that is in contact.
+    foot : ndarray, shape (3,)
+        Point of the triangle that is nearest to the tip [m].
+    """
+
+    keep: exu.SystemContainer
+    mbs: exu.MainSystem
+    kernel: StaticKernel
+    contact: Any
+    tip: np.ndarray
+    columns: np.ndarray
+    foot: np.ndarray
+
+    def differences(self) -> np.ndarray:
+        """Derivative of the contact forces by these coordinates, from Exudyn's residual."""
+        q = self.mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Current, copy=False)
+        found = np.zeros((len(q), len(self.columns)))
+        for k, column in enumerate(self.columns):
+            start, step = q[column], 1e-6
+            for change in (step, -step):
+                q[column] = start + change
+                found[:, k] += self.force() / (2.0 * change)
+            q[column] = start
+        return found
+
+    def force(self) -> np.ndarray:
+        """Generalised forces of the contact: the residual with it less that without."""
+        size, found = self.mbs.systemData.ODE2Size(), []
+        for active in (True, False):
+            self.contact.isActive = active
+            found.append(np.array(self.kernel.residual()))
+        self.contact.isActive = True
+        return (found[0] - found[1])[:size]
+
+    def tangent(self) -> np.ndarray:
+        """Its derivative in the kernel's Jacobian, shape (n2, n2)."""
+        size, found = self.mbs.systemData.ODE2Size(), []
+        for active in (True, False):
+            self.contact.isActive = active
+            self.kernel.contact.follow()
+            found.append(self.kernel.jacobian()[:size, :size].copy())
+        self.contact.isActive = True
+        self.kernel.contact.follow()
+        return found[0] - found[1]
+
+
+def touching(over: str, *, moving: bool, spheres: bool = True, friction: float = 0.0) -> Touching:
+    """Triangles across the tip and the node before it, on ground or on a body that moves."""
+    keep, mbs, handle = scene(three(0.0), assemble=False)
+    contact = general_contact(mbs, friction)
+    contact.sphereSphereContact = spheres
+    offset = np.array([0.01, 0.02, -0.01])
+    carrier = np.array([0.03, -0.02, 0.2])
+    if moving:
+        node = mbs.AddNode(
+            eii.NodeRigidBodyEP(referenceCoordinates=[*(carrier - offset), 1.0, 0.0, 0.0, 0.0])
+        )
+        body = mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=1.0, inertia=[1.0] * 3 + [0.0] * 3))
+    else:
+        body, offset = mbs.AddObject(eii.ObjectGround()), carrier
+    marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body, localPosition=list(offset)))
+    near = NORMAL * (RADIUS - 6e-4)
+    triangles, ends = [], [handle.nNodes[-1], handle.nNodes[-2]]
+    for number in (-1, -2):
+        centre = np.array([0.0, 0.0, handle.arc_lengths[number]])
+        triangles.append(centre - near + (CORNERS - OVER[over]) @ AXES)
+        add_sphere(contact, handle.marker_at(float(handle.arc_lengths[number])))
+    add_triangles(contact, marker, np.array(triangles) - carrier)
+    mbs.Assemble()
+    columns = [i for end in ends for i in mbs.systemData.GetNodeLTGODE2(end)]
+    if moving:
+        columns += list(mbs.systemData.GetNodeLTGODE2(node))
+    hooks = SceneHooks.of(mbs)
+    for robot in hooks.actuations:
+        robot.disconnect()
+    kernel = StaticKernel(mbs, hooks)
+    kernel.contact.follow()
+    past = {"face": 0.0, "edge": 0.0015, "vertex": 0.0015}[over] * (1.0 if over == "vertex" else -1.0)
+    foot = np.array([0.0, 0.0, LENGTH]) - near - past * AXES[1]
+    tip = np.array(mbs.systemData.GetNodeLTGODE2(ends[0]))
+    return Touching(keep, mbs, kernel, contact, tip, np.array(columns), foot)
+
+
+@pytest.mark.parametrize("over", OVER)
+def test_the_tangent_of_a_sphere_on_a_triangle_is_the_closed_form(over):
+    """Stiffness k along the normal n; F / d across it, but not along a face or an edge, where the nearest point moves.
+
+    On edges and vertices Exudyn halves the force, because two triangles meet there.
+    """
+    found = touching(over, moving=False)
+    across = np.array([0.0, 0.0, LENGTH]) - found.foot
+    d = float(np.linalg.norm(across))
+    n = across / d
+    part = 1.0 if over == "face" else 0.5
+    fixed = np.eye(3) - np.outer(n, n)
+    if over == "face":
+        fixed = np.zeros((3, 3))
+    elif over == "edge":
+        fixed -= np.outer(AXES[0], AXES[0])
+    expected = -part * SERIES * (np.outer(n, n) - (RADIUS - d) / d * fixed)
+    position = found.tip[:3]
+    tangent = found.tangent()
+    assert tangent[np.ix_(position, position)] == pytest.approx(expected, abs=1e-6 * SERIES)
+    assert found.force()[position] == pytest.approx(part * SERIES * (RADIUS - d) * n, rel=1e-9)
+
+
+@pytest.mark.parametrize("spheres", [True, False])
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("over", OVER)
+def test_the_tangent_is_the_derivative_of_the_residual_of_exudyn(over, moving, spheres):
+    """By all coordinates of two nodes and of the body that carries the triangles; the scene is left as it is.
+
+    Without contact between spheres Exudyn's own Jacobian has nothing of the triangles either.
+    """
+    found = touching(over, moving=moving, spheres=spheres, friction=0.3)
+    q = found.mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Current, copy=False)
+    before, raw = q.copy(), np.array(found.kernel.residual())
+    tangent = found.tangent()
+    assert np.array_equal(q, before)
+    assert np.array_equal(found.kernel.residual(), raw)
+    assert not found.contact.computeContactForces
+    assert tangent[:, found.columns] == pytest.approx(found.differences(), abs=1e-6 * SERIES)
+    assert not np.any(np.delete(tangent, found.columns, axis=1))
+    if moving:
+        assert np.abs(tangent[found.tip[:3]][:, found.columns[-4:]]).max() > 0.01 * SERIES
+
+
+# ---------------------------------------------------------------- SolveTDCR
+
+
+def nearest(triangle: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Nearest point of a triangle, and whether it is on its face."""
+    sides = triangle[1:] - triangle[0]
+    a, b = np.linalg.solve(sides @ sides.T, sides @ (point - triangle[0]))
+    if a >= 0.0 and b >= 0.0 and a + b <= 1.0:
+        return triangle[0] + a * sides[0] + b * sides[1], True
+    first, second = (0, 2) if a < 0.0 else (0, 1) if b < 0.0 else (1, 2)
+    along = triangle[second] - triangle[first]
+    share = np.clip(along @ (point - triangle[first]) / (along @ along), 0.0, 1.0)
+    return triangle[first] + share * along, False
+
+
+def push_of(triangles: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Force on a sphere by the rules of Exudyn: half of every edge, and no edge of a face that touches."""
+    touched = []
+    for triangle in triangles:
+        foot, on_face = nearest(triangle, point)
+        normal = np.cross(*(triangle[1:] - triangle[0]))
+        gap = point - foot
+        if np.linalg.norm(gap) < RADIUS and gap @ normal > 0.0:
+            touched.append((foot, on_face, gap, normal / np.linalg.norm(normal)))
+    force = np.zeros(3)
+    for foot, on_face, gap, _ in touched:
+        if not on_face and any(f and abs((foot - p) @ n) < 1e-12 for p, f, _, n in touched):
+            continue
+        d = np.linalg.norm(gap)
+        force += (1.0 if on_face else 0.5) * SERIES * (RADIUS - d) / d * gap
+    return force
+
+
+#: A tetrahedron whose ridge is in the way of the robot: the faces, outward.
+POINTS = np.array([[0.045, -0.04, 0.19], [0.042, 0.05, 0.182], [0.12, 0.0, 0.30], [0.12, 0.01, 0.08]])
+FACES = np.array([POINTS[list(f)] for f in ((0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2))])
+CENTRE = POINTS.mean(axis=0)
+TETRAHEDRON = np.array(
+    [f if np.cross(f[1] - f[0], f[2] - f[0]) @ (f[0] - CENTRE) > 0.0 else f[::-1] for f in FACES]
+)
+
+
+def last_markers(handle: Any) -> list[Any]:
+    return [handle.marker_at(float(s)) for s in handle.arc_lengths[-4:]]
+
+
+def against_mesh(mu: float) -> tuple[Any, exu.MainSystem, Any]:
+    keep, mbs, handle = scene(three(mu), assemble=False)
+    contact = general_contact(mbs)
+    ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.AddObject(eii.ObjectGround())))
+    add_triangles(contact, ground, TETRAHEDRON)
+    for node in last_markers(handle):
+        add_sphere(contact, node)
+    mbs.Assemble()
+    return keep, mbs, handle
+
+
+def against_functions(mu: float) -> tuple[Any, exu.MainSystem, Any]:
+    """The same forces by connectors with a force function, whose Jacobian Exudyn takes by differences."""
+    keep, mbs, handle = scene(three(mu), assemble=False)
+    ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.AddObject(eii.ObjectGround())))
+
+    def push(mbs, t, item, gap, velocity, stiffness, damping, offset):
+        return (-push_of(TETRAHEDRON, np.asarray(gap, dtype=float))).tolist()
+
+    for node in last_markers(handle):
+        mbs.AddObject(
+            eii.CartesianSpringDamper(
+                markerNumbers=[ground, node],
+                stiffness=[0.0] * 3,
+                damping=[0.0] * 3,
+                springForceUserFunction=push,
+            )
+        )
+    mbs.Assemble()
+    return keep, mbs, handle
+
+
+def pulled(mbs: exu.MainSystem, handle: Any, most: float) -> int:
+    """Pull a tendon in ten steps; the largest number of iterations of a step."""
+    iterations = []
+    for tension in np.linspace(0.1 * most, most, 10):
+        handle.set_tensions({"t1": float(tension)})
+        iterations.append(mbs.SolveTDCR()["iterations"])
+    return max(iterations)
+
+
+def solved(made: tuple[Any, ...], most: float, steps: int) -> np.ndarray:
+    """Shape of the same robot by Exudyn's static solver."""
+    made[2].set_inputs_over_time(lambda t: [most * t, 0.0, 0.0])
+    assert made[1].SolveStatic(static_settings(steps))
+    return made[2].shape()[0]
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_a_robot_leans_on_a_ridge_as_in_the_static_solver_of_exudyn(mu):
+    """An oblique edge where two faces meet. With Exudyn's Jacobian this ended as not converged."""
+    _keep, mbs, handle = against_mesh(mu)
+    assert pulled(mbs, handle, 1.0) <= 30
+    gaps = [np.min([np.linalg.norm(p - nearest(t, p)[0]) for t in TETRAHEDRON]) for p in handle.shape()[0]]
+    assert min(gaps) < RADIUS
+    expected = solved(against_functions(mu), 1.0, 20)
+    assert distance(handle.shape()[0], expected) < (1e-3 if mu else 1e-4)
+
+
+def against_wall(kind: str, mu: float) -> tuple[Any, exu.MainSystem, Any]:
+    """A wall oblique in all directions, of two triangles, or by `CreateSphereQuadContact`."""
+    keep, mbs, handle = scene(three(mu), assemble=False)
+    middle = np.array([0.05, 0.0, 0.24])
+    corners = [middle + 0.2 * (np.array(c) @ AXES) for c in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    if np.cross(corners[1] - corners[0], corners[2] - corners[0]) @ NORMAL < 0.0:
+        corners = corners[::-1]
+    ground = mbs.CreateGround()
+    if kind == "general":
+        contact = general_contact(mbs)
+        add_triangles(
+            contact,
+            mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=ground)),
+            np.array(corners)[[[0, 1, 2], [0, 2, 3]]],
+        )
+        for node in last_markers(handle):
+            add_sphere(contact, node)
+    else:
+        for disk in handle.bDisks[-4:]:
+            mbs.CreateSphereQuadContact(
+                itemNumbers=[disk, ground],
+                sphereRadius=RADIUS,
+                quadPoints=[list(p) for p in corners],
+                contactStiffness=SERIES,
+                dataInitialCoordinates=[0.1, 0.0, 0.0, 0.0],
+            )
+    mbs.Assemble()
+    return keep, mbs, handle
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_a_robot_slides_along_an_oblique_wall_as_in_the_static_solver_of_exudyn(mu):
+    """The diagonal between both triangles is crossed, too; the reference is the same wall as items of their own."""
+    _keep, mbs, handle = against_wall("general", mu)
+    pulled(mbs, handle, 2.0)
+    expected = solved(against_wall("items", mu), 2.0, 80)
+    assert distance(handle.shape()[0], expected) < (1e-3 if mu else 1e-4)
+    assert abs(handle.shape()[0][-1, 1]) > 0.01
+
+
+def pushed_plate(kind: str) -> tuple[Any, exu.MainSystem, Any, Any]:
+    """A plate on springs in front of a robot; it turns about all axes."""
+    keep, mbs, handle = scene(three(0.0), assemble=False)
+    corners = np.array([[0.0, -0.1, -0.15], [0.0, -0.1, 0.15], [0.0, 0.1, 0.15], [0.0, 0.1, -0.15]])
+    triangles = corners[[[0, 1, 2], [0, 2, 3]]]
+    angle = 0.3
+    turn = np.array(
+        [[np.cos(angle), 0.0, np.sin(angle)], [0.0, 1.0, 0.0], [-np.sin(angle), 0.0, np.cos(angle)]]
+    )
+    triangles = triangles @ turn.T
+    body = mbs.CreateRigidBody(referencePosition=[0.05, 0.01, 0.2], inertia=InertiaSphere(0.01, 0.05))
+    ground = mbs.CreateGround(referencePosition=[0.05, 0.01, 0.2])
+    mbs.CreateRigidBodySpringDamper(
+        itemNumbers=[ground, body], stiffness=np.diag([20.0, 30.0, 40.0, 0.02, 0.03, 0.02])
+    )
+    if kind == "general":
+        contact = general_contact(mbs)
+        add_triangles(contact, mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body)), triangles)
+        for node in last_markers(handle):
+            add_sphere(contact, node)
+    else:
+        for node in last_markers(handle):
+            mbs.CreateSphereQuadContact(
+                itemNumbers=[node, body],
+                sphereRadius=RADIUS,
+                quadPoints=[list(p) for p in corners @ turn.T],
+                contactStiffness=SERIES,
+                dataInitialCoordinates=[0.1, 0.0, 0.0, 0.0],
+            )
+    mbs.Assemble()
+    return keep, mbs, handle, body
+
+
+def test_a_robot_pushes_a_plate_of_triangles_as_in_the_static_solver_of_exudyn():
+    """The plate moves and turns; the reference is the same plate by `CreateSphereQuadContact`."""
+    _keep, mbs, handle, body = pushed_plate("general")
+    assert pulled(mbs, handle, 1.5) <= 30
+    reference = pushed_plate("items")
+    expected = solved(reference, 1.5, 60)
+    variable = exu.OutputVariableType
+    turned = [
+        m.GetObjectOutputBody(b, variable.Rotation) for m, b in ((mbs, body), (reference[1], reference[3]))
+    ]
+    assert distance(handle.shape()[0], expected) < 1e-4
+    assert turned[0] == pytest.approx(turned[1], abs=1e-4)
+    assert np.linalg.norm(turned[0]) > 0.01
