@@ -44,10 +44,7 @@ def comparison(result: IdentificationResult) -> str:
             Line2D(
                 [], [], color=MEASURED, marker="o", ms=4, mfc="white", ls="none", label="measured, held out"
             ),
-            Line2D([], [], color=DECLARED, lw=1.5, label="declared model"),
-            Line2D(
-                [], [], color=CORRECTED, lw=1.5, label="corrected model" if result.effects else "final model"
-            ),
+            *(Line2D([], [], color=c, lw=1.5, label=text) for _, c, text in _models(result)),
         ]
         if not result.held_out_steps:
             del handles[1]
@@ -84,7 +81,7 @@ def _tip_path(axes: Axes, result: IdentificationResult) -> bool:
     else:
         project = np.eye(3)[:2]
         axes.set_xlabel("x [mm]")
-    for path, colour in ((before, DECLARED), (after, CORRECTED)):
+    for path, colour in _drawn(result, before, after):
         for steps in _runs(result):
             axes.plot(
                 *(path[steps] @ project.T).T,
@@ -131,15 +128,15 @@ def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
     for side, k in zip((1.0, -1.0), steps, strict=False):
         tip = _tip(result)[0][k, :2]
         across = tip / max(float(np.linalg.norm(tip)), 1e-9)
-        for backbone, colour in ((s.backbone_before[k], DECLARED), (s.backbone_after[k], CORRECTED)):
+        for backbone, colour in _drawn(result, s.backbone_before[k], s.backbone_after[k]):
             axes.plot(side * _MM * backbone[:, :2] @ across, _MM * backbone[:, 2], color=colour, lw=1.4)
         measured, before, after = (
             np.column_stack((side * _MM * x[k][:, :2] @ across, _MM * x[k][:, 2]))
             for x in (s.measured, s.before, s.after)
         )
         if _beside_backbone(result):  # then the lines do not pass through the markers
-            axes.plot(*before.T, "x", color=DECLARED, ms=4)
-            axes.plot(*after.T, "x", color=CORRECTED, ms=4)
+            for markers, colour in _drawn(result, before, after):
+                axes.plot(*markers.T, "x", color=colour, ms=4)
             _connect(axes, measured, after)
         _dots(axes, measured[:, 0], measured[:, 1], np.full(len(measured), s.held_out[k]))
         axes.annotate(f"step {s.step_ids[k]}", (side * float(tip @ across), float(_tip(result)[0][k, 2])),
@@ -225,7 +222,7 @@ def _loop(axes: Axes, result: IdentificationResult) -> bool:
         along = along * np.sign(path[int(np.argmax(np.linalg.norm(path, axis=1)))] @ along)
         values, unit = _inputs(result)
         x = values[chosen, j]
-        for tips, colour in ((before, DECLARED), (after, CORRECTED)):
+        for tips, colour in _drawn(result, before, after):
             axes.plot(x, (tips[chosen] - start) @ along, color=colour, lw=1.3)
         _dots(axes, x, (points - start) @ along, result.shapes.held_out[chosen])
         name = result.data.robot.tendon_names[j]
@@ -247,7 +244,7 @@ def _readings(axes: Axes, result: IdentificationResult) -> bool:
     factor, symbol = shown_unit(unit, float(np.max(np.abs(value[mask]))))
     position = {n: k for k, n in enumerate(result.data.step_ids)}
     k = np.array([position[r.step] for r, m in zip(result.data.readings, mask, strict=True) if m])
-    for residual, colour in ((result.residual_before, DECLARED), (result.residual_after, CORRECTED)):
+    for residual, colour in _drawn(result, result.residual_before, result.residual_after):
         axes.plot(k, factor * (value - residual)[mask], color=colour, lw=1.3)
     _dots(axes, k, factor * value[mask], result.shapes.held_out[k])
     _step_axis(axes, result)
@@ -302,11 +299,17 @@ def _label(result: IdentificationResult, unit: str) -> str:
     )
 
 
-def _models(result: IdentificationResult) -> tuple[tuple[Array, str, str], ...]:
-    return (
-        (result.residual_before, DECLARED, "declared model"),
-        (result.residual_after, CORRECTED, "corrected model" if result.effects else "final model"),
-    )
+def _models(result: IdentificationResult) -> list[tuple[Array, str, str]]:
+    """Residual, colour and label of the declared and of the corrected model; of one where nothing was added."""
+    both = _drawn(result, result.residual_before, result.residual_after)
+    labels = ["declared model", "corrected model"] if len(both) > 1 else ["declared model; nothing was added"]
+    return [(residual, colour, text) for (residual, colour), text in zip(both, labels, strict=True)]
+
+
+def _drawn(result: IdentificationResult, before: Array, after: Array) -> list[tuple[Array, str]]:
+    """What is drawn of the declared and the corrected model, with its colour; the former alone where they coincide."""
+    changed = bool(result.effects) or result.law is not None
+    return [(before, DECLARED), (after, CORRECTED)] if changed else [(before, DECLARED)]
 
 
 def _step_axis(axes: Axes, result: IdentificationResult) -> None:
@@ -375,9 +378,10 @@ def over_input(result: IdentificationResult) -> str:
     loaded = np.array([any(any(x.force) for x in s.loads.values()) for s in data.steps])
     with styled():
         figure = Figure(figsize=(11.6, 3.1), layout="constrained")
-        axes = figure.subplots(1, 2, sharey=True)
+        models = _models(result)
+        axes = figure.subplots(1, len(models), sharey=True, squeeze=False)[0]
         unit = ""
-        for ax, (residual, colour, title) in zip(axes, _models(result), strict=True):
+        for ax, (residual, colour, title) in zip(axes, models, strict=True):
             chosen, size, unit = _errors(result, residual)
             keys, rms = _rms_by([position[data.readings[i].step] for i in chosen], size)
             for sign, marker in ((1, "^"), (-1, "v"), (0, "s")):

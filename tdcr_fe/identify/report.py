@@ -124,7 +124,7 @@ def _error_section(result: IdentificationResult) -> Section:
     pictures = [
         Picture(
             figures.by_step(result),
-            "Error in every load step, before and after",
+            "Error in every load step",
             "Error in every load step. Shaded steps were held out.",
         ),
         Picture(
@@ -253,7 +253,8 @@ def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
         _candidate_section(result),
         _data_section(result),
     ]
-    if result.effects or result.law:
+    changed = bool(result.effects) or result.law is not None
+    if changed:
         sections = [_evidence_section(result), *sections, _scenario_section(result)]
     if motion is not None:
         sections = [_motion_section(result, motion), *sections]
@@ -262,7 +263,7 @@ def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
     picture = Picture(
         figures.comparison(result),
         "Measured and predicted tip path, shapes and a loop of loading and unloading",
-        "Measured against predicted, before and after"
+        ("Measured against predicted, before and after" if changed else "Measured against predicted")
         + (
             ". Right: a run of steps in which one tendon is pulled and released."
             if figures.loops(result)

@@ -33,6 +33,7 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.report.style import CORRECTED, DECLARED
 from tdcr_fe.report.viewer import view_page
 from tdcr_fe.solve.simulate import simulate
 
@@ -191,6 +192,13 @@ def test_the_summary_labels_its_half_widths():
 
 def test_a_loop_is_a_run_in_which_one_tendon_moves():
     assert figures.loops(result()) == [(0, range(5))]
+
+
+@pytest.mark.parametrize("draw", [figures.comparison, figures.by_step, figures.along, figures.over_input])
+def test_where_nothing_was_added_one_model_is_drawn_with_one_label(draw):
+    unchanged, changed = draw(result()), draw(result(GRAVITY))
+    assert DECLARED in unchanged and CORRECTED not in unchanged
+    assert DECLARED in changed and CORRECTED in changed
 
 
 def test_readings_without_positions_are_drawn_over_the_steps():
