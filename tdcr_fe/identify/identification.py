@@ -183,7 +183,8 @@ def _search(search: Search, state: SearchState, prepared: _Prepared, schedule: S
         if state.data_fault:
             return _Found(state)
         state = state.ending_at(schedule.search + schedule.grace)
-        for latest_state in search_effects(replace(search, deadline=schedule.search), state):
+        listed = replace(search, deadline=schedule.search, laws=prepared.rows is None)
+        for latest_state in search_effects(listed, state):
             state = latest_state
         state = with_intermediate_models(state)
         whole = replace(search, deadline=schedule.end)

@@ -8,17 +8,25 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.identify.criteria import BIC_DIFFERENCE, bic, effective_noise, residual_is_noise
+from tdcr_fe.identify.criteria import (
+    BIC_DIFFERENCE,
+    HELD_OUT_DROP,
+    bic,
+    effective_noise,
+    is_improvement,
+    noise_cost,
+    residual_is_noise,
+)
 from tdcr_fe.identify.estimate import Estimate
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.found_law import FoundLaw, LawTerm
 from tdcr_fe.identify.information import lacks_test
-from tdcr_fe.identify.law_fit import LawFit
-from tdcr_fe.identify.law_search import LOWER, Budget, LawSearch, law_bic, search_law
-from tdcr_fe.identify.law_state import run_with_action
+from tdcr_fe.identify.law_fit import LawFit, fit_law
+from tdcr_fe.identify.law_search import LOWER, Budget, LawAhead, LawSearch, law_bic, search_law
+from tdcr_fe.identify.law_state import action_response, run_with_action
 from tdcr_fe.identify.law_terms import CURVATURE, Term
 from tdcr_fe.identify.problem import Fit
-from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.search_state import Search, SearchState, with_rival
 from tdcr_fe.identify.time_limit import OutOfTime, clock
 
 Array = NDArray[np.float64]
@@ -29,15 +37,67 @@ LEAST_SECONDS, RUNS = 60.0, 40
 #: Runs after which no further fit of a law begins.
 MOST_RUNS = 120
 
+#: A law is fitted before further effects where it leaves, to first order, at most so many times the cost of noise or
+#: this share of what the best effect leaves: the first order is not exact.
+NEARLY, PROMISE = 4.0, 0.05
+
+
+def law_ahead(search: Search, state: SearchState, seconds: float = LEAST_SECONDS) -> SearchState:
+    """Search for a law of one term beside the declared model, where the effects found so far leave more than noise.
+
+    A law that leaves noise is kept. Then one further effect has to explain as much, and no more are tried. The search
+    is made once: after the first round of the search for effects, or after a later one where it takes long.
+
+    Parameters
+    ----------
+    search, state
+        After a round of the search for listed effects.
+    seconds
+        Time that the search may take, such as that of the rounds so far [s].
+
+    Returns
+    -------
+    SearchState
+        With `SearchState.law_ahead` where there is such a law.
+
+    Raises
+    ------
+    OutOfTime
+        The time limit has passed within a simulation.
+    """
+    problem = state.problem
+    if not search.laws or state.law_sought or search.late or not _may_have_law(search, state):
+        return state
+    budget = Budget(
+        problem.forward, problem.forward.runs + MOST_RUNS, min(clock() + seconds, search.deadline)
+    )
+    search.report("reading the missing moment from the shapes", 0.4)
+    ready = LawSearch.of(problem, state.declared, seconds / RUNS)
+    if ready is None:
+        return state
+    state = replace(state, law_sought=True)
+    law, others = search_law(
+        ready,
+        search.significance,
+        lambda text: search.report(text, 0.4),
+        budget,
+        most_terms=1,
+        promise=max(NEARLY * noise_cost(problem), PROMISE * state.best.cost),
+    )
+    if law is None or not residual_is_noise(problem, law.as_fit(), search.significance):
+        return state
+    state = state.with_history(f"a law on no list is ahead, and leaves noise: {law.terms[0].key}")
+    return replace(state, law_ahead=LawAhead(law, others))
+
 
 def find_law(
     search: Search, state: SearchState, seconds: float = LEAST_SECONDS
 ) -> tuple[FoundLaw | None, SearchState]:
-    """Search for a law where the listed effects leave more than noise.
+    """The law on no list that explains more than the listed effects; sought where these leave more than noise.
 
     The law is sought beside the declared model, the best model, and the best model without each of its effects. It
     counts only if it explains more than all listed effects together, by the criterion of all models and on the
-    held-out steps.
+    held-out steps. Of the effects beside it those are dropped that it makes unnecessary.
 
     Parameters
     ----------
@@ -50,22 +110,51 @@ def find_law(
     -------
     law : FoundLaw or None
     state : SearchState
-        Where a law was found, its best model has the law, and the listed effects that remain beside it.
+        Where a law was found, its best model has the law, and the listed effects that remain beside it. Where effects
+        and a law explain the data alike, the best model has the effects, and the law is one of their rivals.
 
     Raises
     ------
     OutOfTime
         The time limit has passed.
     """
+    best = state.best
+    if state.law_ahead is not None:
+        found, alternatives = _on_its_own_path(state, state.law_ahead.fit), state.law_ahead.alternatives
+    else:
+        if not _may_have_law(search, state):
+            several = bool(state.problem.experiment.restarts)
+            return None, state.with_history(
+                "no search for a law with several data sets"
+            ) if several else state
+        if search.late:
+            raise OutOfTime
+        sought, alternatives, state = _sought(search, state, seconds)
+        if sought is None:
+            return None, state.with_history("no law explains more than the listed effects")
+        found = _on_its_own_path(state, _without_unnecessary(search, state, sought))
+    if not _explains_more(search, state, found, best):
+        return None, _beside_the_effects(search, state, found, best)
+    fit = found.as_fit()
+    formula = " + ".join(f"{t.key}" for t in found.terms)
+    kept = {k: v for k, v in state.rivals.items() if k in fit.names}
+    state = replace(state, best=fit, rivals=kept).with_history(f"law found: {formula}")
+    return _described(state, found, alternatives), state
+
+
+def _may_have_law(search: Search, state: SearchState) -> bool:
+    """Whether there is something left for a law, and held-out steps to judge it by."""
     problem, best = state.problem, state.best
-    if problem.experiment.restarts:
-        return None, state.with_history("no search for a law with several data sets")
-    if not np.any(problem.held_out) or lacks_test(problem, best) or not best.solved:
-        return None, state
-    if residual_is_noise(problem, best, search.significance):
-        return None, state
-    if search.late:
-        raise OutOfTime
+    if problem.experiment.restarts or not np.any(problem.held_out) or lacks_test(problem, best):
+        return False
+    return best.solved and not residual_is_noise(problem, best, search.significance)
+
+
+def _sought(
+    search: Search, state: SearchState, seconds: float
+) -> tuple[LawFit | None, tuple[Term, ...], SearchState]:
+    """The best law beside any of the bases, with the terms that explain as much; and a history of what was left out."""
+    problem = state.problem
     deadline = min(clock() + seconds, search.deadline)
     budget = Budget(problem.forward, problem.forward.runs + MOST_RUNS, deadline)
     found: LawFit | None = None
@@ -84,14 +173,30 @@ def find_law(
             found, alternatives = law, others
         if found is not None and residual_is_noise(problem, found.as_fit(), search.significance):
             break
-    if found is None or not _explains_more(search, state, found, best):
-        return None, state.with_history("no law explains more than the listed effects")
-    found = _on_its_own_path(state, found)
-    fit = found.as_fit()
-    formula = " + ".join(f"{t.key}" for t in found.terms)
-    kept = {k: v for k, v in state.rivals.items() if k in fit.names}
-    state = replace(state, best=fit, rivals=kept).with_history(f"law found: {formula}")
-    return _described(state, found, alternatives), state
+    return found, alternatives, state
+
+
+def _without_unnecessary(search: Search, state: SearchState, law: LawFit) -> LawFit:
+    """The law without the listed effects that do not improve fitted and held-out steps beside it."""
+    problem = state.problem
+    for effect in law.base.effects:
+        rest = frozenset(e.name for e in law.base.effects if e is not effect)
+        base = state.fits.get(rest)
+        if base is None or not base.solved or base.jacobian.shape[1] != len(base.free):
+            continue
+        values = {e.name: law.values[e.name] for e in base.effects}
+        base = replace(base, values={**base.values, **values})
+        experiment = problem.with_effects(base.effects, base.values)
+        run = run_with_action(problem, experiment, law.acted.action, law.acted.state.rotation)
+        if not run.solved:
+            continue
+        response, run = action_response(problem, experiment, run)
+        smaller = fit_law(problem, base, run, response, law.terms, law.coefficients)
+        if smaller is not None and not is_improvement(
+            problem, law.as_fit(), smaller.as_fit(), search.significance
+        ):
+            return _without_unnecessary(search, state, smaller)
+    return law
 
 
 def _bases(state: SearchState) -> list[Fit]:
@@ -110,11 +215,30 @@ def _beside(base: Fit) -> str:
 
 
 def _explains_more(search: Search, state: SearchState, law: LawFit, rival: Fit) -> bool:
-    """Whether a law beats the listed effects, overall and on the held-out steps."""
+    """Whether a law clearly beats the listed effects, overall and on the held-out steps.
+
+    Effects that leave noise are beaten on the held-out steps only by more than chance, others by a share.
+    """
     problem = state.problem
     noise = effective_noise(problem, law.as_fit(), search.significance)
     gain = bic(problem, rival) - law_bic(problem, law)
-    return gain > BIC_DIFFERENCE * noise and law.held_cost < LOWER * rival.held_cost
+    needed = (1.0 - LOWER) * rival.held_cost
+    if residual_is_noise(problem, rival, search.significance):
+        needed = HELD_OUT_DROP * noise
+    return gain > BIC_DIFFERENCE * noise and rival.held_cost - law.held_cost > needed
+
+
+def _beside_the_effects(search: Search, state: SearchState, law: LawFit, best: Fit) -> SearchState:
+    """With the law as a rival of the effects where both explain the data alike."""
+    problem = state.problem
+    formula = " + ".join(t.key for t in law.terms)
+    noise = effective_noise(problem, best, search.significance)
+    # What the data say, without the price for the choice of the terms.
+    if not best.effects or not bic(problem, law.as_fit()) - bic(problem, best) < BIC_DIFFERENCE * noise:
+        return state.with_history("no law explains more than the listed effects")
+    for effect in best.effects:
+        state = with_rival(state, effect.name, f"a law on no list ({formula})")
+    return state.with_history(f"a law on no list explains the data as well: {formula}")
 
 
 def _on_its_own_path(state: SearchState, law: LawFit) -> LawFit:

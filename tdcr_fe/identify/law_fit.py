@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 #: Iterations of the state at most, and the change that ends them: moments over EI/L, forces over EI/L^2 [1].
 ITERATIONS, TOLERANCE = 15, 2e-6
 
+#: Iterations over which the rate of convergence is taken.
+RATE_OVER = 3
+
 #: Gauss-Newton iterations of a fit at most.
 FIT_ITERATIONS = 8
 
@@ -120,19 +123,20 @@ def balance(
     """
     backbone = experiment.robot.backbone
     scale = np.array([backbone.EI / backbone.length] * 2 + [backbone.EI / backbone.length**2] * 3)
-    here, before = start, np.inf
+    here, sizes = start, [np.inf]
     for left in range(ITERATIONS, 0, -1):
         gap = law_action(terms, coefficients, here) - here.action
         shape = gap.shape
         size = float(np.max(np.abs(gap) / scale))
         if here is not start and size <= TOLERANCE:
             return here
-        if not np.isfinite(size) or size > 10.0 * before:
+        if not np.isfinite(size) or size > 10.0 * min(sizes):
             return None
-        rate = size / before
-        if left < ITERATIONS - 2 and size * min(rate, 1.0) ** left > TOLERANCE:
+        sizes.append(size)
+        # A single iteration may gain nothing, near the accuracy of the solver: the rate is that of the last three.
+        rate = (size / sizes[-1 - RATE_OVER]) ** (1.0 / RATE_OVER) if len(sizes) > RATE_OVER else 0.0
+        if size * min(rate, 1.0) ** left > TOLERANCE:
             return None  # at this rate it does not converge
-        before = min(before, size)
         matrix = _coupling(terms, coefficients, here, response)
         change = np.linalg.solve(matrix, gap.reshape(len(gap), -1, 1)).reshape(shape)
         following = run_with_action(problem, experiment, here.action + change, here.state.rotation, here)

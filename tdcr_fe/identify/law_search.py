@@ -153,6 +153,21 @@ def missing_action(problem: FitProblem, run: ActedRun, response: ActionResponse)
 
 
 @dataclass(frozen=True)
+class LawAhead:
+    """A law beside the declared model that leaves noise.
+
+    Attributes
+    ----------
+    fit : LawFit
+    alternatives : tuple of Term
+        That explain as much in its place.
+    """
+
+    fit: LawFit
+    alternatives: tuple[Term, ...]
+
+
+@dataclass(frozen=True)
 class Columns:
     """Candidate terms as columns, freed of what the base's parameters can bring.
 
@@ -236,7 +251,12 @@ def law_bic(problem: FitProblem, fit: LawFit) -> float:
 
 
 def search_law(
-    search: LawSearch, significance: float, report: Callable[[str], None], budget: Budget | None = None
+    search: LawSearch,
+    significance: float,
+    report: Callable[[str], None],
+    budget: Budget | None = None,
+    most_terms: int = MOST_TERMS,
+    promise: float = math.inf,
 ) -> tuple[LawFit | None, tuple[Term, ...]]:
     """The law beside one base that the held-out steps support; and terms that explain as much in its place.
 
@@ -250,15 +270,19 @@ def search_law(
         Called with a sentence on what is done.
     budget
         No further fit begins where it is spent; None for no limit.
+    most_terms
+        Of a law.
+    promise
+        Nothing is fitted unless a single term leaves no more than this sum of squares to first order.
     """
     problem, base = search.problem, search.base
     columns = Columns.of(search)
-    if not columns.terms:
+    if not columns.terms or (promise < math.inf and columns.left(columns.best_sets(1, ())[0]) > promise):
         return None, ()
     best: LawFit | None = None
     alternatives: tuple[Term, ...] = ()
     known: tuple[int, ...] = ()
-    for number in range(1, MOST_TERMS + 1):
+    for number in range(1, most_terms + 1):
         sets = columns.best_sets(number, known)
         fits = _fitted(search, columns, sets, significance, report, budget)
         if not fits:

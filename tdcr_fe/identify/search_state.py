@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from tdcr_fe.identify.problem import Fit, FitProblem, Point, fit_of_run, refine
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.identify.time_limit import OutOfTime, clock
+
+if TYPE_CHECKING:
+    from tdcr_fe.identify.law_search import LawAhead
 
 Array = NDArray[np.float64]
 Names = frozenset[str]
@@ -42,11 +46,14 @@ class Search:
     deadline : float
         Reading of `tdcr_fe.identify.time_limit.clock` after which nothing further of the search begins, and fits end
         where they are [s].
+    laws : bool
+        Whether a law on no list is looked for besides the listed effects.
     """
 
     settings: IdentifySettings
     report: Progress
     deadline: float = math.inf
+    laws: bool = False
 
     @property
     def late(self) -> bool:
@@ -86,6 +93,10 @@ class SearchState:
     interrupted : bool
     data_fault : str
         The fault of the data that explains the misfit of the declared model; empty where there is none.
+    law_ahead : LawAhead or None
+        A law on no list that leaves noise where the effects found before it do not.
+    law_sought : bool
+        Whether such a law was looked for.
     """
 
     problem: FitProblem
@@ -102,6 +113,8 @@ class SearchState:
     not_tried: tuple[str, ...] = ()
     interrupted: bool = False
     data_fault: str = ""
+    law_ahead: LawAhead | None = None
+    law_sought: bool = False
 
     @classmethod
     def start(cls, problem: FitProblem, declared: Fit) -> SearchState:
@@ -237,6 +250,14 @@ def _recounted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
     cost, held_cost = problem.cost(r)
     path = None if fit.path_residual is None else fit.path_residual + shift
     return replace(fit, residual=r, cost=cost, held_cost=held_cost, path_residual=path)
+
+
+def with_rival(state: SearchState, name: str, rival: str) -> SearchState:
+    """With another rival of an effect, without duplicates."""
+    known = state.rivals.get(name, ())
+    if rival in known:
+        return state
+    return replace(state, rivals={**state.rivals, name: (*known, rival)})
 
 
 def with_note_on_differences(state: SearchState, why: Mapping[tuple[str, str], str]) -> SearchState:

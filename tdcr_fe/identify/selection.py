@@ -6,15 +6,18 @@ keeps the last one that was complete.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from tdcr_fe.effects import EffectAtPlace
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.backward import backward_selection
 from tdcr_fe.identify.candidates import fit_proposals, propose
 from tdcr_fe.identify.criteria import BIC_DIFFERENCE, is_improvement, rank, residual_is_noise
 from tdcr_fe.identify.information import lacks_test
+from tdcr_fe.identify.law import LEAST_SECONDS, law_ahead
 from tdcr_fe.identify.local_search import local_search, place_ahead, search_places
 from tdcr_fe.identify.problem import Fit
 from tdcr_fe.identify.saturated import saturated_pairs
@@ -30,7 +33,14 @@ from tdcr_fe.identify.search_state import (
     refined,
 )
 from tdcr_fe.identify.swaps import swap_effects
-from tdcr_fe.identify.time_limit import EXCHANGES, FURTHER_EFFECTS, PLACES, SMALLER_MODELS, OutOfTime
+from tdcr_fe.identify.time_limit import (
+    EXCHANGES,
+    FURTHER_EFFECTS,
+    PLACES,
+    SMALLER_MODELS,
+    OutOfTime,
+    clock,
+)
 
 #: A local cause that leaves less than so much of the misfit of the best effect along the whole robot is kept [1].
 FAR_AHEAD = 0.1
@@ -47,6 +57,8 @@ def search_effects(search: Search, state: SearchState) -> Stage:
         one = forward_selection(single, state, locate=False)
         return (yield from in_time(state, one, FURTHER_EFFECTS))
     state = yield from in_time(state, forward_selection(search, state), FURTHER_EFFECTS)
+    if _law_is_ahead(search, state):
+        return state
     if state.best.effects and search.late:
         state = state.without_trying(EXCHANGES)
     elif state.best.effects:
@@ -71,6 +83,13 @@ def search_effects(search: Search, state: SearchState) -> Stage:
     return state
 
 
+def _law_is_ahead(search: Search, state: SearchState) -> bool:
+    """Whether a law on no list leaves noise, and the best listed effects do not."""
+    return state.law_ahead is not None and not residual_is_noise(
+        state.problem, state.best, search.significance
+    )
+
+
 def _beside_local_cause(search: Search, state: SearchState) -> Stage:
     """What is left beside a local cause may be an effect along the whole robot; others may be unnecessary then."""
     if not residual_is_noise(state.problem, state.best, search.significance):
@@ -86,7 +105,7 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
 
     ``locate``: after the first round, see whether a single local cause explains everything.
     """
-    level = [state.best]
+    level, begun = [state.best], clock()
     for number in range(1, search.settings.max_effects + 1):
         if len(state.best.effects) >= search.settings.max_effects:
             break
@@ -104,22 +123,19 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
         if located is not None:
             state = replace(located, best=located.declared, rivals={})
             level = [state.declared]
-        state, proposals = propose(search, state, number, level, progress, located is not None)
+        known = _ahead(state, located)
+        state, proposals = propose(search, state, number, level, progress, known is not None)
         yield state
-        known = None if located is None else located.best
         state, fits = fit_proposals(search, state, number, proposals, progress, known)
-        accepted = [
-            f
-            for f in fits
-            if is_improvement(state.problem, f, parent_of(state, f), search.significance)
-            and _better(state, f)
-            and _worthwhile(state, f)
-        ]
+        accepted = _accepted(search, state, fits)
         explaining = any(residual_is_noise(state.problem, f, search.significance) for f in accepted)
         if located is not None and not explaining:
             state = replace(state, best=located.best).with_history(
                 "no effect along the whole robot explains as much"
             )
+            break
+        if not explaining and _law_is_ahead(search, state):
+            state = state.with_history("no further listed effect explains as much")
             break
         if not accepted:
             reason = "improves fitted and held-out steps" if proposals else "is significant"
@@ -139,33 +155,59 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
             again = [fitting.descend(problem, f, fitting.Race(), 5) for f in others]
             others = fitting.run_fits(problem, again)
         level = [best] if explained or number > 1 else [best, *others]
-        if number == 1 and not explained and locate and not search.late:
-            state, taken = _with_local_cause(search, state)
-            if taken and residual_is_noise(state.problem, state.best, search.significance):
+        if explained or not locate or search.late:
+            continue
+        before = state.best
+        state = yield from _causes_ahead(search, state, number, max(LEAST_SECONDS, clock() - begun))
+        if state.best is not before:
+            level = [state.best]
+            if residual_is_noise(state.problem, state.best, search.significance):
                 break
-            level = [state.best] if taken else level
     yield state
     return state
 
 
-def _with_local_cause(search: Search, state: SearchState) -> tuple[SearchState, bool]:
+def _accepted(search: Search, state: SearchState, fits: Sequence[Fit]) -> list[Fit]:
+    """Models that improve on those that they contain and on the best one, in their order."""
+    return [
+        f
+        for f in fits
+        if is_improvement(state.problem, f, parent_of(state, f), search.significance)
+        and _better(state, f)
+        and _worthwhile(state, f)
+    ]
+
+
+def _causes_ahead(search: Search, state: SearchState, number: int, seconds: float) -> Stage:
+    """After a round that leaves more than noise: a single local cause as the best model, or a law on no list ahead."""
+    if number == 1:
+        state = _with_local_cause(search, state)
+        yield state
+    if not any(isinstance(e, EffectAtPlace) for e in state.best.effects):
+        state = law_ahead(search, state, seconds)
+    yield state
+    return state
+
+
+def _ahead(state: SearchState, located: SearchState | None) -> Fit | None:
+    """A model that leaves noise, which further effects must come near: a local cause, or a law on no list."""
+    if located is not None:
+        return located.best
+    return None if state.law_ahead is None else state.law_ahead.fit.as_fit()
+
+
+def _with_local_cause(search: Search, state: SearchState) -> SearchState:
     """A single local cause in place of the best effect along the whole robot, if it explains everything or nearly so.
 
     The search for several effects that mimic it is then skipped.
-
-    Returns
-    -------
-    state : SearchState
-    taken : bool
-        Whether there is such a cause.
     """
     located = search_places(search, state, [state.declared])
     if located.best is not state.best:
         explains = residual_is_noise(located.problem, located.best, search.significance)
         if explains or located.best.cost < FAR_AHEAD * state.best.cost:
-            return located, True
+            return located
     problem = replace(state.problem, scales=located.problem.scales)
-    return replace(state, local_scores=located.local_scores, problem=problem), False
+    return replace(state, local_scores=located.local_scores, problem=problem)
 
 
 def with_intermediate_models(state: SearchState) -> SearchState:

@@ -21,7 +21,7 @@ from tdcr_fe.identify.criteria import (
 )
 from tdcr_fe.identify.problem import Point
 from tdcr_fe.identify.screening import Score
-from tdcr_fe.identify.search_state import Search, SearchState, Stage, without
+from tdcr_fe.identify.search_state import Search, SearchState, Stage, with_rival, without
 from tdcr_fe.identify.time_limit import EXCHANGES
 
 Array = NDArray[np.float64]
@@ -124,14 +124,6 @@ def _with_rival_sets(search: Search, state: SearchState) -> SearchState:
             like = max(likeness, key=lambda e: likeness[e])
             state = with_rival(state, like, name)
     return state
-
-
-def with_rival(state: SearchState, name: str, rival: str) -> SearchState:
-    """With another rival of an effect, without duplicates."""
-    known = state.rivals.get(name, ())
-    if rival in known:
-        return state
-    return replace(state, rivals={**state.rivals, name: (*known, rival)})
 
 
 def _similarity(a: Array | None, b: Array | None) -> float:

@@ -9,11 +9,19 @@ import pytest
 from identify_data import LENGTH, MODEL, ROBOT, measured
 
 from tdcr_fe.cli import main
-from tdcr_fe.effects import EFFECTS
+from tdcr_fe.effects import EFFECTS, effect
 from tdcr_fe.identify import identification, identify
 from tdcr_fe.identify.corrected import corrected_files
+from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.law import _explains_more, find_law, sentence
+from tdcr_fe.identify.identification import _declared, _prepare
+from tdcr_fe.identify.law import (
+    _beside_the_effects,
+    _explains_more,
+    _without_unnecessary,
+    find_law,
+    sentence,
+)
 from tdcr_fe.identify.law_fit import TOLERANCE, balance, law_action
 from tdcr_fe.identify.law_search import LawSearch, search_law
 from tdcr_fe.identify.law_state import COMPONENTS, action_response, last_direction, run_with_action
@@ -31,6 +39,7 @@ from tdcr_fe.identify.law_terms import (
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.selection import search_effects
 from tdcr_fe.identify.sentences import headline, summary
 from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.io.measured import MeasuredData
@@ -196,3 +205,70 @@ def test_listed_effects_that_explain_as_much_win():
     if law is not None:
         state = SearchState.start(problem, declared)
         assert not _explains_more(search, state, law, replace(law.as_fit(), free=law.base.free))
+
+
+# ------------------------------------------------------------------------------------- laws and listed effects
+
+
+@pytest.fixture(scope="module")
+def drifting(drift):
+    """The problem of the set that drifts, and a law beside its declared model."""
+    prepared = _prepare(drift, IdentifySettings(), ForwardModel())
+    state = _declared(prepared.searched, prepared.run)
+    law, _ = search_law(LawSearch.of(state.problem, state.declared), 1e-3, lambda text: None)
+    assert [t.key for t in law.terms] == ["t e_x"]
+    return state.problem, state.declared, law
+
+
+def searching(laws=True):
+    return Search(IdentifySettings(), lambda text, share: None, laws=laws)
+
+
+def test_a_law_that_leaves_noise_ends_the_search_among_listed_effects(drifting):
+    """The best single effect takes off a part; effects by twos, threes and fours followed, and the law came last."""
+    problem, declared, _ = drifting
+    problem = replace(problem, catalogue=(effect("precurvature"), effect("gravity")))
+    state = SearchState.start(problem, declared)
+    for latest in search_effects(searching(), state):
+        state = latest
+    assert [t.key for t in state.law_ahead.fit.terms] == ["t e_x"]
+    assert len(state.best.effects) == 1 and state.best.cost > 10.0 * state.law_ahead.fit.cost
+    law, state = find_law(searching(), state)
+    assert law.formula.endswith("t e_x") and state.best.effects == ()
+
+
+def rival(law, cost=0.0, held=0.0):
+    """Listed effects with as many parameters as the law has, that leave what the law leaves and so much more."""
+    as_fit = law.as_fit()
+    free = (("gravity", "g_x"),) * law.count
+    return replace(as_fit, effects=(effect("gravity"),), free=free, cost=as_fit.cost + cost,
+                   held_cost=as_fit.held_cost + held)  # fmt: skip
+
+
+def test_effects_that_leave_noise_yield_to_a_law_only_beyond_chance(drifting):
+    problem, declared, law = drifting
+    state = SearchState.start(problem, declared)
+    assert not _explains_more(searching(), state, law, rival(law))
+    assert not _explains_more(searching(), state, law, rival(law, cost=40.0, held=2.0))
+    assert _explains_more(searching(), state, law, rival(law, cost=20.0, held=10.0))
+
+
+def test_where_a_law_explains_as_much_as_the_effects_both_are_named(drifting):
+    problem, declared, law = drifting
+    state = SearchState.start(problem, declared)
+    alike = _beside_the_effects(searching(), state, law, rival(law))
+    assert alike.rivals == {"gravity": ("a law on no list (t e_x)",)}
+    assert _beside_the_effects(searching(), state, law, rival(law, cost=-60.0)).rivals == {}
+    assert _beside_the_effects(searching(), state, law, declared).rivals == {}
+
+
+def test_an_effect_beside_a_law_must_improve_the_held_out_steps(drifting):
+    """Gravity takes off a part of the drift alone, and nothing beside the law of the drift."""
+    problem, declared, law = drifting
+    gravity = effect("gravity")
+    base = fit(problem, (gravity,), [{"gravity": gravity.null_values(problem.experiment)}])
+    beside, _ = search_law(LawSearch.of(problem, base), 1e-3, lambda text: None)
+    assert beside.base.effects == (gravity,)
+    state = SearchState.start(problem, declared).with_fit(base)
+    smaller = _without_unnecessary(searching(), state, beside)
+    assert smaller.base.effects == () and smaller.coefficients == pytest.approx(law.coefficients, rel=1e-3)
