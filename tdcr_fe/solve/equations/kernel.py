@@ -28,6 +28,7 @@ class StaticKernel:
     Attributes
     ----------
     contact : ContactStates
+    triangles : TriangleContact
 
     Raises
     ------
@@ -47,7 +48,7 @@ class StaticKernel:
         self._settings = settings
         own = [i for robot in hooks.actuations for i in robot.history_nodes.coordinate_numbers()]
         self.contact = ContactStates(mbs, own)
-        self._triangles = TriangleContact(mbs)
+        self.triangles = TriangleContact(mbs)
         self._kernel = _initialised(mbs, hooks, settings, self.contact)
         if self._kernel.GetODE1size():
             raise ValueError(
@@ -71,14 +72,14 @@ class StaticKernel:
         constraints
             Whether that of constraints is computed anew.
         """
-        if not self._triangles.touching:
+        if not self.triangles.touching:
             return self._exudyns_jacobian(loads, constraints)
         whole = self._exudyns_jacobian(loads, constraints).copy()
-        with self._triangles.switched_off():
+        with self.triangles.switched_off():
             found = self._exudyns_jacobian(loads, constraints)
         n2 = self._mbs.systemData.ODE2Size()
         rest = found[:n2, :n2]
-        rest += self._triangles.derivative(self.residual, whole[:n2, :n2] - rest)
+        rest += self.triangles.derivative(self.residual, whole[:n2, :n2] - rest)
         return found
 
     def _exudyns_jacobian(self, loads: bool, constraints: bool) -> Array:

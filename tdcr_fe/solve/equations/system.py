@@ -215,6 +215,11 @@ class SceneSystem:
         """Whether the scene has items of contact."""
         return self._kernel.contact.present
 
+    @property
+    def has_triangles(self) -> bool:
+        """Whether there is contact with triangles, whose force has kinks where a sphere goes from one to the next."""
+        return self._kernel.triangles.present
+
     def contact_motion_limit(self, state: SolverState) -> float:
         """By how much a node may move from a state without jumping over a contact [m]."""
         if not self.has_contact:

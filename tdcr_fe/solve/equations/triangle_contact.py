@@ -76,6 +76,11 @@ class TriangleContact:
         self._nodes = _nodes_of_coordinates(mbs)
 
     @property
+    def present(self) -> bool:
+        """Whether there is any."""
+        return bool(self._all)
+
+    @property
     def touching(self) -> bool:
         """Whether a sphere is in contact with a triangle, by the present active sets."""
         return any(each.touching for each in self._all)

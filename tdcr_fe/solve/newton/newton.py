@@ -39,6 +39,9 @@ NEAR_TURN = 0.01
 NEAR_RESIDUAL = 0.01
 #: How often contact that opens or closes is updated in one solve.
 MOST_CONTACT_UPDATES = 20
+#: Iterations after which a solve with triangles is given up where the residual is not below the first one: a sphere is
+#: then too far inside, as where an equilibrium without contact was found first, and goes from triangle to triangle.
+CONTACT_TRIALS = 5
 
 
 class NewtonResult(NamedTuple):
@@ -129,16 +132,7 @@ def newton(
         Keep the mobilisations of the initial state, whatever their history.
     """
     presliding = settings.presliding if presliding is None else presliding
-    trial = state._replace(
-        base_tension=tuple(
-            np.where(r.by_displacement, old, new)
-            for r, old, new in zip(system.robots, state.base_tension, target.inputs, strict=True)
-        ),
-        prescribed=tuple(
-            np.where(r.by_displacement, new, np.nan)
-            for r, new in zip(system.robots, target.inputs, strict=True)
-        ),
-    )
+    trial = under_inputs(system, state, target)
     numbering = system.numbering(with_friction=not friction_fixed)
     residual = system.residual(trial, target, numbering)
     if not system.clamps_are_closed(residual):
@@ -152,6 +146,20 @@ def newton(
         if system.has_contact:
             return _with_contact(system, trial, result, numbering, settings, presliding, damped)
         return result
+
+
+def under_inputs(system: SceneSystem, state: SolverState, target: Target) -> SolverState:
+    """A state with the tensions and the prescribed displacements of a target."""
+    return state._replace(
+        base_tension=tuple(
+            np.where(r.by_displacement, old, new)
+            for r, old, new in zip(system.robots, state.base_tension, target.inputs, strict=True)
+        ),
+        prescribed=tuple(
+            np.where(r.by_displacement, new, np.nan)
+            for r, new in zip(system.robots, target.inputs, strict=True)
+        ),
+    )
 
 
 def _with_contact(
@@ -238,7 +246,7 @@ def _iterate(
         # A chord step costs little: it is also taken where the tolerance is only just met.
         if unmet is None and not (chord_allowed and residual.size > MARGIN * settings.tolerance):
             return end(NewtonStatus.CONVERGED)
-        if len(residuals) > limit:
+        if len(residuals) > limit or (not damped and _lost_among_triangles(system, residuals)):
             return end(NewtonStatus.CONVERGED if unmet is None else unmet.status, unmet)
         # Expected after a chord step; if it does not suffice, the next step has its own tangent.
         left = CHORD_CONTRACTION * turn * residual.size
@@ -260,6 +268,11 @@ def _iterate(
         if last and first_unmet(iterate, settings, balance=False) is None:
             residuals.append(residual.size)
             return end(NewtonStatus.STALLED)
+
+
+def _lost_among_triangles(system: SceneSystem, residuals: list[float]) -> bool:
+    """Whether the iterations have not come nearer to a solution in contact with triangles."""
+    return system.has_triangles and len(residuals) > CONTACT_TRIALS and residuals[-1] >= residuals[0]
 
 
 def _next_step(
