@@ -240,6 +240,29 @@ def test_tensions_set_in_a_prestep_function_are_those_of_inputs_over_time():
     assert len(set(seen)) > 30
 
 
+def test_tensions_first_set_in_a_prestep_function_miss_the_initial_accelerations():
+    """Exudyn computes these before: a pull that begins at once comes late by a part of the first step."""
+
+    def shape(step, before):
+        _keep, mbs, handle = scene(three(0.3))
+
+        def before_step(mbs, t):
+            handle.set_tensions([0.5, 0.1, 0.1])
+            return True
+
+        if before:
+            before_step(mbs, 0.0)
+        mbs.SetPreStepUserFunction(before_step)
+        settings = settings_of(handle, 0.04)
+        settings.timeIntegration.numberOfSteps = round(0.04 / step)
+        assert mbs.SolveDynamic(settings)
+        return handle.shape()[0]
+
+    gaps = [distance(shape(step, True), shape(step, False)) for step in (1e-3, 5e-4)]
+    assert gaps[0] < 2e-3
+    assert gaps[1] == pytest.approx(0.5 * gaps[0], rel=0.2)
+
+
 @pytest.mark.parametrize("end", ["whole", "stopped"])
 def test_a_run_goes_on_from_the_restart_file_of_exudyn(tmp_path, end):
     """In another system, after the run was over or stopped by an error: the same end, holes and sums of energy too."""
