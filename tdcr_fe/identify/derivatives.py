@@ -229,7 +229,9 @@ class _Part:
             else:
                 name = f"{number} {column.effect.name}.{column.parameter}"
                 self.exact[name] = number
-                tables.append(ModelParameter(name, table.value, table.step / RELATIVE_STEP, table))
+                tables.append(
+                    ModelParameter(name, table.value, table.step / RELATIVE_STEP, table, approximate=True)
+                )
         self.job = Job(self.experiment, request.reference, request.record, tuple(tables))
 
     def _at_null(self) -> tuple[tuple[Effect, ...], Point]:

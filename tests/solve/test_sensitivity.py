@@ -19,6 +19,7 @@ from tdcr_fe.model.robot import Robot, SideSpring
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
 from tdcr_fe.model.tendon import TightHole
 from tdcr_fe.solve.sensitivities.parameters import effect_parameter, parameters
+from tdcr_fe.validation.fuzz.drawing import draw
 
 #: Relative error that derivatives must meet.
 TOLERANCE = 1e-5
@@ -286,6 +287,27 @@ def test_friction_that_the_model_lacks_acts_with_the_mobilisation_it_would_have(
     expected = (with_friction - without) / small
     assert np.abs(first.positions - expected).max() < 1e-3 * np.abs(expected).max()
     assert np.abs(expected).max() > 1e-4
+
+
+def test_arc_length_changes_are_small_beside_the_elements() -> None:
+    """Difference steps in proportion to the whole length gave tensions of inextensible tendons off by 1e-4."""
+    case = draw(2)
+    found = errors(Experiment(case.robot, case.model, case.steps), "disks.positions[2]", (1e-3, 1e-4))
+    assert max(found.values()) < TOLERANCE, found
+
+
+def test_play_at_its_null_value_has_no_derivative_where_friction_depends_on_the_order() -> None:
+    """The derivative that was given was off by its own size: one input is held back while loads and others move."""
+    name = "effects.actuator_loss.efficiency"
+    with pytest.raises(ValueError, match="friction depends on the order of the inputs"):
+        run(EXPERIMENTS["per hole"], [name])
+    smooth = EXPERIMENTS["no friction"]
+    found = errors(smooth, name, (1e-3, 1e-4))
+    assert max(found.values()) < TOLERANCE, found
+    values = {"actuator_loss": {"dead_band": 0.0, "efficiency": 0.99}}
+    chosen = effect_parameter(EXPERIMENTS["per hole"], "actuator_loss", "efficiency", values)
+    found = errors(with_effects(EXPERIMENTS["per hole"], values), chosen, (1e-3, 1e-4))
+    assert max(found.values()) < TOLERANCE, found
 
 
 def test_inputs_of_the_step_keep_what_was_before() -> None:

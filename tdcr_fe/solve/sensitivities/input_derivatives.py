@@ -13,6 +13,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.model.loading import Actuation, resolve
 from tdcr_fe.solve.sensitivities.neighbours import Neighbours
 from tdcr_fe.solve.sensitivities.parameters import (
+    ModelParameter,
     NoDerivative,
     Parameter,
     StepInput,
@@ -96,8 +97,9 @@ class InputDerivatives:
         simulation: Simulation,
         chosen: Sequence[Parameter],
         found: Sequence[Neighbours],
+        frictional: bool,
     ) -> InputDerivatives:
-        """Derivatives by all parameters; see `neighbours`.
+        """Derivatives by all parameters; see `neighbours`. ``frictional``: whether any hole has friction.
 
         Raises
         ------
@@ -115,10 +117,12 @@ class InputDerivatives:
             others = each.stencil.experiments
             if all(e.steps is experiment.steps for e in others):
                 continue
+            parameter = chosen[each.number]
+            ordered = frictional and isinstance(parameter, ModelParameter) and not parameter.approximate
             try:
-                actions = [present, *(_actions_like(experiment, present, e) for e in others)]
+                actions = [present, *(_actions_like(experiment, present, e, ordered) for e in others)]
             except StructureChanged as error:
-                raise NoDerivative(chosen[each.number], error) from error
+                raise NoDerivative(parameter, error) from error
             for weight, sequence in zip(weights, actions, strict=True):
                 for k, (action, same) in enumerate(zip(sequence, present, strict=True)):
                     tendons[k, :, each.number] += weight * action.values
@@ -139,8 +143,13 @@ class InputDerivatives:
         return cls(tendons, loads, times, restarts)
 
 
-def _actions_like(present: Experiment, own: Sequence[Actuation], other: Experiment) -> list[Actuation]:
-    """Inputs of an experiment at the ends of the steps of another, which effects may have divided differently."""
+def _actions_like(
+    present: Experiment, own: Sequence[Actuation], other: Experiment, ordered: bool
+) -> list[Actuation]:
+    """Inputs of an experiment at the ends of the steps of another, which effects may have divided differently.
+
+    ``ordered``: whether the results depend on the order in which inputs change within a step.
+    """
     actions = resolve(other.robot, other.steps)
     if same_structure(present.steps, other.steps):
         if [k for k, _ in present.step_ends] == [k for k, _ in other.step_ends]:
@@ -149,6 +158,11 @@ def _actions_like(present: Experiment, own: Sequence[Actuation], other: Experime
         if present.ends is None and _nearly_same(own, actions):
             return actions
     # Where only the neighbour is divided, its parts begin and end where the change of the parameter takes them.
+    if ordered:
+        raise StructureChanged(
+            "it divides the load steps, and friction depends on the order of the inputs within them; at a value of its "
+            "own there is a derivative (effect_parameter)"
+        )
     whole = [j for j, (_, factor) in enumerate(other.step_ends) if factor == 1.0]
     if present.ends is not None or len(whole) != len(present.steps):
         raise StructureChanged("the load steps are divided differently there")

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from tdcr_fe.effects import EFFECTS, Experiment, effect
+from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import PointsRouting, Routing, TwistedRouting
@@ -45,12 +46,16 @@ class ModelParameter:
         A typical value, in proportion to which difference steps are chosen.
     apply : callable
         From an experiment and a value to the experiment with that value. Raises ValueError where it is impossible.
+    approximate : bool
+        Whether a derivative will do that leaves out in which order inputs change within a load step that only the
+        neighbours divide, as for choosing candidates; with friction there is no other.
     """
 
     name: str
     value: float
     size: float
     apply: Callable[[Experiment, float], Experiment]
+    approximate: bool = False
 
 
 @dataclass(frozen=True)
@@ -254,6 +259,8 @@ def _size(robot: Robot, path: Sequence[str], value: float) -> float:
     last = next(t for t in reversed(path) if not t.isdigit())
     if last in ("angle_deg", "angle_x_deg", "angle_y_deg") or last.endswith("_deg"):
         return _SIZES["deg"]
+    if path[0] == "robot" and last in ("start", "end", "at"):
+        return _shortest_part(robot)
     if value != 0.0:
         return abs(value)
     units = {
@@ -379,7 +386,18 @@ def _disk_position(robot: Robot, name: str, k: int) -> ModelParameter:
     def apply(experiment: Experiment, value: float) -> Experiment:
         return _moved(experiment, lambda s: value if abs(s - present) < 1e-9 else s)
 
-    return ModelParameter(name, present, present, apply)
+    return ModelParameter(name, present, _shortest_part(robot), apply)
+
+
+def _shortest_part(robot: Robot) -> float:
+    """Shortest distance between disks and ends of patches [m], to which changes of arc lengths are small.
+
+    Stiffness goes with the inverse of an element's length, so that a difference step in proportion to the whole
+    backbone has an error that grows with the square of the number of elements.
+    """
+    patches = [s for patch in robot.backbone.patches for s in (patch.start, patch.end)]
+    gaps = np.diff(sorted([0.0, *robot.disks.positions, *patches, robot.backbone.length]))
+    return float(gaps[gaps > ARC_TOLERANCE].min())
 
 
 # ---------------------------------------------------------------------- inputs of the current step

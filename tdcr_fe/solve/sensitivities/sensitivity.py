@@ -181,7 +181,8 @@ class SensitivityHistory:
         handle, presliding = simulation.handle, simulation.settings.presliding
         loads = tuple(NodeLoad(handle.mesh.node_at(at, 1e-6), frame) for _, at, frame in simulation.loads)
         models = _models(handle, experiment, chosen, presliding)
-        inputs = InputDerivatives.of(experiment, simulation, chosen, models.neighbours)
+        frictional = bool(models.present.forces.law.frictional.any())
+        inputs = InputDerivatives.of(experiment, simulation, chosen, models.neighbours, frictional)
         return cls._begun(handle, presliding, chosen, models, inputs, loads)
 
     @classmethod
