@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from tdcr_fe.effects.actuation import ActuatorBacklash, ActuatorGain, ActuatorLoss
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Observation, Parameter
+from tdcr_fe.effects.channels import MisplacedChannels
 from tdcr_fe.effects.holes import FrictionCoefficient, HoleAdhesion, HoleClearance, RoutingTwist
 from tdcr_fe.effects.loads import Gravity, TipPayload
 from tdcr_fe.effects.material import (
@@ -43,6 +44,7 @@ EFFECTS: tuple[Effect, ...] = (
     FrictionCoefficient(),
     HoleAdhesion(),
     RoutingTwist(),
+    MisplacedChannels(),
     HoleClearance(),
     TendonStretch(),
     Pretension(),

@@ -372,6 +372,71 @@ class TwistedRouting(Routing):
         return np.stack((w.real, w.imag), axis=-1)
 
 
+@dataclass(frozen=True)
+class MisplacedRouting(Routing):
+    """Another routing whose holes are farther from the backbone and turned about it, linearly from base to end.
+
+    At ``x = s / end`` the position of the other routing is multiplied by ``factor_base + (factor_end - factor_base) x``
+    and turned by ``angle_base + (angle_end - angle_base) x``.
+
+    Attributes
+    ----------
+    base : Routing
+        The routing as designed.
+    factor_base, factor_end : float
+        Factors on the distance from the backbone at the base plate and at the end [1].
+    angle_base, angle_end : float
+        Angles from where they are designed, from +x towards +y, at the base plate and at the end [rad].
+    """
+
+    base: Annotated[Routing, Quantity("the routing as designed", in_file=False)]
+    factor_base: Annotated[
+        float, Quantity("factor on the offset at the base plate", ge=0.0, in_file=False)
+    ] = 1.0
+    factor_end: Annotated[float, Quantity("factor on the offset at the end", ge=0.0, in_file=False)] = 1.0
+    angle_base: Annotated[
+        float, Quantity("angle of displacement at the base plate", unit="rad", in_file=False)
+    ] = 0.0
+    angle_end: Annotated[float, Quantity("angle of displacement at the end", unit="rad", in_file=False)] = 0.0
+    kind: ClassVar[str] = "misplaced"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    @property
+    def fixed_arc_lengths(self) -> tuple[float, ...] | None:
+        """See `Routing.fixed_arc_lengths`."""
+        return self.base.fixed_arc_lengths
+
+    def axial(self, s: ArrayLike, end: float) -> Array:
+        """See `Routing.axial`."""
+        return self.base.axial(s, end)
+
+    def deciding_field(self, hole: int) -> str:
+        """See `Routing.deciding_field`."""
+        return self.base.deciding_field(hole)
+
+    def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
+        """See `Routing.position`."""
+        if derivative not in (0, 1, 2):
+            raise ValueError(f"derivative {derivative}: a routing gives the orders 0, 1 and 2")
+        s = np.asarray(s, dtype=float)
+        z = [self.base.position(s, end, k) @ np.array([1.0, 1.0j]) for k in range(derivative + 1)]
+        growth = (self.factor_end - self.factor_base) / end
+        ik = 1j * (self.angle_end - self.angle_base) / end
+        turn = np.exp(1j * self.angle_base + ik * s)
+        factor = self.factor_base + growth * s
+        # The factor g and its derivatives: g = factor turn, g' = (growth + ik factor) turn, ...
+        g = [factor * turn, (growth + ik * factor) * turn, ik * (2.0 * growth + ik * factor) * turn]
+        value: Callable[[], Array] = [
+            lambda: g[0] * z[0],
+            lambda: g[0] * z[1] + g[1] * z[0],
+            lambda: g[0] * z[2] + 2.0 * g[1] * z[1] + g[2] * z[0],
+        ][derivative]
+        w = value()
+        return np.stack((w.real, w.imag), axis=-1)
+
+
 def hole_count_text(count: int, needed: int) -> tuple[str, str]:
     """The value found and what is allowed, where a list has ``count`` holes but ``needed`` are required."""
     return (

@@ -62,6 +62,7 @@ def test_the_list_has_every_effect_of_the_formats_page():
         "precurvature": {"kappa_x", "kappa_y"},
         "rigid_disks": {"thickness"},
         "routing_twist": {"angle_tip"},
+        "misplaced_channels": {"factor_end"},
         "hole_clearance": {"clearance"},
         "tip_payload": {"mass"},
         "frame_misalignment": {"rot_x", "rot_y", "rot_z"},

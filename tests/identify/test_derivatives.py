@@ -64,6 +64,7 @@ TOGETHER = [
     ("tension", {"density_scale": {"factor": 0.8}, "gravity": {"g_x": 3.0, "g_y": 1.0, "g_z": -9.0}}),
     ("tension", {"friction_coefficient": {"mu": 0.2}, "hole_adhesion": {"drop": 0.01}}),
     ("tension", {"routing_twist": {"angle_tip": 0.2}, "hole_clearance": {"clearance": 2e-4}}),
+    ("tension", {"misplaced_channels": {"factor_end": 0.8}}),
     ("tension", {"rigid_disks": {"thickness": 2e-3}}),
     (
         "tension",

@@ -19,6 +19,7 @@ from tdcr_fe.model.routing import (
     ROUTINGS,
     ConvergingRouting,
     HelicalRouting,
+    MisplacedRouting,
     ParallelRouting,
     PointsRouting,
     TwistedRouting,
@@ -36,6 +37,7 @@ SAMPLES = [
     ConvergingRouting(4e-3, 1e-3, 20.0),
     PointsRouting(tuple(S), HOLES),
     TwistedRouting(VaryingHelicalRouting(4e-3, 0.5, 2.0), 3.0),
+    MisplacedRouting(VaryingHelicalRouting(4e-3, 0.5, 2.0), 1.2, 0.6, 0.3, -0.5),
 ]
 turns = st.floats(-5.0, 5.0)
 

@@ -47,8 +47,9 @@ BY_DISPLACEMENT = (
     "pretension_by_segment",
 )
 
-#: Effects of soft bodies, tried only where loads stretch the backbone noticeably: no robot drawn here is so soft.
-SOFT = ("modulus_scale", "density_scale", "nonlinear_material")
+#: Effects of soft bodies, tried only where loads stretch the backbone noticeably, or where it has no disks: no robot
+#: drawn here is so.
+SOFT = ("modulus_scale", "density_scale", "nonlinear_material", "misplaced_channels")
 
 #: Effects that `plan` leaves out, so that its sets stay those of version 0.1; `plan_of` has them.
 LATER: tuple[str, ...] = (

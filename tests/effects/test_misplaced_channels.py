@@ -1,0 +1,90 @@
+"""Channels of a soft body that run elsewhere than declared."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tdcr_fe.effects import Experiment, effect, with_effect
+from tdcr_fe.identify.derivatives import Column, Request, linearize
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.problem import FitProblem
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.solve.simulate import simulate
+
+BODY = Backbone(0.3, 10e-3, 0.4e6, 0.45, density=1100.0)
+MODEL = Model("continuous", "none", gravity=(0.0, 0.0, 9.81), elements_per_bay=1)
+STEPS = (LoadStep(tensions={"a": 2.0, "b": 0.5}), LoadStep(tensions={"a": 0.4, "b": 1.5}))
+CHANNELS = (ParallelRouting(6e-3, 0.0), ParallelRouting(6e-3, 120.0))
+
+
+def setup(*routings):
+    tendons = tuple(Tendon(n, r, end=0.25) for n, r in zip("ab", routings, strict=True))
+    return Experiment(Robot(BODY, tendons=tendons), MODEL, STEPS)
+
+
+def tips(experiment):
+    return simulate(experiment.robot, experiment.model, experiment.steps).tips
+
+
+def moved(**values):
+    return tips(with_effect(setup(*CHANNELS), "misplaced_channels", **values))
+
+
+def test_a_factor_at_the_end_makes_a_converging_channel():
+    converging = setup(ConvergingRouting(6e-3, 3e-3, 0.0), ConvergingRouting(6e-3, 3e-3, 120.0))
+    assert moved(factor_end=0.5) == pytest.approx(tips(converging), abs=1e-10)
+
+
+def test_an_angle_at_the_end_makes_a_helix():
+    helix = setup(HelicalRouting(6e-3, 0.1, 0.0), CHANNELS[1])
+    assert moved(angle_end_a=0.2 * math.pi) == pytest.approx(tips(helix), abs=1e-10)
+
+
+def test_equal_angles_turn_a_straight_channel_about_the_axis():
+    turned = setup(CHANNELS[0], ParallelRouting(6e-3, 100.0))
+    both = {"angle_base_b": math.radians(-20.0), "angle_end_b": math.radians(-20.0)}
+    assert moved(**both) == pytest.approx(tips(turned), abs=1e-10)
+
+
+def test_the_number_of_a_tendon_counts_before_that_of_all():
+    one = moved(factor_base_a=1.2, factor_end_a=1.2, factor_base=0.9, factor_end=0.9)
+    expected = setup(ParallelRouting(7.2e-3, 0.0), ParallelRouting(5.4e-3, 120.0))
+    assert one == pytest.approx(tips(expected), abs=1e-10)
+
+
+def test_a_search_tries_it_on_bodies_without_disks_alone():
+    soft = setup(*CHANNELS)
+    forms = effect("misplaced_channels").forms(soft)
+    assert [len(f.parameters) for f in forms] == [1, 4, 5, 6]
+    disks = replace(soft.robot, disks=Disks.equally_spaced(6, 0.3, radius=9e-3))
+    assert effect("misplaced_channels").forms(replace(soft, robot=disks)) == ()
+
+
+def test_derivatives_of_all_forms_are_those_of_whole_simulations():
+    soft = setup(*CHANNELS)
+    readings = tuple(Reading(k, f"position_{x}", 0.3, 0.0, 1.0) for k in (1, 2) for x in "xyz")
+    data = MeasuredData("soft", soft.robot, MODEL, (1, 2), STEPS, ("", ""), readings)
+    forward = ForwardModel(settings=SolverSettings(tolerance=1e-11))
+    problem = FitProblem.of(data, np.ones(6), np.zeros(6, dtype=bool), forward)
+    for form in effect("misplaced_channels").forms(soft):
+        null = form.null_values(soft)
+        values = {form.name: {n: x + 0.1 for n, x in null.items()}}
+        columns = tuple(Column(form, n, values[form.name], 1e-3) for n in null)
+        (found,) = linearize(problem, [Request((form,), values, columns)])
+        assert not found.differenced
+        for name, column in zip(null, found.matrix.T, strict=True):
+            points = [
+                {form.name: {**values[form.name], name: values[form.name][name] + h}} for h in (1e-4, -1e-4)
+            ]
+            (up, down), _ = problem.residuals((form,), points)
+            assert (down - up) / 2e-4 == pytest.approx(column, rel=1e-5, abs=1e-7)
