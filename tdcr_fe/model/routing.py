@@ -20,6 +20,8 @@ from tdcr_fe.model.quantity import FieldError, Quantity
 from tdcr_fe.model.schema import check_fields
 
 Array = NDArray[np.float64]
+#: A rotation, and numbers or one of them for every arc length by which it is multiplied.
+_Factor = tuple[NDArray[np.complex128], tuple[complex | NDArray[np.inexact], ...]]
 
 Offset = Annotated[
     float, Quantity("distance of the holes from the backbone", unit="m", ge=0.0, note="not outside the disk")
@@ -324,20 +326,16 @@ class PointsRouting(Routing):
 
 
 @dataclass(frozen=True)
-class TwistedRouting(Routing):
-    """Another routing whose holes are rotated about the backbone, growing linearly with arc length.
+class TurnedRouting(Routing):
+    """Another routing whose holes are moved in their sections: turned about the backbone, and nearer to it or farther.
 
     Attributes
     ----------
     base : Routing
         The routing as designed.
-    rate : float
-        Rotation per arc length [rad/m].
     """
 
     base: Annotated[Routing, Quantity("the routing as designed", in_file=False)]
-    rate: Annotated[float, Quantity("rotation per arc length", unit="rad/m", in_file=False)]
-    kind: ClassVar[str] = "twisted"
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -361,19 +359,43 @@ class TwistedRouting(Routing):
             raise ValueError(f"derivative {derivative}: a routing gives the orders 0, 1 and 2")
         s = np.asarray(s, dtype=float)
         z = [self.base.position(s, end, k) @ np.array([1.0, 1.0j]) for k in range(derivative + 1)]
-        turn = np.exp(1j * self.rate * s)
-        ik = 1j * self.rate
+        turn, f = self._factor(s, end)
         value: Callable[[], Array] = [
-            lambda: turn * z[0],
-            lambda: turn * (z[1] + ik * z[0]),
-            lambda: turn * (z[2] + 2.0 * ik * z[1] + ik**2 * z[0]),
+            lambda: f[0] * z[0],
+            lambda: f[0] * z[1] + f[1] * z[0],
+            lambda: f[0] * z[2] + 2.0 * f[1] * z[1] + f[2] * z[0],
         ][derivative]
-        w = value()
+        w = turn * value()
         return np.stack((w.real, w.imag), axis=-1)
+
+    def _factor(self, s: Array, end: float) -> _Factor:
+        """The rotation ``t``, and ``f`` with the factor on ``x + i y`` and its two derivatives: ``t f[k]``."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class MisplacedRouting(Routing):
+class TwistedRouting(TurnedRouting):
+    """Another routing whose holes are rotated about the backbone, growing linearly with arc length.
+
+    Attributes
+    ----------
+    base : Routing
+        The routing as designed.
+    rate : float
+        Rotation per arc length [rad/m].
+    """
+
+    rate: Annotated[float, Quantity("rotation per arc length", unit="rad/m", in_file=False)]
+    kind: ClassVar[str] = "twisted"
+
+    def _factor(self, s: Array, end: float) -> _Factor:
+        """See `TurnedRouting`."""
+        ik = 1j * self.rate
+        return np.exp(1j * self.rate * s), (1.0, ik, ik**2)
+
+
+@dataclass(frozen=True)
+class MisplacedRouting(TurnedRouting):
     """Another routing whose holes are farther from the backbone and turned about it, linearly from base to end.
 
     At ``x = s / end`` the position of the other routing is multiplied by ``factor_base + (factor_end - factor_base) x``
@@ -389,7 +411,6 @@ class MisplacedRouting(Routing):
         Angles from where they are designed, from +x towards +y, at the base plate and at the end [rad].
     """
 
-    base: Annotated[Routing, Quantity("the routing as designed", in_file=False)]
     factor_base: Annotated[
         float, Quantity("factor on the offset at the base plate", ge=0.0, in_file=False)
     ] = 1.0
@@ -400,41 +421,16 @@ class MisplacedRouting(Routing):
     angle_end: Annotated[float, Quantity("angle of displacement at the end", unit="rad", in_file=False)] = 0.0
     kind: ClassVar[str] = "misplaced"
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
-    @property
-    def fixed_arc_lengths(self) -> tuple[float, ...] | None:
-        """See `Routing.fixed_arc_lengths`."""
-        return self.base.fixed_arc_lengths
-
-    def axial(self, s: ArrayLike, end: float) -> Array:
-        """See `Routing.axial`."""
-        return self.base.axial(s, end)
-
-    def deciding_field(self, hole: int) -> str:
-        """See `Routing.deciding_field`."""
-        return self.base.deciding_field(hole)
-
-    def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
-        """See `Routing.position`."""
-        if derivative not in (0, 1, 2):
-            raise ValueError(f"derivative {derivative}: a routing gives the orders 0, 1 and 2")
-        s = np.asarray(s, dtype=float)
-        z = [self.base.position(s, end, k) @ np.array([1.0, 1.0j]) for k in range(derivative + 1)]
+    def _factor(self, s: Array, end: float) -> _Factor:
+        """See `TurnedRouting`."""
         growth = (self.factor_end - self.factor_base) / end
         ik = 1j * (self.angle_end - self.angle_base) / end
-        turn = np.exp(1j * self.angle_base + ik * s)
         factor = self.factor_base + growth * s
-        # The factor g and its derivatives: g = factor turn, g' = (growth + ik factor) turn, ...
-        g = [factor * turn, (growth + ik * factor) * turn, ik * (2.0 * growth + ik * factor) * turn]
-        value: Callable[[], Array] = [
-            lambda: g[0] * z[0],
-            lambda: g[0] * z[1] + g[1] * z[0],
-            lambda: g[0] * z[2] + 2.0 * g[1] * z[1] + g[2] * z[0],
-        ][derivative]
-        w = value()
-        return np.stack((w.real, w.imag), axis=-1)
+        return np.exp(1j * self.angle_base + ik * s), (
+            factor,
+            growth + ik * factor,
+            ik * (2.0 * growth + ik * factor),
+        )
 
 
 def hole_count_text(count: int, needed: int) -> tuple[str, str]:

@@ -17,7 +17,7 @@ from tdcr_fe.effects import EFFECTS, Experiment, effect
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.routing import MisplacedRouting, PointsRouting, Routing, TwistedRouting
+from tdcr_fe.model.routing import PointsRouting, Routing, TurnedRouting
 from tdcr_fe.model.tendon import Tendon
 
 #: Components of a load of the current step, in the order of its six values.
@@ -293,7 +293,7 @@ def _tendon_path(tendon: Tendon, tokens: Sequence[str]) -> tuple[str, ...]:
         return tuple(tokens)
     path: tuple[str, ...] = ("routing",)
     routing: Routing = tendon.routing
-    while isinstance(routing, TwistedRouting | MisplacedRouting):
+    while isinstance(routing, TurnedRouting):
         if tokens[0] != "base" and tokens[0] in {f.name for f in fields(routing)}:
             break
         path, routing = (*path, "base"), routing.base
@@ -340,7 +340,7 @@ def _moved(experiment: Experiment, new: Callable[[float], float]) -> Experiment:
     robot = experiment.robot
 
     def routing(old: Routing) -> Routing:
-        if isinstance(old, TwistedRouting | MisplacedRouting):
+        if isinstance(old, TurnedRouting):
             return replace(old, base=routing(old.base))
         if isinstance(old, PointsRouting):
             return replace(old, arc_lengths=tuple(new(s) for s in old.arc_lengths))
