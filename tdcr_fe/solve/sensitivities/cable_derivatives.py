@@ -16,7 +16,7 @@ from tdcr_fe.solve.sensitivities.cable_variation import (
     shift_variation,
 )
 from tdcr_fe.solve.sensitivities.neighbours import Inherited, ParameterModels
-from tdcr_fe.solve.sensitivities.parameters import RELATIVE_STEP
+from tdcr_fe.solve.sensitivities.stencils import RELATIVE_STEP
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from tdcr_fe.solve.equations.robot_model import RobotModel, RobotPoint, SectionS
 from tdcr_fe.solve.sensitivities.cable_derivatives import CableDerivatives
 from tdcr_fe.solve.sensitivities.cable_variation import HoleDisturbance
 from tdcr_fe.solve.sensitivities.neighbours import Inherited, ParameterModels
-from tdcr_fe.solve.sensitivities.parameters import RELATIVE_STEP
+from tdcr_fe.solve.sensitivities.stencils import RELATIVE_STEP
 
 Array = NDArray[np.float64]
 

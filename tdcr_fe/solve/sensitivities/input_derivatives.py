@@ -12,14 +12,8 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Experiment
 from tdcr_fe.model.loading import Actuation, resolve
 from tdcr_fe.solve.sensitivities.neighbours import Neighbours
-from tdcr_fe.solve.sensitivities.parameters import (
-    ModelParameter,
-    NoDerivative,
-    Parameter,
-    StepInput,
-    StructureChanged,
-    same_structure,
-)
+from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, StepInput
+from tdcr_fe.solve.sensitivities.stencils import NoDerivative, StructureChanged, same_structure
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]

@@ -11,13 +11,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.solve.equations.robot_model import RobotModel
-from tdcr_fe.solve.sensitivities.parameters import (
-    ModelParameter,
-    Parameter,
-    Stencil,
-    StructureChanged,
-    stencil,
-)
+from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter
+from tdcr_fe.solve.sensitivities.stencils import Stencil, StructureChanged, stencil
 
 Array = NDArray[np.float64]
 

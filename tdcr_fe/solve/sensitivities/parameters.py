@@ -11,14 +11,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from tdcr_fe.effects import EFFECTS, Experiment, effect
-from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.routing import PointsRouting, Routing, TurnedRouting
+from tdcr_fe.model.routing import Routing, TurnedRouting
 from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.solve.sensitivities.arc_lengths import shortest_part, with_disk_at, with_length
 
 #: Components of a load of the current step, in the order of its six values.
 LOAD_COMPONENTS = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
@@ -189,7 +186,7 @@ def _named(experiment: Experiment, name: str) -> Parameter:
         if root == "tendons" and rest:
             return _tendon_parameter(robot, name, rest)
         if (root, rest) == ("backbone", ["length"]):
-            return ModelParameter(name, robot.backbone.length, robot.backbone.length, _stretched)
+            return ModelParameter(name, robot.backbone.length, robot.backbone.length, with_length)
         if root == "backbone" and len(rest) == 1 and rest[0] in _DERIVED:
             value = getattr(robot.backbone, _DERIVED[rest[0]])
             return _field(name, ("robot", "backbone", rest[0]), value, value)
@@ -260,7 +257,7 @@ def _size(robot: Robot, path: Sequence[str], value: float) -> float:
     if last in ("angle_deg", "angle_x_deg", "angle_y_deg") or last.endswith("_deg"):
         return _SIZES["deg"]
     if path[0] == "robot" and last in ("start", "end", "at"):
-        return _shortest_part(robot)
+        return shortest_part(robot)
     if value != 0.0:
         return abs(value)
     units = {
@@ -332,49 +329,7 @@ def _tendon_parameter(robot: Robot, name: str, rest: Sequence[str]) -> ModelPara
     return ModelParameter(name, mean, size, apply)
 
 
-# ---------------------------------------------------------------------- arc lengths
-
-
-def _moved(experiment: Experiment, new: Callable[[float], float]) -> Experiment:
-    """The experiment with every arc length moved: disks, ends, loads, patches, holes of listed points."""
-    robot = experiment.robot
-
-    def routing(old: Routing) -> Routing:
-        if isinstance(old, TurnedRouting):
-            return replace(old, base=routing(old.base))
-        if isinstance(old, PointsRouting):
-            return replace(old, arc_lengths=tuple(new(s) for s in old.arc_lengths))
-        return old
-
-    backbone = replace(
-        robot.backbone,
-        length=new(robot.backbone.length),
-        taper=tuple((new(s), r) for s, r in robot.backbone.taper),
-        patches=tuple(replace(p, start=new(p.start), end=new(p.end)) for p in robot.backbone.patches),
-    )
-    tendons = tuple(
-        replace(
-            t,
-            routing=routing(t.routing),
-            end=None if t.end is None else new(t.end),
-            tight_holes=tuple(replace(x, at=new(x.at)) for x in t.tight_holes),
-        )
-        for t in robot.tendons
-    )
-    disks = replace(robot.disks, positions=tuple(new(s) for s in robot.disks.positions))
-    steps = tuple(
-        replace(s, loads={name: replace(load, at=new(load.at)) for name, load in s.loads.items()})
-        for s in experiment.steps
-    )
-    springs = tuple(replace(x, at=new(x.at)) for x in robot.springs)
-    moved = replace(robot, backbone=backbone, disks=disks, tendons=tendons, springs=springs)
-    return replace(experiment, robot=moved, steps=steps)
-
-
-def _stretched(experiment: Experiment, length: float) -> Experiment:
-    """The experiment with a backbone of another length, all arc lengths in proportion."""
-    ratio = length / experiment.robot.backbone.length
-    return _moved(experiment, lambda s: s * ratio)
+# ---------------------------------------------------------------------- disks
 
 
 def _disk_position(robot: Robot, name: str, k: int) -> ModelParameter:
@@ -386,20 +341,9 @@ def _disk_position(robot: Robot, name: str, k: int) -> ModelParameter:
         )
 
     def apply(experiment: Experiment, value: float) -> Experiment:
-        return _moved(experiment, lambda s: value if abs(s - present) < 1e-9 else s)
+        return with_disk_at(experiment, present, value)
 
-    return ModelParameter(name, present, _shortest_part(robot), apply)
-
-
-def _shortest_part(robot: Robot) -> float:
-    """Shortest distance between disks and ends of patches [m], to which changes of arc lengths are small.
-
-    Stiffness goes with the inverse of an element's length, so that a difference step in proportion to the whole
-    backbone has an error that grows with the square of the number of elements.
-    """
-    patches = [s for patch in robot.backbone.patches for s in (patch.start, patch.end)]
-    gaps = np.diff(sorted([0.0, *robot.disks.positions, *patches, robot.backbone.length]))
-    return float(gaps[gaps > ARC_TOLERANCE].min())
+    return ModelParameter(name, present, shortest_part(robot), apply)
 
 
 # ---------------------------------------------------------------------- inputs of the current step
@@ -414,143 +358,3 @@ def _step_input(experiment: Experiment, name: str, root: str, rest: Sequence[str
             return StepInput(name, load=rest[0], component=LOAD_COMPONENTS.index(rest[1]))
         raise ValueError(f"sensitivities: {name!r}: no step names the load {rest[0]!r}")
     raise KeyError(name)
-
-
-# ---------------------------------------------------------------------- differences
-
-
-class StructureChanged(ValueError):
-    """A parameter changes the mesh or the number of load steps, so that results cannot be compared."""
-
-
-class NoDerivative(ValueError):
-    """There is no derivative by a parameter.
-
-    Attributes
-    ----------
-    parameter, reason : str
-    """
-
-    def __init__(self, parameter: Parameter, reason: object) -> None:
-        value = f" at {parameter.value:g}" if isinstance(parameter, ModelParameter) else ""
-        super().__init__(f"sensitivities: no derivative by {parameter.name}{value}: {reason}")
-        self.parameter, self.reason = parameter.name, str(reason)
-
-
-@dataclass(frozen=True, eq=False)
-class Stencil:
-    """Experiments at neighbouring values, and the weights with which they give a derivative.
-
-    Attributes
-    ----------
-    offsets : ndarray, shape (k,)
-        Values minus the present value.
-    weights : ndarray, shape (k,)
-        Of the neighbours.
-    base_weight : float
-        Of the present experiment.
-    experiments : tuple of Experiment
-        The neighbours.
-    """
-
-    offsets: np.ndarray
-    weights: np.ndarray
-    base_weight: float
-    experiments: tuple[Experiment, ...]
-
-
-#: Difference steps: central, or to one side where the other is impossible; offsets and weights in units of the step.
-_RULES = (
-    ((1.0, -1.0), (0.5, -0.5), 0.0),
-    ((1.0, 2.0), (2.0, -0.5), -1.5),
-    ((-1.0, -2.0), (-2.0, 0.5), 1.5),
-)
-#: Difference step over the size of a parameter [1].
-RELATIVE_STEP = 1e-5
-
-
-def stencil(
-    experiment: Experiment, parameter: ModelParameter, fits: Callable[[Experiment], None] | None = None
-) -> Stencil:
-    """Neighbours of an experiment by a parameter: on both sides, or on one where the other is impossible.
-
-    Parameters
-    ----------
-    experiment
-        The present one.
-    parameter
-        What is changed.
-    fits
-        Raises `StructureChanged` where an experiment cannot be compared with the present one.
-
-    Raises
-    ------
-    NoDerivative
-        There are no such neighbours.
-    """
-    step = RELATIVE_STEP * parameter.size
-    reason: ValueError | None = None
-    for offsets, weights, base in _RULES:
-        try:
-            found = tuple(parameter.apply(experiment, parameter.value + step * x) for x in offsets)
-            for each in found:
-                if fits is not None:
-                    fits(each)
-        except ValueError as error:
-            if not isinstance(reason, StructureChanged):
-                reason = error
-            continue
-        return Stencil(step * np.array(offsets), np.array(weights) / step, base / step, found)
-    raise NoDerivative(parameter, reason) from reason
-
-
-@dataclass(frozen=True, eq=False)
-class Tabulated:
-    """Neighbours of an experiment that were made beforehand, as `ModelParameter.apply`; can be sent to a process.
-
-    Attributes
-    ----------
-    value, step : float
-        Present value, and the difference step.
-    experiments : mapping of int to Experiment
-        By offset from the present value, in difference steps.
-    refused : str
-        Why there are no others.
-    """
-
-    value: float
-    step: float
-    experiments: Mapping[int, Experiment]
-    refused: str = ""
-
-    def __call__(self, experiment: Experiment, value: float) -> Experiment:
-        """The neighbour with a value; ValueError where it was not made."""
-        offset = round((value - self.value) / self.step)
-        if offset not in self.experiments:
-            raise ValueError(self.refused or f"no neighbour at {value:g}")
-        return self.experiments[offset]
-
-
-def tabulated(parameter: ModelParameter, experiment: Experiment) -> ModelParameter:
-    """A parameter whose neighbours are made now: on both sides, or two on the side where that is possible."""
-    step = RELATIVE_STEP * parameter.size
-    found: dict[int, Experiment] = {}
-    refused = ""
-    for offset in (1, -1, 2, -2):
-        if abs(offset) == 2 and ((-1 in found and 1 in found) or offset // 2 not in found):
-            continue
-        try:
-            found[offset] = parameter.apply(experiment, parameter.value + step * offset)
-        except ValueError as error:
-            refused = str(error)
-    return replace(parameter, apply=Tabulated(parameter.value, step, found, refused))
-
-
-def same_structure(present: Sequence[LoadStep], other: Sequence[LoadStep]) -> bool:
-    """Whether two loading sequences name the same inputs and loads in the same number of steps."""
-    return len(present) == len(other) and all(
-        set(a.tensions) == set(b.tensions)
-        and set(a.displacements) == set(b.displacements)
-        and {n: x.frame for n, x in a.loads.items()} == {n: x.frame for n, x in b.loads.items()}
-        for a, b in zip(present, other, strict=True)
-    )
