@@ -5,6 +5,13 @@ is a millionth of the softest modes. Here they are as soft as the backbone in th
 difference: with ``B`` from increments of the nodes to twists of the inserts, and the difference of stiffness ``D``,
 
     (K - B^T D B) x = r   is   K x - B^T f = r,   B x - D^-1 f = 0 .
+
+A change of the inserts' unloaded twists makes ``r`` as large as their stiffness; nearly all of it is ``B^T g`` with
+forces ``g`` in the inserts. With these taken off,
+
+    K x - B^T (f + g) = r - B^T g,   B x - D^-1 (f + g) = -D^-1 g ,
+
+no large parts have to cancel each other in ``x``.
 """
 
 from __future__ import annotations
@@ -88,11 +95,18 @@ def linearize(system: SceneSystem, residual: Residual, numbering: Numbering) -> 
     loads = np.asfortranarray(to_twists.T)
     zero_bases(loads, system.layout.clamped)
     by_force = linear.factorisation.solve(loads)
-    factors = lu_factor(np.diag(1.0 / np.concatenate(differences)) - to_twists @ by_force)
+    softness = 1.0 / np.concatenate(differences)
+    factors = lu_factor(np.diag(softness) - to_twists @ by_force)
+    onto_forces = lu_factor(loads.T @ loads)
 
     def solve(right: Array) -> Array:
-        start = linear.factorisation.solve(right)
-        return np.asarray(start + by_force @ lu_solve(factors, to_twists @ start))
+        forces = np.zeros((len(softness), *right.shape[1:]))
+        for _ in range(2):  # the second pass takes off what round-off leaves of the first
+            left = right - loads @ forces
+            forces += lu_solve(onto_forces, loads.T @ left)
+        start = linear.factorisation.solve(right - loads @ forces)
+        twists = to_twists @ start + (softness * forces.T).T
+        return np.asarray(start + by_force @ lu_solve(factors, twists))
 
     return linear, solve
 

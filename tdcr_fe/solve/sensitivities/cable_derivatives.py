@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,8 +45,10 @@ class CableDerivatives:
         self.depends_on_history = own.law.law.active and any(x is not None for x in own.law.parameters.laws)
         self._holes = models.where(_holes_differ)
         self._lengths = models.where(_lengths_differ)
-        always = self.depends_on_history
-        self._laws = models.where(lambda a, b: always or _laws_differ(a, b))
+        self._laws = models.where(_laws_differ)
+        slips, mask = own.law.slip_operator, own.law.parameters.mask
+        #: From slips to released lengths of the segments that a tendon has, shape (m, n, g).
+        self._released_by_slip = np.stack([np.linalg.pinv(slips * exists) for exists in mask])
         self._law_stack = LawStack([m.forces.law for m in self._laws.models])
         self.law = self._law_stack.law.law
         geometries = [m.forces.geometry for m in self._holes.models]
@@ -76,14 +80,14 @@ class CableDerivatives:
             change = (
                 self._by_constants(own, mobilisation)
                 if self._constant
-                else self._by_laws(own, point, mobilisation, inherited)
+                else self._by_laws(own, point, mobilisation)
             )
             tension[:, :, which] += change.tension
             released[:, :, which] += change.released
-        if self.depends_on_history and inherited.elapsed.any() and point.time > point.history.time:
-            change = self._by_duration(own, point, mobilisation)
-            tension += change.tension * inherited.elapsed
-            released += change.released * inherited.elapsed
+        if self.depends_on_history:
+            change_of_rates = self._by_slip_rates(own, point, mobilisation, inherited)
+            tension += change_of_rates
+            released += own.field.released_d_tension[:, :, None] * change_of_rates
         if len(self._lengths.parameters):
             released[:, :, self._lengths.parameters] += self._by_unloaded
         offsets = self._moved_holes(own, point)
@@ -130,51 +134,70 @@ class CableDerivatives:
         released += field.released_d_tension[:, :, None] * tension
         return LawValues(tension, released)
 
-    def _by_laws(
-        self, own: TendonForces, point: RobotPoint, mobilisation: Array, inherited: Inherited
-    ) -> LawValues:
-        """The same where coefficients follow laws, from values at neighbouring parameters and histories."""
-        values = self._law_stack.at(
-            own.measured.shape,
-            point.base_tension,
-            mobilisation,
-            self._histories(point, inherited),
-            point.time,
-        )
+    def _by_laws(self, own: TendonForces, point: RobotPoint, mobilisation: Array) -> LawValues:
+        """The same where coefficients follow laws, from values at neighbouring parameters."""
+        history = _repeated(point.history, len(self._laws.models)) if self.depends_on_history else None
+        values = self._law_stack.at(own.measured.shape, point.base_tension, mobilisation, history, point.time)
         # Unloaded lengths are treated apart.
         return LawValues(
             self._laws.derivative(values.tension),
             self._laws.derivative(values.released - self._law_lengths),
         )
 
-    def _by_duration(self, own: TendonForces, point: RobotPoint, mobilisation: Array) -> LawValues:
-        """Derivatives by the duration of the increment, shapes (m, n, 1)."""
-        step = RELATIVE_STEP * (point.time - point.history.time)
-        law = LawStack([self.present.forces.law])
-        late, early = (
-            law.at(own.measured.shape, point.base_tension, mobilisation, point.history, point.time + x)
-            for x in (step, -step)
-        )
-        return LawValues(*((a - b)[0][:, :, None] / (2.0 * step) for a, b in zip(late, early, strict=True)))
+    def _by_slip_rates(
+        self, own: TendonForces, point: RobotPoint, mobilisation: Array, inherited: Inherited
+    ) -> Array:
+        """Derivatives of the tensions through the rates of the slips at fixed lengths, shape (m, n, P).
 
-    def _histories(self, point: RobotPoint, inherited: Inherited) -> FrictionState | None:
-        """Histories of all models one after the other; None where they do not matter."""
-        stack = self._laws
-        if not self.depends_on_history:
-            return None
-        history = point.history
+        The rates are the slips since the beginning of the increment over its duration. What changes them acts like
+        released lengths, and those act through the derivative by the lengths of the segments. Differences of a
+        parameter would have to be small against the slip at which a law's coefficient falls, which no parameter knows.
+        """
+        field = own.field
+        if point.time <= point.history.time:
+            return self._by_kept_rates(own, point, mobilisation, inherited.slip_rate)
+        change = np.zeros((*field.tension.shape, self.count))
+        if not field.depends_on_length or field.slip_rate is None:
+            return change
+        before = inherited.slip + field.slip_rate[:, :, None] * inherited.elapsed
+        pulled = -self._released_by_slip @ before
+        # Where a law itself differs, its values have the lengths of its own model.
+        apart = ~np.isin(self._lengths.parameters, self._laws.parameters)
+        pulled[:, :, self._lengths.parameters[apart]] += self._by_unloaded[:, :, apart]
+        by_length = field.released_d_length[:, :, None]
+        np.divide(pulled, by_length, out=change, where=by_length != 0.0)
+        return np.asarray(field.d_length @ change)
 
-        def shifted(values: Array, by_parameter: Array) -> Array:
-            moved = values + stack.offsets[:, None, None] * np.moveaxis(by_parameter, -1, 0)[stack.owner]
-            return np.asarray(moved.reshape(-1, values.shape[1]))
+    def _by_kept_rates(
+        self, own: TendonForces, point: RobotPoint, mobilisation: Array, change: Array
+    ) -> Array:
+        """The same where no time passes, so that the rates of the history stay, from differences."""
+        history, found = point.history, np.zeros((*own.field.tension.shape, self.count))
+        which = np.flatnonzero(change.any(axis=(0, 1)))
+        if history.slip_rate is None or not which.size or not history.slip_rate.any():
+            return found
+        present, moved = np.abs(history.slip_rate).max(axis=1), np.abs(change[:, :, which]).max(axis=1)
+        moves = (present[:, None] > 0.0) & (moved > 0.0)
+        ratios = np.where(moves, present[:, None] / np.where(moves, moved, 1.0), np.inf).min(axis=0)
+        which, ratios = which[np.isfinite(ratios)], ratios[np.isfinite(ratios)]
+        steps = RELATIVE_STEP * ratios
+        shift = np.moveaxis(change[:, :, which] * steps, -1, 0)
+        rates = np.concatenate((history.slip_rate + shift, history.slip_rate - shift))
+        repeated = replace(_repeated(history, len(rates)), slip_rate=rates.reshape(-1, rates.shape[-1]))
+        stack = LawStack([self.present.forces.law] * len(rates))
+        values = stack.at(own.measured.shape, point.base_tension, mobilisation, repeated, point.time).tension
+        more, less = np.split(values, 2)
+        found[:, :, which] = np.moveaxis(more - less, 0, -1) / (2.0 * steps)
+        return found
 
-        rate = np.zeros_like(history.slip) if history.slip_rate is None else history.slip_rate
-        return FrictionState(
-            shifted(history.slip, inherited.slip),
-            np.tile(history.mobilisation, (len(stack.models), 1)),
-            shifted(rate, inherited.slip_rate),
-            history.time,
-        )
+
+def _repeated(history: FrictionState, count: int) -> FrictionState:
+    """Histories of as many models, one after the other."""
+    rate = np.zeros_like(history.slip) if history.slip_rate is None else history.slip_rate
+    each = (count, 1)
+    return FrictionState(
+        np.tile(history.slip, each), np.tile(history.mobilisation, each), np.tile(rate, each), history.time
+    )
 
 
 def _holes_differ(a: RobotModel, b: RobotModel) -> bool:

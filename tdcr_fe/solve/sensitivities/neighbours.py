@@ -147,31 +147,23 @@ class Stacked(NamedTuple):
         Numbers of the parameters.
     weights : ndarray, shape (P', S)
         Of the models in each derivative.
-    offsets : ndarray, shape (S,)
-        Of the parameter's value in every model.
-    owner : ndarray of int, shape (S,)
-        Number of the parameter that every model belongs to.
     """
 
     models: list[RobotModel]
     parameters: NDArray[np.int_]
     weights: Array
-    offsets: Array
-    owner: NDArray[np.int_]
 
     @classmethod
     def of(cls, present: RobotModel, chosen: Sequence[Neighbours]) -> Stacked:
         """The models of all chosen parameters."""
-        models, offsets, owner = [present], [0.0], [0]
+        models = [present]
         weights = np.zeros((len(chosen), 1 + sum(len(x.models) for x in chosen)))
         for row, each in enumerate(chosen):
             weights[row, 0] = each.stencil.base_weight
             weights[row, len(models) : len(models) + len(each.models)] = each.stencil.weights
             models += each.models
-            offsets += each.stencil.offsets.tolist()
-            owner += [each.number] * len(each.models)
         numbers = np.array([x.number for x in chosen], dtype=int)
-        return cls(models, numbers, weights, np.array(offsets), np.array(owner, dtype=int))
+        return cls(models, numbers, weights)
 
     def derivative(self, values: Array) -> Array:
         """Derivatives from values of all models, (S, ...) to (..., P')."""
