@@ -61,7 +61,8 @@ def SolveTDCR(
     dict
         The fields of `tdcr_fe.solve.load_steps.load_path.LoadStepReport`: ``iterations``, ``iterations_total``
         (with those of rejected attempts), ``substeps``, ``residual``, ``snapped``, ``presliding_factor``,
-        ``refinement_error``.
+        ``refinement_error``, and ``unstable``: whether the equilibrium reached is unstable, which is examined in scenes
+        with contact.
 
     Raises
     ------

@@ -27,9 +27,9 @@ def node_markers(handle: TDCR) -> list[Any]:
     return [handle.marker_at(float(s)) for s in handle.arc_lengths[1:]]
 
 
-def spheres(mbs: exu.MainSystem, handle: TDCR) -> None:
+def spheres(mbs: exu.MainSystem, handle: TDCR, at: Any = CENTRE) -> None:
     """A fixed sphere against one on every node, as `CreateSphereSphereContact` makes them."""
-    centre = centre_marker(mbs)
+    centre = centre_marker(mbs, at)
     for node in node_markers(handle):
         data = mbs.AddNode(
             eii.NodeGenericData(initialCoordinates=[0.1, 0.0, 0.0, 0.0], numberOfDataCoordinates=4)

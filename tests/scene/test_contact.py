@@ -7,6 +7,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from contacts import (
+    CENTRE,
     CONTACTS,
     DISK,
     SPHERE,
@@ -71,6 +72,45 @@ def test_a_thin_wall_is_not_jumped_over_in_one_large_step(substeps):
     mbs.SolveTDCR(substeps=substeps)
     assert handle.tip_position[0] < WALL
     assert handle.tip_position[0] > WALL - DISK - 1e-3
+
+
+def beside_the_plane(mbs, handle, offset):
+    """The fixed sphere, beside the plane in which the robot bends [m]."""
+    spheres(mbs, handle, (CENTRE[0], offset, CENTRE[2]))
+
+
+@pytest.mark.parametrize("offset", [1e-5, 1e-3])
+def test_a_robot_slides_off_a_sphere_in_large_steps_as_in_small_ones(offset):
+    """In two steps the solution beyond the stability limit was that of a robot balancing on the sphere, 0.08 m away.
+
+    It was returned as solved. It is unstable, and not on the path of loading.
+    """
+    tips = []
+    for count in (2, 20):
+        _keep, mbs, handle = with_contact(beside_the_plane, offset=offset)
+        for tension in np.linspace(0.0, 2.0, count + 1)[1:]:
+            handle.set_tensions({"t1": float(tension)})
+            report = mbs.SolveTDCR()
+        assert not report["unstable"]
+        tips.append(handle.tip_position)
+    assert np.linalg.norm(tips[0] - tips[1]) < 1e-6 * LENGTH
+    assert tips[0][0] > 0.15
+
+
+def test_a_robot_that_balances_on_a_sphere_in_a_symmetric_scene_is_called_unstable():
+    """Nothing leads to either side, so the path is followed as by Exudyn's solver; a push of 1 mN makes it fall."""
+    _keep, mbs, handle = scene(three(0.0), assemble=False)
+    spheres(mbs, handle)
+    side = handle.add_load("side", LENGTH)
+    mbs.Assemble()
+    handle.set_tensions({"t1": 1.4})
+    assert not mbs.SolveTDCR()["unstable"]
+    handle.set_tensions({"t1": 2.0})
+    assert mbs.SolveTDCR()["unstable"]
+    assert abs(handle.tip_position[1]) < 1e-9 * LENGTH
+    side.set([0.0, 1e-3, 0.0])
+    assert not mbs.SolveTDCR()["unstable"]
+    assert handle.tip_position[0] > 0.15
 
 
 def test_contact_opens_again_and_leaves_nothing_behind():

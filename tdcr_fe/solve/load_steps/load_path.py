@@ -61,6 +61,8 @@ class Path:
     located : bool
         Whether any substep was solved with the reversals located in it, so that its history is not that of the one
         before.
+    unstable : bool
+        Whether the state at its end is known to be unstable; this is examined in scenes with contact.
     """
 
     state: SolverState
@@ -75,6 +77,7 @@ class Path:
     refinement_error: float = 0.0
     end: Equilibrium | None = None
     located: bool = False
+    unstable: bool = False
 
     @property
     def substeps(self) -> int:
@@ -96,6 +99,7 @@ class Path:
             max(self.refinement_error, other.refinement_error),
             other.end,
             self.located or other.located,
+            other.unstable,
         )
 
 
@@ -108,6 +112,7 @@ def one_substep(result: NewtonResult, load_factor: float) -> Path:
         ((load_factor, result.state),),
         result.iterations,
         residual=result.residual,
+        unstable=result.unstable,
     )
 
 
@@ -162,6 +167,8 @@ class LoadStepReport:
     refinement_error : float
         Estimated displacement of a node by what is not resolved of the path, over the length, where it is beyond the
         tolerance; else 0 [1].
+    unstable : bool
+        Whether the equilibrium at its end is known to be unstable; this is examined in scenes with contact.
     """
 
     iterations: int
@@ -171,6 +178,7 @@ class LoadStepReport:
     snapped: bool
     presliding_factor: float
     refinement_error: float
+    unstable: bool = False
 
     @classmethod
     def of(cls, path: Path) -> LoadStepReport:
@@ -183,6 +191,7 @@ class LoadStepReport:
             path.snapped,
             path.presliding_factor,
             path.refinement_error,
+            path.unstable,
         )
 
 

@@ -15,14 +15,21 @@ from tdcr_fe.solve.equations.state import SolverState, Target
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import Path, StepFailed, one_substep
 from tdcr_fe.solve.load_steps.ramp import Ramp
+from tdcr_fe.solve.newton.contact_stability import unstable_motion
 from tdcr_fe.solve.newton.convergence import NewtonStatus
 from tdcr_fe.solve.newton.newton import NewtonResult, newton, under_inputs
 from tdcr_fe.solve.newton.prediction import predict
+from tdcr_fe.solve.newton.steps import MOST_DAMPING
 
 Array = NDArray[np.float64]
 
 #: A jump of a node by more than this fraction of the length in a damped solve is a snap-through [1].
 SNAP = 0.02
+#: A solution is on a symmetric path where its displacement along an unstable motion is below this part of it [1]. Seen
+#: were 1e-8 in symmetric scenes, and 6e-3 with a ball that is 10 um beside the plane in which a robot bends.
+SYMMETRIC = 1e-4
+#: By so much of the length a state is pushed off an unstable equilibrium [1].
+PUSH = 1e-3
 #: Factors on the presliding distance that are tried where the smallest substep does not converge [1].
 RESCUE_FACTORS = (1.0, 10.0, 100.0)
 #: Smallest part of a load step that is divided further for the sake of slip reversals [1].
@@ -39,6 +46,15 @@ def with_history_of(state: SolverState, start: SolverState) -> SolverState:
 def has_rates(system: SceneSystem) -> bool:
     """Whether coefficients of friction follow laws, which may depend on slip rates."""
     return any(law is not None for robot in system.robots for law in robot.law.parameters.laws)
+
+
+def _along(motion: Array, before: SolverState, after: SolverState) -> float:
+    """Part of the displacement of all nodes from a state to another that is along a motion, in [-1, 1] [1]."""
+    rotations = np.concatenate([r for _, r in after.configuration.poses])
+    way = np.einsum("nij,nj->ni", rotations, motion.reshape(-1, 6)[:, :3])
+    moved = after.configuration.positions - before.configuration.positions
+    size = float(np.linalg.norm(way) * np.linalg.norm(moved))
+    return float(np.sum(way * moved)) / size if size > 0.0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,9 +133,26 @@ class SubstepSolver:
             return result
         if self.system.contact_too_deep(result.state):
             return result._replace(status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
-        if not self.system.may_jump_over_contact(start, result.state):
+        if self.system.may_jump_over_contact(start, result.state):
+            return result._replace(status=NewtonStatus.CONTACT_PASSED, unmet=None)
+        return self._unless_unstable(result, start)
+
+    def _unless_unstable(self, result: NewtonResult, start: SolverState) -> NewtonResult:
+        """A solution in contact, not converged where it is unstable and lies aside of the path.
+
+        In a symmetric scene the path itself goes on through unstable equilibria, and is followed.
+        """
+        motion = self._unstable_motion(result)
+        if motion is None:
             return result
-        return result._replace(status=NewtonStatus.CONTACT_PASSED, unmet=None)
+        if abs(_along(motion, start, result.state)) > SYMMETRIC:
+            return result._replace(status=NewtonStatus.UNSTABLE, unmet=None)
+        return result._replace(unstable=True)
+
+    def _unstable_motion(self, result: NewtonResult) -> Array | None:
+        """Increments of the nodes along which a solution in contact is unstable, see `unstable_motion`."""
+        residual = self.system.residual(result.state, result.target, self.system.numbering())
+        return unstable_motion(self.system, residual, self.settings.presliding)
 
     def may_be_halved(self, length: float, status: NewtonStatus) -> bool:
         """Whether a substep of this length that did not converge is divided."""
@@ -162,17 +195,23 @@ class SubstepSolver:
     def rescue(self, state: SolverState, start: float, end: float, failed: NewtonResult) -> Path:
         """For a smallest substep that does not converge: try snap-through, then a larger presliding distance."""
         spent = 0
+        guess = self._pushed(state, failed) if failed.status is NewtonStatus.UNSTABLE else state
+        if self.system.has_contact:
+            guess = guess._replace(tangent_sign=self._stable_sign(guess, failed.target))
         for factor in RESCUE_FACTORS:
             result = newton(
                 self.system,
-                state,
+                guess,
                 self.ramp.apply(self.system, end),
                 self.settings,
                 damped=True,
                 presliding=factor * self.settings.presliding,
             )
-            if result.converged and self.system.has_contact and self.system.contact_too_deep(result.state):
-                result = result._replace(status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
+            if result.converged and self.system.has_contact:
+                if self.system.contact_too_deep(result.state):
+                    result = result._replace(status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
+                else:
+                    result = self._unless_unstable(result, state)
             if result.converged:
                 return replace(
                     one_substep(result, end),
@@ -182,6 +221,28 @@ class SubstepSolver:
                 )
             spent += result.iterations
         raise self.failure(state, start, end, failed, spent + failed.iterations)
+
+    def _stable_sign(self, state: SolverState, target: Target) -> int:
+        """Sign of the tangent of stable states, that under a damping of any size; 0 where it is unknown."""
+        numbering = self.system.numbering()
+        if numbering.any_driven:
+            return 0
+        residual = self.system.residual(state, target, numbering)
+        damping = MOST_DAMPING * self.system.layout.scales.elastic_force * self.system.length
+        return self.system.linearize(residual, numbering, damping).factorisation.sign
+
+    def _pushed(self, state: SolverState, unstable: NewtonResult) -> SolverState:
+        """A state a little farther from an unstable solution, along the motion in which that is unstable."""
+        motion = self._unstable_motion(unstable)
+        if motion is None:
+            return state
+        system, start = self.system, state.configuration
+        change = np.zeros(system.numbering().total)
+        change[: len(motion)] = (
+            -np.copysign(PUSH * system.length, _along(motion, state, unstable.state)) * motion
+        )
+        moved = system.layout.space.move(start, change, start.chains, self.settings.max_turn)
+        return state._replace(configuration=moved.configuration)
 
     def failure(
         self, state: SolverState, start: float, end: float, failed: NewtonResult, iterations: int
@@ -214,6 +275,10 @@ def advice(status: NewtonStatus, moments: bool = False, rates: bool = False) -> 
         return "Give contact a larger stiffness, or the robot a smaller load."
     if status is NewtonStatus.CONTACT_PASSED:
         return "No equilibrium in contact was found near the last one; try smaller load steps."
+    if status is NewtonStatus.UNSTABLE:
+        return (
+            "A real robot slides off to one side, and no equilibrium was found there; try smaller load steps."
+        )
     if status is NewtonStatus.NO_CONTACT_STATE:
         return "Try smaller load steps, or a smaller contact stiffness."
     if status is NewtonStatus.NO_FRICTION_STATE and not moments:

@@ -66,6 +66,8 @@ class NewtonResult(NamedTuple):
         What was solved for.
     predicted_slips : ndarray, shape (k,), or None
         Change of the slips predicted by the first iteration, where it has every hole keep slipping [m].
+    unstable : bool
+        Whether the solution is known to be unstable.
     """
 
     status: NewtonStatus
@@ -77,6 +79,7 @@ class NewtonResult(NamedTuple):
     linearization: Linearization | None
     target: Target
     predicted_slips: Array | None = None
+    unstable: bool = False
 
     @property
     def converged(self) -> bool:

@@ -1,0 +1,89 @@
+"""Whether an equilibrium in contact is stable, and along which motion it is not.
+
+A robot that is pressed against an obstacle may lose its stability and slide off to one side. Beyond that load the state
+that goes on pressing is an equilibrium, too, and Newton's method finds it as easily. The response of the nodes to small
+forces shows it: in a stable equilibrium no force moves them against itself,
+
+    f^T C f > 0  for all forces f on the nodes, with their compliance C,
+
+everything else in the scene eliminated: other bodies, joints, driven tendons, and holes that stick. Where friction
+makes the compliance unsymmetric, its eigenvalues decide (R. Hill, J. Mech. Phys. Solids 6 (1958) 236-249).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cholesky, eig
+
+from tdcr_fe.solve.equations.linearization import Linearization
+from tdcr_fe.solve.equations.residual import Residual
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.equations.tangent import damping_of_node
+from tdcr_fe.solve.newton.friction_step import FrictionCoupling, mobilisations
+
+Array = NDArray[np.float64]
+
+#: Part of the largest compliance below which a negative one is round-off [1].
+ROUND_OFF = 1e-6
+
+
+def unstable_motion(system: SceneSystem, residual: Residual, presliding: float) -> Array | None:
+    """Increments of the nodes along which an equilibrium is unstable; None if it is stable.
+
+    Parameters
+    ----------
+    system
+        The scene.
+    residual
+        The last one evaluated, of a solved state, which is in the scene.
+    presliding
+        Presliding distance [m].
+
+    Returns
+    -------
+    ndarray, shape (6 N,), or None
+        Body-frame increments, the largest displacement 1; those of clamped bases are zero.
+    """
+    try:
+        linear = system.linearize(residual, system.numbering())
+    except LinAlgError:
+        return None
+    free = np.ones(6 * system.layout.reduction.nodes, dtype=bool)
+    for base in system.layout.clamped:
+        free[base] = False
+    scale = np.sqrt(np.tile(damping_of_node(1.0, system.length), system.layout.reduction.nodes)[free])
+    compliance = (
+        scale[:, None] * _compliance(system, residual, linear, np.flatnonzero(free), presliding) * scale
+    )
+    least = ROUND_OFF * float(np.abs(compliance).max())
+    try:
+        cholesky(0.5 * (compliance + compliance.T) + least * np.eye(len(compliance)))
+        return None
+    except LinAlgError:
+        values, vectors = eig(compliance)
+    lowest = int(np.argmin(values.real))
+    if values[lowest].real >= -least:
+        return None
+    motion = np.zeros(len(free))
+    motion[free] = scale * vectors[:, lowest].real
+    return motion / np.abs(motion.reshape(-1, 6)[:, :3]).max()
+
+
+def _compliance(
+    system: SceneSystem, residual: Residual, linear: Linearization, which: NDArray[np.int_], presliding: float
+) -> Array:
+    """Increments of the nodes by forces on them, shape (k, k), for the unknowns of these numbers, shape (k,)."""
+    numbering = linear.numbering
+    right = np.zeros((numbering.linear, len(which)), order="F")
+    # The tangent is minus the stiffness.
+    right[which, np.arange(len(which))] = -1.0
+    moved = linear.factorisation.solve(right)
+    if numbering.has_friction:
+        stuck = np.flatnonzero(np.abs(mobilisations(numbering, residual.state)) < 1.0)
+        coupling = FrictionCoupling.of(numbering, residual.forces, system.layout.clamped, linear.slack)
+        response = coupling.response(linear.factorisation.solve, stuck, presliding)
+        held = np.linalg.solve(response.matrix[stuck], coupling.rows[stuck] @ moved)
+        moved = moved + response.columns @ held
+    found: Array = moved[which]
+    return found
