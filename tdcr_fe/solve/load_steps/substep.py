@@ -196,8 +196,6 @@ class SubstepSolver:
         """For a smallest substep that does not converge: try snap-through, then a larger presliding distance."""
         spent = 0
         guess = self._pushed(state, failed) if failed.status is NewtonStatus.UNSTABLE else state
-        if self.system.has_contact:
-            guess = guess._replace(tangent_sign=self._stable_sign(guess, failed.target))
         for factor in RESCUE_FACTORS:
             result = newton(
                 self.system,
@@ -242,7 +240,8 @@ class SubstepSolver:
             -np.copysign(PUSH * system.length, _along(motion, state, unstable.state)) * motion
         )
         moved = system.layout.space.move(start, change, start.chains, self.settings.max_turn)
-        return state._replace(configuration=moved.configuration)
+        sign = self._stable_sign(state, unstable.target)
+        return state._replace(configuration=moved.configuration, tangent_sign=sign)
 
     def failure(
         self, state: SolverState, start: float, end: float, failed: NewtonResult, iterations: int
