@@ -125,10 +125,12 @@ class MaterialDamping:
         rates = self.motion(displacements, velocities).rates
         return float(np.sum(self._viscosity(twist_stiffness) * rates**2))
 
-    def dissipation(
+    def in_step(
         self, twist_stiffness: Array, start: tuple[Array, Array], end: tuple[Array, Array]
-    ) -> float:
-        """Energy that the material dissipates in a step [J]: mean stress times change of strain, over the elements.
+    ) -> tuple[float, Array]:
+        """Energy that the material dissipates in a step, and the sum of its generalised forces at both ends.
+
+        The energy is the mean stress times the change of strain, over all elements.
 
         Parameters
         ----------
@@ -136,10 +138,18 @@ class MaterialDamping:
             As in `forces`.
         start, end
             Coordinates and velocities of the nodes, see `motion`.
+
+        Returns
+        -------
+        energy : float
+            [J].
+        forces : ndarray, shape (7 N,)
+            On the coordinates of the nodes, see `forces`.
         """
         before, after = self.motion(*start), self.motion(*end)
         stress = 0.5 * self._viscosity(twist_stiffness) * (before.rates + after.rates)
-        return float(np.sum(stress * (after.twists - before.twists)))
+        energy = float(np.sum(stress * (after.twists - before.twists)))
+        return energy, self._generalized(twist_stiffness, before) + self._generalized(twist_stiffness, after)
 
     def forces(self, twist_stiffness: Array, displacements: Array, velocities: Array) -> Array:
         """Generalised forces on the coordinates of the nodes, shape (7 N,); zero at rest.
@@ -153,8 +163,7 @@ class MaterialDamping:
         """
         if not velocities.any():
             return self._at_rest
-        state = self.motion(displacements, velocities)
-        return generalized_forces(self._wrenches(twist_stiffness, state), state.rotations, state.parameters)
+        return self._generalized(twist_stiffness, self.motion(displacements, velocities))
 
     def jacobian(
         self,
@@ -197,10 +206,11 @@ class MaterialDamping:
     def _viscosity(self, twist_stiffness: Array) -> Array:
         return np.asarray(self.retardation[:, None] * twist_stiffness)
 
-    def _wrenches(self, twist_stiffness: Array, state: Motion) -> Array:
-        """``[f, m]`` on the nodes in their own frames, shape (N, 6)."""
+    def _generalized(self, twist_stiffness: Array, state: Motion) -> Array:
+        """Generalised forces on the coordinates of the nodes, shape (7 N,)."""
         resisting = self._viscosity(twist_stiffness) * state.rates
-        return wrenches_on_nodes(resisting, state.by_nodes)
+        wrenches = wrenches_on_nodes(resisting, state.by_nodes)
+        return generalized_forces(wrenches, state.rotations, state.parameters)
 
     @staticmethod
     def _by_poses(resist: Array, state: Motion) -> Array:

@@ -259,11 +259,9 @@ class EnergyBalance:
         """By the rates of strain, and that which the generalised forces on the coordinates give [J]."""
         if self._damping is None:
             return 0.0, 0.0
-        stiffness = self._actuation.mesh.twist_stiffness
-        both = [(motion.coordinates, motion.velocities) for motion in (start, end)]
-        forces = [self._damping.forces(stiffness, *each) for each in both]
-        trapezoid = -0.5 * float((forces[0] + forces[1]) @ (end.coordinates - start.coordinates))
-        return self._damping.dissipation(stiffness, *both), trapezoid
+        first, last = ((motion.coordinates, motion.velocities) for motion in (start, end))
+        energy, forces = self._damping.in_step(self._actuation.mesh.twist_stiffness, first, last)
+        return energy, -0.5 * float(forces @ (end.coordinates - start.coordinates))
 
     def _moved(self, load: PointLoad, start: Motion, end: Motion) -> tuple[Array, Array, Array]:
         """Way, rotation vector in world axes, and the mean rotation matrix of the node of a load."""

@@ -119,7 +119,7 @@ def test_what_a_step_dissipates_does_not_depend_on_how_the_robot_turns_as_a_whol
         return np.concatenate((rows[:, :3] @ rotation.T, rows[:, 3:] @ product.T), axis=1)
 
     found = [
-        damping.dissipation(stiffness, (q, velocity.ravel()), (end - reference, rates.ravel()))
+        damping.in_step(stiffness, (q, velocity.ravel()), (end - reference, rates.ravel()))[0]
         for end, rates in ((later, velocity), (turned(later), turned(velocity)))
     ]
     assert found[1] == pytest.approx(found[0], rel=1e-9)

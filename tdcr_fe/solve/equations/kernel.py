@@ -74,12 +74,14 @@ class StaticKernel:
         """
         if not self.triangles.touching:
             return self._exudyns_jacobian(loads, constraints)
-        whole = self._exudyns_jacobian(loads, constraints).copy()
-        with self.triangles.switched_off():
-            found = self._exudyns_jacobian(loads, constraints)
         n2 = self._mbs.systemData.ODE2Size()
+        with self.triangles.switched_off():
+            found = self._exudyns_jacobian(loads, constraints).copy()
         rest = found[:n2, :n2]
-        rest += self.triangles.derivative(self.residual, whole[:n2, :n2] - rest)
+        couplings = self.triangles.couplings(
+            lambda: self._exudyns_jacobian(loads, constraints=False)[:n2, :n2] - rest
+        )
+        rest += self.triangles.derivative(self.residual, couplings)
         return found
 
     def _exudyns_jacobian(self, loads: bool, constraints: bool) -> Array:

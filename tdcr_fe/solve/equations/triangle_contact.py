@@ -46,9 +46,13 @@ class GeneralTriangles(NamedTuple):
     @property
     def touching(self) -> bool:
         """Whether a sphere is in contact with a triangle, by the present active sets."""
+        return any(bool(np.any(np.abs(found) >= self.first)) for found in self.active)
+
+    @property
+    def active(self) -> list[Index]:
+        """By sphere, Exudyn's numbers of what it is in contact with."""
         kind = exu.ContactTypeIndex.IndexSpheresMarkerBased
-        active = (self.contact.GetActiveContacts(kind, i) for i in range(self.spheres))
-        return any(bool(np.any(np.abs(found) >= self.first)) for found in active)
+        return [np.array(self.contact.GetActiveContacts(kind, i), dtype=int) for i in range(self.spheres)]
 
 
 class TriangleContact:
@@ -74,6 +78,20 @@ class TriangleContact:
                 radii += [contact.GetSphereMarkerBased(i, addData=True)["radius"] for i in range(spheres)]
         self._step = RELATIVE_STEP * min(radii, default=0.0)
         self._nodes = _nodes_of_coordinates(mbs)
+        self._couplings: tuple[list[bytes], NDArray[np.bool_]] | None = None
+
+    def couplings(self, compute: Callable[[], Array]) -> NDArray[np.bool_]:
+        """Which coordinates these contacts couple, shape (n2, n2), found anew where active sets have changed.
+
+        Parameters
+        ----------
+        compute
+            Gives Exudyn's Jacobian of their forces, shape (n2, n2), of which only the pattern is used.
+        """
+        active = [found.tobytes() for each in self._all for found in each.active]
+        if self._couplings is None or self._couplings[0] != active:
+            self._couplings = active, compute() != 0.0
+        return self._couplings[1]
 
     @property
     def present(self) -> bool:
@@ -97,7 +115,7 @@ class TriangleContact:
             for each, active in zip(self._all, before, strict=True):
                 each.contact.isActive = active
 
-    def derivative(self, evaluate: Callable[[], object], couplings: Array) -> Array:
+    def derivative(self, evaluate: Callable[[], object], couplings: NDArray[np.bool_]) -> Array:
         """Derivative of the forces of these contacts by the ODE2 coordinates, shape (n2, n2).
 
         Parameters
@@ -105,8 +123,7 @@ class TriangleContact:
         evaluate
             Lets Exudyn compute the forces in the current configuration, which is left as it is.
         couplings
-            Exudyn's Jacobian of the same forces, shape (n2, n2), from which only its pattern is used: bodies that
-            are not coupled are moved at the same time.
+            See `couplings`: bodies that are not coupled are moved at the same time.
         """
         found = np.zeros(couplings.shape)
         current: Array = self._mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Current, copy=False)
@@ -128,7 +145,7 @@ class TriangleContact:
             evaluate()
         return found
 
-    def _coupled(self, forces: Array, couplings: Array) -> list[Index]:
+    def _coupled(self, forces: Array, couplings: NDArray[np.bool_]) -> list[Index]:
         """Coordinates of the bodies on which contact acts, those of bodies that are coupled together."""
         touched = np.flatnonzero(np.isin(self._nodes, self._nodes[np.flatnonzero(forces)]))
         _, body = np.unique(self._nodes[touched], return_inverse=True)
