@@ -48,8 +48,6 @@ Array = NDArray[np.float64]
 REACHED = 1e-6
 #: Tensions from which the search is started at most before a target is said to be out of reach.
 MOST_STARTS = 6
-#: A target that was not reached but is nearer than this is tried again with exact derivatives [fraction of the length].
-NEAR = 1e-2
 #: Relative difference of distances from a target below which two searches ended in the same nearest point [1].
 NEARER = 1e-3
 #: Searches that end in the same nearest point, after which no more are started.
@@ -289,7 +287,8 @@ class _Run:
         label = target.label or f"target {number + 1}"
         search = Search(self.trials, start, aim, effort, label, target.time)
         guess = [self.guesses[number]] if number < len(self.guesses) else []
-        best, starts = self._from_all_starts(search, aim, [*guess, present])
+        whole = task.model.friction != "none"
+        best, starts = self._searched(search, self._starts(aim, [*guess, present]), whole)
         if best is not None and task.drive_by == "displacement":
             best = search.by_displacement(best)
         if best is None:
@@ -301,19 +300,6 @@ class _Run:
         self._keep(trial.step, result)
         self.warnings += step_warnings(result.step, trial.report)
         return self._outcome(target, aim, best, search.count, starts, result)
-
-    def _from_all_starts(self, search: Search, aim: Aim, first: Sequence[Array]) -> tuple[Found | None, int]:
-        """The best of several searches, which end with the first that reaches the target; and their number.
-
-        Where none reaches a target that is near, they are repeated with exact derivatives.
-        """
-        whole = self.task.model.friction != "none"
-        best, starts = self._searched(search, self._starts(aim, first), whole)
-        if whole and best is not None and REACHED < best.size < NEAR and not best.stationary:
-            search.take_exact_derivatives()
-            again, more = self._searched(search, self._starts(aim, first), whole=False)
-            best, starts = again if again is not None and again.better_than(best) else best, starts + more
-        return best, starts
 
     @staticmethod
     def _searched(search: Search, tensions: Iterator[Array], whole: bool) -> tuple[Found | None, int]:

@@ -27,10 +27,10 @@ ERROR_GAIN, EFFORT_GAIN = 1e-4, 1e-3
 FIRST_RADIUS = 0.5
 #: Trial steps on the way to a target, and refused ones in succession; steps of less effort, and refused ones.
 MOST_TRIALS, MOST_REFUSALS, MOST_ROUNDS, MOST_REFUSED_ROUNDS = 40, 8, 8, 2
-#: Refused steps in succession, after which derivatives are taken along the whole path.
-MOST_APPROXIMATE = 3
 #: Trial steps on the way back to the target after a step of less effort.
 MOST_TRIALS_BACK = 5
+#: Distance to which linearisations of refused trials count, in radii of the trust region [1].
+NEIGHBOURHOOD = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,11 +139,7 @@ class Search:
     ) -> None:
         self._trials, self._start, self._aim, self._effort = trials, start, aim, effort
         self._label, self._time = label, time
-        self.count, self._along_path = 0, False
-
-    def take_exact_derivatives(self) -> None:
-        """Take the derivatives of all further trials along the whole path."""
-        self._along_path = True
+        self.count = 0
 
     def whole(self, tensions: Array) -> Found | None:
         """Search from tensions [N] among load steps solved whole; None where no trial has a solution.
@@ -163,25 +159,45 @@ class Search:
         return self._search(solved.trial.displacements, by_displacement=True)
 
     def _search(self, inputs: Array, by_displacement: bool) -> Found | None:
-        """Search from inputs; a search that fails near the target goes on with the substeps of its last trial.
+        """Search from inputs: first among equal substeps, then with the friction's path; None without any solution.
 
-        The number of substeps changes with the inputs, and the tip then moves by up to the tolerance of the path.
+        A search that fails near the target goes on with the substeps of its last trial: their number changes with the
+        inputs, and the tip then moves by up to the tolerance of the path.
         """
         first = self._solve(inputs, by_displacement, None)
+        most_refused = MOST_REFUSED_ROUNDS
+        if first is not None and not first.exact:
+            equal, most_refused = self._equal_substeps(first), 1
+            first = first if equal is None else self._solve(equal.trial.inputs, by_displacement, None)
+        if first is None:
+            return None
+        found = self._approach(first, self._effort.around(first.tensions))
+        if not found.stationary and found.size > CONVERGED:
+            found = self._better(found, self._approach(found.trial, self._effort))
+        if not found.stationary and found.size > CONVERGED:
+            equal = self._equal_substeps(found.trial)
+            found = found if equal is None else self._better(found, equal)
+        return self._with_least_effort(found, most_refused) if found.size <= CONVERGED else found
+
+    def _equal_substeps(self, trial: Trial) -> Found | None:
+        """Search from the inputs of a trial, with as many equal substeps as it has; None without a solution.
+
+        They cost a fraction of the path on which reversals are located, have exact derivatives, and end near it.
+        """
+        first = self._solve(trial.inputs, bool(trial.step.displacements), trial.report.substeps)
         if first is None:
             return None
         found = self._approach(first, self._effort)
-        if not found.stationary and found.size > CONVERGED:
-            trial = self._solve(found.trial.inputs, by_displacement, found.trial.report.substeps)
-            if trial is not None:
-                again = self._approach(trial, self._effort)
-                found = again if again.better_than(found) else found
         return self._with_least_effort(found) if found.size <= CONVERGED else found
+
+    @staticmethod
+    def _better(a: Found, b: Found) -> Found:
+        return b if b.better_than(a) else a
 
     def _solve(self, inputs: Array, by_displacement: bool, substeps: int | None) -> Trial | None:
         self.count += 1
         step = self._trials.step(inputs, by_displacement, self._label, self._time, substeps)
-        return self._trials.solve(self._start, step, exact=self._along_path)
+        return self._trials.solve(self._start, step)
 
     def _exact(self, trial: Trial) -> Trial:
         """The trial with exact derivatives; as it is where these cannot be had."""
@@ -199,60 +215,73 @@ class Search:
         return Found(trial, size, max(gain, 0.0), stationary, self._effort.of(trial.tensions))
 
     def _approach(self, current: Trial, effort: Effort, most_trials: int = MOST_TRIALS) -> Found:
-        """Reduce the error by Gauss-Newton steps; of those that do, prefer tensions of little effort."""
+        """Reduce the error by Gauss-Newton steps; of those that do, prefer tensions of little effort.
+
+        Where a hole changes its state, the derivative is another one on both sides. A refused trial is likely to be
+        on the other side; its linearisation is then met together with the present one, which leads along the edge.
+        """
         aim, scale = self._aim, effort.scale
         radius, ratio, gain = FIRST_RADIUS, WEIGHT_RATIO, np.inf
-        refused, end = 0, self.count + most_trials
-        jacobian, verified = aim.jacobian(current), current.exact
+        refused, verified, end = 0, False, self.count + most_trials
+        beside: list[Trial] = []
         while self.count < end and refused < MOST_REFUSALS:
-            residual = aim.residual(current.tip, current.tangent)
-            size = float(np.linalg.norm(residual))
+            size = aim.size(current.tip, current.tangent)
             weight = float(np.clip(ratio * size, SMALLEST_WEIGHT, LARGEST_WEIGHT))
             # Where the state of the friction changes, the least effort may be far off: the smallest change instead.
             prefer = effort if refused == 0 else effort.around(current.tensions)
-            step = prefer.step(current.tensions, residual, jacobian, weight, radius * scale)
-            gain = size - float(np.linalg.norm(residual + jacobian @ step))
+            beside = [x for x in beside if _distance(x, current) <= NEIGHBOURHOOD * radius * scale]
+            step, gain = self._step(current, beside, prefer, weight, radius)
             moved = float(np.max(np.abs(step))) / scale
             limited = moved >= 0.999 * radius
             if size <= CONVERGED:
                 return self._found(current, gain, True)
+            if gain <= ERROR_GAIN * size and beside:
+                beside = []
+                continue
             if gain <= ERROR_GAIN * size and refused == 0:
                 if limited and radius < 1e3:
                     radius *= 4.0
                 elif weight > SMALLEST_WEIGHT:
                     ratio *= 0.01
-                elif verified:
+                elif verified or current.exact:
                     return self._found(current, gain, True)
                 else:
-                    current = self._exact(current)
-                    jacobian, verified = aim.jacobian(current), True
+                    current, verified = self._exact(current), True
                 continue
             trial = self._moved(current, step)
             if trial is None:
                 radius, refused = 0.25 * moved, refused + 1
                 continue
             nearer = size - aim.size(trial.tip, trial.tangent)
-            good = nearer >= 0.5 * gain > 0.0
-            if not good:
-                # What was seen along the step replaces the derivative there, which holes that change their state
-                # make another one on both sides (Broyden's formula).
-                seen = aim.residual(trial.tip, trial.tangent) - residual
-                step = trial.tensions - current.tensions
-                jacobian = jacobian + np.outer(seen - jacobian @ step, step) / float(step @ step)
             if nearer < 0.1 * gain or gain <= 0.0:
                 radius, refused = 0.5 * moved, refused + 1
-                if refused == MOST_APPROXIMATE and not verified:
-                    current = self._exact(current)
-                    jacobian, verified, refused, radius = aim.jacobian(current), True, 0, FIRST_RADIUS
+                beside.append(trial)
                 continue
             if nearer > 0.7 * gain and limited:
                 radius *= 2.5
-            refused, current, verified = 0, trial, trial.exact
-            if good:
-                jacobian = aim.jacobian(trial)
+            if nearer < 0.5 * gain:
+                beside.append(current)
+            refused, current, verified = 0, trial, False
         return self._found(current, gain, False)
 
-    def _with_least_effort(self, best: Found) -> Found:
+    def _step(
+        self, current: Trial, beside: list[Trial], effort: Effort, weight: float, radius: float
+    ) -> tuple[Array, float]:
+        """A step that several linearisations expect to reduce the error [N], and the least gain that one expects."""
+        aim = self._aim
+        residuals = [aim.residual(current.tip, current.tangent)]
+        jacobians = [aim.jacobian(current)]
+        for each in beside:
+            jacobians.append(aim.jacobian(each))
+            back = current.tensions - each.tensions
+            residuals.append(aim.residual(each.tip, each.tangent) + jacobians[-1] @ back)
+        step = effort.step(
+            current.tensions, np.concatenate(residuals), np.vstack(jacobians), weight, radius * effort.scale
+        )
+        left = max(float(np.linalg.norm(r + j @ step)) for r, j in zip(residuals, jacobians, strict=True))
+        return step, float(np.linalg.norm(residuals[0])) - left
+
+    def _with_least_effort(self, best: Found, most_refused: int = MOST_REFUSED_ROUNDS) -> Found:
         """Move along the tensions that reach the target, to those of least effort."""
         effort, aim, radius, refused = self._effort, self._aim, FIRST_RADIUS, 0
         for _ in range(MOST_ROUNDS):
@@ -260,7 +289,7 @@ class Search:
             residual, jacobian = aim.residual(trial.tip, trial.tangent), aim.jacobian(trial)
             step = effort.step(trial.tensions, residual, jacobian, SMALLEST_WEIGHT, radius * effort.scale)
             saved = best.effort - effort.of(trial.tensions + step)
-            if saved <= EFFORT_GAIN * best.effort or refused == MOST_REFUSED_ROUNDS:
+            if saved <= EFFORT_GAIN * best.effort or refused == most_refused:
                 break
             moved = self._moved(trial, step)
             if moved is not None:
@@ -270,3 +299,8 @@ class Search:
                     continue
             radius, refused = 0.25 * float(np.max(np.abs(step))) / effort.scale, refused + 1
         return best
+
+
+def _distance(a: Trial, b: Trial) -> float:
+    """Largest difference of the tensions [N]."""
+    return float(np.max(np.abs(a.tensions - b.tensions)))

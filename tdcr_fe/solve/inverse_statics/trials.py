@@ -49,7 +49,7 @@ class Trial:
     inputs_by_tension : ndarray, shape (m, m)
         Derivative of the inputs by the tensions; empty where it was not differentiated.
     exact : bool
-        Whether the derivatives are those of the whole path; else of the end, where holes that stick hold on.
+        Whether the derivatives are those of the whole path; else of a path without reversals within substeps.
     """
 
     step: LoadStep
@@ -127,30 +127,25 @@ class TrialSteps:
         differentiate
             Whether derivatives are needed.
         exact
-            Whether along the whole path. Where slips reverse, that takes a path divided at every reversal, at tens of
-            times the cost of the step.
+            Whether along the whole path. Where slips reverse within substeps, that takes a path divided at every
+            reversal, at several times the cost of the step; otherwise they are those of as many plain substeps, in
+            which slips reverse at the ends only. That is a hundredth off, for a fraction of the cost.
         """
-        simulation, names = self.simulation, self.robot.tendon_names
-        simulation.restore(start)
-        by_displacement = bool(step.displacements)
-        inputs = step.displacements if by_displacement else step.tensions
-        target = Actuation(
-            np.full(len(names), by_displacement),
-            np.array([inputs[n] for n in names]),
-            self._last.loads,
-            self._last.time if step.time is None else step.time,
-        )
-        self._history.steps.clear()
-        try:
-            follow = self._differentiate if differentiate else None
-            report = simulation.advance(target, step.substeps, follow=follow, at_end=not exact)
-        except (
-            StepFailed,
-            np.linalg.LinAlgError,
-        ):  # the latter where the tangent of the derivatives is singular
+        simulation = self.simulation
+        target = self._actuation(step)
+        report = self._advance(start, target, step.substeps, differentiate, at_end=not exact)
+        if report is None:
             return None
+        by_displacement, located = bool(step.displacements), simulation.located
         motion, inputs_by_tension = self._derivatives(by_displacement) if differentiate else _UNKNOWN
-        state = simulation.state
+        state, displacements = simulation.state, simulation.displacement
+        if (
+            differentiate
+            and located
+            and not exact
+            and self._advance(start, target, report.substeps, differentiate=True, at_end=False) is not None
+        ):
+            motion, inputs_by_tension = self._derivatives(by_displacement)
         positions, rotations = state.configuration.poses[0]
         return Trial(
             step,
@@ -160,11 +155,38 @@ class TrialSteps:
             positions[-1].copy(),
             rotations[-1] @ BEAM_TO_SECTION.T[:, 2],
             state.base_tension[0].copy(),
-            simulation.displacement,
+            displacements,
             motion,
             inputs_by_tension,
-            exact or not simulation.located,
+            exact or not located,
         )
+
+    def _actuation(self, step: LoadStep) -> Actuation:
+        """What a trial step prescribes; loads act on."""
+        by_displacement = bool(step.displacements)
+        inputs = step.displacements if by_displacement else step.tensions
+        return Actuation(
+            np.full(len(self.robot.tendons), by_displacement),
+            np.array([inputs[n] for n in self.robot.tendon_names]),
+            self._last.loads,
+            self._last.time if step.time is None else step.time,
+        )
+
+    def _advance(
+        self, start: SolverState, target: Actuation, substeps: int | None, differentiate: bool, at_end: bool
+    ) -> LoadStepReport | None:
+        """Solve a step from a state; None where it has no solution."""
+        self.simulation.restore(start)
+        self._history.steps.clear()
+        try:
+            return self.simulation.advance(
+                target, substeps, follow=self._differentiate if differentiate else None, at_end=at_end
+            )
+        except (
+            StepFailed,
+            np.linalg.LinAlgError,
+        ):  # the latter where the tangent of the derivatives is singular
+            return None
 
     def _derivatives(self, by_displacement: bool) -> tuple[Array, Array]:
         """Derivatives of the tip and of the inputs by the tensions, at the end of the trial."""
