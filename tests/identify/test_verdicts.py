@@ -111,13 +111,11 @@ def test_few_readings_that_an_effect_follows_prove_nothing(bent):
     """Nine readings of three steps: effects may be named, but no steps are left to test them."""
     steps = {2, 7, 10}
     few = tuple(r for r in bent.readings if r.step in steps and r.location == 0.2)
-    begun = time.process_time()
     result = identify(replace(bent, readings=few))
     assert len(few) == 9 and result.verdict in ("cannot tell", "partly explained", "unexplained")
     assert len(result.effects) <= 1 and result.held_out_steps == ()
     # Steps after the last reading, several effects and local causes are not simulated.
     assert len(result.data.steps) == 10 and result.runs < 150
-    assert time.process_time() - begun < 60.0
 
 
 def test_candidates_with_more_parameters_than_readings_are_not_fitted(bent):
@@ -207,7 +205,7 @@ def test_an_interruption_ends_all_processes_and_keeps_what_was_found(bent, tmp_p
         process.send_signal(getattr(signal, name))
         begun = time.perf_counter()
         while any(running(p) for p in workers):
-            assert time.perf_counter() - begun < 3.0
+            assert time.perf_counter() - begun < 20.0
             time.sleep(0.05)
         errors = process.communicate(timeout=60)[1]
     finally:

@@ -13,7 +13,7 @@ from interrupts import start_python
 from tdcr_fe.io.processes import STATUS_SIGINT, STATUS_SIGTERM, Terminated, sigterm_as_interrupt, worker_pool
 
 #: Time that workers may take to end after their parent [s].
-LIMIT = 3.0
+LIMIT = 20.0
 
 PARENT = """
 import os, sys, time

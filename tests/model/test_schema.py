@@ -172,6 +172,7 @@ def test_bounds_in_words():
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 def test_making_a_robot_is_cheap():
     """Fitting makes thousands of robots: with 13 disks and one tendon one takes less than 0.2 ms of a core."""
 

@@ -59,6 +59,7 @@ def test_a_step_with_friction_over_one_with_constant_forces(count, figure):
     figure(f"step {count}", friction / constant)
 
 
+@pytest.mark.slow
 def test_the_jacobian_is_evaluated_on_the_coordinates_of_the_robot_alone(monkeypatch, figure):
     """Beside a thousand mass points; the least of its times. e3bbe5d took 9.7 ms."""
     _keep, mbs, handle = scene(three(0.3), assemble=False)

@@ -13,7 +13,7 @@ from interrupts import start_python
 pytestmark = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="lists processes by /proc")
 
 #: Time that workers may take to end after their parent [s].
-LIMIT = 3.0
+LIMIT = 20.0
 
 
 def start(*arguments):
