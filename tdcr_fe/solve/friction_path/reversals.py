@@ -21,6 +21,7 @@ from tdcr_fe.solve.friction_path.substep_slips import (
 from tdcr_fe.solve.friction_path.taut_tendons import TautTendons
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int_]
 
 #: Error left by located reversals after the substep is solved with them, before the path is followed again with the new
 #: end: a fraction of what they change [1].
@@ -48,12 +49,18 @@ class History(NamedTuple):
     mobilisation : ndarray, shape (k,)
         At that slip [1].
     at_end : ndarray, shape (k,)
-        Those at the end of the substep, to first order [1].
+        Those at the end of the substep, as they follow from the path [1].
+    followed : ndarray of int, shape (i,)
+        Which of the holes belong to tendons under tension, the ones of the path.
+    slips : SubstepSlips
+        Of these holes, in the substep.
     """
 
     slip: Array
     mobilisation: Array
     at_end: Array
+    followed: Index
+    slips: SubstepSlips
 
     def of(self, state: SolverState, numbering: Numbering) -> SolverState:
         """A state with this history, and with the mobilisations that follow from it."""
@@ -65,6 +72,11 @@ class History(NamedTuple):
         ]
         at_end = numbering.with_frictional_holes(state.mobilisation, self.at_end)
         return state._replace(friction=tuple(friction), mobilisation=at_end)
+
+    def distance(self, state: SolverState, numbering: Numbering) -> float:
+        """Largest displacement of a node between the end that follows from the path, and a solved one [m]."""
+        off = numbering.at_frictional_holes(state.mobilisation) - self.at_end
+        return self.slips.displacement(off[self.followed], numbering)
 
 
 class Reversals(NamedTuple):
@@ -139,10 +151,10 @@ def find_reversals(
     substep = SubstepSlips.of(points, taut, targets, presliding)
     numbering = points[-1].state.numbering
     path = substep.follow()
-    corrected = substep.with_reversals(path)
+    corrected = substep.at_end(path, numbering, allowed * length)
     change = corrected - substep.after
     effect = substep.displacement(change, numbering) / length
-    history = _history(points, taut, path, corrected) if path.complete and locate else None
+    history = _history(points, taut, path, corrected, substep) if path.complete and locate else None
     if history is not None and len(points) > 2:
         error = _refined_error(substep, points, taut, path, corrected, effect, length, allowed)
         return Reversals(effect, error, 0.5, error, history, path)
@@ -185,8 +197,9 @@ def _refined_error(
     error = REFINED_ERROR * effect
     if error > allowed and len(points) % 2 == 1 and _near_path(points, taut, path):
         coarser = substep._replace(model=substep.model.through_every_other_state())
-        moved = corrected - coarser.with_reversals(coarser.follow())
-        error = min(error, substep.displacement(moved, points[-1].state.numbering) / length)
+        numbering = points[-1].state.numbering
+        moved = corrected - coarser.at_end(coarser.follow(), numbering, allowed * length)
+        error = min(error, substep.displacement(moved, numbering) / length)
     return error
 
 
@@ -200,7 +213,11 @@ def _near_path(points: Sequence[InterpolationPoint], taut: TautTendons, path: Fr
 
 
 def _history(
-    points: Sequence[InterpolationPoint], taut: TautTendons, path: FrictionPath, at_end: Array
+    points: Sequence[InterpolationPoint],
+    taut: TautTendons,
+    path: FrictionPath,
+    at_end: Array,
+    slips: SubstepSlips,
 ) -> History:
     """What the mobilisations of all frictional holes count from after a followed path.
 
@@ -214,12 +231,14 @@ def _history(
         The path.
     at_end
         Mobilisations of these holes at the end [1], shape (k,).
+    slips
+        Of these holes, in the substep.
     """
     start, end, holes = points[0].state, points[-1].state, taut.holes
     slip, counted, last = start.slips.copy(), start.mobilisation.copy(), end.mobilisation.copy()
     slip[holes] += path.reversal_slip
     counted[holes], last[holes] = path.reversal_mobilisation, at_end
-    return History(slip, counted, last)
+    return History(slip, counted, last, holes, slips)
 
 
 def _division(allowed: float, found: float) -> float:

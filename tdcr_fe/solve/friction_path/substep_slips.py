@@ -182,6 +182,27 @@ class SubstepSlips(NamedTuple):
         since = (self.slip - path.reversal_slip) / self.model.presliding
         return self.corrected(path.reversal_mobilisation + since)
 
+    def at_end(self, path: FrictionPath, numbering: Numbering, allowed: float) -> Array:
+        """Mobilisations at the end of the substep that follow from a path [1], shape (k,).
+
+        Those to first order, which have no error of the integration, where they agree with the end of the path. They
+        need not: where derivatives of the tensions jump, the equations to first order can have another solution.
+
+        Parameters
+        ----------
+        path
+            The path.
+        numbering
+            Of the unknowns.
+        allowed
+            Displacement of a node up to which they agree [m].
+        """
+        first_order = self.with_reversals(path)
+        last = path.unknowns[: len(first_order)]
+        if path.complete and self.displacement(last - first_order, numbering) > allowed:
+            return last
+        return first_order
+
     def worst_case(self, path: FrictionPath, mobilisation: Array) -> Array:
         """Mobilisations at the end if every hole that slips there had just reversed by the error of its slip [1], (k,).
 
@@ -270,7 +291,7 @@ class SubstepSlips(NamedTuple):
         other = self.follow(factor)
         if not other.complete:
             return None
-        moved = self.displacement(mobilisation - self.with_reversals(other), numbering)
+        moved = self.displacement(mobilisation - self.at_end(other, numbering, allowed), numbering)
         if locate and moved <= allowed < first_order:
             return PathError(UNDECIDED * allowed, True)
         return PathError(moved, bool(other.reversed.any()))

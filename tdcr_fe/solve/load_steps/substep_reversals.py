@@ -184,7 +184,8 @@ class SubstepReversals:
             if not result.converged:
                 return attempt._replace(rejected=attempt.rejected + result.iterations)
             rejected = attempt.rejected + attempt.result.iterations
-            if found.remaining_error <= allowed:
+            off = found.history.distance(result.state, known.end.numbering) / self.solver.system.length
+            if found.remaining_error <= allowed and off <= allowed:
                 error, start, within = found.remaining_error, known.start, known.within
                 return Attempt(result, error, start=start, rejected=rejected, located=True, within=within)
             states = known.before_end
