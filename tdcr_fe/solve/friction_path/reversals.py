@@ -33,6 +33,9 @@ REFINED_ERROR = 0.5
 #: up to which a path through every other state shows the error [1]: farther off the path the interpolation is linear in
 #: the tensions, and both paths may have the same error.
 NEAR_PATH = 2e-3
+#: Displacement of a node up to which the end of a followed path and the solution to first order with its reversals are
+#: the same, over the length, where less is allowed [1]: the path has an error of its integration, seen up to 6.5e-7.
+AGREEMENT = 2e-6
 #: Largest effect of reversals over that to first order [1].
 FIRST_ORDER = 1.25
 #: Nearest to its ends, as a fraction of it, where a substep is divided at a reversal [1].
@@ -151,7 +154,8 @@ def find_reversals(
     substep = SubstepSlips.of(points, taut, targets, presliding)
     numbering = points[-1].state.numbering
     path = substep.follow()
-    corrected = substep.at_end(path, numbering, allowed * length)
+    agreement = max(allowed, AGREEMENT) * length
+    corrected = substep.at_end(path, numbering, agreement)
     change = corrected - substep.after
     effect = substep.displacement(change, numbering) / length
     history = _history(points, taut, path, corrected, substep) if path.complete and locate else None
@@ -163,7 +167,7 @@ def find_reversals(
         if effect > allowed and not locate and not substep.is_rough:
             return divided
         found = substep.path_error(
-            path, corrected, numbering, allowed * length, matters=effect > allowed, locate=locate
+            path, corrected, numbering, allowed * length, agreement, matters=effect > allowed, locate=locate
         )
         if found is not None:
             if not (path.reversed.any() or found.reverses or solved_with_reversals):
@@ -198,7 +202,7 @@ def _refined_error(
     if error > allowed and len(points) % 2 == 1 and _near_path(points, taut, path):
         coarser = substep._replace(model=substep.model.through_every_other_state())
         numbering = points[-1].state.numbering
-        moved = corrected - coarser.at_end(coarser.follow(), numbering, allowed * length)
+        moved = corrected - coarser.at_end(coarser.follow(), numbering, max(allowed, AGREEMENT) * length)
         error = min(error, substep.displacement(moved, numbering) / length)
     return error
 

@@ -182,7 +182,7 @@ class SubstepSlips(NamedTuple):
         since = (self.slip - path.reversal_slip) / self.model.presliding
         return self.corrected(path.reversal_mobilisation + since)
 
-    def at_end(self, path: FrictionPath, numbering: Numbering, allowed: float) -> Array:
+    def at_end(self, path: FrictionPath, numbering: Numbering, agreement: float) -> Array:
         """Mobilisations at the end of the substep that follow from a path [1], shape (k,).
 
         Those to first order, which have no error of the integration, where they agree with the end of the path. They
@@ -194,12 +194,12 @@ class SubstepSlips(NamedTuple):
             The path.
         numbering
             Of the unknowns.
-        allowed
+        agreement
             Displacement of a node up to which they agree [m].
         """
         first_order = self.with_reversals(path)
         last = path.unknowns[: len(first_order)]
-        if path.complete and self.displacement(last - first_order, numbering) > allowed:
+        if path.complete and self.displacement(last - first_order, numbering) > agreement:
             return last
         return first_order
 
@@ -253,6 +253,7 @@ class SubstepSlips(NamedTuple):
         mobilisation: Array,
         numbering: Numbering,
         allowed: float,
+        agreement: float,
         *,
         matters: bool,
         locate: bool,
@@ -269,6 +270,8 @@ class SubstepSlips(NamedTuple):
             Of the unknowns.
         allowed
             Displacement of a node that is allowed [m].
+        agreement
+            See `at_end` [m].
         matters
             Whether the reversals of the path displace a node by more than that.
         locate
@@ -291,7 +294,7 @@ class SubstepSlips(NamedTuple):
         other = self.follow(factor)
         if not other.complete:
             return None
-        moved = self.displacement(mobilisation - self.at_end(other, numbering, allowed), numbering)
+        moved = self.displacement(mobilisation - self.at_end(other, numbering, agreement), numbering)
         if locate and moved <= allowed < first_order:
             return PathError(UNDECIDED * allowed, True)
         return PathError(moved, bool(other.reversed.any()))
