@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 
+from tdcr_fe.elements.compiled import compilable
+
 Array = NDArray[np.float64]
 
 #: Smallest eigenvalue of `positive_definite_near` over the largest magnitude of those it began with [1].
@@ -38,15 +40,34 @@ class PivotRule:
 
     def exchanged(self, violated: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
         """The indices to exchange, of ``count`` violated ones; shapes (k,)."""
-        if count < self._fewest:
-            self._fewest, self._idle_left = count, MOST_IDLE_BLOCKS
-        elif self._idle_left > 0:
-            self._idle_left -= 1
-        else:
-            lowest = np.zeros_like(violated)
-            lowest[violated.argmax()] = True
-            return lowest
+        violated, self._fewest, self._idle_left = exchanged(violated, count, self._fewest, self._idle_left)
         return violated
+
+
+@compilable
+def exchanged(
+    violated: NDArray[np.bool_], count: int, fewest: int, idle_left: int
+) -> tuple[NDArray[np.bool_], int, int]:
+    """The rule of `PivotRule`: the indices to exchange, and what it remembers.
+
+    Parameters
+    ----------
+    violated
+        Violated indices, shape (k,).
+    count
+        Their number.
+    fewest
+        Fewest so far.
+    idle_left
+        Block pivots that may still leave as many.
+    """
+    if count < fewest:
+        return violated, count, MOST_IDLE_BLOCKS
+    if idle_left > 0:
+        return violated, fewest, idle_left - 1
+    lowest = np.zeros_like(violated)
+    lowest[violated.argmax()] = True
+    return lowest, fewest, 0
 
 
 def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -> tuple[Array, bool]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.compiled import compilable, compiled_as
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
 
@@ -19,16 +21,19 @@ def as_slice(numbers: Index) -> slice | Index:
     return numbers
 
 
+@compiled_as(lambda values: values.max())
 def largest(values: Array) -> float:
     """The largest of some numbers; a fifth of the time of numpy's ``max`` for a few of them."""
     return values.item(values.argmax())
 
 
+@compiled_as(lambda values: values.min())
 def smallest(values: Array) -> float:
     """The smallest of some numbers, see `largest`."""
     return values.item(values.argmin())
 
 
+@compilable
 def largest_magnitude(values: Array) -> float:
     """The largest magnitude of some numbers, see `largest`."""
     return largest(np.abs(values))

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NoReturn
 from tdcr_fe import __version__
 from tdcr_fe.commands.machine import document, stdout_kept_free
 from tdcr_fe.commands.status import INTERRUPTED, SUCCESS, WRONG_INPUT, complain, count
+from tdcr_fe.elements.compiled import numba_version
 from tdcr_fe.io.processes import sigterm_as_interrupt
 
 if TYPE_CHECKING:
@@ -164,6 +165,12 @@ def _print_json(command: str, status: int, args: argparse.Namespace | None, ende
     sys.stdout.flush()
 
 
+def _version() -> str:
+    """Version, and by what the friction path is computed."""
+    numba = numba_version()
+    return f"tdcr-fe {__version__} " + (f"(compiled by numba {numba})" if numba else "(not compiled)")
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="tdcr-fe",
@@ -171,7 +178,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit status: 0 done, 1 the model did not converge, 2 the input is wrong, 130 interrupted "
         "(143 by SIGTERM).",
     )
-    parser.add_argument("--version", action="version", version=f"tdcr-fe {__version__}")
+    parser.add_argument("--version", action="version", version=_version())
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
     for place in COMMANDS:
         module, _, function = place.partition(":")

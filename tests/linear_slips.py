@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from tdcr_fe.solve.friction_path.slip_state import SlipDerivatives, SlipState
+from tdcr_fe.solve.friction_path.small_systems import no_factors
+
 
 class LinearSlips:
     """``u = a x + b x^2 / 2 + (C0 + x C1) (z - z0)``; mobilisations first in ``z``, then tensions at the base.
@@ -25,7 +28,7 @@ class LinearSlips:
     """
 
     def __init__(self, by_load, matrix, start, presliding, holes=None, slack=()):
-        self.presliding, self.breakpoints = presliding, (1.0,)
+        self.presliding, self.breakpoints, self.compilable = presliding, np.ones(1), False
         # ``C`` changes the rates by more than the cube of the load factor does.
         self.cubic_coefficient = np.inf
         self._load, self._matrix, self._start = np.array(by_load), np.array(matrix), np.array(start)
@@ -42,47 +45,38 @@ class LinearSlips:
         return self._first + load + self._by_unknowns(x) @ (z - self._start)
 
     def at(self, x, z, tension):
-        """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`."""
+        """As of `tdcr_fe.solve.friction_path.slip_model.InterpolatedSlips`: tensions stay as they are."""
         change = self._matrix[0] - self._matrix[1]
         load = (1.0 - x) * self._load[0] + x * self._load[1] + change @ (z - self._start)
-        matrix = np.diag(self._elastic_slip) - self._by_unknowns(x)
-        return _State(tension, self.slip(x, z), load, matrix, self._elastic_slip)
+        n, still = len(z), np.zeros(len(tension))
+        derivatives = SlipDerivatives(
+            load,
+            self._elastic_slip,
+            self.regimes(z, tension),
+            still,
+            np.zeros((n, len(still))),
+            np.zeros((n, len(still))),
+            no_factors(),
+            np.zeros(n, dtype=bool),
+            self.matrix(x).T.copy(),
+            np.zeros((n, len(still))),
+        )
+        return SlipState(tension, self.slip(x, z), derivatives)
+
+    def matrix(self, x):
+        """Minus the derivatives of the complements by the unknowns."""
+        return np.diag(self._elastic_slip) - self._by_unknowns(x)
 
     @staticmethod
     def regimes(z, tension):
-        """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`: derivatives do not jump."""
+        """As of `tdcr_fe.solve.friction_path.slip_model.InterpolatedSlips`: derivatives do not jump."""
+        return np.zeros(0, dtype=bool)
 
     @staticmethod
     def distance_to_regime_change(z, rate, tension, tension_rate):
-        """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`."""
+        """As of `tdcr_fe.solve.friction_path.slip_model.InterpolatedSlips`."""
         return np.inf
 
     def complement_rates(self, x, z, tension, rate, near):
-        """As of `tdcr_fe.solve.friction_path.slip_model.SlipModel`."""
-        state = self.at(x, z, tension)
-        return state.by_load - state.matrix @ rate
-
-
-class _State:
-    def __init__(self, tension, slip, by_load, matrix, elastic_slip):
-        self.tension, self.slip, self.by_load, self.matrix = tension, slip, by_load, matrix
-        self.elastic_slip = elastic_slip
-
-    def extrapolated(self, length, tension, rate, complement):
-        slip = self.slip + length * (complement + self.elastic_slip * rate)
-        return _State(tension, slip, self.by_load, self.matrix, self.elastic_slip)
-
-    def columns(self, which):
-        return self.matrix[:, which]
-
-    def with_changed(self, which, change):
-        slip = self.slip - self.matrix[:, which] @ change
-        slip[which] += self.elastic_slip[which] * change
-        return _State(self.tension, slip, self.by_load, self.matrix, self.elastic_slip)
-
-    @staticmethod
-    def left_regimes(regimes):
-        return regimes is not None
-
-    def tension_rates(self, free, rate):
-        return np.zeros_like(self.tension)
+        """As of `tdcr_fe.solve.friction_path.slip_model.InterpolatedSlips`."""
+        return True, self.at(x, z, tension).derivatives.by_load - self.matrix(x) @ rate

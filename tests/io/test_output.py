@@ -122,7 +122,7 @@ def test_summary_names_versions_settings_digest_and_outcome(tmp_path):
     )
     write_results(result, tmp_path, {"scenario.toml": "ab" * 32}, 10, pictures=False)
     summary = json.loads((tmp_path / "summary.json").read_text("utf-8"))
-    assert set(summary["versions"]) == {"tdcr_fe", "exudyn", "numpy", "scipy", "python"}
+    assert set(summary["versions"]) == {"tdcr_fe", "exudyn", "numpy", "scipy", "numba", "python"}
     assert summary["versions"]["numpy"] == np.__version__
     assert summary["settings"] == {"tolerance": 1e-10, "limits": [1, 2], "worst": None}
     assert summary["input"] == {"scenario.toml": {"sha256": "ab" * 32}}

@@ -22,6 +22,7 @@ from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.equations.state import Target
 from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
 from tdcr_fe.solve.friction_path.event_integration import follow_friction
+from tdcr_fe.solve.friction_path.slip_state import columns_of
 from tdcr_fe.solve.friction_path.substep_slips import InterpolationPoint, SubstepSlips
 from tdcr_fe.solve.friction_path.taut_tendons import TautTendons
 from tdcr_fe.solve.load_steps.ramp import Ramp
@@ -46,7 +47,7 @@ def by_small_steps(slips, mobilisation, count):
     u = slips.slip(0.0, s)
     for k in range(count):
         x = (k + 1) / count
-        matrix = slips.at(x, s, np.ones(1)).matrix
+        matrix = slips.matrix(x)
         new, _ = solve_box(matrix, slips.slip(x, s) - u + matrix @ s, s)
         s, u = new, slips.slip(x, new)
     return s
@@ -150,14 +151,14 @@ def test_slips_and_their_derivatives_are_those_of_the_solved_ends(given):
     )
     for x, at in ((0.0, start), (1.0, end)):
         tension = np.concatenate([f.field.tension.reshape(-1) for f in at.forces])
-        state = substep.model.at(x, at.mobilisation, tension)
+        state = substep.model.slips.at(x, at.mobilisation, tension)
         line = at.linearization
         coupling = FrictionCoupling.of(line.numbering, at.forces, clamped, line.slack)
         every = np.arange(len(at.mobilisation))
         matrix = coupling.response(line.factorisation.solve, every, DELTA).matrix
         assert state.tension == pytest.approx(tension, rel=1e-9)
         assert state.slip == pytest.approx(at.slips, rel=1e-9, abs=1e-12)
-        assert np.abs(state.columns(every) - matrix).max() < 1e-8 * np.abs(matrix).max()
+        assert np.abs(columns_of(state.derivatives, every).T - matrix).max() < 1e-8 * np.abs(matrix).max()
 
 
 def test_slips_are_interpolated_better_through_a_state_within_the_substep():
@@ -184,7 +185,7 @@ def test_slips_are_interpolated_better_through_a_state_within_the_substep():
         assert np.array_equal(inside.mobilisation, path.at(factor)[0])
         tension = both.tensions(inside)
         errors = [
-            float(np.abs(model.at(factor, inside.mobilisation, tension).slip - inside.slips).max())
+            float(np.abs(model.slips.at(factor, inside.mobilisation, tension).slip - inside.slips).max())
             for model in (substep.model, refined.model)
         ]
         assert errors[1] < errors[0] / 2.0 and errors[1] < 0.2 * DELTA

@@ -11,13 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgesv
 
+from tdcr_fe.elements.compiled import compilable
 from tdcr_fe.elements.numbers import smallest
-from tdcr_fe.solve.friction_path.path import Piece
-from tdcr_fe.solve.friction_path.slip_rates import rows_of
-from tdcr_fe.solve.friction_path.slip_state import SlipState
-from tdcr_fe.solve.friction_path.unknowns import Bounds, PathUnknowns
+from tdcr_fe.solve.friction_path.slip_state import SlipState, columns_of, with_changed
+from tdcr_fe.solve.friction_path.small_systems import factorised, solved_transposed, some_columns
+from tdcr_fe.solve.friction_path.unknowns import Bounds, PathUnknowns, sides
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -38,70 +37,98 @@ class Unclipped(NamedTuple):
     which: Index
     values: Array
 
-    def fraction_inside(self, piece: Piece, bounds: Bounds) -> float:
-        """Fraction of the piece over which all of them are inside their bounds [1]."""
-        start = piece.unknowns[self.which]
-        moved = self.values - start
-        room = np.where(moved > 0.0, bounds.upper[self.which] - start, bounds.lower[self.which] - start)
-        fraction = np.divide(room, moved, out=np.ones(len(start)), where=np.abs(moved) > np.abs(room))
-        return smallest(fraction)
+
+class Constancy(NamedTuple):
+    """The complements that stay constant along a path; the arrays are changed on the way.
+
+    Attributes
+    ----------
+    free : ndarray of bool, shape (n,)
+        Unknowns inside their bounds.
+    complement : ndarray, shape (n,)
+        What their complements are to be [m].
+    at_bound : ndarray of bool, shape (n,)
+        Which of them were at a bound before the last correction.
+    """
+
+    free: Flags
+    complement: Array
+    at_bound: Flags
 
 
-class DriftCorrection:
-    """The complements that stay constant along a path, and the unknowns corrected so that they do.
+@compilable
+def none_unclipped() -> Unclipped:
+    """No unknowns inside their bounds."""
+    return Unclipped(np.zeros(0, dtype=np.int64), np.zeros(0))
+
+
+@compilable
+def nothing_constant(count: int) -> Constancy:
+    """At the start of a path with so many unknowns."""
+    return Constancy(np.zeros(count, dtype=np.bool_), np.zeros(count), np.zeros(count, dtype=np.bool_))
+
+
+@compilable
+def fraction_inside(unclipped: Unclipped, start: Array, bounds: Bounds) -> float:
+    """Fraction of a piece over which unknowns that begin it at given values are inside their bounds [1]."""
+    which = unclipped.which
+    if not which.size:
+        return 1.0
+    moved = unclipped.values - start[which]
+    room = np.where(moved > 0.0, bounds.upper[which], bounds.lower[which]) - start[which]
+    return smallest(np.where(np.abs(moved) > np.abs(room), room / moved, 1.0))
+
+
+@compilable
+def set_free(kept: Constancy, free: Flags, z: Array, state: SlipState, unknowns: PathUnknowns) -> None:
+    """From a state on, the complements of these unknowns are constant: those newly free keep the present value."""
+    new = (free & ~kept.free).nonzero()[0]
+    if new.size:
+        kept.complement[new] = state.slip[new] - unknowns.elastic_slip[new] * z[new]
+        # A tendon under tension has no slack.
+        kept.complement[unknowns.holes :] = 0.0
+    kept.free[:] = free
+
+
+@compilable
+def drift_corrected(
+    kept: Constancy, z: Array, state: SlipState, unknowns: PathUnknowns
+) -> tuple[Array, SlipState, Unclipped]:
+    """Unknowns without drift.
+
+    A free unknown that came to its bound too early is moved back once only: else its way there might never end.
 
     Parameters
     ----------
+    kept
+        The complements that are constant.
+    z
+        Unknowns, shape (n,).
+    state
+        Slips there, newly evaluated.
     unknowns
         Of the path.
+
+    Returns
+    -------
+    unknowns : ndarray, shape (n,)
+    state : SlipState
+        Slips there.
+    unclipped : Unclipped
+        What the free unknowns would be without bounds.
     """
-
-    def __init__(self, unknowns: PathUnknowns) -> None:
-        count = len(unknowns.scale)
-        self._unknowns, self._complement = unknowns, np.zeros(count)
-        self._free: Flags = np.zeros(count, dtype=bool)
-        #: Which free unknowns were at a bound before the last correction.
-        self._at_bound: Flags = np.zeros(count, dtype=bool)
-
-    def set_free(self, free: Flags, z: Array, state: SlipState) -> None:
-        """From a state on, the complements of these unknowns are constant: those newly free keep the present value."""
-        new = (free > self._free).nonzero()[0]
-        if new.size:
-            self._complement[new] = state.slip[new] - self._unknowns.elastic_slip[new] * z[new]
-            # A tendon under tension has no slack.
-            self._complement[self._unknowns.holes :] = 0.0
-        self._free = free
-
-    def corrected(self, z: Array, state: SlipState) -> tuple[Array, SlipState, Unclipped | None]:
-        """Unknowns without drift.
-
-        A free unknown that came to its bound too early is moved back once only: else its way there might never end.
-
-        Parameters
-        ----------
-        z
-            Unknowns, shape (n,).
-        state
-            Slips there, newly evaluated.
-
-        Returns
-        -------
-        unknowns : ndarray, shape (n,)
-        state : SlipState
-            Slips there.
-        unclipped : Unclipped or None
-            What the free unknowns would be without bounds; None where none is free.
-        """
-        free, unknowns = self._free.nonzero()[0], self._unknowns
-        if not free.size:
-            return z, state, None
-        drift = state.slip[free] - unknowns.elastic_slip[free] * z[free] - self._complement[free]
-        change = np.asarray(dgesv(rows_of(state.columns(free), free), drift, overwrite_a=True)[2])
-        unclipped = Unclipped(free, z[free] + change)
-        at_bound = unknowns.bounds.side(z)[free] != 0.0
-        change[at_bound & self._at_bound[free]] = 0.0
-        self._at_bound[free] = at_bound
-        lower, upper = unknowns.bounds.lower[free], unknowns.bounds.upper[free]
-        new = z.copy()
-        new[free] = np.minimum(np.maximum(z[free] + change, lower), upper)
-        return new, state.with_changed(free, new[free] - z[free]), unclipped
+    free = kept.free.nonzero()[0]
+    if not free.size:
+        return z, state, none_unclipped()
+    here, bounds = z[free], unknowns.bounds
+    drift = state.slip[free] - unknowns.elastic_slip[free] * here - kept.complement[free]
+    columns = columns_of(state.derivatives, free)
+    change = solved_transposed(factorised(some_columns(columns, free)), drift)
+    unclipped = Unclipped(free, here + change)
+    at_bound = sides(bounds, z)[free] != 0.0
+    change = np.where(at_bound & kept.at_bound[free], 0.0, change)
+    kept.at_bound[free] = at_bound
+    moved = np.minimum(np.maximum(here + change, bounds.lower[free]), bounds.upper[free])
+    new = z.copy()
+    new[free] = moved
+    return new, with_changed(state, free, columns, moved - here), unclipped

@@ -17,22 +17,45 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgesv
 
+from tdcr_fe.elements.compiled import compilable, compiled_as, is_compiled, run_compiled
 from tdcr_fe.elements.numbers import largest, largest_magnitude
-from tdcr_fe.solve.friction_path.drift_correction import DriftCorrection, Unclipped
-from tdcr_fe.solve.friction_path.path import FrictionPath, Piece
+from tdcr_fe.solve.friction_path.drift_correction import (
+    Unclipped,
+    drift_corrected,
+    fraction_inside,
+    none_unclipped,
+    nothing_constant,
+    set_free,
+)
+from tdcr_fe.solve.friction_path.path import (
+    FrictionPath,
+    Piece,
+    Pieces,
+    end_of_piece,
+    room_for_pieces,
+    set_piece,
+)
+from tdcr_fe.solve.friction_path.slip_model import complement_rates, slips_at
 from tdcr_fe.solve.friction_path.slip_rates import (
     Rates,
+    constant_rates,
     distance_to_bound,
     distance_to_curved_bound,
     distance_to_reversal,
     distance_to_tautness,
-    rows_of,
+    linear_rates,
     solve_rates,
 )
-from tdcr_fe.solve.friction_path.slip_state import SlipState
-from tdcr_fe.solve.friction_path.unknowns import PathUnknowns
+from tdcr_fe.solve.friction_path.slip_state import (
+    SlipState,
+    columns_of,
+    extrapolated,
+    left_regimes,
+    tension_columns,
+)
+from tdcr_fe.solve.friction_path.small_systems import factorised, solved_transposed, some_columns
+from tdcr_fe.solve.friction_path.unknowns import PathUnknowns, fixed_by_slack, sides
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -61,11 +84,10 @@ OVERSHOOT = 1e-4
 MOST_SHORTENED, MOST_SHORTENINGS = 0.75, 4
 #: Round-off of load factors [1].
 ROUND_OFF = 1e-12
-_NONE: Index = np.zeros(0, dtype=int)
 
 
 class Slips(Protocol):
-    """Slips as functions of load factor, mobilisations and tensions, as in `slip_model.SlipModel`."""
+    """Slips as functions of load factor, mobilisations and tensions, as `slip_model.InterpolatedSlips`."""
 
     @property
     def presliding(self) -> float:
@@ -73,7 +95,7 @@ class Slips(Protocol):
         ...
 
     @property
-    def breakpoints(self) -> tuple[float, ...]:
+    def breakpoints(self) -> Array:
         """Load factors up to which the slips are smooth, ascending; the last one is 1 [1]."""
         ...
 
@@ -82,12 +104,17 @@ class Slips(Protocol):
         """Largest coefficient of the cube of the load factor in the slips [m]."""
         ...
 
+    @property
+    def compilable(self) -> bool:
+        """Whether compiled functions take them."""
+        ...
+
     def at(self, factor: float, z: Array, tension: Array) -> SlipState:
         """Slips and derivatives at a load factor, unknowns, and about these tensions of the segments."""
         ...
 
-    def regimes(self, z: Array, tension: Array) -> Flags | None:
-        """Flags that change where the derivatives of the tensions jump; None where they never do."""
+    def regimes(self, z: Array, tension: Array) -> Flags:
+        """Flags that change where the derivatives of the tensions jump; none where they never do."""
         ...
 
     def distance_to_regime_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
@@ -96,37 +123,9 @@ class Slips(Protocol):
 
     def complement_rates(
         self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
-    ) -> Array | None:
-        """Rates of the complements at given rates of the unknowns [m]; None where derivatives have jumped."""
+    ) -> tuple[bool, Array]:
+        """Rates of the complements at given rates of the unknowns [m]; and whether derivatives have not jumped."""
         ...
-
-
-@np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def follow_friction(slips: Slips, mobilisation: Array, base_tension: Array, tension: Array) -> FrictionPath:
-    """Follow the friction states through a substep.
-
-    Parameters
-    ----------
-    slips
-        In the substep.
-    mobilisation
-        Of the frictional holes at its start [1], shape (k,).
-    base_tension
-        Tensions at the base there of tendons driven by displacement [N], shape (c,).
-    tension
-        Of the segments there [N], shape (q,).
-    """
-    run = _Integration(slips, mobilisation, base_tension, tension)
-    for _ in range(50 + 6 * len(run.z)):
-        rates = run.rates()
-        if rates is None:
-            break
-        if run.is_moved_back(rates):
-            continue
-        run.take_events(rates)
-        if run.at_end or not run.advance(rates):
-            break
-    return run.path()
 
 
 class _Evaluation(NamedTuple):
@@ -146,17 +145,6 @@ class _Evaluation(NamedTuple):
     tension: Array
     largest: float
 
-    @classmethod
-    def at(cls, factor: float, tension: Array) -> _Evaluation:
-        """At a load factor and tensions."""
-        return cls(factor, tension, largest(tension))
-
-    def is_near(self, factor: float, tension: Array, fraction: float = 1.0) -> bool:
-        """Whether another load factor and other tensions are within a fraction of the limits of reuse."""
-        if factor - self.factor > fraction * CONSTANT_RATES_PIECE:
-            return False
-        return largest_magnitude(tension - self.tension) <= fraction * REUSED_TENSION_CHANGE * self.largest
-
 
 class _LastReversals(NamedTuple):
     """Where slips reversed last, see `FrictionPath`; the arrays are filled on the way."""
@@ -165,201 +153,279 @@ class _LastReversals(NamedTuple):
     mobilisation: Array
     factor: Array
 
-    def set(self, which: Index, slip: Array, mobilisation: Array, factor: float) -> None:
-        """Slips of some holes reverse at a load factor; changes the arrays."""
-        self.slip[which], self.mobilisation[which], self.factor[which] = slip, mobilisation, factor
 
+def follow_friction(slips: Slips, mobilisation: Array, base_tension: Array, tension: Array) -> FrictionPath:
+    """Follow the friction states through a substep.
 
-class _Integration:
-    """The integration of the friction states, up to the load factor that it has reached.
-
-    Parameters are those of `follow_friction`.
-
-    Attributes
+    Parameters
     ----------
-    factor : float
-        Load factor reached [1].
-    z : ndarray, shape (k + c,)
-        Unknowns there.
-    tension : ndarray, shape (q,)
-        Tensions of the segments there [N].
+    slips
+        In the substep.
+    mobilisation
+        Of the frictional holes at its start [1], shape (k,).
+    base_tension
+        Tensions at the base there of tendons driven by displacement [N], shape (c,).
+    tension
+        Of the segments there [N], shape (q,).
     """
+    unknowns = PathUnknowns.of(slips.presliding, len(mobilisation), base_tension, tension)
+    z = np.append(mobilisation, base_tension)
+    given = slips, unknowns, z, tension, slips.breakpoints, _longest_piece(slips)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        fast = slips.compilable and is_compiled()
+        found = run_compiled(_integrated, *given) if fast else _integrated(*given)
+    end, last, pieces, count, complete = found
+    return FrictionPath(
+        end, last.slip, last.mobilisation, last.factor, complete, pieces.first(count), unknowns.bounds
+    )
 
-    def __init__(self, slips: Slips, mobilisation: Array, base_tension: Array, tension: Array) -> None:
-        holes = len(mobilisation)
-        self._slips = slips
-        self._unknowns = PathUnknowns.of(slips.presliding, holes, base_tension, tension)
-        self.factor, self.z, self.tension = 0.0, np.append(mobilisation, base_tension), tension
-        self._pieces: list[Piece] = []
-        self._reversals = _LastReversals(np.zeros(holes), mobilisation.copy(), np.zeros(holes))
-        self._breakpoints, self._longest = [*slips.breakpoints], _longest_piece(slips)
-        self._drift = DriftCorrection(self._unknowns)
-        self._start_slip: Array = np.zeros(0)
-        #: Slips here; None where they have to be evaluated anew.
-        self._state: SlipState | None = None
-        self._evaluation = _Evaluation.at(0.0, tension)
-        #: The unknowns here as they would be without bounds; None where the state was not evaluated here.
-        self._unclipped: Unclipped | None = None
-        #: At which bounds the unknowns are here, and the slack of tendons [m].
-        self._side, self._slack = self._unknowns.bounds.side(self.z), np.zeros(len(base_tension))
-        #: Holes whose slips reverse here.
-        self._turned = _NONE
-        #: How often the last piece has been shortened.
-        self._shortenings = 0
 
-    @property
-    def at_end(self) -> bool:
-        """Whether the end of the substep is reached."""
-        return not self._breakpoints
+def _integrated(
+    slips: Slips, unknowns: PathUnknowns, z: Array, tension: Array, breakpoints: Array, longest: float
+) -> tuple[Array, _LastReversals, Pieces, int, bool]:
+    """Integrate the friction states.
 
-    def path(self) -> FrictionPath:
-        """The path so far."""
-        return FrictionPath(self.z, *self._reversals, self.at_end, tuple(self._pieces), self._unknowns.bounds)
+    Parameters
+    ----------
+    slips
+        In the substep.
+    unknowns
+        What is known of the unknowns.
+    z
+        The unknowns at its start, shape (n,).
+    tension
+        Of the segments there [N], shape (q,).
+    breakpoints
+        See `Slips`.
+    longest
+        Longest piece [1].
 
-    def rates(self) -> Rates | None:
-        """Rates here; None where there are none, or where numbers overflow far from both ends of the substep."""
-        state, unknowns = self._evaluated(), self._unknowns
-        self._side = unknowns.bounds.side(self.z)
-        self._slack = np.maximum(-state.slip[unknowns.holes :], 0.0)
-        fixed = unknowns.fixed_by_slack(self._slack)
-        found = solve_rates(
-            state.columns, state.by_load, self._side, fixed, unknowns.scale, unknowns.tolerance
-        )
-        return found if found is not None and isfinite(found.complement @ found.complement) else None
-
-    def is_moved_back(self, rates: Rates) -> bool:
-        """Whether rates have to be found again: with new derivatives here, or where a reversal was passed.
-
-        Slips that reverse here may have done so before. The last piece is then shortened to where they did.
-        """
-        side, holes = self._side, self._unknowns.holes
-        self._turned = (
-            _NONE if rates.side is side else ((rates.side == 0.0) & (side != 0.0))[:holes].nonzero()[0]
-        )
-        if not self._turned.size:
-            return False
-        if not self._evaluation.is_near(self.factor, self.tension, REUSED_FOR_REVERSAL):
-            self._state = None
-            return True
-        if not self._pieces or self._shortenings >= MOST_SHORTENINGS:
-            return False
-        fraction = self._fraction_before_reversal()
-        if fraction >= 1.0:
-            return False
-        last = self._pieces[-1] = self._pieces[-1].shortened(fraction)
-        self.factor, self.z, self.tension = last.after(last.length, self._unknowns.bounds)
-        self._state, self._shortenings = None, self._shortenings + 1
-        return True
-
-    def take_events(self, rates: Rates) -> None:
-        """Note which unknowns are free from here on, which slips reverse here, and which breakpoints are passed."""
-        state, turned = self._evaluated(), self._turned
-        self._shortenings = 0
-        self._drift.set_free(rates.side == 0.0, self.z, state)
+    Returns
+    -------
+    unknowns : ndarray, shape (n,)
+        At the end.
+    reversals : _LastReversals
+    pieces : Pieces
+        With room for more.
+    count : int
+        Number of pieces.
+    complete : bool
+        Whether the end of the substep was reached.
+    """
+    holes, most, factor, count, passed = unknowns.holes, 50 + 6 * len(z), 0.0, 0, 0
+    pieces, kept = room_for_pieces(most, len(z), len(tension)), nothing_constant(len(z))
+    last = _LastReversals(np.zeros(holes), z[:holes].copy(), np.zeros(holes))
+    state = evaluated(slips, factor, z, tension)
+    tension, start_slip, unclipped = state.tension, state.slip, none_unclipped()
+    evaluation, known, shortenings = _Evaluation(factor, tension, largest(tension)), True, 0
+    for _ in range(most):
+        if not known:
+            state = evaluated(slips, factor, z, tension)
+            tension, known = state.tension, True
+            evaluation = _Evaluation(factor, tension, largest(tension))
+            z, state, unclipped = drift_corrected(kept, z, state, unknowns)
+        side, slack = sides(unknowns.bounds, z), np.maximum(-state.slip[holes:], 0.0)
+        fixed = fixed_by_slack(unknowns, slack)
+        rates = solve_rates(state.derivatives, side, fixed, unknowns.scale, unknowns.tolerance)
+        if not (rates.found and isfinite(rates.complement.dot(rates.complement))):
+            break
+        turned = ((rates.side == 0.0) & (side != 0.0))[:holes].nonzero()[0]
+        if turned.size and not _is_near(evaluation, factor, tension, REUSED_FOR_REVERSAL):
+            known = False
+            continue
+        if turned.size and count > 0 and shortenings < MOST_SHORTENINGS:
+            # Slips that reverse here may have done so before.
+            fraction = _fraction_before_reversal(state, pieces, count - 1, turned, side, unclipped, unknowns)
+            if fraction < 1.0:
+                pieces.length[count - 1] *= fraction
+                factor, z, tension = end_of_piece(pieces, count - 1, unknowns.bounds)
+                known, shortenings = False, shortenings + 1
+                continue
         if turned.size:
-            slip = state.slip[turned] - self._start_slip[turned]
-            self._reversals.set(turned, slip, self._side[turned], self.factor)
-        if self._at_breakpoint():
-            del self._breakpoints[0]
+            last.slip[turned], last.mobilisation[turned] = (state.slip - start_slip)[turned], side[turned]
+            last.factor[turned] = factor
+        shortenings = 0
+        set_free(kept, rates.side == 0.0, z, state, unknowns)
+        if factor >= breakpoints[passed] - ROUND_OFF:
+            passed += 1
+            if passed == len(breakpoints):
+                return z, last, pieces, count, True
+        left = breakpoints[passed] - factor
+        finite, curved, piece = _next_piece(
+            slips, unknowns, factor, z, state, rates, slack, min(left, longest)
+        )
+        if not finite:
+            break
+        set_piece(pieces, count, piece)
+        factor, z, tension = end_of_piece(pieces, count, unknowns.bounds)
+        count += 1
+        reused = not curved and factor < breakpoints[passed] - ROUND_OFF
+        known = reused and _is_near(evaluation, factor, tension, 1.0)
+        known = known and not left_regimes(state.derivatives, regimes_of(slips, z, tension))
+        if known:
+            state = extrapolated(state, piece.length, tension, rates.rate, rates.complement)
+            unclipped = none_unclipped()
+    return z, last, pieces, count, False
 
-    def advance(self, rates: Rates) -> bool:
-        """Add the piece up to the next event; whether that was possible: not where numbers overflow."""
-        state = self._evaluated()
-        piece, curved = self._next_piece(state, rates)
-        if piece is None:
-            return False
-        self._pieces.append(piece)
-        self.factor, self.z, self.tension = piece.after(piece.length, self._unknowns.bounds)
-        reused = not (curved or self._at_breakpoint()) and self._evaluation.is_near(self.factor, self.tension)
-        if reused and not state.left_regimes(self._slips.regimes(self.z, self.tension)):
-            self._state = state.extrapolated(piece.length, self.tension, rates.rate, rates.complement)
-            self._unclipped = None
+
+@compilable
+def _is_near(evaluation: _Evaluation, factor: float, tension: Array, fraction: float) -> bool:
+    """Whether another load factor and other tensions are within a fraction of the limits of reuse."""
+    if factor - evaluation.factor > fraction * CONSTANT_RATES_PIECE:
+        return False
+    limit = fraction * REUSED_TENSION_CHANGE * evaluation.largest
+    return bool(largest_magnitude(tension - evaluation.tension) <= limit)
+
+
+@compilable
+def _next_piece(
+    slips: Slips,
+    unknowns: PathUnknowns,
+    factor: float,
+    z: Array,
+    state: SlipState,
+    rates: Rates,
+    slack: Array,
+    longest: float,
+) -> tuple[bool, bool, Piece]:
+    """Whether numbers are finite, whether rates change within the piece, and the piece up to the next event.
+
+    Parameters
+    ----------
+    slips, unknowns
+        As of `_integrated`.
+    factor, z, state, rates
+        Here.
+    slack
+        Of the tendons driven by displacement [m], shape (c,).
+    longest
+        Longest piece: up to the next breakpoint at most [1].
+    """
+    holes, bounds, free = unknowns.holes, unknowns.bounds, rates.free
+    event = distance_to_bound(rates, z, bounds)
+    curved, finite, linear = event > CONSTANT_RATES_PIECE, True, constant_rates(rates)
+    tension_rate = state.derivatives.tension_by_load
+    if free.size:
+        tension_rate = tension_rate + rates.rate[free].dot(tension_columns(state.derivatives, free))
+    if curved:
+        curved, slope = _slope(slips, factor, z, state, rates, tension_rate, longest, holes)
+        if curved:
+            linear, finite = linear_rates(rates, slope), isfinite(slope.dot(slope))
+            event = distance_to_curved_bound(linear, free, z, bounds)
+            event = min(event, distance_to_reversal(linear, unknowns.tolerance, holes))
         else:
-            self._state = None
-        return True
+            longest = min(longest, CONSTANT_RATES_PIECE)
+    if slack.size:
+        event = min(event, distance_to_tautness(linear, slack, holes))
+    event = min(event, distance_to_regime_change(slips, z, linear.rate, state.tension, tension_rate))
+    length = min(longest, max(SHORTEST_PIECE, event))
+    return finite, curved, Piece(factor, length, z, linear, state.tension, tension_rate)
 
-    def _at_breakpoint(self) -> bool:
-        return self.factor >= self._breakpoints[0] - ROUND_OFF
 
-    def _evaluated(self) -> SlipState:
-        """Slips here, evaluated and corrected for the drift if they are not known."""
-        if self._state is None:
-            state = self._slips.at(self.factor, self.z, self.tension)
-            self.tension = state.tension
-            if not self._start_slip.size:
-                self._start_slip = state.slip
-            self._evaluation = _Evaluation.at(self.factor, self.tension)
-            self.z, self._state, self._unclipped = self._drift.corrected(self.z, state)
-        return self._state
+@compilable
+def _slope(
+    slips: Slips,
+    factor: float,
+    z: Array,
+    state: SlipState,
+    rates: Rates,
+    tension_rate: Array,
+    longest: float,
+    holes: int,
+) -> tuple[bool, Array]:
+    """Derivative by the load factor of the rates of the complements at constant rates of the unknowns [m].
 
-    def _next_piece(self, state: SlipState, rates: Rates) -> tuple[Piece | None, bool]:
-        """The path up to the next event, None where numbers overflow; and whether rates change within it."""
-        slips, unknowns, z = self._slips, self._unknowns, self.z
-        event = distance_to_bound(rates, z, unknowns.bounds)
-        curved, longest = event > CONSTANT_RATES_PIECE, self._longest
-        tension_rate = state.tension_rates(rates.free, rates.rate)
-        slope = self._slope(state, rates, tension_rate) if curved else None
-        if curved and slope is None:
-            curved, longest = False, CONSTANT_RATES_PIECE
-        linear = rates.linear(slope)
-        if slope is not None:
-            if not isfinite(slope @ slope):
-                return None, curved
-            event = min(
-                distance_to_curved_bound(linear, rates.free, z, unknowns.bounds),
-                distance_to_reversal(linear, unknowns.tolerance, unknowns.holes),
-            )
-        if self._slack.size:
-            event = min(event, distance_to_tautness(linear, self._slack, unknowns.holes))
-        event = min(event, slips.distance_to_regime_change(z, linear.rate, state.tension, tension_rate))
-        length = min(self._breakpoints[0] - self.factor, longest, max(SHORTEST_PIECE, event))
-        return Piece(self.factor, length, z, linear, state.tension, tension_rate), curved
+    And before it, whether there is one: not where the rates jump. Parameters are those of `_next_piece`.
+    """
+    fastest = largest_magnitude(rates.rate[:holes])
+    length = min(SLOPE_PIECE * LONGEST_PIECE, longest, SLOPE_CHANGE / max(fastest, SLOPE_CHANGE))
+    there, tension = z + length * rates.rate, state.tension + length * tension_rate
+    smooth, ahead = complement_rates_of(slips, factor + length, there, tension, rates.rate, state)
+    return smooth, (ahead - rates.complement) / length
 
-    def _slope(self, state: SlipState, rates: Rates, tension_rate: Array) -> Array | None:
-        """Derivative by the load factor of the rates of the complements at constant rates of the unknowns [m].
 
-        None where they jump.
-        """
-        fastest = largest_magnitude(rates.rate[: self._unknowns.holes])
-        length = min(
-            SLOPE_PIECE * LONGEST_PIECE,
-            self._breakpoints[0] - self.factor,
-            SLOPE_CHANGE / max(fastest, SLOPE_CHANGE),
-        )
-        z, tension = self.z + length * rates.rate, state.tension + length * tension_rate
-        ahead = self._slips.complement_rates(self.factor + length, z, tension, rates.rate, state)
-        return None if ahead is None else (ahead - rates.complement) / length
+@compilable
+def _fraction_before_reversal(
+    state: SlipState,
+    pieces: Pieces,
+    i: int,
+    turned: Index,
+    side: Array,
+    unclipped: Unclipped,
+    unknowns: PathUnknowns,
+) -> float:
+    """Fraction of a piece over which slips kept their direction [1].
 
-    def _fraction_before_reversal(self) -> float:
-        """Fraction of the last piece over which slips kept their direction [1].
+    1 where the slip after their reversals makes no difference. Rates are taken as linear between those at both ends
+    of the piece. Slips also reverse where a free unknown of another hole comes to its bound within the piece.
 
-        1 where the slip after their reversals makes no difference. Rates are taken as linear between those at both ends
-        of the piece. Slips also reverse where a free unknown of another hole comes to its bound within the piece.
-        """
-        state, piece, turned, side = self._evaluated(), self._pieces[-1], self._turned, self._side
-        negligible = OVERSHOOT * self._unknowns.presliding
-        # The rates just before its end, where nothing had turned or come to a bound.
-        free, rate = (piece.rates.side == 0.0).nonzero()[0], state.by_load
-        if free.size:
-            columns = state.columns(free)
-            rate = rate - columns.dot(dgesv(rows_of(columns, free), rate[free], overwrite_a=True)[2])
-        complement = piece.rates.complement[turned]
-        before = np.maximum(side[turned] * complement, 0.0)
-        after = np.maximum(-side[turned] * rate[turned], 0.0)
-        passed = after / np.maximum(before + after, 1e-300)
-        matters = 0.5 * after * passed * piece.length > negligible
-        # Unknowns that only came to their bound at the end have no rate before it.
-        matters &= piece.rates.side[turned] != 0.0
-        fraction = 1.0 - float(passed[matters].max(initial=0.0))
-        inside = (
-            1.0 if self._unclipped is None else self._unclipped.fraction_inside(piece, self._unknowns.bounds)
-        )
-        if (1.0 - inside) * piece.length * largest_magnitude(complement) > negligible:
-            fraction = min(fraction, inside)
-        return max(fraction, 1.0 - MOST_SHORTENED)
+    Parameters
+    ----------
+    state
+        At the end of the piece.
+    pieces, i
+        The pieces, and the number of the one.
+    turned
+        Holes whose slips reverse at its end, shape (t,).
+    side
+        At which bounds the unknowns are there, shape (n,).
+    unclipped
+        The unknowns there as they would be without bounds; none where slips were not evaluated there.
+    unknowns
+        What is known of the unknowns.
+    """
+    length, negligible = pieces.length[i], OVERSHOOT * unknowns.presliding
+    # The rates just before its end, where nothing had turned or come to a bound.
+    free, rate = (pieces.rates.side[i] == 0.0).nonzero()[0], state.derivatives.by_load
+    if free.size:
+        columns = columns_of(state.derivatives, free)
+        of_free = solved_transposed(factorised(some_columns(columns, free)), rate[free])
+        rate = rate - of_free.dot(columns)
+    complement, direction = pieces.rates.complement[i][turned], side[turned]
+    before = np.maximum(direction * complement, 0.0)
+    after = np.maximum(-direction * rate[turned], 0.0)
+    passed = after / np.maximum(before + after, 1e-300)
+    # Unknowns that only came to their bound at the end have no rate before it.
+    matters = (0.5 * after * passed * length > negligible) & (pieces.rates.side[i][turned] != 0.0)
+    fraction = 1.0 - largest(np.where(matters, passed, 0.0))
+    inside = fraction_inside(unclipped, pieces.unknowns[i], unknowns.bounds)
+    if (1.0 - inside) * length * largest_magnitude(complement) > negligible:
+        fraction = min(fraction, inside)
+    return max(fraction, 1.0 - MOST_SHORTENED)
 
 
 def _longest_piece(slips: Slips) -> float:
     """Largest part of a substep over which slip rates are taken as linear in the load factor [1]."""
     smooth = float(np.cbrt(OVERSHOOT * slips.presliding / max(slips.cubic_coefficient, 1e-300)))
     return min(LONGEST_SMOOTH_PIECE, max(LONGEST_PIECE, smooth))
+
+
+# Compiled functions know the interpolated slips, and no others.
+
+
+@compiled_as(slips_at)
+def evaluated(slips: Slips, factor: float, z: Array, tension: Array) -> SlipState:
+    """See `Slips.at`."""
+    return slips.at(factor, z, tension)
+
+
+@compiled_as(complement_rates)
+def complement_rates_of(
+    slips: Slips, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
+) -> tuple[bool, Array]:
+    """See `Slips.complement_rates`."""
+    return slips.complement_rates(factor, z, tension, rate, near)
+
+
+@compiled_as(lambda slips, z, tension: np.zeros(0, dtype=np.bool_))
+def regimes_of(slips: Slips, z: Array, tension: Array) -> Flags:
+    """See `Slips.regimes`."""
+    return slips.regimes(z, tension)
+
+
+@compiled_as(lambda slips, z, rate, tension, tension_rate: np.inf)
+def distance_to_regime_change(
+    slips: Slips, z: Array, rate: Array, tension: Array, tension_rate: Array
+) -> float:
+    """See `Slips.distance_to_regime_change`."""
+    return slips.distance_to_regime_change(z, rate, tension, tension_rate)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.compiled import compilable
 from tdcr_fe.solve.friction_path.slip_rates import LinearRates
-from tdcr_fe.solve.friction_path.unknowns import Bounds
+from tdcr_fe.solve.friction_path.unknowns import Bounds, bounded
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -32,7 +32,7 @@ class Piece(NamedTuple):
     ----------
     start, length : float
         Load factor where it begins, and by how much it grows in it [1].
-    unknowns : ndarray, shape (k + c,)
+    unknowns : ndarray, shape (n,)
         Where it begins.
     rates : LinearRates
         Their rates and those of their complements.
@@ -47,31 +47,83 @@ class Piece(NamedTuple):
     tension: Array
     tension_rate: Array
 
-    def shortened(self, fraction: float) -> Piece:
-        """A fraction of it, from its beginning on."""
-        return self._replace(length=fraction * self.length)
 
-    def after(self, length: float, bounds: Bounds) -> tuple[float, Array, Array]:
-        """What is reached on the piece after a change of the load factor.
+class Pieces(NamedTuple):
+    """Several pieces, see `Piece`; their arrays have one row a piece.
 
-        Parameters
-        ----------
-        length
-            Change of the load factor from the beginning of the piece on [1].
-        bounds
-            Of the unknowns.
+    Attributes
+    ----------
+    start, length : ndarray, shape (p,)
+        [1].
+    unknowns : ndarray, shape (p, n)
+    rates : LinearRates
+        With arrays of shape (p, n).
+    tension, tension_rate : ndarray, shape (p, q)
+        [N].
+    """
 
-        Returns
-        -------
-        factor : float
-            Load factor there [1].
-        unknowns : ndarray, shape (k + c,)
-        tension : ndarray, shape (q,)
-            Of the segments [N].
-        """
-        moved = length * self.rates.rate + (0.5 * length * length) * self.rates.rate_change
-        unknowns = np.minimum(np.maximum(self.unknowns + moved, bounds.lower), bounds.upper)
-        return self.start + length, unknowns, self.tension + length * self.tension_rate
+    start: Array
+    length: Array
+    unknowns: Array
+    rates: LinearRates
+    tension: Array
+    tension_rate: Array
+
+    def first(self, count: int) -> Pieces:
+        """The first ones of them."""
+        rates = LinearRates._make(own[:count] for own in self.rates)
+        start, length, unknowns = (own[:count] for own in (self.start, self.length, self.unknowns))
+        return Pieces(start, length, unknowns, rates, self.tension[:count], self.tension_rate[:count])
+
+
+@compilable
+def room_for_pieces(count: int, unknowns: int, segments: int) -> Pieces:
+    """Arrays for so many pieces."""
+    n, q = (count, unknowns), (count, segments)
+    rates = LinearRates(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
+    return Pieces(np.empty(count), np.empty(count), np.empty(n), rates, np.empty(q), np.empty(q))
+
+
+@compilable
+def set_piece(pieces: Pieces, i: int, piece: Piece) -> None:
+    """Set one of the pieces."""
+    pieces.start[i], pieces.length[i], pieces.unknowns[i] = piece.start, piece.length, piece.unknowns
+    to, rates = pieces.rates, piece.rates
+    to.side[i], to.rate[i], to.rate_change[i] = rates.side, rates.rate, rates.rate_change
+    to.complement[i], to.complement_change[i] = rates.complement, rates.complement_change
+    pieces.tension[i], pieces.tension_rate[i] = piece.tension, piece.tension_rate
+
+
+@compilable
+def after_piece(pieces: Pieces, i: int, length: float, bounds: Bounds) -> tuple[float, Array, Array]:
+    """What is reached on a piece after a change of the load factor.
+
+    Parameters
+    ----------
+    pieces, i
+        The pieces, and the number of the one.
+    length
+        Change of the load factor from its beginning on [1].
+    bounds
+        Of the unknowns.
+
+    Returns
+    -------
+    factor : float
+        Load factor there [1].
+    unknowns : ndarray, shape (n,)
+    tension : ndarray, shape (q,)
+        Of the segments [N].
+    """
+    moved = length * pieces.rates.rate[i] + (0.5 * length * length) * pieces.rates.rate_change[i]
+    tension = pieces.tension[i] + length * pieces.tension_rate[i]
+    return pieces.start[i] + length, bounded(bounds, pieces.unknowns[i] + moved), tension
+
+
+@compilable
+def end_of_piece(pieces: Pieces, i: int, bounds: Bounds) -> tuple[float, Array, Array]:
+    """The same at the end of a piece."""
+    return after_piece(pieces, i, pieces.length[i], bounds)
 
 
 class FrictionPath(NamedTuple):
@@ -89,7 +141,7 @@ class FrictionPath(NamedTuple):
         Load factor of the last reversal within the substep; zero where there is none [1].
     complete : bool
         Whether the end of the substep was reached.
-    pieces : tuple of Piece
+    pieces : Pieces
         The path, piece by piece.
     bounds : Bounds
         Of the unknowns.
@@ -100,7 +152,7 @@ class FrictionPath(NamedTuple):
     reversal_mobilisation: Array
     reversal_factor: Array
     complete: bool
-    pieces: tuple[Piece, ...]
+    pieces: Pieces
     bounds: Bounds
 
     @property
@@ -110,8 +162,8 @@ class FrictionPath(NamedTuple):
 
     def at(self, factor: float) -> tuple[Array, Array]:
         """Unknowns, shape (k + c,), and tensions of the segments [N], shape (q,), at a load factor [1]."""
-        piece = self.pieces[bisect_right(self.pieces, factor, key=lambda p: p.start) - 1]
-        _, unknowns, tension = piece.after(factor - piece.start, self.bounds)
+        i = int(np.searchsorted(self.pieces.start, factor, side="right")) - 1
+        _, unknowns, tension = after_piece(self.pieces, i, factor - self.pieces.start[i], self.bounds)
         return unknowns, tension
 
     def insensitive_holes(self, error: Array, presliding: float) -> Flags:
@@ -129,10 +181,8 @@ class FrictionPath(NamedTuple):
             Presliding distance [m].
         """
         k = len(error)
-        start, length = np.array([(p.start, p.length) for p in self.pieces]).T
-        side = np.array([p.rates.side[:k] for p in self.pieces])
-        rate = np.array([p.rates.complement[:k] for p in self.pieces])
-        change = np.array([p.rates.complement_change[:k] for p in self.pieces])
+        start, length, rates = self.pieces.start, self.pieces.length, self.pieces.rates
+        side, rate, change = (own[:, :k] for own in (rates.side, rates.complement, rates.complement_change))
         last = side[-1]
         # From which piece on the hole slips in its last direction up to the end.
         final = np.logical_and.accumulate((side == last)[::-1])[::-1]

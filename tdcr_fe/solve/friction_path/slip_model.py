@@ -8,18 +8,28 @@ functions of the tensions".
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Sequence
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgetrf, dgetrs
 
+from tdcr_fe.elements.compiled import compilable
 from tdcr_fe.elements.numbers import largest, largest_magnitude
-from tdcr_fe.solve.friction_path.slip_interpolation import Interval, SlipData
-from tdcr_fe.solve.friction_path.slip_state import SlipDerivatives, SlipState
-from tdcr_fe.solve.friction_path.tension_transfer import CapstanTransfer, LawTransfer
+from tdcr_fe.solve.friction_path.slip_interpolation import (
+    Intervals,
+    SlipData,
+    point_on_line,
+    rates_at_fixed_tensions,
+)
+from tdcr_fe.solve.friction_path.slip_state import SlipDerivatives, SlipState, left_regimes
+from tdcr_fe.solve.friction_path.small_systems import factorised, solved
+from tdcr_fe.solve.friction_path.tension_transfer import (
+    CapstanTransfer,
+    LawTransfer,
+    regimes_at,
+    tensions_at,
+)
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -31,8 +41,148 @@ NEAR_TENSION = 3e-3
 MOST_CORRECTIONS = 6
 
 
+class InterpolatedSlips(NamedTuple):
+    """Slips as functions of load factor and unknowns, as arrays.
+
+    Attributes
+    ----------
+    transfer : CapstanTransfer or LawTransfer
+        How tension passes along the tendons.
+    intervals : Intervals
+        Slips and turning angles between solved states.
+    elastic_slip : ndarray, shape (n,)
+        Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions.
+    identity : ndarray, shape (q, q)
+    presliding : float
+        Presliding distance [m].
+    """
+
+    transfer: CapstanTransfer | LawTransfer
+    intervals: Intervals
+    elastic_slip: Array
+    identity: Array
+    presliding: float
+
+    @property
+    def compilable(self) -> bool:
+        """Whether compiled functions take them."""
+        return isinstance(self.transfer, CapstanTransfer)
+
+    @property
+    def breakpoints(self) -> Array:
+        """Load factors up to which the slips are smooth, ascending; the last one is 1 [1]."""
+        start = self.intervals.start
+        return np.append(start[1:], 1.0)
+
+    @property
+    def cubic_coefficient(self) -> float:
+        """Largest coefficient of the cube of the load factor in the slips [m]."""
+        holes = np.count_nonzero(self.elastic_slip)
+        cubes = np.abs(self.intervals.coefficients[:, 3, :holes]).max(axis=1) / self.intervals.length**3
+        return float(cubes.max())
+
+    def at(self, factor: float, z: Array, tension: Array) -> SlipState:
+        """See `slips_at`."""
+        return slips_at(self, factor, z, tension)
+
+    def complement_rates(
+        self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
+    ) -> tuple[bool, Array]:
+        """See `complement_rates`."""
+        return complement_rates(self, factor, z, tension, rate, near)
+
+    def regimes(self, z: Array, tension: Array) -> Flags:
+        """Flags that change where the derivatives of the tensions jump; none where they never do."""
+        return self.transfer.regimes(z, tension)
+
+    def distance_to_regime_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """Load factor from here to where these flags change at constant rates [1]; see `LawTransfer`."""
+        return self.transfer.distance_to_regime_change(z, rate, tension, tension_rate)
+
+
+@compilable
+def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) -> SlipState:
+    """Slips and their derivatives.
+
+    Parameters
+    ----------
+    slips
+        In the substep.
+    factor
+        Load factor within the substep [1].
+    z
+        Mobilisations [1], then unknown tensions at the base [N], shape (n,).
+    tension
+        Of the segments, about [N], shape (q,).
+    """
+    n, line = len(z), point_on_line(slips.intervals, factor)
+    by_tension, turning = line.by_tension[:n], line.by_tension[n:]
+    for _ in range(MOST_CORRECTIONS):
+        angles = np.maximum(line.values[n:] + turning.dot(tension - line.tension), 0.0)
+        passed = tensions_at(slips.transfer, factor, z, angles)
+        factors = factorised(slips.identity - passed.by_angle.dot(turning))
+        excess = passed.tension - tension
+        tension = tension + solved(factors, excess)
+        if largest_magnitude(excess) <= NEAR_TENSION * largest(tension):
+            break
+    off = tension - line.tension
+    rate = rates_at_fixed_tensions(line, off)
+    slip = line.values[:n] + by_tension.dot(off)
+    tension_by_load = solved(factors, passed.by_angle.dot(rate[n:]) + passed.by_load)
+    derivatives = SlipDerivatives(
+        rate[:n] + by_tension.dot(tension_by_load),
+        slips.elastic_slip,
+        regimes_at(slips.transfer, z, passed.tension),
+        tension_by_load,
+        passed.by_unknown,
+        by_tension,
+        factors,
+        np.ones(n, dtype=np.bool_),
+        np.empty((n, n)),
+        np.empty(by_tension.shape),
+    )
+    return SlipState(tension, slip, derivatives)
+
+
+@compilable
+def complement_rates(
+    slips: InterpolatedSlips, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
+) -> tuple[bool, Array]:
+    """Rates of the complements at given rates of the unknowns [m], shape (n,).
+
+    Parameters
+    ----------
+    slips, factor, z, tension
+        As of `slips_at`.
+    rate
+        Of the unknowns [1, N], shape (n,).
+    near
+        Slips at a load factor nearby, whose factorised derivatives of the tensions are used.
+
+    Returns
+    -------
+    smooth : bool
+        False where derivatives have jumped since the load factor nearby; the rates then mean nothing.
+    rates : ndarray, shape (n,)
+    """
+    n, line, factors = len(z), point_on_line(slips.intervals, factor), near.derivatives.turning
+    turning = line.by_tension[n:]
+    angles = np.maximum(line.values[n:] + turning.dot(tension - line.tension), 0.0)
+    passed = tensions_at(slips.transfer, factor, z, angles)
+    if left_regimes(near.derivatives, regimes_at(slips.transfer, z, passed.tension)):
+        return False, rate
+    off = tension + solved(factors, passed.tension - tension) - line.tension
+    own = rates_at_fixed_tensions(line, off)
+    direct = passed.by_angle.dot(own[n:]) + passed.by_load + rate.dot(passed.by_unknown)
+    tension_rate = solved(factors, direct)
+    # The factors are those of the state nearby: one correction with the turning here.
+    left = direct - tension_rate + passed.by_angle.dot(turning.dot(tension_rate))
+    tension_rate = tension_rate + solved(factors, left)
+    return True, own[:n] + line.by_tension[:n].dot(tension_rate) - slips.elastic_slip * rate
+
+
 class SlipModel:
-    """Slips as functions of load factor, mobilisations, and unknown tensions at the base.
+    """The slips in a substep between solved states, and what is uncertain in them.
 
     Parameters
     ----------
@@ -50,8 +200,7 @@ class SlipModel:
 
     Attributes
     ----------
-    breakpoints : tuple of float
-        Load factors within the substep up to which the slips are smooth, ascending; the last one is 1 [1].
+    slips : InterpolatedSlips
     """
 
     def __init__(
@@ -65,23 +214,14 @@ class SlipModel:
     ) -> None:
         self._states, self._transfer, self._unknown = states, transfer, unknown
         self.presliding, self.holes = presliding, holes
-        self._count = holes + unknown
-        self._elastic_slip = np.append(np.full(holes, presliding), np.zeros(unknown))
-        self._identity = np.eye(len(states[0].tension))
-        self._intervals = [Interval.between(a, b, defect_factor) for a, b in pairwise(states)]
-        self.breakpoints: tuple[float, ...] = tuple(at.factor for at in states[1:])
+        elastic_slip = np.append(np.full(holes, presliding), np.zeros(unknown))
+        intervals, identity = Intervals.between(states, defect_factor), np.eye(len(states[0].tension))
+        self.slips = InterpolatedSlips(transfer, intervals, elastic_slip, identity, presliding)
 
     @property
     def defect(self) -> Array:
         """Change of the slips beyond that by the mean of their rates at both ends of the first interval [m], (k,)."""
-        return self._intervals[0].defect[: self.holes]
-
-    @property
-    def cubic_coefficient(self) -> float:
-        """Largest coefficient of the cube of the load factor in the slips [m]."""
-        return max(
-            float(np.abs(own.coefficients[: self.holes, 3]).max()) / own.length**3 for own in self._intervals
-        )
+        return self.slips.intervals.defect[: self.holes]
 
     def error_off_line(self, factors: Array, tensions: Array) -> Array:
         """Largest error of the slips by tensions off the straight line [m], shape (k,).
@@ -93,7 +233,7 @@ class SlipModel:
         tensions
             Of the segments there [N], shape (p, q).
         """
-        return self._intervals[0].error_off_line(factors, tensions, self.holes)
+        return self.slips.intervals.error_off_line(factors, tensions, self.holes)
 
     def with_defect_factor(self, factor: float) -> SlipModel:
         """The same with another factor on the parabola in the rates."""
@@ -102,80 +242,3 @@ class SlipModel:
     def through_every_other_state(self) -> SlipModel:
         """The same without every other state within the substep, of which there is an odd number."""
         return SlipModel(self._transfer, self._states[::2], self.holes, self._unknown, self.presliding)
-
-    def regimes(self, z: Array, tension: Array) -> Flags | None:
-        """Flags that change where the derivatives of the tensions jump; None where they never do."""
-        return self._transfer.regimes(z, tension)
-
-    def distance_to_regime_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
-        """Load factor from here to where these flags change at constant rates [1]; see `LawTransfer`."""
-        return self._transfer.distance_to_regime_change(z, rate, tension, tension_rate)
-
-    def at(self, factor: float, z: Array, tension: Array) -> SlipState:
-        """Slips and their derivatives.
-
-        Parameters
-        ----------
-        factor
-            Load factor within the substep [1].
-        z
-            Mobilisations [1], then unknown tensions at the base [N], shape (n,).
-        tension
-            Of the segments, about [N], shape (q,).
-        """
-        n, interval = self._count, self._interval(factor)
-        line = interval.at(factor)
-        by_tension, turning = line.by_tension[:n], line.by_tension[n:]
-        for _ in range(MOST_CORRECTIONS):
-            angles = np.maximum(line.values[n:] + turning.dot(tension - line.tension), 0.0)
-            transfer = self._transfer.at(factor, z, angles)
-            matrix = transfer.by_angles(turning)
-            np.subtract(self._identity, matrix, out=matrix)
-            # LAPACK has matrices column by column: it takes the transposed one without a copy.
-            lu, pivots, _ = dgetrf(matrix.T, overwrite_a=True)
-            excess = transfer.tension - tension
-            tension = tension + dgetrs(lu, pivots, excess, trans=1)[0]
-            if largest_magnitude(excess) <= NEAR_TENSION * largest(tension):
-                break
-        off = tension - line.tension
-        rate = interval.rates_at_fixed_tensions(line, off)
-        slip = line.values[:n] + by_tension.dot(off)
-        regimes = self._transfer.regimes(z, transfer.tension)
-        derivatives = SlipDerivatives(
-            transfer, rate[:n], by_tension, (lu, pivots), rate[n:], self._elastic_slip, regimes
-        )
-        return SlipState(tension, slip, derivatives)
-
-    def complement_rates(
-        self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
-    ) -> Array | None:
-        """Rates of the complements at given rates of the unknowns [m], shape (n,).
-
-        None where derivatives have jumped since the load factor nearby, see `regimes`.
-
-        Parameters
-        ----------
-        factor, z, tension
-            As of `at`.
-        rate
-            Of the unknowns [1, N], shape (n,).
-        near
-            Slips at a load factor nearby, whose factorised derivatives of the tensions are used.
-        """
-        n, interval = self._count, self._interval(factor)
-        line = interval.at(factor)
-        turning, with_turning = line.by_tension[n:], near.derivatives.with_turning
-        angles = np.maximum(line.values[n:] + turning.dot(tension - line.tension), 0.0)
-        transfer = self._transfer.at(factor, z, angles)
-        if near.left_regimes(self._transfer.regimes(z, transfer.tension)):
-            return None
-        off = tension + with_turning(transfer.tension - tension) - line.tension
-        own = interval.rates_at_fixed_tensions(line, off)
-        direct = transfer.by_angles(own[n:]) + transfer.by_load + transfer.by_unknowns(rate)
-        tension_rate = with_turning(direct)
-        # The factors are those of the state nearby: one correction with the turning here.
-        tension_rate += with_turning(direct - tension_rate + transfer.by_angles(turning.dot(tension_rate)))
-        return own[:n] + line.by_tension[:n].dot(tension_rate) - self._elastic_slip * rate
-
-    def _interval(self, factor: float) -> Interval:
-        return self._intervals[min(bisect_right(self.breakpoints, factor), len(self._intervals) - 1)]

@@ -7,22 +7,27 @@ load factor is ``load - matrix z'``. Documentation: page "Theory", section "Find
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgesv, dgetrs
 
-from tdcr_fe.elements.complementarity import PivotRule
+from tdcr_fe.elements.compiled import compilable
+from tdcr_fe.elements.complementarity import MOST_IDLE_BLOCKS, exchanged
 from tdcr_fe.elements.numbers import smallest
+from tdcr_fe.solve.friction_path.slip_state import SlipDerivatives, columns_of
+from tdcr_fe.solve.friction_path.small_systems import (
+    Factors,
+    factorised,
+    no_factors,
+    solved_transposed,
+    some_columns,
+)
 from tdcr_fe.solve.friction_path.unknowns import Bounds
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Index = NDArray[np.int_]
-_BOTH_SIDES = np.array([[1.0], [-1.0]])
-_NO_COLUMNS: Array = np.zeros((0, 0))
 
 
 class LinearRates(NamedTuple):
@@ -50,107 +55,107 @@ class Rates(NamedTuple):
 
     Attributes
     ----------
+    found : bool
+        Whether there are such; the rest means nothing where not.
     side, rate, complement
         As in `LinearRates`.
     free : ndarray of int, shape (f,)
         Unknowns inside their bounds.
-    columns : ndarray, shape (n, f)
-        Of the matrix, for these.
-    factors : tuple, or None
-        LU factors of the free rows of the columns, and pivots; None where no unknown is free.
+    columns : ndarray, shape (f, n)
+        Of the matrix, for these, one a row.
+    factors : Factors
+        Of the matrix of the free unknowns, transposed.
     """
 
+    found: bool
     side: Array
     rate: Array
     complement: Array
     free: Index
     columns: Array
-    factors: tuple[Array, Index] | None
-
-    def linear(self, slope: Array | None) -> LinearRates:
-        """The rates with their derivatives.
-
-        Parameters
-        ----------
-        slope
-            Derivative of ``load - matrix z'`` by the load factor at constant ``z'`` [m], shape (n,); None is zero.
-        """
-        if slope is None:
-            still = np.zeros(len(self.rate))
-            return LinearRates(self.side, self.rate, still, self.complement, still)
-        if self.factors is None:
-            return LinearRates(self.side, self.rate, self.rate, self.complement, slope)
-        of_free = dgetrs(*self.factors, slope[self.free])[0]
-        change = np.zeros(len(slope))
-        change[self.free] = of_free
-        return LinearRates(self.side, self.rate, change, self.complement, slope - self.columns.dot(of_free))
+    factors: Factors
 
 
+@compilable
+def constant_rates(rates: Rates) -> LinearRates:
+    """The rates with derivatives that are zero."""
+    still = np.zeros(len(rates.rate))
+    return LinearRates(rates.side, rates.rate, still, rates.complement, still)
+
+
+@compilable
+def linear_rates(rates: Rates, slope: Array) -> LinearRates:
+    """The rates with their derivatives.
+
+    Parameters
+    ----------
+    rates
+        The rates.
+    slope
+        Derivative of ``load - matrix z'`` by the load factor at constant ``z'`` [m], shape (n,).
+    """
+    change, complement_change = np.zeros(len(slope)), slope
+    if rates.free.size:
+        of_free = solved_transposed(rates.factors, slope[rates.free])
+        change[rates.free] = of_free
+        complement_change = slope - of_free.dot(rates.columns)
+    return LinearRates(rates.side, rates.rate, change, rates.complement, complement_change)
+
+
+@compilable
 def solve_rates(
-    columns: Callable[[Index], Array],
-    load: Array,
-    side: Array,
-    fixed: Flags | None,
-    scale: Array,
-    tolerance: float,
-) -> Rates | None:
-    """Rates at a load factor; None where no consistent ones were found.
+    derivatives: SlipDerivatives, side: Array, fixed: Flags, scale: Array, tolerance: float
+) -> Rates:
+    """Rates at a load factor.
 
     A complementarity problem: an unknown at its bound stays there while its complement moves in the direction of the
     bound, or leaves it. Block principal pivoting as in `tdcr_fe.elements.complementarity.solve_box`.
 
     Parameters
     ----------
-    columns
-        Gives columns of the matrix by their numbers, shape (n, f).
-    load
-        Rates of the complements at constant unknowns [m], shape (n,).
+    derivatives
+        Of the slips at this load factor.
     side
-        At which bounds the unknowns are, see `Bounds.side`, shape (n,).
+        At which bounds the unknowns are, see `sides`, shape (n,).
     fixed
-        Which unknowns stay at their bounds in any case, because the tendon has slack, shape (n,); None where there are
-        none.
+        Which unknowns stay at their bounds in any case, because the tendon has slack, shape (n,), or (0,) for none.
     scale
         From the unknowns to lengths [m, m/N], shape (n,).
     tolerance
         Rates of the complements, and of the unknowns as lengths, below it are zero [m].
     """
-    count, active = len(side), side
-    rule = PivotRule(count)
+    count, load = len(side), derivatives.by_load
+    active, back, pivoted = side, np.zeros(count), False
+    fewest, idle_left = count + 1, MOST_IDLE_BLOCKS
     for _ in range(30 + 10 * count):
         free = (active == 0.0).nonzero()[0]
-        rate = np.zeros(count)
-        factors: tuple[Array, Index] | None = None
-        complement, own = load, _NO_COLUMNS
+        rate, complement = np.zeros(count), load
+        columns, factors = derivatives.columns[:0], no_factors()
         if free.size:
-            own = columns(free)
-            lu, pivots, found, singular = dgesv(rows_of(own, free), load[free], overwrite_a=True)
-            if singular:
-                return None
-            rate[free], factors = found, (lu, pivots)
-            complement = load - own.dot(found)
+            columns = columns_of(derivatives, free)
+            factors = factorised(some_columns(columns, free))
+            if factors.singular:
+                return Rates(False, active, rate, complement, free, columns, factors)
+            of_free = solved_transposed(factors, load[free])
+            rate[free] = of_free
+            complement = load - of_free.dot(columns)
         violated = active * complement < -tolerance
-        if fixed is not None:
+        if fixed.size:
             violated &= ~fixed
-        outward = None
-        if active is not side:
+        if pivoted:
             # Those that left their bounds must move inward.
             outward = side * scale * rate > tolerance
             violated |= outward
+            back = np.where(outward, side, 0.0)
         number = int(np.count_nonzero(violated))
         if number == 0:
-            return Rates(active, rate, complement, free, own, factors)
-        violated = rule.exchanged(violated, number)
-        back = 0.0 if outward is None else np.where(outward, side, 0.0)
-        active = np.where(violated, back, active)
-    return None
+            return Rates(True, active, rate, complement, free, columns, factors)
+        violated, fewest, idle_left = exchanged(violated, number, fewest, idle_left)
+        active, pivoted = np.where(violated, back, active), True
+    return Rates(False, active, rate, complement, free, columns, factors)
 
 
-def rows_of(columns: Array, which: Index) -> Array:
-    """Some rows of columns that lie in memory one after the other, column by column as LAPACK has matrices."""
-    return columns.T.take(which, axis=1).T
-
-
+@compilable
 def distance_to_bound(rates: Rates, z: Array, bounds: Bounds) -> float:
     """Load factor from here to where a free unknown reaches a bound, at constant rates [1]; infinite if none does."""
     free = rates.free
@@ -161,20 +166,25 @@ def distance_to_bound(rates: Rates, z: Array, bounds: Bounds) -> float:
     return smallest(np.abs((bound - z[free]) / rate))
 
 
+@compilable
 def distance_to_curved_bound(rates: LinearRates, free: Index, z: Array, bounds: Bounds) -> float:
     """As `distance_to_bound`, at rates that are linear in the load factor [1]."""
     if not free.size:
         return np.inf
     # z + a h + b h^2 / 2 meets a bound: the root at which it is crossed outward.
-    here = z[free]
-    gap = np.array((bounds.upper[free] - here, here - bounds.lower[free]))
-    outward = rates.rate[free] * _BOTH_SIDES
-    discriminant = outward * outward + (2.0 * gap) * (rates.rate_change[free] * _BOTH_SIDES)
+    here, outward, gap = z[free], np.empty((2, free.size)), np.empty((2, free.size))
+    gap[0], gap[1] = bounds.upper[free] - here, here - bounds.lower[free]
+    outward[0] = rates.rate[free]
+    outward[1] = -outward[0]
+    change = 2.0 * rates.rate_change[free] * gap
+    change[1] *= -1.0
+    discriminant = outward * outward + change
     speed = outward + np.sqrt(np.maximum(discriminant, 0.0))
     ahead = (discriminant >= 0.0) & (speed > 0.0)
-    return 2.0 * smallest(np.divide(gap, speed, out=np.full(gap.shape, np.inf), where=ahead))
+    return 2.0 * smallest(np.where(ahead, gap / speed, np.inf))
 
 
+@compilable
 def distance_to_reversal(rates: LinearRates, tolerance: float, holes: int) -> float:
     """Load factor from here to where the slip of a hole at its bound reverses [1]; infinite if none does.
 
@@ -190,9 +200,10 @@ def distance_to_reversal(rates: LinearRates, tolerance: float, holes: int) -> fl
     side = rates.side[:holes]
     fall = -side * rates.complement_change[:holes]
     rate = np.maximum(side * rates.complement[:holes] + tolerance, 0.0)
-    return float(np.divide(rate, fall, out=np.full(holes, np.inf), where=fall > 0.0).min(initial=np.inf))
+    return smallest(np.where(fall > 0.0, rate / fall, np.inf)) if holes else np.inf
 
 
+@compilable
 def distance_to_tautness(rates: LinearRates, slack: Array, holes: int) -> float:
     """Load factor from here to where the slack of a tendon vanishes [1]; infinite if none does.
 
@@ -209,6 +220,4 @@ def distance_to_tautness(rates: LinearRates, slack: Array, holes: int) -> float:
     discriminant = closing * closing + change * slack
     speed = closing + np.sqrt(np.maximum(discriminant, 0.0))
     ahead = (discriminant >= 0.0) & (speed > 0.0) & (slack > 0.0)
-    return 2.0 * float(
-        np.divide(slack, speed, out=np.full(slack.shape, np.inf), where=ahead).min(initial=np.inf)
-    )
+    return 2.0 * smallest(np.where(ahead, slack / speed, np.inf))

@@ -6,101 +6,52 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgetrs
 
-from tdcr_fe.solve.friction_path.tension_transfer import Transfer
+from tdcr_fe.elements.compiled import compilable
+from tdcr_fe.solve.friction_path.small_systems import Factors, solved_rows, some_rows
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Index = NDArray[np.int_]
 
 
-class SlipDerivatives:
+class SlipDerivatives(NamedTuple):
     """Derivatives of the slips at a load factor; those by an unknown are computed when first used.
-
-    Parameters
-    ----------
-    transfer
-        How tension passes along the tendons, with its derivatives.
-    rate
-        Derivatives of the slips, and of minus the slack, by the load factor at fixed tensions [m], shape (n,).
-    by_tension
-        Those by the tensions of the segments [m/N], shape (n, q).
-    factors
-        LU factors and pivots of the identity less the derivatives of the tensions by themselves through the turning
-        angles, transposed, shape (q, q).
-    angle_rate
-        Derivatives of the turning angles by the load factor at fixed tensions [rad], shape (r,).
-    elastic_slip
-        Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions, shape (n,).
-    regimes
-        See `tdcr_fe.solve.friction_path.tension_transfer.LawTransfer.regimes`.
 
     Attributes
     ----------
     by_load : ndarray, shape (n,)
         Derivatives of the slips, and of minus the slack, by the load factor at fixed unknowns [m].
+    elastic_slip : ndarray, shape (n,)
+        Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions.
+    regimes : ndarray of bool, shape (i,)
+        Flags that change where the derivatives of the tensions jump; none where they never do.
+    tension_by_load : ndarray, shape (q,)
+        Derivatives of the tensions of the segments by the load factor [N].
+    direct : ndarray, shape (n, q)
+        Derivatives of the tensions by the unknowns at fixed turning angles [N, 1].
+    by_tension : ndarray, shape (n, q)
+        Derivatives of the slips by the tensions of the segments [m/N].
+    turning : Factors
+        Of the identity less the derivatives of the tensions by themselves through the turning angles.
+    missing : ndarray of bool, shape (n,)
+        Unknowns whose derivatives were not used yet.
+    columns : ndarray, shape (n, n)
+        Row by row, minus the derivatives of the complements by one of the unknowns, see `columns_of`.
+    tensions : ndarray, shape (n, q)
+        Derivatives of the tensions by the unknowns [N, 1].
     """
 
-    __slots__ = ("_by_tension", "_columns", "_diagonal", "_factors", "_missing", "_requested", "_requested_columns",
-                 "_tension_by_load", "_tensions", "_transfer", "by_load", "elastic_slip", "regimes")  # fmt: skip
-
-    def __init__(
-        self,
-        transfer: Transfer,
-        rate: Array,
-        by_tension: Array,
-        factors: tuple[Array, Index],
-        angle_rate: Array,
-        elastic_slip: Array,
-        regimes: Flags | None,
-    ) -> None:
-        self._transfer, self._by_tension, self._factors = transfer, by_tension, factors
-        self.elastic_slip, self.regimes = elastic_slip, regimes
-        self._tension_by_load = self.with_turning(transfer.by_angles(angle_rate) + transfer.by_load)
-        self.by_load: Array = rate + by_tension.dot(self._tension_by_load)
-        n, q = by_tension.shape
-        self._missing: Flags = np.ones(n, dtype=bool)
-        # Column by column, each in one piece.
-        self._columns, self._tensions = np.empty((n, n)), np.empty((n, q))
-        self._diagonal = self._columns.reshape(-1)[:: n + 1]
-        #: Unknowns asked for last: mostly the same ones again.
-        self._requested: Index | None = None
-        self._requested_columns = self._columns
-
-    def with_turning(self, changes: Array) -> Array:
-        """Changes of the tensions with those caused by the turning of the tendons under them.
-
-        Parameters
-        ----------
-        changes
-            Of the tensions at fixed turning angles [N], shape (q,) or (q, i).
-        """
-        found: Array = dgetrs(*self._factors, changes, trans=1)[0]
-        return found
-
-    def columns(self, which: Index) -> Array:
-        """See `SlipState.columns`."""
-        if which is self._requested:
-            return self._requested_columns
-        new = which[self._missing[which]]
-        if new.size:
-            tensions = self.with_turning(self._transfer.rows(new).T).T
-            self._columns[new] = -tensions.dot(self._by_tension.T)
-            self._diagonal[new] += self.elastic_slip[new]
-            self._tensions[new] = tensions
-            self._missing[new] = False
-        self._requested, self._requested_columns = which, self._columns.take(which, axis=0).T
-        return self._requested_columns
-
-    def tension_columns(self, which: Index) -> Array:
-        """See `SlipState.tension_columns`."""
-        self.columns(which)
-        return self._tensions.take(which, axis=0).T
-
-    def tension_rates(self, free: Index, rate: Array) -> Array:
-        """See `SlipState.tension_rates`."""
-        return self._tension_by_load + self.tension_columns(free).dot(rate[free])
+    by_load: Array
+    elastic_slip: Array
+    regimes: Flags
+    tension_by_load: Array
+    direct: Array
+    by_tension: Array
+    turning: Factors
+    missing: Flags
+    columns: Array
+    tensions: Array
 
 
 class SlipState(NamedTuple):
@@ -119,68 +70,77 @@ class SlipState(NamedTuple):
     slip: Array
     derivatives: SlipDerivatives
 
-    @property
-    def by_load(self) -> Array:
-        """Derivatives of the slips, and of minus the slack, by the load factor at fixed unknowns [m], shape (n,)."""
-        return self.derivatives.by_load
 
-    def left_regimes(self, regimes: Flags | None) -> bool:
-        """Whether the derivatives jump between where they were evaluated and a state with these regimes."""
-        here = self.derivatives.regimes
-        return here is not None and regimes is not None and not np.array_equal(here, regimes)
+@compilable
+def columns_of(derivatives: SlipDerivatives, which: Index) -> Array:
+    """Minus the derivatives of the complements by some of the unknowns, in ascending order, shape (i, n).
 
-    def columns(self, which: Index) -> Array:
-        """Minus the derivatives of the complements by some of the unknowns, in ascending order, shape (n, i).
+    One unknown a row. For a hole presliding distance times identity, minus the derivatives of the slips by its
+    mobilisation [m]; for a tendon minus those by its tension [m/N].
+    """
+    new = which[derivatives.missing[which]]
+    if new.size:
+        columns, n = derivatives.columns, len(derivatives.missing)
+        tensions = solved_rows(derivatives.turning, some_rows(derivatives.direct, new))
+        columns[new] = -tensions.dot(derivatives.by_tension.T)
+        diagonal = columns.reshape(-1)[:: n + 1]
+        diagonal[new] += derivatives.elastic_slip[new]
+        derivatives.tensions[new] = tensions
+        derivatives.missing[new] = False
+    return some_rows(derivatives.columns, which)
 
-        For a hole presliding distance times identity, minus the derivatives of the slips by its mobilisation [m]; for a
-        tendon minus those by its tension [m/N].
-        """
-        return self.derivatives.columns(which)
 
-    def tension_columns(self, which: Index) -> Array:
-        """Derivatives of the tensions of the segments by some of the unknowns [N, 1], shape (q, i)."""
-        return self.derivatives.tension_columns(which)
+@compilable
+def tension_columns(derivatives: SlipDerivatives, which: Index) -> Array:
+    """Derivatives of the tensions of the segments by some unknowns, which `columns_of` has computed [N, 1], (i, q)."""
+    return some_rows(derivatives.tensions, which)
 
-    def tension_rates(self, free: Index, rate: Array) -> Array:
-        """Derivatives of the tensions of the segments by the load factor [N], shape (q,).
 
-        Parameters
-        ----------
-        free
-            Unknowns that change.
-        rate
-            Rates of all unknowns [1, N], shape (n,).
-        """
-        return self.derivatives.tension_rates(free, rate)
+@compilable
+def extrapolated(
+    state: SlipState, length: float, tension: Array, rate: Array, complement: Array
+) -> SlipState:
+    """The state a little further on, with the same derivatives.
 
-    def extrapolated(self, length: float, tension: Array, rate: Array, complement: Array) -> SlipState:
-        """The state a little further on, with the same derivatives.
+    Parameters
+    ----------
+    state
+        The state here.
+    length
+        By how much the load factor is larger [1].
+    tension
+        Of the segments there [N], shape (q,).
+    rate
+        Rates of all unknowns [1, N], shape (n,).
+    complement
+        Rates of their complements [m], shape (n,).
+    """
+    moved = state.slip + length * (complement + state.derivatives.elastic_slip * rate)
+    return SlipState(tension, moved, state.derivatives)
 
-        Parameters
-        ----------
-        length
-            By how much the load factor is larger [1].
-        tension
-            Of the segments there [N], shape (q,).
-        rate
-            Rates of all unknowns [1, N], shape (n,).
-        complement
-            Rates of their complements [m], shape (n,).
-        """
-        moved = self.slip + length * (complement + self.derivatives.elastic_slip * rate)
-        return SlipState(tension, moved, self.derivatives)
 
-    def with_changed(self, which: Index, change: Array) -> SlipState:
-        """The state at the same load factor with some of the unknowns changed a little, with the same derivatives.
+@compilable
+def with_changed(state: SlipState, which: Index, columns: Array, change: Array) -> SlipState:
+    """The state at the same load factor with some of the unknowns changed a little, with the same derivatives.
 
-        Parameters
-        ----------
-        which
-            Numbers of the unknowns.
-        change
-            Their changes [1, N], shape (i,).
-        """
-        by = self.derivatives
-        slip = self.slip - by.columns(which).dot(change)
-        slip[which] += by.elastic_slip[which] * change
-        return SlipState(self.tension + by.tension_columns(which).dot(change), slip, by)
+    Parameters
+    ----------
+    state
+        The state before.
+    which
+        Numbers of the unknowns.
+    columns
+        Their `columns_of`.
+    change
+        Their changes [1, N], shape (i,).
+    """
+    by = state.derivatives
+    slip = state.slip - change.dot(columns)
+    slip[which] += by.elastic_slip[which] * change
+    return SlipState(state.tension + change.dot(tension_columns(by, which)), slip, by)
+
+
+@compilable
+def left_regimes(derivatives: SlipDerivatives, regimes: Flags) -> bool:
+    """Whether the derivatives jump between where they were evaluated and a state with these regimes."""
+    return regimes.size > 0 and bool((derivatives.regimes != regimes).any())

@@ -15,6 +15,7 @@ from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
 from tdcr_fe.solve.friction_path.event_integration import follow_friction
 from tdcr_fe.solve.friction_path.path import FrictionPath
 from tdcr_fe.solve.friction_path.slip_model import SlipModel
+from tdcr_fe.solve.friction_path.slip_state import columns_of, tension_columns
 from tdcr_fe.solve.friction_path.taut_tendons import TautTendons
 from tdcr_fe.solve.friction_path.tension_response import LoadResponse
 from tdcr_fe.solve.friction_path.tension_transfer import tension_transfer
@@ -136,14 +137,15 @@ class SubstepSlips(NamedTuple):
         model = SlipModel(tension_transfer(taut.tendons), states, k, taut.unknown, presliding)
         before, after = start.mobilisation[holes], end.mobilisation[holes]
         base = taut.base_tensions(1)
-        last = model.at(1.0, np.append(after, base), states[-1].tension)
+        last = model.slips.at(1.0, np.append(after, base), states[-1].tension).derivatives
         every, pulled = np.arange(k), k + np.flatnonzero(base > 0.0)
-        tensions, matrix = last.tension_columns(every), last.columns(every)
+        matrix, tensions = columns_of(last, every).T, tension_columns(last, every).T
         if pulled.size:
             # Tendons driven by displacement that are taut keep their length: their tensions follow.
-            follow = -np.linalg.solve(last.columns(pulled)[pulled], matrix[pulled])
-            tensions = tensions + last.tension_columns(pulled) @ follow
-            matrix = matrix + last.columns(pulled) @ follow
+            columns = columns_of(last, pulled).T
+            follow = -np.linalg.solve(columns[pulled], matrix[pulled])
+            tensions = tensions + tension_columns(last, pulled).T @ follow
+            matrix = matrix + columns @ follow
         slip = (end.slips - start.slips)[holes]
         assert end.response is not None
         columns = end.response.nodes @ tensions
@@ -160,7 +162,7 @@ class SubstepSlips(NamedTuple):
             Factor on the parabola in the slip rates, see `SlipModel` [1].
         """
         model = self.model if defect_factor == 1.0 else self.model.with_defect_factor(defect_factor)
-        path = follow_friction(model, self.before, self.base, self.tension)
+        path = follow_friction(model.slips, self.before, self.base, self.tension)
         # By how much the mobilisation at the end changes where it counts from the reversal, not from the start.
         change = path.reversal_mobilisation - self.before - path.reversal_slip / self.model.presliding
         slight = path.reversed & (np.abs(change) < SMALL)
@@ -281,8 +283,7 @@ class SubstepSlips(NamedTuple):
         factor = DEFECT_FACTOR
         if self.slip_error.max() > ROUGH * self.largest_slip:
             factor = ROUGH_DEFECT_FACTOR
-        starts = np.array([piece.start for piece in path.pieces])
-        off_line = self.model.error_off_line(starts, np.array([piece.tension for piece in path.pieces]))
+        off_line = self.model.error_off_line(path.pieces.start, path.pieces.tension)
         error = SAFETY * (factor - 1.0) * (self.slip_error + off_line)
         first_order = 0.0
         if not (self.is_rough and matters):

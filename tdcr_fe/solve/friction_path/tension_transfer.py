@@ -8,11 +8,12 @@ frequent law for flat arrays of all tendons at once, and takes a third of the ti
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.compiled import compilable, compiled_as
 from tdcr_fe.elements.friction import TendonLaw
 
 Array = NDArray[np.float64]
@@ -58,196 +59,8 @@ class TendonsInSubstep(NamedTuple):
         return int(np.count_nonzero(self.frictional))
 
 
-class Transfer(Protocol):
-    """Tensions of the segments at given unknowns and angles, and their derivatives as linear maps."""
-
-    @property
-    def tension(self) -> Array:
-        """Of the segments [N], shape (q,)."""
-        ...
-
-    @property
-    def by_load(self) -> Array:
-        """Derivatives by the load factor, through the given tensions at the base [N], shape (q,)."""
-        ...
-
-    def by_angles(self, change: Array) -> Array:
-        """Change of the tensions by one of the turning angles [N], (r,) to (q,) or (r, j) to (q, j)."""
-        ...
-
-    def by_unknowns(self, change: Array) -> Array:
-        """Change of the tensions by one of the mobilisations and unknown tensions at the base [N], (k + c,) to (q,)."""
-        ...
-
-    def rows(self, which: Index) -> Array:
-        """Derivatives of the tensions by some of these unknowns, in ascending order, shape (i, q)."""
-        ...
-
-
-class CapstanTensions(NamedTuple):
-    """Tensions by the Capstan equation, and their derivatives, see `Transfer`.
-
-    Attributes
-    ----------
-    law : CapstanTransfer
-    tension : ndarray, shape (q,)
-        [N].
-    ratio : ndarray, shape (q,)
-        Tension over that at the base of the tendon [1].
-    acting_friction : ndarray, shape (r,)
-        Coefficient of friction times mobilisation [1].
-    full_exponent : ndarray, shape (r,)
-        Coefficient of friction times turning angle: Capstan's exponent at full mobilisation [1].
-    """
-
-    law: CapstanTransfer
-    tension: Array
-    ratio: Array
-    acting_friction: Array
-    full_exponent: Array
-
-    @property
-    def by_load(self) -> Array:
-        """See `Transfer.by_load`."""
-        return self.ratio * self.law.base_change
-
-    def by_angles(self, change: Array) -> Array:
-        """See `Transfer.by_angles`."""
-        if change.ndim == 1:
-            return -self.tension * self.law.holes_before.dot(self.acting_friction * change)
-        found = self.law.summed_before_segments(self.acting_friction[:, None] * change)
-        found *= -self.tension[:, None]
-        return found
-
-    def by_unknowns(self, change: Array) -> Array:
-        """See `Transfer.by_unknowns`."""
-        law, k = self.law, self.law.holes
-        found = -self.tension * law.holes_before.dot(self.full_exponent * law.at_holes(change[:k]))
-        return found + self.ratio * law.base_of_segment.dot(change[k:]) if law.unknown else found
-
-    def rows(self, which: Index) -> Array:
-        """See `Transfer.rows`."""
-        law = self.law
-        count = int(np.count_nonzero(which < law.holes)) if law.unknown else len(which)
-        mobilised = which[:count]
-        if law.hole_of_mobilisation is None:
-            found = (law.holes_before @ (self.full_exponent[:, None] * law.incidence[:, mobilised])).T
-        else:
-            own = law.hole_of_mobilisation[mobilised]
-            found = law.segments_behind.take(own, axis=0)
-            found *= self.full_exponent[own][:, None]
-        found *= -self.tension
-        if count == len(which):
-            return found
-        return np.concatenate((found, self.ratio * law.base_of_segment.T[which[count:] - law.holes]))
-
-
-class CapstanTransfer:
-    """Constant coefficients without adhesion: ``T = T_base exp(-sum of s mu theta)``.
-
-    Parameters
-    ----------
-    tendons
-        By robot.
-
-    Attributes
-    ----------
-    holes, unknown : int
-        Numbers of mobilisations and of unknown tensions at the base.
-    holes_before : ndarray, shape (q, r)
-        Ones where a hole comes before a segment, on the way from the base.
-    segments_behind : ndarray, shape (r, q)
-        The same, transposed.
-    incidence : ndarray, shape (r, k)
-        From the mobilisations to the holes.
-    hole_of_mobilisation : ndarray of int, shape (k,), or None
-        The hole at which each mobilisation acts; None where any acts at several holes.
-    base_of_segment : ndarray, shape (q, c)
-        Ones where an unknown tension is that at the base of the segment's tendon.
-    base_change : ndarray, shape (q,)
-        Change of the tension at the base of the segment's tendon in the substep [N]; zero where it is unknown.
-    """
-
-    def __init__(self, tendons: Sequence[TendonsInSubstep]) -> None:
-        q, r, k = (sum(getattr(t, name) for t in tendons) for name in ("segments", "angles", "holes"))
-        c = sum(len(t.driven) for t in tendons)
-        self.holes_before = np.zeros((q, r))
-        self._friction, self.incidence = np.zeros(r), np.zeros((r, k))
-        self._base, self.base_of_segment = np.zeros((2, q)), np.zeros((q, c))
-        #: By robot, its segments, its angles, the number of its tendons, and holes before the segments of each.
-        self._robots: list[tuple[slice, slice, int, Array]] = []
-        segment = angle = hole = base = 0
-        for own in tendons:
-            n = own.law.shape[1]
-            incidence, every = own.law.law.hole_incidence(n), np.tri(n, n - 1, -1)
-            here = slice(segment, segment + own.segments), slice(angle, angle + own.angles)
-            self._robots.append((*here, len(own.which), every))
-            given = own.tension.copy()
-            given[:, own.driven] = 0.0
-            for i, tendon in enumerate(own.which):
-                segments, angles = slice(segment, segment + n), slice(angle, angle + n - 1)
-                self.holes_before[segments, angles] = every
-                self._friction[angles] = own.law.parameters.friction[tendon]
-                columns = incidence[:, own.frictional[i]]
-                self.incidence[angles, hole : hole + columns.shape[1]] = columns
-                self._base[:, segments] = given[:, i, None]
-                if i in own.driven:
-                    self.base_of_segment[segments, base] = 1.0
-                    base += 1
-                segment, angle, hole = segments.stop, angles.stop, hole + columns.shape[1]
-        self.holes, self.unknown = k, c
-        self.segments_behind: Array = np.ascontiguousarray(self.holes_before.T)
-        self.base_change = self._base[1] - self._base[0]
-        single = (self.incidence != 0.0).sum(axis=0) == 1
-        self.hole_of_mobilisation = self.incidence.argmax(axis=0) if bool(single.all()) else None
-
-    def at_holes(self, values: Array) -> Array:
-        """Values of the mobilisations at the holes, (k,) to (r,)."""
-        if self.hole_of_mobilisation is None:
-            return np.asarray(self.incidence @ values)
-        found = np.zeros(len(self._friction))
-        found[self.hole_of_mobilisation] = values
-        return found
-
-    def summed_before_segments(self, at_holes: Array) -> Array:
-        """Sums over the holes before each segment, (r, j) to (q, j)."""
-        found = np.empty((len(self.holes_before), at_holes.shape[1]))
-        for segments, angles, count, every in self._robots:
-            own = at_holes[angles].reshape(count, every.shape[1], -1)
-            np.matmul(every, own, out=found[segments].reshape(count, every.shape[0], -1))
-        return found
-
-    @staticmethod
-    def regimes(z: Array, tension: Array) -> None:
-        """See `LawTransfer.regimes`: Capstan's equation is smooth."""
-
-    @staticmethod
-    def distance_to_regime_change(z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
-        """See `LawTransfer.distance_to_regime_change`."""
-        return np.inf
-
-    def at(self, factor: float, z: Array, angles: Array) -> CapstanTensions:
-        """Tensions of the segments, and their derivatives.
-
-        Parameters
-        ----------
-        factor
-            Load factor within the substep [1].
-        z
-            Mobilisations, then unknown tensions at the base [N], shape (k + c,).
-        angles
-            Turning angles [rad], shape (r,).
-        """
-        acting = self.at_holes(z[: self.holes]) * self._friction
-        ratio = np.exp(-self.holes_before.dot(acting * angles))
-        given = self._base[0] + factor * self.base_change
-        if self.unknown:
-            given += self.base_of_segment.dot(z[self.holes :])
-        return CapstanTensions(self, given * ratio, ratio, acting, self._friction * angles)
-
-
-class LawTensions(NamedTuple):
-    """Tensions by any law, and their derivatives, see `Transfer`.
+class Tensions(NamedTuple):
+    """Tensions of the segments at given unknowns and turning angles, and their derivatives.
 
     Attributes
     ----------
@@ -255,7 +68,7 @@ class LawTensions(NamedTuple):
         [N].
     by_angle : ndarray, shape (q, r)
         By the turning angles [N/rad].
-    by_unknown : ndarray, shape (q, k + c)
+    by_unknown : ndarray, shape (k + c, q)
         By the mobilisations [N], and by unknown tensions at the base [1].
     by_load : ndarray, shape (q,)
         By the load factor, through the given tensions at the base [N].
@@ -266,17 +79,149 @@ class LawTensions(NamedTuple):
     by_unknown: Array
     by_load: Array
 
-    def by_angles(self, change: Array) -> Array:
-        """See `Transfer.by_angles`."""
-        return self.by_angle @ change
 
-    def by_unknowns(self, change: Array) -> Array:
-        """See `Transfer.by_unknowns`."""
-        return self.by_unknown @ change
+class CapstanTransfer(NamedTuple):
+    """Constant coefficients without adhesion: ``T = T_base exp(-sum of s mu theta)``.
 
-    def rows(self, which: Index) -> Array:
-        """See `Transfer.rows`."""
-        return self.by_unknown.T[which]
+    Attributes
+    ----------
+    holes, unknown : int
+        Numbers of mobilisations and of unknown tensions at the base.
+    holes_before : ndarray, shape (q, r)
+        Ones where a hole comes before a segment, on the way from the base.
+    friction : ndarray, shape (r,)
+        Coefficients of friction of the holes [1].
+    incidence : ndarray, shape (k, r)
+        From the mobilisations to the holes.
+    behind : ndarray, shape (k, q)
+        Ones where the hole of a mobilisation comes before a segment; no rows where any acts at several holes.
+    at_hole : ndarray of int, shape (k,)
+        The hole of each mobilisation; none where any acts at several.
+    base_tension, base_change : ndarray, shape (q,)
+        Tension at the base of the segment's tendon at the start of the substep, and its change in it [N]; zero where
+        they are unknown.
+    base_of_segment : ndarray, shape (c, q)
+        Ones where an unknown tension is that at the base of the segment's tendon.
+    """
+
+    holes: int
+    unknown: int
+    holes_before: Array
+    friction: Array
+    incidence: Array
+    behind: Array
+    at_hole: Index
+    base_tension: Array
+    base_change: Array
+    base_of_segment: Array
+
+    @classmethod
+    def of(cls, tendons: Sequence[TendonsInSubstep]) -> CapstanTransfer:
+        """For some tendons, by robot."""
+        q, r, k = (sum(getattr(t, name) for t in tendons) for name in ("segments", "angles", "holes"))
+        c = sum(len(t.driven) for t in tendons)
+        holes_before, friction, incidence = np.zeros((q, r)), np.zeros(r), np.zeros((k, r))
+        base_tension, base_of_segment = np.zeros((2, q)), np.zeros((c, q))
+        segment = angle = hole = base = 0
+        for own in tendons:
+            n = own.law.shape[1]
+            at_holes, before = own.law.law.hole_incidence(n), np.tri(n, n - 1, -1)
+            given = own.tension.copy()
+            given[:, own.driven] = 0.0
+            for i, tendon in enumerate(own.which):
+                segments, angles = slice(segment, segment + n), slice(angle, angle + n - 1)
+                holes_before[segments, angles] = before
+                friction[angles] = own.law.parameters.friction[tendon]
+                rows = at_holes[:, own.frictional[i]].T
+                incidence[hole : hole + len(rows), angles] = rows
+                base_tension[:, segments] = given[:, i, None]
+                if i in own.driven:
+                    base_of_segment[base, segments] = 1.0
+                    base += 1
+                segment, angle, hole = segments.stop, angles.stop, hole + len(rows)
+        single = bool(((incidence != 0.0).sum(axis=1) == 1).all())
+        at_hole = incidence.argmax(axis=1) if single else np.zeros(0, dtype=int)
+        behind = np.ascontiguousarray(holes_before.T[at_hole])
+        first, last = base_tension
+        return cls(
+            k, c, holes_before, friction, incidence, behind, at_hole, first, last - first, base_of_segment
+        )
+
+    def at(self, factor: float, z: Array, angles: Array) -> Tensions:
+        """See `capstan_tensions`."""
+        return capstan_tensions(self, factor, z, angles)
+
+    def regimes(self, z: Array, tension: Array) -> Flags:
+        """See `LawTransfer.regimes`."""
+        return no_regimes(self, z, tension)
+
+    def distance_to_regime_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """See `LawTransfer.distance_to_regime_change`."""
+        return no_regime_change(self, z, rate, tension, tension_rate)
+
+
+@compilable
+def capstan_tensions(transfer: CapstanTransfer, factor: float, z: Array, angles: Array) -> Tensions:
+    """Tensions of the segments by Capstan's equation, and their derivatives.
+
+    Parameters
+    ----------
+    transfer
+        How tension passes along the tendons.
+    factor
+        Load factor within the substep [1].
+    z
+        Mobilisations, then unknown tensions at the base [N], shape (k + c,).
+    angles
+        Turning angles [rad], shape (r,).
+    """
+    holes = transfer.holes
+    # Friction times mobilisation, and Capstan's exponent at full mobilisation.
+    acting = z[:holes].dot(transfer.incidence) * transfer.friction
+    exponent = transfer.friction * angles
+    ratio = np.exp(-transfer.holes_before.dot(acting * angles))
+    base = transfer.base_tension + factor * transfer.base_change
+    if transfer.unknown:
+        base = base + z[holes:].dot(transfer.base_of_segment)
+    tension = base * ratio
+    negative = -tension
+    by_angle = acting * transfer.holes_before
+    by_angle *= negative.reshape(-1, 1)
+    by_unknown = np.empty((len(z), len(tension)))
+    if transfer.at_hole.size:
+        by_unknown[:holes] = exponent[transfer.at_hole].reshape(-1, 1) * transfer.behind
+    else:
+        by_unknown[:holes] = (exponent * transfer.incidence).dot(transfer.holes_before.T)
+    by_unknown[:holes] *= negative
+    if transfer.unknown:
+        by_unknown[holes:] = transfer.base_of_segment * ratio
+    return Tensions(tension, by_angle, by_unknown, ratio * transfer.base_change)
+
+
+@compilable
+def no_regimes(transfer: CapstanTransfer, z: Array, tension: Array) -> Flags:
+    """Flags that change where derivatives jump: none, Capstan's equation is smooth."""
+    return np.zeros(0, dtype=np.bool_)
+
+
+@compilable
+def no_regime_change(
+    transfer: CapstanTransfer, z: Array, rate: Array, tension: Array, tension_rate: Array
+) -> float:
+    """Load factor to where they change: infinite."""
+    return np.inf
+
+
+@compiled_as(capstan_tensions)
+def tensions_at(transfer: CapstanTransfer | LawTransfer, factor: float, z: Array, angles: Array) -> Tensions:
+    """As `capstan_tensions`, by any law; compiled functions know Capstan's equation only."""
+    return transfer.at(factor, z, angles)
+
+
+@compiled_as(no_regimes)
+def regimes_at(transfer: CapstanTransfer | LawTransfer, z: Array, tension: Array) -> Flags:
+    """As `no_regimes`, by any law."""
+    return transfer.regimes(z, tension)
 
 
 class LawTransfer:
@@ -330,11 +275,11 @@ class LawTransfer:
         )
         return float(to_zero.min(initial=np.inf))
 
-    def at(self, factor: float, z: Array, angles: Array) -> LawTensions:
+    def at(self, factor: float, z: Array, angles: Array) -> Tensions:
         """As of `CapstanTransfer`."""
         q, r = self._size
-        found = LawTensions(
-            np.zeros(q), np.zeros((q, r)), np.zeros((q, self._holes + self._unknown)), np.zeros(q)
+        found = Tensions(
+            np.zeros(q), np.zeros((q, r)), np.zeros((self._holes + self._unknown, q)), np.zeros(q)
         )
         for at in self._positions:
             own, which, (m, n) = at.tendons, at.tendons.which, at.tendons.law.shape
@@ -354,8 +299,8 @@ class LawTransfer:
             found.by_angle[at.segments[:, :, None], at.angles[:, None, :]] = by.d_angle[which]
             tendon, group = np.nonzero(own.frictional)
             by_hole = by.by_mobilisation[which][tendon, :, group]
-            found.by_unknown[at.segments[tendon], at.holes[:, None]] = by_hole
-            found.by_unknown[at.segments[own.driven], at.base[:, None]] = by_base[own.driven]
+            found.by_unknown[at.holes[:, None], at.segments[tendon]] = by_hole
+            found.by_unknown[at.base[:, None], at.segments[own.driven]] = by_base[own.driven]
             found.by_load[at.segments] = by_base * change[:, None]
         return found
 
@@ -396,4 +341,4 @@ class _Positions(NamedTuple):
 def tension_transfer(tendons: Sequence[TendonsInSubstep]) -> CapstanTransfer | LawTransfer:
     """The transfer of tension of some tendons."""
     adhesive = any(np.any(t.law.parameters.adhesion[t.which] > 0.0) and t.law.has_friction for t in tendons)
-    return LawTransfer(tendons) if adhesive else CapstanTransfer(tendons)
+    return LawTransfer(tendons) if adhesive else CapstanTransfer.of(tendons)

@@ -13,6 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.compiled import compilable
+from tdcr_fe.elements.numbers import largest
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
@@ -47,11 +50,19 @@ class Bounds(NamedTuple):
         """Bounds, and the distance from them that counts as none, shape (n,) each."""
         return cls(lower, upper, lower + round_off, upper - round_off)
 
-    def side(self, z: Array) -> Array:
-        """1 at the upper bounds, -1 at the lower ones, 0 inside, shape (n,)."""
-        at_upper: Array = (z >= self.near_upper).astype(float)
-        at_upper -= z <= self.near_lower
-        return at_upper
+
+@compilable
+def sides(bounds: Bounds, z: Array) -> Array:
+    """1 at the upper bounds, -1 at the lower ones, 0 inside, shape (n,)."""
+    at_upper = (z >= bounds.near_upper).astype(np.float64)
+    at_upper -= z <= bounds.near_lower
+    return at_upper
+
+
+@compilable
+def bounded(bounds: Bounds, z: Array) -> Array:
+    """The nearest unknowns within the bounds, shape (n,)."""
+    return np.minimum(np.maximum(z, bounds.lower), bounds.upper)
 
 
 class PathUnknowns(NamedTuple):
@@ -105,11 +116,23 @@ class PathUnknowns(NamedTuple):
             np.append(at_holes, at_base),
         )
 
-    def fixed_by_slack(self, slack: Array) -> Flags | None:
-        """Which unknowns stay at their bounds because their tendon has slack, see `solve_rates`; slack [m], (c,)."""
-        if not slack.size:
-            return None
-        return np.append(np.zeros(self.holes, dtype=bool), slack > self.tolerance)
+
+@compilable
+def fixed_by_slack(unknowns: PathUnknowns, slack: Array) -> Flags:
+    """Which unknowns stay at their bounds because their tendon has slack, shape (n,), or (0,) where there are none.
+
+    Parameters
+    ----------
+    unknowns
+        Of the path.
+    slack
+        Of the tendons driven by displacement [m], shape (c,).
+    """
+    if not slack.size or largest(slack) <= unknowns.tolerance:
+        return np.zeros(0, dtype=np.bool_)
+    fixed = np.zeros(len(unknowns.scale), dtype=np.bool_)
+    fixed[unknowns.holes :] = slack > unknowns.tolerance
+    return fixed
 
 
 def _bounds(holes: int, base_tension: Array) -> Bounds:

@@ -1,0 +1,129 @@
+"""Functions that numba compiles where it is installed (extra ``fast``), and that are plain Python elsewhere.
+
+There is one source for both: functions on arrays, numbers and named tuples of these, of which numba takes the part of
+numpy that it knows. `compilable` marks a function that compiled ones call; `compiled_as` the few that numba has to have
+written in another way; `run_compiled` calls one from outside.
+
+numba is imported at the first call, not before. What it has compiled is kept in a folder of the user's cache that
+belongs to these sources, so that it is compiled once. Documentation: page "Benchmarks", section "Compiled functions".
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import inspect
+import os
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+#: Environment variable that switches compiled functions off where it is 0.
+SWITCH = "TDCR_FE_COMPILED"
+#: As numpy: a division by zero gives infinity.
+_OPTIONS = {"error_model": "numpy"}
+_MARKED: list[Callable[..., Any]] = []
+_REPLACED: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
+
+
+def compilable(function: Function) -> Function:
+    """Mark a function that compiled functions call."""
+    _MARKED.append(function)
+    return function
+
+
+def compiled_as(replacement: Callable[..., Any]) -> Callable[[Function], Function]:
+    """Name what compiled functions call in place of a function, with the same arguments."""
+
+    def mark(function: Function) -> Function:
+        _REPLACED.append((function, replacement))
+        return function
+
+    return mark
+
+
+def numba_version() -> str | None:
+    """Version of numba where it is installed and not switched off, else None."""
+    return _installed_version() if os.environ.get(SWITCH, "1") != "0" else None
+
+
+def is_compiled() -> bool:
+    """Whether compiled functions are used: numba is installed, can be imported, and is not switched off."""
+    return numba_version() is not None and _numba() is not None
+
+
+def run_compiled(function: Callable[..., Any], *given: Any) -> Any:
+    """What a function returns, by its compiled form; everything that it calls has to be marked before.
+
+    Compiled functions take inverses, and have no way on where a matrix is singular: plain Python then runs.
+    """
+    try:
+        return _compiled(function)(*given)
+    except np.linalg.LinAlgError:
+        return function(*given)
+
+
+@cache
+def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    numba = _numba()
+    _register()
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(_folder(before))
+    try:
+        found: Callable[..., Any] = numba.njit(function, cache=True, **_OPTIONS)
+    finally:
+        numba.config.CACHE_DIR = before
+    return found
+
+
+@cache
+def _installed_version() -> str | None:
+    try:
+        return importlib.metadata.version("numba")
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+@cache
+def _numba() -> Any:
+    """The module; None where it cannot be imported, such as beside a version of numpy that it does not know."""
+    try:
+        import numba
+    except ImportError:
+        return None
+    return numba
+
+
+@cache
+def _register() -> None:
+    """Tell numba what functions may be called, and what replaces them."""
+    from numba.extending import overload
+
+    for function, replacement in [*((f, f) for f in _MARKED), *_REPLACED]:
+        overload(function, jit_options=_OPTIONS, strict=False)(_giving(replacement))
+
+
+def _giving(replacement: Callable[..., Any]) -> Callable[..., Callable[..., Any]]:
+    return lambda *types: replacement
+
+
+def _folder(base: str) -> Path:
+    """Folder for what is compiled from these sources, below a given one or the user's cache.
+
+    numba itself looks at the file of the function that is called from outside only: after a change of another one it
+    would use what it had compiled before.
+    """
+    files = sorted({inspect.getfile(f) for f in (*_MARKED, *(r for _, r in _REPLACED))})
+    name = sha256(b"".join(Path(f).read_bytes() for f in files)).hexdigest()[:16]
+    folder = Path(base or os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "tdcr_fe" / name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):
+        return Path(tempfile.mkdtemp(prefix="tdcr_fe_"))
+    return folder if os.access(folder, os.W_OK) else Path(tempfile.mkdtemp(prefix="tdcr_fe_"))

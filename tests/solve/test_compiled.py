@@ -1,0 +1,65 @@
+"""Compiled and plain friction paths are the same; what is used is said."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+
+from tdcr_fe import cli
+from tdcr_fe.elements import compiled
+from tdcr_fe.io.summary import versions
+from tdcr_fe.solve.friction_path import event_integration
+from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.validation.random_robots import draw
+
+with_numba = importlib.util.find_spec("numba") is not None
+
+
+def test_switched_off_it_is_plain(monkeypatch, capsys):
+    monkeypatch.setenv(compiled.SWITCH, "0")
+    assert not compiled.is_compiled() and versions()["numba"] == "not used"
+    with pytest.raises(SystemExit):
+        cli.main(["--version"])
+    assert "(not compiled)" in capsys.readouterr().out
+
+
+def test_used_only_where_numba_is_installed(monkeypatch):
+    monkeypatch.delenv(compiled.SWITCH, raising=False)
+    assert compiled.is_compiled() == with_numba == (versions()["numba"] != "not used")
+
+
+def test_plain_where_a_compiled_function_meets_a_singular_matrix(monkeypatch):
+    def singular(value):
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(compiled, "_compiled", lambda function: singular)
+    assert compiled.run_compiled(lambda value: value + 1, 2) == 3
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not with_numba, reason="numba is not installed")
+def test_random_robots_are_the_same_both_ways(monkeypatch):
+    """All states of twenty robots to 1e-7 of their length: round-off, and what Newton's tolerance makes of it."""
+    paths = {True: 0, False: 0}
+
+    def counted(run, way):
+        def count(*given):
+            paths[way] += 1
+            return run(*given)
+
+        return count
+
+    plain, fast = event_integration._integrated, event_integration.run_compiled
+    monkeypatch.setattr(
+        event_integration, "run_compiled", counted(lambda _, *given: fast(plain, *given), True)
+    )
+    monkeypatch.setattr(event_integration, "_integrated", counted(plain, False))
+    for seed in range(20):
+        case, found = draw(seed), []
+        for switch in ("1", "0"):
+            monkeypatch.setenv(compiled.SWITCH, switch)
+            found.append(simulate(case.robot, case.model, case.steps))
+        for fast_step, plain_step in zip(found[0].steps, found[1].steps, strict=True):
+            gap = np.abs(fast_step.positions - plain_step.positions).max()
+            assert gap <= 1e-7 * case.robot.backbone.length
+    assert paths[True] == paths[False] > 50
