@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 
-from tdcr_fe.elements.compiled import compilable
+from tdcr_fe.compiled import compilable
 
 Array = NDArray[np.float64]
 

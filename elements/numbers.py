@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.compiled import compilable, compiled_as
+from tdcr_fe.compiled import compilable, compiled_as
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NoReturn
 from tdcr_fe import __version__
 from tdcr_fe.commands.machine import document, stdout_kept_free
 from tdcr_fe.commands.status import INTERRUPTED, SUCCESS, WRONG_INPUT, complain, count
-from tdcr_fe.elements.compiled import numba_version
+from tdcr_fe.compiled import numba_version
 from tdcr_fe.io.processes import sigterm_as_interrupt
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ ALL = [*ELEMENTS, *PRODUCT, *VALIDATION]
 
 #: From the lowest layer to the highest; a module imports its own layer and those below it.
 LAYERS = (
+    "compiled",
     "elements",
     "model",
     "effects",
@@ -33,7 +34,7 @@ LAYERS = (
 )
 
 #: Packages and modules that read, write, draw or print; all others are numerics.
-WITH_FILES = {"io", "report", "commands", "cli", "__main__"}
+WITH_FILES = {"compiled", "io", "report", "commands", "cli", "__main__"}
 #: Modules of other packages that do.
 MODULES_WITH_FILES = {"report", "journal", "files"}
 NUMERICS = [

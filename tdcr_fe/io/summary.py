@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from tdcr_fe import __version__
-from tdcr_fe.elements.compiled import numba_version
+from tdcr_fe.compiled import numba_version
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.sensitivities import LocalResponse
 from tdcr_fe.report.motion import geometry

@@ -5,8 +5,7 @@ import importlib.util
 import numpy as np
 import pytest
 
-from tdcr_fe import cli
-from tdcr_fe.elements import compiled
+from tdcr_fe import cli, compiled
 from tdcr_fe.io.summary import versions
 from tdcr_fe.solve.friction_path import event_integration
 from tdcr_fe.solve.simulate import simulate

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.compiled import compilable
+from tdcr_fe.compiled import compilable
 from tdcr_fe.elements.numbers import smallest
 from tdcr_fe.solve.friction_path.slip_state import SlipState, columns_of, with_changed
 from tdcr_fe.solve.friction_path.small_systems import factorised, solved_transposed, some_columns

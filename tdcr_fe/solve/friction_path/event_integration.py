@@ -18,7 +18,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.compiled import compilable, compiled_as, is_compiled, run_compiled
+from tdcr_fe.compiled import compilable, compiled_as, is_compiled, run_compiled
 from tdcr_fe.elements.numbers import largest, largest_magnitude
 from tdcr_fe.solve.friction_path.drift_correction import (
     Unclipped,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.compiled import compilable
+from tdcr_fe.compiled import compilable
 from tdcr_fe.solve.friction_path.slip_rates import LinearRates
 from tdcr_fe.solve.friction_path.unknowns import Bounds, bounded
 

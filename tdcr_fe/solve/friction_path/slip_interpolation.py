@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.compiled import compilable
+from tdcr_fe.compiled import compilable
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.compiled import compilable
+from tdcr_fe.compiled import compilable
 from tdcr_fe.elements.complementarity import MOST_IDLE_BLOCKS, exchanged
 from tdcr_fe.elements.numbers import smallest
 from tdcr_fe.solve.friction_path.slip_state import SlipDerivatives, columns_of

@@ -1,6 +1,6 @@
 """Small systems of linear equations that are solved with the same factors more than once.
 
-By LAPACK; compiled functions (`tdcr_fe.elements.compiled`), which cannot call it one part at a time, take the inverse.
+By LAPACK; compiled functions (`tdcr_fe.compiled`), which cannot call it one part at a time, take the inverse.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 
-from tdcr_fe.elements.compiled import compiled_as
+from tdcr_fe.compiled import compiled_as
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
