@@ -158,7 +158,7 @@ def CreateTDCR(
     check_system("CreateTDCR", mbs)
     model = _checked_model(robot, model, gravity)
     _check_placement(name, basePosition, loadPositions, presliding)
-    check_drawing(color, graphicsDataList, baseMarker is not None)
+    check_drawing(show, color, graphicsDataList, baseMarker is not None)
     check_arc_lengths(loadPositions, robot.backbone.length)
     pose = base_pose(
         mbs,
@@ -189,7 +189,7 @@ def CreateTDCR(
     )
     joint = add_base_joint(mbs, carrier, base, name)
     clamp = Clamp(joint, pose.position, pose.rotation @ BEAM_TO_SECTION) if baseMarker is None else None
-    tendons = add_tendons(mbs, robot, mesh, backbone.beams[0], disks, name, show)
+    tendons = add_tendons(mbs, robot, mesh, backbone.beams[0], disks, name, bool(show))
     damping = add_material_damping(SceneHooks.of(mbs).system, robot, mesh, backbone.nodes, name)
     actuation = add_actuation(
         mbs, robot, model, mesh, rigid, backbone, tendons, [*bodies, joint], clamp, name, presliding, pose, damping

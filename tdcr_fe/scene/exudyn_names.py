@@ -43,14 +43,23 @@ def with_gravity(model: Model, gravity: Sequence[float] | None) -> Model:
     return replace(model, gravity=(x, y, z))
 
 
-def check_drawing(color: Any, graphics: Sequence[Any], on_marker: bool) -> None:
+def check_drawing(show: Any, color: Any, graphics: Any, on_marker: bool) -> None:
     """Refuse a colour other than four numbers in [0, 1], and graphics where no base of its own draws them.
 
     Raises
     ------
-    ValueError
+    TypeError, ValueError
         Names the argument and what is allowed.
     """
+    arguments.check_instance(
+        "CreateTDCR", "show", show, (bool, np.bool_), "True or False", "False draws nothing."
+    )
+    hint = "[exudyn.graphics.Sphere(radius=0.01)] is one."
+    arguments.check_instance(
+        "CreateTDCR", "graphicsDataList", graphics, (list, tuple), "a list of graphics", hint
+    )
+    for each in graphics:
+        arguments.check_instance("CreateTDCR", "graphicsDataList", each, dict, "a list of graphics", hint)
     if color is not None:
         hint = "[1, 0, 0, 1] is red; exudyn.graphics.color has others."
         arguments.check_numbers("CreateTDCR", "color", color, hint, count=4)

@@ -79,6 +79,26 @@ def test_two_names_at_once_and_wrong_values_are_refused(given, message):
         CreateTDCR(keep.AddSystem(), three(0.0), **given)
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            {"graphicsDataList": graphics.Sphere(radius=0.1)},
+            "graphicsDataList is of type dict; expected a list of",
+        ),
+        ({"graphicsDataList": [0.1]}, "graphicsDataList is of type float; expected a list of graphics"),
+        ({"show": "no"}, "show is 'no'; expected True or False"),
+    ],
+)
+def test_drawings_of_another_type_are_refused_before_anything_is_added(given, message):
+    """One graphic in place of a list was taken; ``show`` failed inside, with half a robot added."""
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    with pytest.raises(TypeError, match=message):
+        CreateTDCR(mbs, three(0.0), **given)
+    assert mbs.systemData.NumberOfNodes() == 0
+
+
 def test_graphics_need_a_base_on_ground():
     keep = exu.SystemContainer()
     mbs = keep.AddSystem()
