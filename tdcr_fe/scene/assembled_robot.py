@@ -23,7 +23,7 @@ from tdcr_fe.scene.mesh import softened_stiffness
 Array = NDArray[np.float64]
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, eq=False, repr=False)
 class AssembledRobot:
     """A robot in a scene, of which inputs are set and the state is read.
 

@@ -33,7 +33,7 @@ from tdcr_fe.scene.sensors import add_disk_sensors, add_tendon_sensors, add_tip_
 Array = NDArray[np.float64]
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, eq=False, repr=False)
 class TDCR(AssembledRobot):
     """A robot in a scene: its Exudyn items, methods that add to them, and those that set and read its state.
 
@@ -91,6 +91,11 @@ class TDCR(AssembledRobot):
     contacts: list[DiskContact] = field(default_factory=list)
     damping: MaterialDamping | None = None
     _spheres: dict[bool, list[Sphere]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """What it is, and where its items are."""
+        nodes = f"nodes {self.nNodes[0]} to {self.nNodes[-1]}"
+        return f"<TDCR {self.name!r}: {len(self.bDisks)} disks, tendons {', '.join(self.robot.tendon_names)}; {nodes}>"
 
     @property
     def oForces(self) -> Any:

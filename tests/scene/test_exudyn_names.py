@@ -105,3 +105,12 @@ def test_graphics_need_a_base_on_ground():
     marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
     with pytest.raises(ValueError, match="graphicsDataList is drawn on the base"):
         CreateTDCR(mbs, three(0.0), baseMarker=marker, graphicsDataList=[graphics.Sphere(radius=0.1)])
+
+
+def test_handles_print_in_a_line_and_are_told_apart():
+    """They printed all arrays and items of the robot, and two of them could not be compared."""
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    arms = [CreateTDCR(mbs, three(0.0), name=name) for name in ("left", "right")]
+    assert repr(arms[0]) == "<TDCR 'left': 13 disks, tendons t1, t2, t3; nodes 0 to 26>"
+    assert arms.index(arms[1]) == 1 and len(set(arms)) == 2
