@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from tdcr_fe.effects.actuation import ActuatorBacklash, ActuatorGain, ActuatorLoss
+from tdcr_fe.effects.actuation import ActuatorBacklash, ActuatorLoss
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Observation, Parameter
 from tdcr_fe.effects.channels import MisplacedChannels
+from tdcr_fe.effects.command_numbers import ActuatorGain, IdleTension
 from tdcr_fe.effects.holes import FrictionCoefficient, HoleAdhesion, HoleClearance, RoutingTwist
 from tdcr_fe.effects.loads import Gravity, TipPayload
 from tdcr_fe.effects.material import (
@@ -30,6 +31,7 @@ EFFECTS: tuple[Effect, ...] = (
     ActuatorGain(),
     ActuatorBacklash(),
     ActuatorLoss(),
+    IdleTension(),
     Gravity(),
     TipPayload(),
     ModulusScale(),

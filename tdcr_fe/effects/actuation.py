@@ -1,4 +1,4 @@
-"""Effects between the command and the base plate: gain, backlash, friction of the actuation; each with its history."""
+"""Effects between the command and the base plate with a history: backlash, friction of the actuation."""
 
 from __future__ import annotations
 
@@ -174,30 +174,6 @@ def pass_through(
         time = step.time if step.time is not None else time
     divided = experiment.ends is not None or len(steps) > len(experiment.steps)
     return replace(experiment, steps=tuple(steps), ends=tuple(ends) if divided else None)
-
-
-class ActuatorGain(Effect):
-    """Commanded displacement or tension off by a factor."""
-
-    name = "actuator_gain"
-    description = (
-        "Command and actual value differ by a factor: radius of a spool, scale of a load cell, a gear."
-    )
-    separating_experiment = "measure tension or travel at the base plate itself"
-    parameters = (Parameter("gain", "1", 0.05, 20.0, 1.0, 0.03, "actual over commanded value"),)
-
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`."""
-        gain = values["gain"]
-        steps = tuple(
-            replace(
-                s,
-                tensions={n: gain * t for n, t in s.tensions.items()},
-                displacements={n: gain * d for n, d in s.displacements.items()},
-            )
-            for s in experiment.steps
-        )
-        return replace(experiment, steps=steps)
 
 
 class ActuatorBacklash(Effect):

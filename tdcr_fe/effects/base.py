@@ -100,7 +100,10 @@ class Experiment:
         Set where effects divide load steps because an input has a kink within the step: for every one of ``steps``, the
         commanded step that it belongs to and the load factor at its end. None: the steps are the commanded ones.
     restarts : tuple of int
-        Commanded steps, from 0, at which the robot begins anew, unloaded: several loading sequences of one robot.
+        Commanded steps, from 0, at which the robot begins anew, unloaded: several loading sequences of one robot, each
+        a folder of measured data.
+    folder, folders : int
+        Of one loading sequence of several: its number, from 1, and how many there are.
     """
 
     robot: Robot
@@ -109,6 +112,13 @@ class Experiment:
     observation: Observation = field(default_factory=Observation)
     ends: tuple[tuple[int, float], ...] | None = None
     restarts: tuple[int, ...] = ()
+    folder: int = 1
+    folders: int = 1
+
+    @property
+    def folder_count(self) -> int:
+        """How many folders of measured data there are, of all of which or of one of which this is."""
+        return max(self.folders, len(self.restarts) + 1)
 
     @property
     def step_ends(self) -> tuple[tuple[int, float], ...]:
@@ -123,13 +133,14 @@ class Experiment:
         ends = self.step_ends
         bounds = (0, *self.restarts, ends[-1][0] + 1)
         found = []
-        for first, last in itertools.pairwise(bounds):
+        for number, (first, last) in enumerate(itertools.pairwise(bounds), 1):
             own = [j for j, (k, _) in enumerate(ends) if first <= k < last]
             divided = None
             if self.ends is not None:
                 divided = tuple((ends[j][0] - first, ends[j][1]) for j in own)
             steps = tuple(self.steps[j] for j in own)
-            found.append(replace(self, steps=steps, ends=divided, restarts=()))
+            part = replace(self, steps=steps, ends=divided, restarts=())
+            found.append(replace(part, folder=number, folders=self.folder_count))
         return tuple(found)
 
     def with_sequences(self, change: Callable[[Experiment], Experiment]) -> Experiment:
@@ -142,7 +153,8 @@ class Experiment:
             ends += [(first + k, factor) for k, factor in part.step_ends]
         divided = any(part.ends is not None for part in parts)
         steps = tuple(step for part in parts for step in part.steps)
-        return replace(parts[0], steps=steps, ends=tuple(ends) if divided else None, restarts=self.restarts)
+        whole = replace(parts[0], folder=self.folder, folders=self.folders, restarts=self.restarts)
+        return replace(whole, steps=steps, ends=tuple(ends) if divided else None)
 
     def with_robot(self, **changes: object) -> Experiment:
         """A copy with fields of the robot replaced."""
@@ -296,6 +308,10 @@ class Effect:
         """
         null = self.null_values(experiment)
         return [[{**null, p.name: null[p.name] + p.scale} for p in self.parameters]]
+
+    def alone(self, values: Values, experiment: Experiment) -> dict[str, float]:
+        """Values that do to one folder of measured data alone what these do to it among several."""
+        return dict(values)
 
     def check(self, values: Values, experiment: Experiment | None = None) -> None:
         """Refuse unknown and impossible values; with an experiment, those of its tendons and markers are known.

@@ -63,9 +63,9 @@ class TendonNumber(Effect):
         groups = self._groups(experiment.robot)
         found: tuple[Effect, ...] = (self,)
         if 1 < len(groups) < len(names):
-            found = (*found, TendonForm(self, "by segment", tuple(groups), experiment))
+            found = (*found, NumberForm(self, "by segment", tuple(groups), experiment))
         if len(names) > 1:
-            found = (*found, TendonForm(self, "each", [f"{self._name}_{n}" for n in names], experiment))
+            found = (*found, NumberForm(self, "each", [f"{self._name}_{n}" for n in names], experiment))
         return found
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
@@ -156,20 +156,18 @@ class TendonNumber(Effect):
         return one.value(mean([one.coordinate(x) for x in declared]))
 
 
-class TendonForm(Form):
-    """A number for each segment or for each tendon of a robot."""
-
-    of: TendonNumber
+class NumberForm(Form):
+    """One number of an effect for each of several parts: segments or tendons of a robot, folders of data."""
 
     def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
-        """Those of the number of all tendons."""
+        """Those of the number of all."""
         (limits,) = self.of.bounds(experiment).values()
         return {p.name: limits for p in self.parameters}
 
     def probe_points(
         self, experiment: Experiment, excitation: ExcitationRange
     ) -> list[list[dict[str, float]]]:
-        """Each number by as much as that of all tendons."""
+        """Each number by as much as that of all."""
         null, one = self.null_values(experiment), self.of.parameters[0]
         common = one.coordinate(self.of.null_values(experiment)[one.name])
         found = []

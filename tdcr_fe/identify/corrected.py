@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from tdcr_fe.effects import Effect, Experiment, with_effects
+from tdcr_fe.identify.estimate import Estimate
+from tdcr_fe.identify.findings import AddedEffect
 from tdcr_fe.identify.outcome import IdentificationResult
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml, value_to_toml
 from tdcr_fe.model.loading import LoadStep
@@ -15,7 +17,7 @@ Table = Mapping[str, Mapping[str, float]]
 
 def observation_effects(result: IdentificationResult) -> list[str]:
     """Effects that act on the measurement only; a scenario cannot have them."""
-    changes = _changes(result.data.experiment, result.effects_table, result.catalogue)
+    changes = _changes(result.commanded, result.effects_table, result.catalogue)
     found = {name for name, before, after in changes if after.observation != before.observation}
     return [name for name in result.effects_table if name in found]
 
@@ -102,7 +104,8 @@ def _files_of_sets(result: IdentificationResult) -> dict[str, str]:
             result.data, name=name, step_ids=ids, steps=part.steps[:count], branches=("",) * count,
             readings=(), parts=(),
         )  # fmt: skip
-        own = corrected_files(replace(result, data=data, commanded=part))
+        alone = replace(part, folder=1, folders=1)
+        own = corrected_files(replace(result, data=data, commanded=alone, effects=_alone(result, part)))
         robot = (
             "robot.toml"
             if files.get("robot.toml", own["robot.toml"]) == own["robot.toml"]
@@ -115,6 +118,20 @@ def _files_of_sets(result: IdentificationResult) -> dict[str, str]:
             .replace("run effects.toml", f"run effects_{name}.toml")
         )
     return files
+
+
+def _alone(result: IdentificationResult, part: Experiment) -> tuple[AddedEffect, ...]:
+    """The effects with the values that they have for one of several data sets."""
+    by_name = {e.name: e for e in result.catalogue}
+    found = []
+    for added in result.effects:
+        values = {n: p.value for n, p in added.parameters.items()}
+        own = by_name[added.name].alone(values, part) if added.name in by_name else values
+        if own != values:
+            unit = next(iter(added.parameters.values())).unit
+            added = replace(added, parameters={n: Estimate(x, None, unit) for n, x in own.items()})
+        found.append(added)
+    return tuple(found)
 
 
 def _beside_robot(result: IdentificationResult, final: Experiment, table: Table) -> tuple[Experiment, Table]:

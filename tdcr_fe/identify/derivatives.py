@@ -174,18 +174,20 @@ def _in_processes(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear] |
     if any(not type(e).__module__.startswith("tdcr_fe.") for problem, _ in pairs for e in problem.catalogue):
         return None
     found = forward.map(_linearize_sent, texts)
-    forward.runs += sum(count for _, count in found)
-    for (problem, request), (linear, _) in zip(pairs, found, strict=True):
+    for _, runs, iterations in found:
+        forward.runs += runs
+        forward.iterations += iterations
+    for (problem, request), (linear, *_) in zip(pairs, found, strict=True):
         if request.reference is None and linear.run.solved:
             forward.keep(problem.with_effects(request.effects, request.values), request.record, linear.run)
-    return [linear for linear, _ in found]
+    return [linear for linear, *_ in found]
 
 
-def _linearize_sent(text: bytes) -> tuple[Linear, int]:
-    """A model that was sent to this process, linearised; and the number of runs that took."""
+def _linearize_sent(text: bytes) -> tuple[Linear, int, int]:
+    """A model that was sent to this process, linearised; and the numbers of runs and of iterations that took."""
     problem, request = pickle.loads(text)
     (linear,) = _linearize_here([(problem, request)])
-    return linear, problem.forward.runs
+    return linear, problem.forward.runs, problem.forward.iterations
 
 
 def _joined(parts: Sequence[Linear]) -> Linear:

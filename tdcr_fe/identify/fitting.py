@@ -27,8 +27,11 @@ Array = NDArray[np.float64]
 #: A fit under way: yields what has to be simulated, is sent what came out, and returns the fit.
 Fitting = Generator[Request, Linear, Fit]
 
-#: A parameter whose typical step changes the readings by less than this, rms over sigma, is not fitted.
-NOTHING = 0.02
+#: A parameter is not fitted whose typical step changes the readings by less than the first, rms over sigma, and whose
+#: largest change, by at most so many typical steps as the third, changes all of them together by less than the second,
+#: root of the sum of squares over sigma: its value could not be told from null. One marker among many, read with much
+#: noise, is within the first and beyond the second.
+NOTHING, VISIBLE, FURTHEST = 0.02, 3.0, 100.0
 
 #: Share of the extrapolated discretisation error that may be wrong.
 UNSURE = 1.0 / 3.0
@@ -195,8 +198,10 @@ def evaluated(
         Column(by_name[k[0]], k[1], values[k[0]], 0.2 * float(x)) for k, x in zip(free, scale, strict=True)
     )
     linear = yield Request(tuple(effects), values, columns, None if along is None else along.run)
-    size = np.sqrt(np.mean(linear.matrix[problem.fitted] ** 2, axis=0))
-    keep = np.isfinite(size) & (size * scale > NOTHING)
+    z = problem.coordinates(effects, values, free)
+    limits = np.array([problem.bounds(by_name[k[0]], k[1]) for k in free]).reshape(-1, 2)
+    reach = np.max(np.abs(limits - z[:, None]), axis=1, initial=0.0) / scale
+    keep = can_be_seen(linear.matrix[problem.fitted] * scale, reach)
     differenced = {columns[j].key: why for j, why in linear.differenced.items()}
     return Fit(
         tuple(effects),
@@ -209,6 +214,21 @@ def evaluated(
         None if along is None else along.path_origin,
         differenced,
     )
+
+
+def can_be_seen(changes: Array, reach: Array) -> NDArray[np.bool_]:
+    """Whether readings can show parameters at all, shape (p,).
+
+    Parameters
+    ----------
+    changes
+        Of the readings over sigma by a typical step of each parameter, shape (n, p).
+    reach
+        Largest change of each parameter within its bounds, in typical steps, shape (p,).
+    """
+    size = np.linalg.norm(changes, axis=0)
+    small = size <= NOTHING * np.sqrt(max(1, len(changes)))
+    return np.isfinite(size) & ~(small & (size * np.minimum(reach, FURTHEST) <= VISIBLE))
 
 
 def descend(

@@ -63,12 +63,18 @@ class ForwardModel:
         Worker processes; 1 stays in this one.
     settings
         The ``[solver]`` table of the declared model, see `tdcr_fe.identify.simulate_run.run_settings`.
+
+    Attributes
+    ----------
+    runs, iterations : int
+        Made so far, those of the processes included: the runs, and their Newton iterations. Decisions about what is
+        affordable count these: time depends on what else the machine does.
     """
 
     def __init__(self, processes: int = 1, settings: SolverSettings | None = None) -> None:
         self.processes = max(1, processes)
         self.settings = settings or SolverSettings()
-        self.runs = 0
+        self.runs = self.iterations = 0
         self._cache: dict[str, Run] = {}
         self._pool: ProcessPoolExecutor | None = None
         self._stack = ExitStack()
@@ -149,6 +155,7 @@ class ForwardModel:
         settings = run_settings(self.settings, path_tolerance)
         runs = self.map(simulate_experiment, [job.task(settings, deadline) for job in todo.values()])
         self.runs += len(runs)
+        self.iterations += sum(r.iterations for r in runs)
         made = dict(zip(todo, runs, strict=True))
         found: list[Run] = []
         for number, (key, job) in enumerate(zip(keys, jobs, strict=True)):

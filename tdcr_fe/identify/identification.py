@@ -17,7 +17,7 @@ from tdcr_fe.identify.found_law import FoundLaw
 from tdcr_fe.identify.holdout import choose_held_out, held_out_branches
 from tdcr_fe.identify.information import unusable_data
 from tdcr_fe.identify.input_scatter import find_input_scatter
-from tdcr_fe.identify.law import LEAST_SECONDS, find_law
+from tdcr_fe.identify.law import LEAST_ITERATIONS, find_law
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma
 from tdcr_fe.identify.outcome import IdentificationResult
@@ -174,7 +174,8 @@ def _search(search: Search, state: SearchState, prepared: _Prepared, schedule: S
 
     A search on some of the load steps ends with a fit to all of them.
     """
-    begun = clock()
+    forward = prepared.problem.forward
+    begun = forward.iterations
     latest = schedule.end + schedule.grace
     try:
         if unusable_data(state.problem, state.declared):
@@ -189,8 +190,10 @@ def _search(search: Search, state: SearchState, prepared: _Prepared, schedule: S
         state = with_intermediate_models(state)
         whole = replace(search, deadline=schedule.end)
         if prepared.rows is None:
-            # A law may take as long to find as the listed effects took.
-            law, state = _law(whole, state.ending_at(latest), max(LEAST_SECONDS, clock() - begun))
+            # A law may take as many iterations to find as the listed effects took.
+            law, state = _law(
+                whole, state.ending_at(latest), max(LEAST_ITERATIONS, forward.iterations - begun)
+            )
             planned, state = _planned(whole, state)
             scatter, state = _input_scatter(whole, state)
             return _Found(state, law, planned, scatter)
@@ -217,10 +220,10 @@ def _with_data_fault(state: SearchState) -> SearchState:
         return state.without_trying(FAULTS)
 
 
-def _law(search: Search, state: SearchState, seconds: float) -> tuple[FoundLaw | None, SearchState]:
+def _law(search: Search, state: SearchState, iterations: int) -> tuple[FoundLaw | None, SearchState]:
     """A law on no list, if the time suffices."""
     try:
-        law, state = find_law(search, state, seconds)
+        law, state = find_law(search, state, iterations)
     except OutOfTime:
         return None, state.without_trying(A_LAW)
     return law, state if law is None else with_intermediate_models(state)

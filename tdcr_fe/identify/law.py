@@ -25,14 +25,15 @@ from tdcr_fe.identify.law_fit import LawFit, fit_law
 from tdcr_fe.identify.law_search import LOWER, Budget, LawAhead, LawSearch, law_bic, search_law
 from tdcr_fe.identify.law_state import action_response, run_with_action
 from tdcr_fe.identify.law_terms import CURVATURE, Term
-from tdcr_fe.identify.problem import Fit
+from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.search_state import Search, SearchState, with_rival
-from tdcr_fe.identify.time_limit import OutOfTime, clock
+from tdcr_fe.identify.time_limit import OutOfTime
 
 Array = NDArray[np.float64]
 
-#: Time that a search for a law may always take [s], and how many times its first run must fit into it [1].
-LEAST_SECONDS, RUNS = 60.0, 40
+#: Newton iterations that a search for a law may always take (half a minute without friction, one and a half with), and
+#: how many times its first run must fit into them [1].
+LEAST_ITERATIONS, RUNS = 12_000, 40
 
 #: Runs after which no further fit of a law begins.
 MOST_RUNS = 120
@@ -42,18 +43,19 @@ MOST_RUNS = 120
 NEARLY, PROMISE = 4.0, 0.05
 
 
-def law_ahead(search: Search, state: SearchState, seconds: float = LEAST_SECONDS) -> SearchState:
+def law_ahead(search: Search, state: SearchState, iterations: int = LEAST_ITERATIONS) -> SearchState:
     """Search for a law of one term beside the declared model, where the effects found so far leave more than noise.
 
     A law that leaves noise is kept. Then one further effect has to explain as much, and no more are tried. The search
-    is made once: after the first round of the search for effects, or after a later one where it takes long.
+    is made once: after the first round of the search for effects, or after a later one where it takes long. What it
+    may take is counted in iterations, so that what is found does not depend on what else the machine does.
 
     Parameters
     ----------
     search, state
         After a round of the search for listed effects.
-    seconds
-        Time that the search may take, such as that of the rounds so far [s].
+    iterations
+        Newton iterations that the search may take, such as those of the rounds so far.
 
     Returns
     -------
@@ -68,11 +70,9 @@ def law_ahead(search: Search, state: SearchState, seconds: float = LEAST_SECONDS
     problem = state.problem
     if not search.laws or state.law_sought or search.late or not _may_have_law(search, state):
         return state
-    budget = Budget(
-        problem.forward, problem.forward.runs + MOST_RUNS, min(clock() + seconds, search.deadline)
-    )
+    budget = _budget(search, problem, iterations)
     search.report("reading the missing moment from the shapes", 0.4)
-    ready = LawSearch.of(problem, state.declared, seconds / RUNS)
+    ready = LawSearch.of(problem, state.declared, iterations / RUNS)
     if ready is None:
         return state
     state = replace(state, law_sought=True)
@@ -91,7 +91,7 @@ def law_ahead(search: Search, state: SearchState, seconds: float = LEAST_SECONDS
 
 
 def find_law(
-    search: Search, state: SearchState, seconds: float = LEAST_SECONDS
+    search: Search, state: SearchState, iterations: int = LEAST_ITERATIONS
 ) -> tuple[FoundLaw | None, SearchState]:
     """The law on no list that explains more than the listed effects; sought where these leave more than noise.
 
@@ -103,8 +103,8 @@ def find_law(
     ----------
     search, state
         What the search for listed effects has ended with.
-    seconds
-        Time that the search may take, if the time limit allows; the last fit ends after it [s].
+    iterations
+        Newton iterations that the search may take, if the time limit allows; the last fit ends after them.
 
     Returns
     -------
@@ -129,7 +129,7 @@ def find_law(
             ) if several else state
         if search.late:
             raise OutOfTime
-        sought, alternatives, state = _sought(search, state, seconds)
+        sought, alternatives, state = _sought(search, state, iterations)
         if sought is None:
             return None, state.with_history("no law explains more than the listed effects")
         found = _on_its_own_path(state, _without_unnecessary(search, state, sought))
@@ -142,6 +142,12 @@ def find_law(
     return _described(state, found, alternatives), state
 
 
+def _budget(search: Search, problem: FitProblem, iterations: int) -> Budget:
+    """So many iterations and `MOST_RUNS` more than were made so far, until the deadline of the search."""
+    forward = problem.forward
+    return Budget(forward, forward.runs + MOST_RUNS, forward.iterations + iterations, search.deadline)
+
+
 def _may_have_law(search: Search, state: SearchState) -> bool:
     """Whether there is something left for a law, and held-out steps to judge it by."""
     problem, best = state.problem, state.best
@@ -151,12 +157,11 @@ def _may_have_law(search: Search, state: SearchState) -> bool:
 
 
 def _sought(
-    search: Search, state: SearchState, seconds: float
+    search: Search, state: SearchState, iterations: int
 ) -> tuple[LawFit | None, tuple[Term, ...], SearchState]:
     """The best law beside any of the bases, with the terms that explain as much; and a history of what was left out."""
     problem = state.problem
-    deadline = min(clock() + seconds, search.deadline)
-    budget = Budget(problem.forward, problem.forward.runs + MOST_RUNS, deadline)
+    budget = _budget(search, problem, iterations)
     found: LawFit | None = None
     alternatives: tuple[Term, ...] = ()
     for base in _bases(state):
@@ -164,7 +169,7 @@ def _sought(
             state = state.with_history(f"no search for a law {_beside(base)}: too many runs before it")
             continue
         search.report("reading the missing moment from the shapes", 0.9)
-        ready = LawSearch.of(problem, base, seconds / RUNS)
+        ready = LawSearch.of(problem, base, iterations / RUNS)
         if ready is None:
             state = state.with_history(f"no search for a law {_beside(base)}: too slow, or not solved")
             continue

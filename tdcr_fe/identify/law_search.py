@@ -61,20 +61,22 @@ class Budget:
     ----------
     forward : ForwardModel
         Which counts the runs.
-    runs : int
-        Count at which the budget is spent.
+    runs, iterations : int
+        Counts at which the budget is spent.
     deadline : float
         Reading of `tdcr_fe.identify.time_limit.clock` at which it is spent [s].
     """
 
     forward: ForwardModel
     runs: int
+    iterations: int
     deadline: float
 
     @property
     def spent(self) -> bool:
         """Whether nothing further may begin."""
-        return self.forward.runs >= self.runs or clock() > self.deadline
+        forward = self.forward
+        return forward.runs >= self.runs or forward.iterations >= self.iterations or clock() > self.deadline
 
 
 @dataclass(frozen=True)
@@ -100,15 +102,14 @@ class LawSearch:
     total: Array
 
     @classmethod
-    def of(cls, problem: FitProblem, base: Fit, most_seconds: float = math.inf) -> LawSearch | None:
-        """Beside a fitted model; None where it is not solved with loads at every disk, or one run takes too long."""
-        begun = clock()
+    def of(cls, problem: FitProblem, base: Fit, most_iterations: float = math.inf) -> LawSearch | None:
+        """Beside a fitted model; None where it is not solved with loads at every disk, or one run takes too much."""
         experiment = problem.with_effects(base.effects, base.values)
         steps, bays = len(problem.data.steps), len(experiment.robot.bay_edges) - 1
         zero = np.zeros((steps, bays, COMPONENTS))
         upright = np.broadcast_to(np.eye(3), (steps, bays, 3, 3))
         run = run_with_action(problem, experiment, zero, upright)
-        if not run.solved or clock() - begun > most_seconds:
+        if not run.solved or run.run.iterations > most_iterations:
             return None
         response, run = action_response(problem, experiment, run)
         for _ in range(READINGS):

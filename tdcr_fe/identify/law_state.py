@@ -211,9 +211,11 @@ def run_with_action(
     if result.message == INTERRUPTED:
         raise KeyboardInterrupt
     problem.forward.runs += 1
+    iterations = sum(s.iterations for s in result.steps)
+    problem.forward.iterations += iterations
     last = last_parts(acted)
     steps = [result.steps[j] for j in last if j < len(result.steps)]
-    run = Run.of(steps, len(last), acted, result.message)
+    run = replace(Run.of(steps, len(last), acted, result.message), iterations=iterations)
     residual = problem.residual(acted, run)
     return ActedRun(
         run,

@@ -123,6 +123,8 @@ class Run:
     refinement_errors : ndarray, shape (n_steps,)
         By commanded step, what is left of its path dependence over the length where the solver could not resolve it,
         else zero [1].
+    iterations : int
+        Newton iterations that it took.
     """
 
     s: Array
@@ -136,6 +138,7 @@ class Run:
     trajectory: Trajectory | None = None
     derivatives: RunDerivatives | None = None
     refinement_errors: Array = field(default_factory=lambda: np.zeros(0))
+    iterations: int = 0
 
     @classmethod
     def of(cls, steps: Sequence[StepResult], count: int, experiment: Experiment, message: str) -> Run:
@@ -189,6 +192,7 @@ class Run:
             trajectory=Trajectory.joined(trajectories, lengths) if whole else None,
             derivatives=RunDerivatives.joined(derivatives) if len(derivatives) == len(lengths) else None,
             refinement_errors=np.concatenate(errors),
+            iterations=sum(r.iterations for r in runs),
         )
 
     @classmethod

@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear
 
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.identify.derivatives import Column, Request, linearize
-from tdcr_fe.identify.fitting import NOTHING
+from tdcr_fe.identify.fitting import can_be_seen
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 
 Array = NDArray[np.float64]
@@ -220,9 +220,9 @@ def _score(problem: FitProblem, fit: Fit, sets: Sequence[tuple[_ProbeSet, Array]
     others: list[Point] = []
     scales: dict[tuple[str, str], float] = {}
     for one, signature in sets:
-        if np.all(np.sqrt(np.mean(signature**2, axis=0)) < NOTHING):
-            continue
         low, high = np.array([_amplitude_range(problem, e, one.null, d) for d in one.directions]).T
+        if not np.any(can_be_seen(signature, np.maximum(np.abs(low), np.abs(high)))):
+            continue
         k = fit.jacobian.shape[1]
         a = np.concatenate((fit.jacobian, signature), axis=1)
         w = problem.root_weights(fit.residual)

@@ -17,7 +17,7 @@ from tdcr_fe.identify.backward import backward_selection
 from tdcr_fe.identify.candidates import fit_proposals, propose
 from tdcr_fe.identify.criteria import BIC_DIFFERENCE, is_improvement, rank, residual_is_noise
 from tdcr_fe.identify.information import lacks_test
-from tdcr_fe.identify.law import LEAST_SECONDS, law_ahead
+from tdcr_fe.identify.law import LEAST_ITERATIONS, law_ahead
 from tdcr_fe.identify.local_search import local_search, place_ahead, search_places
 from tdcr_fe.identify.problem import Fit
 from tdcr_fe.identify.saturated import saturated_pairs
@@ -39,7 +39,6 @@ from tdcr_fe.identify.time_limit import (
     PLACES,
     SMALLER_MODELS,
     OutOfTime,
-    clock,
 )
 
 #: A local cause that leaves less than so much of the misfit of the best effect along the whole robot is kept [1].
@@ -105,7 +104,7 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
 
     ``locate``: after the first round, see whether a single local cause explains everything.
     """
-    level, begun = [state.best], clock()
+    level, begun = [state.best], state.problem.forward.iterations
     for number in range(1, search.settings.max_effects + 1):
         if len(state.best.effects) >= search.settings.max_effects:
             break
@@ -158,7 +157,7 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
         if explained or not locate or search.late:
             continue
         before = state.best
-        state = yield from _causes_ahead(search, state, number, max(LEAST_SECONDS, clock() - begun))
+        state = yield from _causes_ahead(search, state, number, state.problem.forward.iterations - begun)
         if state.best is not before:
             level = [state.best]
             if residual_is_noise(state.problem, state.best, search.significance):
@@ -178,13 +177,13 @@ def _accepted(search: Search, state: SearchState, fits: Sequence[Fit]) -> list[F
     ]
 
 
-def _causes_ahead(search: Search, state: SearchState, number: int, seconds: float) -> Stage:
+def _causes_ahead(search: Search, state: SearchState, number: int, iterations: int) -> Stage:
     """After a round that leaves more than noise: a single local cause as the best model, or a law on no list ahead."""
     if number == 1:
         state = _with_local_cause(search, state)
         yield state
     if not any(isinstance(e, EffectAtPlace) for e in state.best.effects):
-        state = law_ahead(search, state, seconds)
+        state = law_ahead(search, state, max(LEAST_ITERATIONS, iterations))
     yield state
     return state
 

@@ -111,7 +111,7 @@ def simulate_experiment(task: Task) -> Run:
     errors = np.zeros(len(last))
     for step, (k, _) in zip(result.steps, ends, strict=False):
         errors[k] = max(errors[k], float(step.details.get("refinement_error", 0.0)))
-    run = replace(run, refinement_errors=errors)
+    run = replace(run, refinement_errors=errors, iterations=sum(s.iterations for s in result.steps))
     if task.parameters and ended:
         run = replace(run, derivatives=RunDerivatives.of(result.sensitivities, ended, len(last), refused))
     return run if path is None else replace(run, trajectory=Trajectory(path, ends, run.s))

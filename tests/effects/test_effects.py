@@ -77,6 +77,7 @@ def test_the_list_has_every_effect_of_the_formats_page():
         "stuck_hole": {"tendon", "s", "drop"},
         "actuator_backlash": {"backlash"},
         "actuator_gain": {"gain"},
+        "idle_tension": {"tension"},
         "creep": {"rate"},
         "modulus_scale": {"factor"},
         "density_scale": {"factor"},

@@ -51,6 +51,11 @@ STEPS = {
 #: Effects at values of their own, those that act together.
 TOGETHER = [
     ("tension", {"actuator_loss": {"dead_band": 0.05, "efficiency": 0.9}, "creep": {"rate": 0.02}}),
+    (
+        "tension",
+        {"actuator_gain (each tendon)": {"gain_t1": 1.03, "gain_t2": 0.96}, "idle_tension": {"tension": 0.7}},
+    ),
+    ("tension", {"idle_tension (each tendon)": {"tension_t1": 0.6, "tension_t2": 0.4}}),
     ("tension", {"gravity": {"g_x": 3.0, "g_y": 1.0, "g_z": -9.0}, "tip_payload": {"mass": 2e-3}}),
     ("tension", {"actuator_gain": {"gain": 1.03}, "precurvature": {"kappa_x": 0.4, "kappa_y": -0.3}}),
     (

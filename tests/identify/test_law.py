@@ -1,6 +1,7 @@
 """Laws that nobody listed: exact response, laws that hold in the solved state, and the search on blind data."""
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +24,7 @@ from tdcr_fe.identify.law import (
     sentence,
 )
 from tdcr_fe.identify.law_fit import TOLERANCE, balance, law_action
-from tdcr_fe.identify.law_search import LawSearch, search_law
+from tdcr_fe.identify.law_search import Budget, LawSearch, search_law
 from tdcr_fe.identify.law_state import COMPONENTS, action_response, last_direction, run_with_action
 from tdcr_fe.identify.law_terms import (
     BENDING,
@@ -205,6 +206,18 @@ def test_listed_effects_that_explain_as_much_win():
     if law is not None:
         state = SearchState.start(problem, declared)
         assert not _explains_more(search, state, law, replace(law.as_fit(), free=law.base.free))
+
+
+def test_what_a_search_may_take_is_counted_in_iterations():
+    """Time would let the verdict depend on what else the machine does."""
+    problem = problem_of(measured({"gravity": {"g_x": 3.0}}), held=(4, 5, 9))
+    base = evaluate(problem, (), {})
+    forward = problem.forward
+    assert forward.iterations == base.run.iterations > len(problem.data.steps)
+    assert LawSearch.of(problem, base, most_iterations=base.run.iterations - 1) is None
+    assert forward.iterations == 2 * base.run.iterations
+    spent = [Budget(forward, forward.runs + 1, forward.iterations + n, math.inf).spent for n in (0, 1)]
+    assert spent == [True, False]
 
 
 # ------------------------------------------------------------------------------------- laws and listed effects

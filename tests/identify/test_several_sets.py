@@ -9,8 +9,9 @@ import pytest
 from identify_data import LENGTH, MODEL, ROBOT, measured
 
 from tdcr_fe.cli import main
-from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify.divide import divide_steps
+from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.holdout import blocks, held_out_branches
 from tdcr_fe.identify.problem import FitProblem
@@ -76,10 +77,11 @@ def test_a_sequence_that_is_not_solved_leaves_its_steps_and_those_after_it_open(
 
 
 def sets():
-    """The same loading twice, the second time only its first eight steps, with other noise."""
-    a = replace(measured(GRAVITY), name="A")
+    """The same loading twice, the second time only its first eight steps, with other noise; an offset is declared."""
+    known = {"marker_offset": {"offset_z_marker_2": 0.0}}
+    a = replace(measured(GRAVITY), name="A", effects=known)
     b = measured(GRAVITY, seed=5)
-    b = replace(b, name="B", readings=tuple(r for r in b.readings if r.step <= 8))
+    b = replace(b, name="B", effects=known, readings=tuple(r for r in b.readings if r.step <= 8))
     return a, b
 
 
@@ -176,3 +178,24 @@ def test_derivatives_of_joined_sets_are_those_of_each():
         parts = np.concatenate([getattr(r.derivatives, field) for r in own])
         np.testing.assert_allclose(getattr(joined.derivatives, field), parts, rtol=1e-9, atol=1e-12)
     assert np.abs(joined.derivatives.positions[..., 1]).max() > 1e-4
+
+
+def test_a_gain_of_the_second_folder_is_fitted_beside_a_shared_effect():
+    """Tendons tied anew between two series: 1.06 and 0.96 times the commands, in the second one only."""
+    first = replace(measured(GRAVITY), name="A")
+    again = {"actuator_gain": {"gain_t1": 1.06, "gain_t2": 0.96}}
+    joined = join_measured([first, replace(measured({**GRAVITY, **again}, seed=5), name="B")])
+    count = len(joined.readings)
+    problem = FitProblem.of(joined, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
+    (gain,) = [
+        f
+        for f in effect("actuator_gain").forms(problem.experiment)
+        if f.name == "actuator_gain (each tendon, each later folder)"
+    ]
+    start = {**GRAVITY, gain.name: gain.null_values(problem.experiment)}
+    found = fit(problem, [effect("gravity"), gain], [start])
+    assert found.values[gain.name] == {
+        "gain_t1_folder_2": pytest.approx(1.06, abs=5e-3),
+        "gain_t2_folder_2": pytest.approx(0.96, abs=5e-3),
+    }
+    assert found.cost < 1.3 * count

@@ -74,9 +74,9 @@ def test_a_plan_covers_everything_early_and_does_not_depend_on_its_length():
 
 
 def test_later_effects_have_a_plan_of_their_own():
-    later = ("time_lag", "base_compliance", "pretension", *PLACES)
-    recipes = plan_of(later, 8)
-    assert recipes[:3] == plan_of(later, 3) and len({r.seed for r in recipes}) == 8
+    later = ("time_lag", "idle_tension", "base_compliance", "pretension", *PLACES)
+    recipes = plan_of(later, 9)
+    assert recipes[:3] == plan_of(later, 3) and len({r.seed for r in recipes}) == 9
     assert {r.effects[0] for r in recipes} == set(later)
     assert {LISTED_AS.get(n, n) for n in later} == set(LATER) - set(SOFT)
 

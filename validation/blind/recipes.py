@@ -37,7 +37,14 @@ OF_SEGMENTS = ("stretch_by_segment", "pretension_by_segment")
 OF_SEVERAL = ("stretch_of_each", "friction_of_each")
 
 #: Effects detectable only in data driven by tension, and only in data driven by displacement.
-BY_TENSION = ("actuator_loss", "friction_coefficient", "friction_of_each", "hole_adhesion", "stuck_hole")
+BY_TENSION = (
+    "actuator_loss",
+    "idle_tension",
+    "friction_coefficient",
+    "friction_of_each",
+    "hole_adhesion",
+    "stuck_hole",
+)
 BY_DISPLACEMENT = (
     "actuator_backlash",
     "tendon_stretch",
@@ -54,6 +61,7 @@ SOFT = ("modulus_scale", "density_scale", "nonlinear_material", "misplaced_chann
 #: Effects that `plan` leaves out, so that its sets stay those of version 0.1; `plan_of` has them.
 LATER: tuple[str, ...] = (
     "time_lag",
+    "idle_tension",
     "base_compliance",
     "pretension",
     "soft_bay",

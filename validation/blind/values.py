@@ -161,6 +161,9 @@ DRAW: dict[str, Callable[[_Sizes, np.random.Generator], dict[str, float]]] = {
     "actuator_gain": lambda sizes, rng: {
         "gain": float(rng.choice([rng.uniform(0.85, 0.95), rng.uniform(1.05, 1.15)])),
     },
+    "idle_tension": lambda sizes, rng: {
+        "tension": float(rng.uniform(0.03, 0.15)) * sizes.tension,
+    },
     "creep": lambda sizes, rng: {
         "rate": float(rng.uniform(0.05, 0.25)) / sizes.duration,
     },

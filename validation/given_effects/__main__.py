@@ -31,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         prog="python -m tdcr_fe.validation.given_effects",
         description="Fit effects to measured data in a given order, and report the mean distance of the markers.",
     )
-    parser.add_argument("folder", help="measured data, as for tdcr-fe identify")
+    parser.add_argument("folder", nargs="+", help="measured data, as for tdcr-fe identify")
     parser.add_argument("--effects", nargs="+", required=True, metavar="NAME", help="in the order of adding")
     parser.add_argument("--hold-out", nargs="+", required=True, metavar="PATTERN", help="branches")
     parser.add_argument("--every", type=at_least_one, default=1, metavar="N", help="every Nth step (1)")
@@ -61,10 +61,10 @@ def _run(args: argparse.Namespace) -> int:
 
     from tdcr_fe.identify.ceiling import StepFeatures, predicted_residuals
     from tdcr_fe.identify.forward import ForwardModel
-    from tdcr_fe.io.measured import read_measured
+    from tdcr_fe.io.measured import join_measured, read_measured
     from tdcr_fe.validation.given_effects.stages import Stage, every_nth_step, fit_in_order, mean_distance
 
-    data = every_nth_step(read_measured(args.folder), args.every)
+    data = join_measured([every_nth_step(read_measured(folder), args.every) for folder in args.folder])
     if args.friction == "none":
         data = replace(data, model=replace(data.model, friction="none"))
     print(f"{len(data.steps)} steps; mean distance of the markers, fitted and held out [mm]", flush=True)
