@@ -14,6 +14,7 @@ import importlib.metadata
 import inspect
 import os
 import tempfile
+import warnings
 from collections.abc import Callable
 from functools import cache
 from hashlib import sha256
@@ -92,10 +93,14 @@ def _installed_version() -> str | None:
 
 @cache
 def _numba() -> Any:
-    """The module; None where it cannot be imported, such as beside a version of numpy that it does not know."""
+    """The module; None, with a warning, where it cannot be imported, as beside a version of numpy that it does not know."""
     try:
         import numba
-    except ImportError:
+    except ImportError as error:
+        warnings.warn(
+            f"numba is installed and cannot be imported, so that functions are not compiled: {error}",
+            stacklevel=2,
+        )
         return None
     return numba
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from tdcr_fe import __version__
-from tdcr_fe.compiled import numba_version
+from tdcr_fe.compiled import is_compiled, numba_version
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.sensitivities import LocalResponse
 from tdcr_fe.report.motion import geometry
@@ -22,7 +22,11 @@ def versions() -> dict[str, str]:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             found[name] = "not installed"
-    return {**found, "numba": numba_version() or "not used", "python": platform.python_version()}
+    return {
+        **found,
+        "numba": (numba_version() if is_compiled() else None) or "not used",
+        "python": platform.python_version(),
+    }
 
 
 def _response(found: LocalResponse) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Compiled and plain friction paths are the same; what is used is said."""
 
 import importlib.util
+import sys
 
 import numpy as np
 import pytest
@@ -25,6 +26,18 @@ def test_switched_off_it_is_plain(monkeypatch, capsys):
 def test_used_only_where_numba_is_installed(monkeypatch):
     monkeypatch.delenv(compiled.SWITCH, raising=False)
     assert compiled.is_compiled() == with_numba == (versions()["numba"] != "not used")
+
+
+def test_an_installed_numba_that_cannot_be_imported_is_said(monkeypatch):
+    monkeypatch.delenv(compiled.SWITCH, raising=False)
+    monkeypatch.setattr(compiled, "numba_version", lambda: "0.1")
+    monkeypatch.setitem(sys.modules, "numba", None)
+    compiled._numba.cache_clear()
+    try:
+        with pytest.warns(UserWarning, match="numba is installed and cannot be imported"):
+            assert not compiled.is_compiled()
+    finally:
+        compiled._numba.cache_clear()
 
 
 def test_plain_where_a_compiled_function_meets_a_singular_matrix(monkeypatch):
