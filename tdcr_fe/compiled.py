@@ -62,11 +62,19 @@ def is_compiled() -> bool:
 def run_compiled(function: Callable[..., Any], *given: Any) -> Any:
     """What a function returns, by its compiled form; everything that it calls has to be marked before.
 
-    Compiled functions take inverses, and have no way on where a matrix is singular: plain Python then runs.
+    Compiled functions take inverses, and have no way on where a matrix is singular: plain Python then runs. Where
+    numba cannot compile, it runs from then on, with a warning.
     """
     try:
         return _compiled(function)(*given)
     except np.linalg.LinAlgError:
+        return function(*given)
+    except Exception as error:
+        if not isinstance(error, _numba().core.errors.NumbaError):
+            raise
+        warnings.warn(f"numba {numba_version()} cannot compile {function.__name__}: {error}", stacklevel=2)
+        # In this process and those that it starts.
+        os.environ[SWITCH] = "0"
         return function(*given)
 
 
@@ -75,7 +83,13 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     numba = _numba()
     _register()
     before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_folder(before))
+    folder = _folder(before)
+    if not any(folder.iterdir()):
+        warnings.warn(
+            f"numba compiles once, which takes about a minute; what it makes is kept in {folder}",
+            stacklevel=3,
+        )
+    numba.config.CACHE_DIR = str(folder)
     try:
         found: Callable[..., Any] = numba.njit(function, cache=True, **_OPTIONS)
     finally:
@@ -93,7 +107,7 @@ def _installed_version() -> str | None:
 
 @cache
 def _numba() -> Any:
-    """The module; None, with a warning, where it cannot be imported, as beside a version of numpy that it does not know."""
+    """The module; None, with a warning, where it cannot be imported, as beside a numpy that it does not know."""
     try:
         import numba
     except ImportError as error:

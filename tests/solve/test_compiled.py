@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -46,6 +47,24 @@ def test_plain_where_a_compiled_function_meets_a_singular_matrix(monkeypatch):
 
     monkeypatch.setattr(compiled, "_compiled", lambda function: singular)
     assert compiled.run_compiled(lambda value: value + 1, 2) == 3
+
+
+def test_plain_from_then_on_where_numba_cannot_compile(monkeypatch):
+    class NumbaError(Exception):
+        pass
+
+    def unknown(value):
+        raise NumbaError("unknown type")
+
+    numba = SimpleNamespace(core=SimpleNamespace(errors=SimpleNamespace(NumbaError=NumbaError)))
+    monkeypatch.setenv(compiled.SWITCH, "1")
+    monkeypatch.setattr(compiled, "_numba", lambda: numba)
+    monkeypatch.setattr(compiled, "_installed_version", lambda: "0.1")
+    monkeypatch.setattr(compiled, "_compiled", lambda function: unknown)
+    assert compiled.is_compiled()
+    with pytest.warns(UserWarning, match="numba 0.1 cannot compile"):
+        assert compiled.run_compiled(lambda value: value + 1, 2) == 3
+    assert not compiled.is_compiled()
 
 
 @pytest.mark.slow
