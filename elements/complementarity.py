@@ -21,34 +21,14 @@ BOX_ROUND_OFF = 1e-11
 SIGN_ROUND_OFF = 1e-13
 
 
-class PivotRule:
-    """Which violated indices a principal pivoting method exchanges next.
-
-    All of them (a block pivot), until their number has not fallen for `MOST_IDLE_BLOCKS` times; from then on the lowest
-    alone, which terminates for every P-matrix, until their number falls again.
-
-    Parameters
-    ----------
-    size
-        Number of indices.
-    """
-
-    __slots__ = ("_fewest", "_idle_left")
-
-    def __init__(self, size: int) -> None:
-        self._fewest, self._idle_left = size + 1, MOST_IDLE_BLOCKS
-
-    def exchanged(self, violated: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-        """The indices to exchange, of ``count`` violated ones; shapes (k,)."""
-        violated, self._fewest, self._idle_left = exchanged(violated, count, self._fewest, self._idle_left)
-        return violated
-
-
 @compilable
 def exchanged(
     violated: NDArray[np.bool_], count: int, fewest: int, idle_left: int
 ) -> tuple[NDArray[np.bool_], int, int]:
-    """The rule of `PivotRule`: the indices to exchange, and what it remembers.
+    """Which violated indices a principal pivoting method exchanges next.
+
+    All of them (a block pivot), until their number has not fallen for `MOST_IDLE_BLOCKS` times; from then on the lowest
+    alone, which terminates for every P-matrix, until their number falls again.
 
     Parameters
     ----------
@@ -57,9 +37,15 @@ def exchanged(
     count
         Their number.
     fewest
-        Fewest so far.
+        Fewest so far; at first more than there are indices.
     idle_left
-        Block pivots that may still leave as many.
+        Block pivots that may still leave as many; at first `MOST_IDLE_BLOCKS`.
+
+    Returns
+    -------
+    exchanged : ndarray of bool, shape (k,)
+    fewest, idle_left : int
+        For the next time.
     """
     if count < fewest:
         return violated, count, MOST_IDLE_BLOCKS
@@ -102,7 +88,7 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
     k = len(right)
     side = np.trunc(np.minimum(np.maximum(start, -1.0), 1.0))
     scale = np.maximum(np.abs(np.diagonal(matrix)), 1e-300)
-    rule = PivotRule(k)
+    fewest, idle_left = k + 1, MOST_IDLE_BLOCKS
     s = start
     for _ in range(max_blocks + 10 * k):
         free = side == 0
@@ -120,7 +106,7 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
         count = int(np.count_nonzero(violated))
         if count == 0:
             return np.clip(s, -1.0, 1.0), True
-        violated = rule.exchanged(violated, count)
+        violated, fewest, idle_left = exchanged(violated, count, fewest, idle_left)
         side[violated & back] = 0.0
         side[violated & up] = 1.0
         side[violated & down] = -1.0
@@ -150,7 +136,7 @@ def solve_nonnegative(matrix: Array, right: Array, start: Array) -> tuple[Array,
     k = len(right)
     positive = start > 0.0
     tolerance = SIGN_ROUND_OFF * float(np.abs(right).max(initial=0.0))
-    rule = PivotRule(k)
+    fewest, idle_left = k + 1, MOST_IDLE_BLOCKS
     for _ in range(30 + 10 * k):
         z, inside = np.zeros(k), np.flatnonzero(positive)
         if inside.size:
@@ -163,7 +149,8 @@ def solve_nonnegative(matrix: Array, right: Array, start: Array) -> tuple[Array,
         count = int(np.count_nonzero(violated))
         if count == 0:
             return z, True
-        positive = positive ^ rule.exchanged(violated, count)
+        violated, fewest, idle_left = exchanged(violated, count, fewest, idle_left)
+        positive = positive ^ violated
     return start, False
 
 

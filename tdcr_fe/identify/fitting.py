@@ -29,8 +29,8 @@ Fitting = Generator[Request, Linear, Fit]
 
 #: A parameter is not fitted whose typical step changes the readings by less than the first, rms over sigma, and whose
 #: largest change, by at most so many typical steps as the third, changes all of them together by less than the second,
-#: root of the sum of squares over sigma: its value could not be told from null. One marker among many, read with much
-#: noise, is within the first and beyond the second.
+#: root of the sum of squares over sigma: its value could not be distinguished from null. One marker among many, read
+#: with much noise, is within the first and beyond the second.
 NOTHING, VISIBLE, FURTHEST = 0.02, 3.0, 100.0
 
 #: Share of the extrapolated discretisation error that may be wrong.

@@ -84,7 +84,7 @@ def set_free(kept: Constancy, free: Flags, z: Array, state: SlipState, unknowns:
     """From a state on, the complements of these unknowns are constant: those newly free keep the present value."""
     new = (free & ~kept.free).nonzero()[0]
     if new.size:
-        kept.complement[new] = state.slip[new] - unknowns.elastic_slip[new] * z[new]
+        kept.complement[new] = state.slip[new] - state.derivatives.elastic_slip[new] * z[new]
         # A tendon under tension has no slack.
         kept.complement[unknowns.holes :] = 0.0
     kept.free[:] = free
@@ -121,7 +121,7 @@ def drift_corrected(
     if not free.size:
         return z, state, none_unclipped()
     here, bounds = z[free], unknowns.bounds
-    drift = state.slip[free] - unknowns.elastic_slip[free] * here - kept.complement[free]
+    drift = state.slip[free] - state.derivatives.elastic_slip[free] * here - kept.complement[free]
     columns = columns_of(state.derivatives, free)
     change = solved_transposed(factorised(some_columns(columns, free)), drift)
     unclipped = Unclipped(free, here + change)

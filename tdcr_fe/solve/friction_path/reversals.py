@@ -154,7 +154,7 @@ def find_reversals(
     substep = SubstepSlips.of(points, taut, targets, presliding)
     numbering = points[-1].state.numbering
     path = substep.follow()
-    agreement = max(allowed, AGREEMENT) * length
+    agreement = _agreement(allowed, length)
     corrected = substep.at_end(path, numbering, agreement)
     change = corrected - substep.after
     effect = substep.displacement(change, numbering) / length
@@ -183,6 +183,11 @@ def find_reversals(
     return Reversals(effect, error, substep.rough_division, np.inf, history, path if path.complete else None)
 
 
+def _agreement(allowed: float, length: float) -> float:
+    """Displacement of a node up to which the end of a path and the solution to first order are the same [m]."""
+    return max(allowed, AGREEMENT) * length
+
+
 def _refined_error(
     substep: SubstepSlips,
     points: Sequence[InterpolationPoint],
@@ -202,7 +207,7 @@ def _refined_error(
     if error > allowed and len(points) % 2 == 1 and _near_path(points, taut, path):
         coarser = substep._replace(model=substep.model.through_every_other_state())
         numbering = points[-1].state.numbering
-        moved = corrected - coarser.at_end(coarser.follow(), numbering, max(allowed, AGREEMENT) * length)
+        moved = corrected - coarser.at_end(coarser.follow(), numbering, _agreement(allowed, length))
         error = min(error, substep.displacement(moved, numbering) / length)
     return error
 

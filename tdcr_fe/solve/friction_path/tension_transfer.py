@@ -157,7 +157,7 @@ class CapstanTransfer(NamedTuple):
 
     def distance_to_regime_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
         """See `LawTransfer.distance_to_regime_change`."""
-        return no_regime_change(self, z, rate, tension, tension_rate)
+        return np.inf
 
 
 @compilable
@@ -202,14 +202,6 @@ def capstan_tensions(transfer: CapstanTransfer, factor: float, z: Array, angles:
 def no_regimes(transfer: CapstanTransfer, z: Array, tension: Array) -> Flags:
     """Flags that change where derivatives jump: none, Capstan's equation is smooth."""
     return np.zeros(0, dtype=np.bool_)
-
-
-@compilable
-def no_regime_change(
-    transfer: CapstanTransfer, z: Array, rate: Array, tension: Array, tension_rate: Array
-) -> float:
-    """Load factor to where they change: infinite."""
-    return np.inf
 
 
 @compiled_as(capstan_tensions)

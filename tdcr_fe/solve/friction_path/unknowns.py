@@ -77,8 +77,6 @@ class PathUnknowns(NamedTuple):
     tolerance : float
         Rates of slip below it are zero [m].
     bounds : Bounds
-    elastic_slip : ndarray, shape (n,)
-        Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions.
     scale : ndarray, shape (n,)
         From the unknowns to lengths [m, m/N].
     """
@@ -87,7 +85,6 @@ class PathUnknowns(NamedTuple):
     presliding: float
     tolerance: float
     bounds: Bounds
-    elastic_slip: Array
     scale: Array
 
     @classmethod
@@ -112,7 +109,6 @@ class PathUnknowns(NamedTuple):
             presliding,
             RATE_TOLERANCE * presliding,
             _bounds(holes, base_tension),
-            np.append(at_holes, np.zeros(count)),
             np.append(at_holes, at_base),
         )
 

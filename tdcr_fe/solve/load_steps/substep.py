@@ -90,7 +90,7 @@ class SubstepSolver:
             if result.converged and same_loads(start, target):
                 solved = SolvedStep.of(start, result.state, changes, line.numbering, slope)
             result = result._replace(linearization=line._replace(solved=solved))
-        return self._unless_contact_passed(result, start)
+        return self._unless_wrong_in_contact(result, start)
 
     def _solved(
         self,
@@ -127,13 +127,18 @@ class SubstepSolver:
         inside, outside = (self.system.residual(each, target, numbering).size for each in both)
         return not inside <= outside
 
-    def _unless_contact_passed(self, result: NewtonResult, start: SolverState) -> NewtonResult:
-        """A solve, not converged where bodies may have jumped over each other since the beginning of its substep."""
+    def _unless_wrong_in_contact(
+        self, result: NewtonResult, start: SolverState, *, may_jump: bool = False
+    ) -> NewtonResult:
+        """A solve, not converged where contact is too deep or unstable, or was perhaps jumped over in its substep.
+
+        ``may_jump``: where a robot snaps through, it may pass a contact.
+        """
         if not (self.system.has_contact and result.converged):
             return result
         if self.system.contact_too_deep(result.state):
             return result._replace(status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
-        if self.system.may_jump_over_contact(start, result.state):
+        if not may_jump and self.system.may_jump_over_contact(start, result.state):
             return result._replace(status=NewtonStatus.CONTACT_PASSED, unmet=None)
         return self._unless_unstable(result, start)
 
@@ -205,11 +210,7 @@ class SubstepSolver:
                 damped=True,
                 presliding=factor * self.settings.presliding,
             )
-            if result.converged and self.system.has_contact:
-                if self.system.contact_too_deep(result.state):
-                    result = result._replace(status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
-                else:
-                    result = self._unless_unstable(result, state)
+            result = self._unless_wrong_in_contact(result, state, may_jump=True)
             if result.converged:
                 return replace(
                     one_substep(result, end),

@@ -184,8 +184,9 @@ class SubstepReversals:
             if not result.converged:
                 return attempt._replace(rejected=attempt.rejected + result.iterations)
             rejected = attempt.rejected + attempt.result.iterations
-            off = found.history.distance(result.state, known.end.numbering) / self.solver.system.length
-            if found.remaining_error <= allowed and off <= allowed:
+            if found.remaining_error <= allowed and self._ends_as_followed(
+                result, found.history, known, allowed
+            ):
                 error, start, within = found.remaining_error, known.start, known.within
                 return Attempt(result, error, start=start, rejected=rejected, located=True, within=within)
             states = known.before_end
@@ -221,6 +222,12 @@ class SubstepReversals:
         end = known.end
         guess = history.of(with_history_of(result.state, before), end.numbering)
         return self.solver.solve(guess, known.span.end, end.linearization, before)
+
+    def _ends_as_followed(
+        self, result: NewtonResult, history: History, known: KnownStates, allowed: float
+    ) -> bool:
+        """Whether a substep solved again ends where the path led, and not in another solution with its history."""
+        return history.distance(result.state, known.end.numbering) <= allowed * self.solver.system.length
 
     def _start(self, now: Progress, numbering: Numbering) -> Equilibrium:
         """The state at the beginning of a substep, linearised exactly."""

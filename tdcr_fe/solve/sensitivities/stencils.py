@@ -48,8 +48,6 @@ class Stencil:
 
     Attributes
     ----------
-    offsets : ndarray, shape (k,)
-        Values minus the present value.
     weights : ndarray, shape (k,)
         Of the neighbours.
     base_weight : float
@@ -58,7 +56,6 @@ class Stencil:
         The neighbours.
     """
 
-    offsets: np.ndarray
     weights: np.ndarray
     base_weight: float
     experiments: tuple[Experiment, ...]
@@ -95,7 +92,7 @@ def stencil(
             if not isinstance(reason, StructureChanged):
                 reason = error
             continue
-        return Stencil(step * np.array(offsets), np.array(weights) / step, base / step, found)
+        return Stencil(np.array(weights) / step, base / step, found)
     raise NoDerivative(parameter, reason) from reason
 
 
