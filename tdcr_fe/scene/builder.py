@@ -157,7 +157,8 @@ def CreateTDCR(
     """
     check_system("CreateTDCR", mbs)
     model = _checked_model(robot, model, gravity)
-    _check_placement(name, basePosition, loadPositions, presliding)
+    positions = {"basePosition": basePosition, "referencePosition": referencePosition}
+    _check_placement(name, positions, loadPositions, presliding)
     check_drawing(show, color, graphicsDataList, baseMarker is not None)
     check_arc_lengths(loadPositions, robot.backbone.length)
     pose = base_pose(
@@ -238,14 +239,13 @@ def _new_name(mbs: exu.MainSystem, name: str) -> str:
     return name
 
 
-def _check_placement(name: Any, position: Any, load_positions: Any, presliding: Any) -> None:
-    """Refuse arguments of `CreateTDCR` of another type or size."""
+def _check_placement(name: Any, positions: dict[str, Any], load_positions: Any, presliding: Any) -> None:
+    """Refuse arguments of `CreateTDCR` of another type or size; positions by the name they were given under."""
     hint = "It is the prefix of all item names; None takes the robot's name."
     arguments.check_instance("CreateTDCR", "name", name, (str, type(None)), "a text", hint)
-    if position is not None:
-        arguments.check_numbers(
-            "CreateTDCR", "basePosition", position, "[0, 0, 0] is the origin [m].", count=3
-        )
+    for argument, position in positions.items():
+        if position is not None:
+            arguments.check_numbers("CreateTDCR", argument, position, "[0, 0, 0] is the origin [m].", count=3)
     hint = "loadPositions=[0.1] adds a node at 0.1 m."
     arguments.check_numbers("CreateTDCR", "loadPositions", load_positions, hint)
     hint = "1e-6 is the default [m]."

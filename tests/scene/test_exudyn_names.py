@@ -88,10 +88,11 @@ def test_two_names_at_once_and_wrong_values_are_refused(given, message):
         ),
         ({"graphicsDataList": [0.1]}, "graphicsDataList is of type float; expected a list of graphics"),
         ({"show": "no"}, "show is 'no'; expected True or False"),
+        ({"referencePosition": [0.0, 1.0]}, "referencePosition is of type list; expected 3 numbers"),
     ],
 )
-def test_drawings_of_another_type_are_refused_before_anything_is_added(given, message):
-    """One graphic in place of a list was taken; ``show`` failed inside, with half a robot added."""
+def test_arguments_of_another_type_are_refused_before_anything_is_added(given, message):
+    """One graphic in place of a list was taken, ``show`` failed inside, and ``referencePosition`` had another name."""
     keep = exu.SystemContainer()
     mbs = keep.AddSystem()
     with pytest.raises(TypeError, match=message):
