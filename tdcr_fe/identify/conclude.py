@@ -33,7 +33,7 @@ from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.rows import RowChoice
 from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.identify.simulate_run import run_settings
-from tdcr_fe.identify.time_limit import CEILING, FURTHER_EFFECTS, clock
+from tdcr_fe.identify.time_limit import CEILING, MAY_EXPLAIN, clock
 from tdcr_fe.identify.unlisted import describe_moment, missing_moment
 
 Array = NDArray[np.float64]
@@ -183,7 +183,7 @@ def _verdict(state: SearchState, judged: _Judgement, law: FoundLaw | None) -> Ve
         return "unfinished"
     if judged.undecided:
         return "cannot tell"
-    if not judged.explained and FURTHER_EFFECTS in state.not_tried:
+    if not judged.explained and not MAY_EXPLAIN.isdisjoint(state.not_tried):
         return "unfinished"
     if not judged.explained:
         return "partly explained" if state.best.effects or law is not None else "unexplained"

@@ -24,13 +24,14 @@ from tdcr_fe.identify.outcome import IdentificationResult
 from tdcr_fe.identify.problem import FitProblem, evaluate, fit_of_run, refine
 from tdcr_fe.identify.rows import RowChoice, choose_rows, fit_to_all_rows, problem_of_rows
 from tdcr_fe.identify.run import Run
-from tdcr_fe.identify.search_state import Progress, Search, SearchState, in_time
+from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short, in_time
 from tdcr_fe.identify.selection import search_effects, with_intermediate_models
 from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.identify.time_limit import (
     A_LAW,
     FAULTS,
     FRICTION,
+    FURTHER_EFFECTS,
     INPUT_SCATTER,
     NEXT_EXPERIMENT,
     OutOfTime,
@@ -187,7 +188,7 @@ def _search(search: Search, state: SearchState, prepared: _Prepared, schedule: S
         listed = replace(search, deadline=schedule.search, laws=prepared.rows is None)
         for latest_state in search_effects(listed, state):
             state = latest_state
-        state = with_intermediate_models(state)
+        state = cut_short(listed, with_intermediate_models(state), FURTHER_EFFECTS)
         whole = replace(search, deadline=schedule.end)
         if prepared.rows is None:
             # A law may take as many iterations to find as the listed effects took.
@@ -226,7 +227,7 @@ def _law(search: Search, state: SearchState, iterations: int) -> tuple[FoundLaw 
         law, state = find_law(search, state, iterations)
     except OutOfTime:
         return None, state.without_trying(A_LAW)
-    return law, state if law is None else with_intermediate_models(state)
+    return law, cut_short(search, state if law is None else with_intermediate_models(state), A_LAW)
 
 
 def _planned(search: Search, state: SearchState) -> tuple[NextExperiment | None, SearchState]:

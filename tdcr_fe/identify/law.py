@@ -166,7 +166,8 @@ def _sought(
     alternatives: tuple[Term, ...] = ()
     for base in _bases(state):
         if budget.spent:
-            state = state.with_history(f"no search for a law {_beside(base)}: too many runs before it")
+            why = "out of time" if search.late else "too many runs before it"
+            state = state.with_history(f"no search for a law {_beside(base)}: {why}")
             continue
         search.report("reading the missing moment from the shapes", 0.9)
         ready = LawSearch.of(problem, base, iterations / RUNS)

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.criteria import robust_threshold
+from tdcr_fe.identify.criteria import residual_is_noise, robust_threshold
 from tdcr_fe.identify.findings import Candidate
 from tdcr_fe.identify.problem import Fit, FitProblem, Point, fit_of_run, refine
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.settings import IdentifySettings
-from tdcr_fe.identify.time_limit import OutOfTime, clock
+from tdcr_fe.identify.time_limit import MAY_EXPLAIN, OutOfTime, clock
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.law_search import LawAhead
@@ -177,6 +177,13 @@ def in_time(state: SearchState, stage: Stage, what: str) -> Stage:
             yield state
             return state
         yield state
+
+
+def cut_short(search: Search, state: SearchState, part: str) -> SearchState:
+    """With a part noted as not tried where its fits ended with the time, more than noise is left, and none is noted."""
+    if not search.late or residual_is_noise(state.problem, state.best, search.significance):
+        return state
+    return state.without_trying(part) if MAY_EXPLAIN.isdisjoint(state.not_tried) else state
 
 
 def fitted_model(

@@ -25,6 +25,7 @@ from tdcr_fe.identify.search_state import (
     Search,
     SearchState,
     Stage,
+    cut_short,
     fitted_model,
     in_time,
     listed_names,
@@ -79,6 +80,8 @@ def search_effects(search: Search, state: SearchState) -> Stage:
             if state.best is not before:
                 state = yield from _beside_local_cause(search, state)
                 state = yield from in_time(state, swap_effects(search, state), EXCHANGES)
+        state = cut_short(search, state, PLACES)
+        yield state
     return state
 
 

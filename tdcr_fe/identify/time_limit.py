@@ -25,6 +25,9 @@ SMALLER_MODELS = "the errors after each effect"
 CEILING = "the ceiling"
 TABLES = "the tables of the corrected robot"
 
+#: Parts that may explain what is left: where one was not tried, and more than noise is left, the verdict is open.
+MAY_EXPLAIN = frozenset({FURTHER_EFFECTS, EXCHANGES, PLACES, FRICTION, A_LAW})
+
 #: From the first deadline of a part to the second, and from the time limit to the end of the simulation that the tables
 #: of the corrected robot take, over the time limit [1].
 GRACE, GRACE_OF_TABLES = 0.1, 0.15

@@ -12,6 +12,7 @@ from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.screening import screen
+from tdcr_fe.identify.search_state import Search, SearchState, cut_short
 from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.identify.time_limit import (
     A_LAW,
@@ -72,6 +73,25 @@ def test_simulations_end_with_the_time_limit_and_the_declared_model_is_reported(
     result = identified(monkeypatch, measured(TWO), {"fitting": 1.2})
     assert result.effects == () and result.verdict == "unfinished" and result.not_tried[0] == FURTHER_EFFECTS
     assert result.after_fit == result.before_fit and result.next_experiment is None
+
+
+def test_what_is_left_is_not_called_unexplained_before_places_and_laws_were_tried(monkeypatch):
+    """It ended "partly explained", although the missing effect might have been at one place, or a law on no list."""
+    data = measured(TWO)
+    result = identified(monkeypatch, data, {"local causes": 1.05}, candidates=2, max_effects=1)
+    assert len(result.effects) == 1 and result.verdict == "unfinished"
+    assert FURTHER_EFFECTS not in result.not_tried and {PLACES, A_LAW} < set(result.not_tried)
+
+
+@pytest.mark.parametrize(("deadline", "noted"), [(0.0, (A_LAW,)), (float("inf"), ())])
+def test_a_search_whose_fits_end_with_the_time_has_not_tried_everything(deadline, noted):
+    """Its last fits ended where they were; nothing else noted it."""
+    own = problem(ForwardModel())
+    search = Search(IdentifySettings(), lambda text, share: None, deadline)
+    left = SearchState.start(own, evaluate(own, (), {}))
+    assert cut_short(search, left, A_LAW).not_tried == noted
+    noise = replace(left, best=replace(left.best, residual=np.zeros(own.count), cost=0.0, held_cost=0.0))
+    assert cut_short(search, noise, A_LAW).not_tried == ()
 
 
 @pytest.mark.parametrize(
