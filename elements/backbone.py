@@ -18,7 +18,10 @@ import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.compiled import is_compiled, run_compiled
+from tdcr_fe.elements.backbone_loops import add_backbone_tangent, chain_maps
 from tdcr_fe.elements.poses import (
+    SECOND_SERIES,
     adjoint_powers,
     coefficients,
     euler_parameters_of_rotation,
@@ -304,6 +307,21 @@ class ElementChain:
         inner -= stiffness[:, :, None] * _EYE6
         return self._pose_terms(others, beyond, b, inner)
 
+    def add_tangent(
+        self,
+        k: Array,
+        first: int,
+        mesh: BackboneMesh,
+        unbalanced: Array,
+        positions: Array,
+        rotations: Array,
+    ) -> None:
+        """Add `tangent` to that of a scene by a compiled function, see `add_backbone_tangent`."""
+        run_compiled(
+            add_backbone_tangent, k, first, self.twists, self.steps, *self._maps, mesh.twist_stiffness,
+            mesh.reference_twists, unbalanced, positions, rotations, SECOND_SERIES,
+        )  # fmt: skip
+
     def unbalanced_terms(self, wrenches: Array, positions: Array, rotations: Array) -> NodeStiffness:
         """Geometric terms of unbalanced wrenches in a nodal tangent that has those of the elastic ones.
 
@@ -329,6 +347,9 @@ class ElementChain:
 
         Shapes (E, 4, 6, 6) and (E, 6, 12).
         """
+        if is_compiled():
+            found: tuple[Array, Array] = run_compiled(chain_maps, self.twists, self._coefficients)
+            return found
         powers = adjoint_powers(self.twists)
         return powers, _strain_matrices(powers, self._coefficients)
 

@@ -305,9 +305,9 @@ def _second_series(terms: int = 12) -> Array:
     return table
 
 
-_SECOND = _second_series()
-_SECOND_POWERS = np.arange(float(len(_SECOND)))
-_SECOND = _SECOND.reshape(len(_SECOND), 20)
+#: Coefficients of `exponential_curvature`, see `_second_series`, shape (terms, 20).
+SECOND_SERIES: Array = _second_series().reshape(-1, 20)
+_SECOND_POWERS = np.arange(float(len(SECOND_SERIES)))
 
 
 def exponential_curvature(xi: Array, powers: Array, wrench: Array) -> Array:
@@ -328,7 +328,7 @@ def exponential_curvature(xi: Array, powers: Array, wrench: Array) -> Array:
     n = len(xi)
     rotation = xi[:, 3:]
     angle2 = (rotation * rotation).dot(_ONES3)
-    weights = (angle2[:, None] ** _SECOND_POWERS).dot(_SECOND).reshape(n, 5, 4)
+    weights = (angle2[:, None] ** _SECOND_POWERS).dot(SECOND_SERIES).reshape(n, 5, 4)
     moved = np.empty((n, 5, 6))
     moved[:, 0] = wrench
     np.matmul(wrench[:, None, None], powers, out=moved[:, 1:, None])

@@ -7,7 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.compiled import is_compiled, run_compiled
 from tdcr_fe.elements.backbone import NodeStiffness
+from tdcr_fe.elements.cable_loops import add_cable_tangent, cable_segments, cable_turns
 from tdcr_fe.elements.poses import skew
 
 Array = NDArray[np.float64]
@@ -204,6 +206,8 @@ class CableLines:
 
         By segment and tendon three rows in world axes, and a fourth along the segment: the change of its length.
         """
+        if self._segments is None and is_compiled():
+            self._segments = run_compiled(cable_segments, self._frames, self._offsets, self.directions)
         if self._segments is None:
             maps = self.maps.transpose(1, 0, 3, 2)
             m, n, _ = self.directions.shape
@@ -235,6 +239,15 @@ class CableLines:
         outer = local.swapaxes(1, 2) @ self._offsets.transpose(1, 0, 2)
         itself[:, 3:, 3:] += outer.reshape(-1, 9).dot(_TURNED).reshape(-1, 3, 3)
         return NodeStiffness(itself, block[:, :6, 6:])
+
+    def add_tangent(
+        self, k: Array, rows: NDArray[np.int_], turns: Array, tension: Array, by_angle: Array
+    ) -> None:
+        """Add `stiffness` and `softening` to the tangent of a scene: `add_cable_tangent`, compiled."""
+        run_compiled(
+            add_cable_tangent, k, rows, self._frames, self._offsets, self.directions, self._inverse,
+            self.segments, turns, np.ascontiguousarray(tension), np.ascontiguousarray(by_angle),
+        )  # fmt: skip
 
 
 class CableGeometry:
@@ -399,6 +412,9 @@ def _turns(lines: CableLines, inverse: Array, bend: Array, chord: Array) -> Arra
     bend, chord
         Differences of neighbouring unit vectors (m, n-1, 3) and their squared lengths (m, n-1).
     """
+    if is_compiled():
+        found: Array = run_compiled(cable_turns, lines.segments, lines.directions, inverse, bend, chord)
+        return found
     square = chord * (1.0 - 0.25 * chord)
     # One over the sine; a straight tendon turns in no defined direction, so its derivative is set to zero.
     weight = np.sqrt(np.abs(square)) / (square + 1e-24)

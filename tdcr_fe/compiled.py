@@ -1,8 +1,9 @@
 """Functions that numba compiles where it is installed (extra ``fast``), and that are plain Python elsewhere.
 
 There is one source for both: functions on arrays, numbers and named tuples of these, of which numba takes the part of
-numpy that it knows. `compilable` marks a function that compiled ones call; `compiled_as` the few that numba has to have
-written in another way; `run_compiled` calls one from outside.
+numpy that it knows. Where plain Python needs operations on all elements at once to be fast, the compiled function is
+another one, with loops (modules ``..._loops`` of `tdcr_fe.elements`). `compilable` marks a function that compiled ones
+call; `compiled_as` the few that numba has to have written in another way; `run_compiled` calls one from outside.
 
 numba is imported at the first call, not before. What it has compiled is kept in a folder of the user's cache that
 belongs to these sources, so that it is compiled once. Documentation: page "Benchmarks", section "Compiled functions".
@@ -31,6 +32,7 @@ SWITCH = "TDCR_FE_COMPILED"
 _OPTIONS = {"error_model": "numpy"}
 _MARKED: list[Callable[..., Any]] = []
 _REPLACED: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
+_REGISTERED: set[Callable[..., Any]] = set()
 
 
 def compilable(function: Function) -> Function:
@@ -119,13 +121,14 @@ def _numba() -> Any:
     return numba
 
 
-@cache
 def _register() -> None:
-    """Tell numba what functions may be called, and what replaces them."""
+    """Tell numba what functions may be called, and what replaces them: those marked since the last time."""
     from numba.extending import overload
 
     for function, replacement in [*((f, f) for f in _MARKED), *_REPLACED]:
-        overload(function, jit_options=_OPTIONS, strict=False)(_giving(replacement))
+        if function not in _REGISTERED:
+            _REGISTERED.add(function)
+            overload(function, jit_options=_OPTIONS, strict=False)(_giving(replacement))
 
 
 def _giving(replacement: Callable[..., Any]) -> Callable[..., Callable[..., Any]]:

@@ -16,6 +16,7 @@ from tdcr_fe.elements.system import SystemReference
 
 Array = NDArray[np.float64]
 Frame = Literal["world", "section"]
+_EYE3 = np.eye(3)
 
 
 @dataclass
@@ -92,7 +93,7 @@ class PointLoad:
     @property
     def _turn(self) -> Array:
         """Rotation from the load's frame to the axes in which Exudyn applies it."""
-        return BEAM_TO_SECTION.T if self.frame == "section" else np.eye(3)
+        return BEAM_TO_SECTION.T if self.frame == "section" else _EYE3
 
 
 def add_point_load(system: SystemReference, node: Any, robot: str, name: str, frame: Frame) -> PointLoad:

@@ -26,7 +26,7 @@ from tdcr_fe.solve.equations.factors import BorderedFactors, DenseFactors, Facto
 from tdcr_fe.solve.equations.kernel import StaticKernel
 from tdcr_fe.solve.equations.layout import SceneLayout
 from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.numbering import Numbering
+from tdcr_fe.solve.equations.numbering import Numbering, zero_bases
 from tdcr_fe.solve.equations.reduction import SceneTangent
 from tdcr_fe.solve.equations.residual import Residual
 from tdcr_fe.solve.equations.state import SolverState, StoredState, Target
@@ -38,6 +38,7 @@ from tdcr_fe.solve.equations.tangent import (
     add_unbalanced,
     backbone_tangent,
     border,
+    compiled_tangent,
     hold,
 )
 
@@ -187,18 +188,9 @@ class SceneSystem:
             Whether contact goes on acting where it did in the residual before, in place of where the state has it.
         """
         layout = self.layout
-        layout.space.write(state.configuration)
-        if not hold_contact:
-            self._kernel.contact.follow()
-        if self._user_residual is not None:
-            self._user_residual(self.mbs, target.time, iteration, 0)
+        self._write(state, target, iteration, hold_contact)
         forces = self.forces(state, target.time)
-        for robot in self.robots:
-            robot.disconnect()
-        raw = self._kernel.residual()
-        unbalanced = layout.reduction.residual(raw, state.configuration.frames)
-        for nodes, own in zip(layout.space.slices, forces, strict=True):
-            unbalanced[6 * nodes.start : 6 * nodes.stop] += own.nodal_wrenches().reshape(-1)
+        raw, unbalanced = self._balance(state, forces)
         on_bases = []
         for base in layout.clamped:
             on_bases.append(unbalanced[base].copy())
@@ -209,6 +201,34 @@ class SceneSystem:
                 own, displacement = forces[part.robot], target.inputs[part.robot]
                 size = max(size, layout.scales.displacement_error(own, displacement, part.driven))
         return Residual(state, target, forces, unbalanced, tuple(on_bases), raw, size)
+
+    def unbalanced(self, state: SolverState, target: Target, forces: tuple[TendonForces, ...]) -> Array:
+        """The reduced residual of a state under a target, where the forces of the robots in that state are known."""
+        self._write(state, target)
+        _, found = self._balance(state, forces)
+        zero_bases(found, self.layout.clamped)
+        return found
+
+    def _write(
+        self, state: SolverState, target: Target, iteration: int = 0, hold_contact: bool = False
+    ) -> None:
+        """Write a state into the scene; arguments as of `residual`."""
+        self.layout.space.write(state.configuration)
+        if not hold_contact:
+            self._kernel.contact.follow()
+        if self._user_residual is not None:
+            self._user_residual(self.mbs, target.time, iteration, 0)
+
+    def _balance(self, state: SolverState, forces: tuple[TendonForces, ...]) -> tuple[Array, Array]:
+        """Exudyn's residual of the state in the scene, and the reduced one with the forces of the robots."""
+        layout = self.layout
+        for robot in self.robots:
+            robot.disconnect()
+        raw = self._kernel.residual()
+        unbalanced = layout.reduction.residual(raw, state.configuration.frames)
+        for nodes, own in zip(layout.space.slices, forces, strict=True):
+            unbalanced[6 * nodes.start : 6 * nodes.stop] += own.nodal_wrenches().reshape(-1)
+        return raw, unbalanced
 
     @property
     def has_contact(self) -> bool:
@@ -333,32 +353,36 @@ class SceneSystem:
         numpy.linalg.LinAlgError
             The tangent is singular.
         """
-        layout = self.layout
+        layout, from_elements = self.layout, self.tangent_follows_from_elements()
         own = residual.forces[0]
-        if layout.band is not None and own.has_hole_slopes and self.tangent_follows_from_elements():
+        if layout.band is not None and own.has_hole_slopes and from_elements:
             backbone = backbone_tangent(residual, damping, self.length)
             factors: Factors = BandFactors.of(
                 layout.band.assemble(backbone, own, bool(layout.clamped)), layout.band
             )
         else:
-            factors = self._dense_factors(residual, numbering, damping)
+            factors = self._dense_factors(residual, numbering, damping, from_elements)
         if numbering.any_driven:
             factors = BorderedFactors.of(factors, *border(residual, numbering, layout.clamped))
         return Linearization(factors, residual.state.configuration.chains, numbering, residual.forces)
 
-    def _dense_factors(self, residual: Residual, numbering: Numbering, damping: float) -> Factors:
-        """Factors of the tangent at fixed tensions, as a full matrix."""
+    def _dense_factors(
+        self, residual: Residual, numbering: Numbering, damping: float, from_elements: bool
+    ) -> Factors:
+        """Factors of the tangent at fixed tensions, as a full matrix; see `tangent_follows_from_elements`."""
         layout = self.layout
         nodes = layout.space.slices
-        if self.tangent_follows_from_elements():
-            scene = layout.reduction.empty_tangent()
-            add_elastic(scene, residual, nodes)
-        else:
-            scene = self.scene_tangent(residual)
-            add_unbalanced(scene, residual, nodes)
-        add_geometric_stiffness(scene, residual)
-        k = scene.dense(numbering.reduced)
-        add_couplings(k, residual, nodes)
+        k = compiled_tangent(residual, nodes, numbering.reduced) if from_elements else None
+        if k is None:
+            if from_elements:
+                scene = layout.reduction.empty_tangent()
+                add_elastic(scene, residual, nodes)
+            else:
+                scene = self.scene_tangent(residual)
+                add_unbalanced(scene, residual, nodes)
+            add_geometric_stiffness(scene, residual)
+            k = scene.dense(numbering.reduced)
+            add_couplings(k, residual, nodes)
         if damping > 0.0:
             add_damping(k, layout.reduction.nodes, damping, self.length)
         hold(k, layout.clamped)

@@ -94,8 +94,8 @@ class Equilibrium(NamedTuple):
     def load_response(self, system: SceneSystem, other: Target) -> LoadResponse:
         """Response to the change to another target's loads, which are in the scene, at fixed tensions."""
         assert self.response is not None
-        residual = system.residual(self.state, other, self.numbering)
-        return self.response.to_load(self.linearization, self.forces, residual.unbalanced)
+        unbalanced = system.unbalanced(self.state, other, self.forces)
+        return self.response.to_load(self.linearization, self.forces, unbalanced)
 
 
 def near_enough(state: SolverState, linearization: Linearization) -> bool:

@@ -55,7 +55,11 @@ class KnownStates(NamedTuple):
 
     @classmethod
     def of(
-        cls, solver: SubstepSolver, states: Sequence[tuple[float, Equilibrium]], span: Span
+        cls,
+        solver: SubstepSolver,
+        states: Sequence[tuple[float, Equilibrium]],
+        span: Span,
+        before: KnownStates | None = None,
     ) -> KnownStates | None:
         """States with their responses to tensions and loads; None where no friction acts in the substep.
 
@@ -67,6 +71,8 @@ class KnownStates(NamedTuple):
             With their fractions of the substep [1].
         span
             The substep.
+        before
+            States of the same substep, of which some are kept.
         """
         taut = TautTendons.of([state for _, state in states])
         if not taut.holes.size:
@@ -77,8 +83,11 @@ class KnownStates(NamedTuple):
             return cls(span, taut, tuple([InterpolationPoint(x, at) for x, at in ready]))
         # What is left of the change of the loads, seen from every state; from the last one, back to the start.
         closing = ramp.apply(system, span.end)
+        known = {} if before is None else {id(point.state): point for point in before.points[:-1]}
         points = [
-            InterpolationPoint(x, at, at.load_response(system, closing).times(1.0 / (1.0 - x)))
+            known[id(at)]
+            if id(at) in known
+            else InterpolationPoint(x, at, at.load_response(system, closing).times(1.0 / (1.0 - x)))
             for x, at in ready[:-1]
         ]
         opening = ramp.apply(system, span.start)

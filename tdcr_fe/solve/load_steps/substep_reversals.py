@@ -194,7 +194,8 @@ class SubstepReversals:
                 states = known.refined(self.solver, found, allowed, most)
             if not states:
                 return attempt._replace(rejected=attempt.rejected + result.iterations)
-            linked = KnownStates.of(self.solver, [*states, (1.0, self._end(result, known))], known.span)
+            states = [*states, (1.0, self._end(result, known))]
+            linked = KnownStates.of(self.solver, states, known.span, known)
             assert linked is not None
             again = self._reversals(linked, allowed, solved_with_reversals=True)
             assert again is not None
