@@ -19,12 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.compiled import is_compiled, run_compiled
-from tdcr_fe.elements.backbone_loops import add_backbone_tangent, chain_maps
+from tdcr_fe.elements.backbone_loops import add_blocks, backbone_blocks, chain_maps
+from tdcr_fe.elements.pose_loops import chain_poses
 from tdcr_fe.elements.poses import (
     SECOND_SERIES,
+    SERIES,
     adjoint_powers,
     coefficients,
+    euler_parameters_near,
     euler_parameters_of_rotation,
+    euler_rate_matrix,
     even_inverse_tangent,
     exp_matrix,
     exponential_curvature,
@@ -213,6 +217,30 @@ class NodeStiffness(NamedTuple):
     itself: Array
     after: Array
 
+    def add_compiled(self, k: Array, rows: NDArray[np.int_]) -> None:
+        """Add the blocks to a dense matrix by a compiled function, see `add_blocks`."""
+        run_compiled(add_blocks, k, rows, self.itself, self.after)
+
+
+class NodePoses(NamedTuple):
+    """Poses of the nodes of one backbone, in beam axes.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (N, 3)
+        [m].
+    rotations : ndarray, shape (N, 3, 3)
+    parameters : ndarray, shape (N, 4)
+        Euler parameters.
+    frames : ndarray, shape (N, 7, 6)
+        From body-frame increments of the nodes to their coordinates: position, then Euler parameters.
+    """
+
+    positions: Array
+    rotations: Array
+    parameters: Array
+    frames: Array
+
 
 class ElementChain:
     """The elements of one backbone one after the other: their twists, and the poses that follow from them.
@@ -221,14 +249,41 @@ class ElementChain:
     ----------
     twists
         Relative twist of every element, length times strain, shape (E, 6).
+    c, steps
+        `tdcr_fe.elements.poses.coefficients` of these twists, shape (E, 5), and the attribute `steps`, where known.
     """
 
-    def __init__(self, twists: Array) -> None:
+    def __init__(self, twists: Array, c: Array | None = None, steps: Array | None = None) -> None:
         self.twists = twists
-        self._coefficients = coefficients(twists[:, 3:])
+        self._coefficients = coefficients(twists[:, 3:]) if c is None else c
         #: Pose of every node in the frame of the one before, shape (E, 4, 4).
-        self.steps = exp_matrix(twists, self._coefficients)
+        self.steps = exp_matrix(twists, self._coefficients) if steps is None else steps
         self._turns = self.steps[:, :3, :3]
+
+    @classmethod
+    def with_poses(cls, twists: Array, base: Array, near: Array) -> tuple[ElementChain, NodePoses]:
+        """The elements, and the poses of their nodes.
+
+        Parameters
+        ----------
+        twists
+            Of the elements, shape (E, 6).
+        base
+            Pose of the base, shape (4, 4).
+        near
+            Euler parameters that have the signs to take, shape (N, 4).
+        """
+        if is_compiled():
+            complete, c, steps, *poses = run_compiled(chain_poses, twists, base, near, SERIES)
+            if complete:
+                return cls(twists, c, steps), NodePoses(*poses)
+        chain = cls(twists)
+        positions, rotations = chain.poses(base)
+        parameters = euler_parameters_near(rotations, near)
+        frames = np.zeros((len(positions), 7, 6))
+        frames[:, :3, :3] = rotations
+        frames[:, 3:, 3:] = euler_rate_matrix(parameters)
+        return chain, NodePoses(positions, rotations, parameters, frames)
 
     @cached_property
     def _lever(self) -> Array:
@@ -295,6 +350,12 @@ class ElementChain:
             With the sign of Exudyn's Jacobian: minus the stiffness.
         """
         powers, b = self._maps
+        if is_compiled():
+            blocks = run_compiled(
+                backbone_blocks, self.twists, self.steps, powers, b, mesh.twist_stiffness, mesh.reference_twists,
+                wrenches, positions, rotations, SECOND_SERIES,
+            )  # fmt: skip
+            return NodeStiffness(*blocks)
         stiffness = mesh.twist_stiffness
         internal = ((stiffness * (self.twists - mesh.reference_twists))[:, None] @ b)[:, 0]
         # Everything but the elastic wrenches: beyond an element it is what the element transmits, and the unbalanced.
@@ -306,21 +367,6 @@ class ElementChain:
         inner = exponential_curvature(self.twists, powers, beyond[1:].reshape(-1, 6))
         inner -= stiffness[:, :, None] * _EYE6
         return self._pose_terms(others, beyond, b, inner)
-
-    def add_tangent(
-        self,
-        k: Array,
-        first: int,
-        mesh: BackboneMesh,
-        unbalanced: Array,
-        positions: Array,
-        rotations: Array,
-    ) -> None:
-        """Add `tangent` to that of a scene by a compiled function, see `add_backbone_tangent`."""
-        run_compiled(
-            add_backbone_tangent, k, first, self.twists, self.steps, *self._maps, mesh.twist_stiffness,
-            mesh.reference_twists, unbalanced, positions, rotations, SECOND_SERIES,
-        )  # fmt: skip
 
     def unbalanced_terms(self, wrenches: Array, positions: Array, rotations: Array) -> NodeStiffness:
         """Geometric terms of unbalanced wrenches in a nodal tangent that has those of the elastic ones.

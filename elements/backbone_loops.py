@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.compiled import compilable
+from tdcr_fe.elements.pose_loops import add_product, put_skew
 
 Array = NDArray[np.float64]
 
@@ -49,9 +50,7 @@ def chain_maps(twists: Array, coefficients: Array) -> tuple[Array, Array]:
 
 
 @compilable
-def add_backbone_tangent(
-    k: Array,
-    first: int,
+def backbone_blocks(
     twists: Array,
     steps: Array,
     powers: Array,
@@ -62,47 +61,68 @@ def add_backbone_tangent(
     positions: Array,
     rotations: Array,
     series: Array,
-) -> None:
-    """Add the tangent of a backbone, see `ElementChain.tangent`, to that of a scene.
+) -> tuple[Array, Array]:
+    """Tangent of a backbone, see `ElementChain.tangent`: blocks of every node by itself, and by the next one.
 
     Parameters
     ----------
-    k
-        Changed in place, shape (unknowns, unknowns).
-    first
-        Number of the first unknown of the robot.
     twists, steps, powers, maps
         Of the elements, see `ElementChain`.
     stiffness, reference
         `BackboneMesh.twist_stiffness` and `reference_twists`, shapes (E, 6).
     unbalanced
-        Wrenches on all nodes of the scene, in their own frames, shape (unknowns,).
+        Wrenches on the nodes, in their own frames, shape (6 N,).
     positions, rotations
         Of the nodes, shapes (N, 3) and (N, 3, 3).
     series
         `poses.SECOND_SERIES`.
     """
     nodes = len(positions)
-    wrenches = unbalanced[first : first + 6 * nodes].reshape(nodes, 6).copy()
+    itself, after = np.zeros((nodes, 6, 6)), np.zeros((nodes - 1, 6, 6))
+    wrenches = unbalanced.copy().reshape(nodes, 6)
     beyond = _distal_sum(wrenches, positions, rotations)
-    half = np.zeros((2, 3, 3))
-    for n in range(nodes):
-        if n > 0:
-            _add_element(
-                k, first + 6 * (n - 1), twists[n - 1], steps[n - 1], powers[n - 1], maps[n - 1],
-                stiffness[n - 1], reference[n - 1], wrenches[n - 1 : n + 1], beyond[n], series,
-            )  # fmt: skip
+    half = np.zeros((3, 3))
+    for e in range(nodes - 1):
+        block = _element_block(
+            twists[e], steps[e], powers[e], maps[e], stiffness[e], reference[e], wrenches[e : e + 2],
+            beyond[e + 1], series,
+        )  # fmt: skip
+        itself[e] += block[:6, :6]
+        itself[e + 1] += block[6:, 6:]
+        after[e] = block[:6, 6:]
     # What the elements transmit acts on the nodes, too.
     for n in range(nodes):
-        row = first + 6 * n
-        put_skew(half[0], wrenches[n, :3], 0.5)
-        k[row : row + 3, row + 3 : row + 6] += half[0]
-        k[row + 3 : row + 6, row : row + 3] -= half[0]
-    put_skew(half[0], beyond[0, :3], 0.5)
-    put_skew(half[1], beyond[0, 3:], 0.5)
-    k[first : first + 3, first + 3 : first + 6] += half[0]
-    k[first + 3 : first + 6, first : first + 3] += half[0]
-    k[first + 3 : first + 6, first + 3 : first + 6] += half[1]
+        put_skew(half, wrenches[n, :3], 0.5)
+        itself[n, :3, 3:] += half
+        itself[n, 3:, :3] -= half
+    put_skew(half, beyond[0, :3], 0.5)
+    itself[0, :3, 3:] += half
+    itself[0, 3:, :3] += half
+    put_skew(half, beyond[0, 3:], 0.5)
+    itself[0, 3:, 3:] += half
+    return itself, after
+
+
+@compilable
+def add_blocks(k: Array, rows: NDArray[np.int_], itself: Array, after: Array) -> None:
+    """Add the blocks of nodes in a row to a dense matrix, see `NodeStiffness`.
+
+    Parameters
+    ----------
+    k
+        Changed in place, shape (unknowns, unknowns).
+    rows
+        Numbers of the first unknowns of the nodes, shape (N,).
+    itself, after
+        The blocks, shapes (N, 6, 6) and (N-1, 6, 6).
+    """
+    for n in range(len(rows)):
+        row = rows[n]
+        k[row : row + 6, row : row + 6] += itself[n]
+        if n + 1 < len(rows):
+            then = rows[n + 1]
+            k[row : row + 6, then : then + 6] += after[n]
+            k[then : then + 6, row : row + 6] += after[n].T
 
 
 @compilable
@@ -131,9 +151,7 @@ def _distal_sum(wrenches: Array, positions: Array, rotations: Array) -> Array:
 
 
 @compilable
-def _add_element(
-    k: Array,
-    row: int,
+def _element_block(
     twist: Array,
     step: Array,
     powers: Array,
@@ -143,8 +161,8 @@ def _add_element(
     wrenches: Array,
     beyond: Array,
     series: Array,
-) -> None:
-    """Add one element; what it transmits is added to the wrenches on its nodes, shape (2, 6), and beyond it, (6,)."""
+) -> Array:
+    """Block of one element; what it transmits is added to the wrenches on its nodes, (2, 6), and beyond it, (6,)."""
     for j in range(12):
         internal = 0.0
         for i in range(6):
@@ -165,10 +183,8 @@ def _add_element(
         for i in range(12):
             for j in range(12):
                 block[i, j] += b[m, i] * product[m, j]
-    outer = _outer(step, beyond)
-    block[:6, 6:] -= outer
-    block[6:, :6] -= outer.T
-    k[row : row + 12, row : row + 12] += block
+    block[:6, 6:] -= _outer(step, beyond)
+    return block
 
 
 @compilable
@@ -222,21 +238,3 @@ def _outer(step: Array, beyond: Array) -> Array:
     put_skew(way, step[:3, 3], 1.0)
     add_product(found[3:, 3:], way, found[:3, 3:])
     return found
-
-
-@compilable
-def put_skew(to: Array, v: Array, factor: float) -> None:
-    """Write a factor times the matrix of the cross product with ``v``, shape (3, 3)."""
-    to[0, 0] = to[1, 1] = to[2, 2] = 0.0
-    to[0, 1], to[1, 0] = -factor * v[2], factor * v[2]
-    to[0, 2], to[2, 0] = factor * v[1], -factor * v[1]
-    to[1, 2], to[2, 1] = -factor * v[0], factor * v[0]
-
-
-@compilable
-def add_product(to: Array, a: Array, b: Array) -> None:
-    """Add the product of two matrices, shapes (3, 3)."""
-    for i in range(3):
-        for m in range(3):
-            for j in range(3):
-                to[i, j] += a[i, m] * b[m, j]

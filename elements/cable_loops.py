@@ -14,6 +14,49 @@ Array = NDArray[np.float64]
 
 
 @compilable
+def cable_shape(
+    frames: Array, positions: Array, offsets: Array, exists: Array
+) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Lengths, their inverses, unit vectors, differences of neighbouring ones and their squared lengths, and angles.
+
+    See `CableGeometry.evaluate`.
+
+    Parameters
+    ----------
+    frames, positions
+        Of the nodes with holes, shapes (n+1, 3, 3) and (n+1, 3).
+    offsets
+        Of the holes, in the frames of their nodes [m], shape (m, n+1, 3).
+    exists
+        1 where there is a segment, else 0, shape (m, n).
+    """
+    m, n = exists.shape
+    lengths, inverse, directions = np.zeros((m, n)), np.zeros((m, n)), np.zeros((m, n, 3))
+    bend, chord, angles = np.zeros((m, n - 1, 3)), np.zeros((m, n - 1)), np.zeros((m, n - 1))
+    before, hole = np.zeros(3), np.zeros(3)
+    for t in range(m):
+        for k in range(n + 1):
+            o, square = offsets[t, k], 0.0
+            for i in range(3):
+                turned = frames[k, i, 0] * o[0] + frames[k, i, 1] * o[1] + frames[k, i, 2] * o[2]
+                hole[i] = positions[k, i] + turned
+                square += (hole[i] - before[i]) ** 2
+            if k > 0 and exists[t, k - 1] > 0.0:
+                lengths[t, k - 1] = np.sqrt(square)
+                inverse[t, k - 1] = 1.0 / lengths[t, k - 1]
+                for i in range(3):
+                    directions[t, k - 1, i] = (hole[i] - before[i]) * inverse[t, k - 1]
+            before[:] = hole
+        for k in range(n - 1):
+            for i in range(3):
+                bend[t, k, i] = directions[t, k + 1, i] - directions[t, k, i]
+                chord[t, k] += bend[t, k, i] ** 2
+            chord[t, k] *= exists[t, k + 1]
+            angles[t, k] = 2.0 * np.arcsin(min(0.5 * np.sqrt(chord[t, k]), 1.0))
+    return lengths, inverse, directions, bend, chord, angles
+
+
+@compilable
 def cable_segments(frames: Array, offsets: Array, directions: Array) -> Array:
     """See `CableLines.segments`; arguments as of `CableLines`."""
     m, n, _ = directions.shape
@@ -59,21 +102,66 @@ def _put_motion(to: Array, frame: Array, offset: Array, sign: float) -> None:
 
 
 @compilable
-def add_cable_tangent(
-    k: Array,
-    rows: NDArray[np.int_],
-    frames: Array,
-    offsets: Array,
-    directions: Array,
-    inverse: Array,
-    segments: Array,
-    turns: Array,
-    tension: Array,
-    by_angle: Array,
-) -> None:
-    """Add the tangent of the pull of all tendons to that of a scene.
+def cable_wrenches(frames: Array, offsets: Array, directions: Array, tension: Array) -> Array:
+    """See `CableLines.wrenches`; arguments as of `cable_stiffness`."""
+    m, n = tension.shape
+    found, pull, local = np.zeros((n + 1, 6)), np.zeros(3), np.zeros(3)
+    for k in range(n + 1):
+        for t in range(m):
+            put_pull(pull, k, t, directions, tension)
+            for i in range(3):
+                local[i] = pull[0] * frames[k, 0, i] + pull[1] * frames[k, 1, i] + pull[2] * frames[k, 2, i]
+            for i in range(3):
+                a, b = (i + 1) % 3, (i + 2) % 3
+                found[k, i] += local[i]
+                found[k, 3 + i] += offsets[t, k, a] * local[b] - offsets[t, k, b] * local[a]
+    return found
 
-    It is that of `CableLines.stiffness` and of `CableLines.softening`.
+
+@compilable
+def put_pull(to: Array, node: int, tendon: int, directions: Array, tension: Array) -> None:
+    """Write the force of a tendon on its hole at a node in world axes [N], shape (3,)."""
+    to[:] = 0.0
+    if node < tension.shape[1]:
+        to += tension[tendon, node] * directions[tendon, node]
+    if node > 0:
+        to -= tension[tendon, node - 1] * directions[tendon, node - 1]
+
+
+@compilable
+def cable_stiffness(
+    frames: Array, offsets: Array, directions: Array, inverse: Array, segments: Array, tension: Array
+) -> tuple[Array, Array]:
+    """See `CableLines.stiffness`: blocks of every node by itself, and by the next one.
+
+    Parameters
+    ----------
+    frames, offsets, directions, inverse
+        See `CableLines`.
+    segments
+        See `cable_segments`.
+    tension
+        Of the segments [N], shape (m, n).
+    """
+    m, n = tension.shape
+    itself, after, block = np.zeros((n + 1, 6, 6)), np.zeros((n, 6, 6)), np.zeros((12, 12))
+    for s in range(n):
+        block[:] = 0.0
+        for t in range(m):
+            _add_geometric(block, segments[s, t], tension[t, s] * inverse[t, s])
+        itself[s] += block[:6, :6]
+        itself[s + 1] += block[6:, 6:]
+        after[s] = block[:6, 6:]
+    for node in range(n + 1):
+        _add_levers(itself[node], node, frames[node], offsets, directions, tension)
+    return itself, after
+
+
+@compilable
+def add_cable_softening(
+    k: Array, rows: NDArray[np.int_], segments: Array, turns: Array, by_angle: Array
+) -> None:
+    """Add the pull of tensions that change with the angles to the tangent of a scene, see `CableLines.softening`.
 
     Parameters
     ----------
@@ -81,25 +169,19 @@ def add_cable_tangent(
         Changed in place, shape (unknowns, unknowns).
     rows
         Numbers of the first unknowns of the nodes with holes, shape (n+1,).
-    frames, offsets, directions, inverse
-        See `CableLines`.
     segments, turns
         See `cable_segments` and `cable_turns`.
-    tension
-        Of the segments [N], shape (m, n).
     by_angle
         Derivatives of the tensions by the turning angles [N/rad], shape (m, n, n-1).
     """
-    m, n = tension.shape
+    m, n, holes = by_angle.shape
     width = 6 * (n + 1)
-    change, pull, block = np.zeros(width), np.zeros((12, width)), np.zeros((12, 12))
+    change, pull = np.zeros(width), np.zeros((12, width))
     for s in range(n):
         pull[:] = 0.0
-        block[:] = 0.0
         for t in range(m):
-            _add_geometric(block, segments[s, t], tension[t, s] * inverse[t, s])
             change[:] = 0.0
-            for h in range(n - 1):
+            for h in range(holes):
                 slope = by_angle[t, s, h]
                 if slope != 0.0:
                     for j in range(18):
@@ -110,13 +192,9 @@ def add_cable_tangent(
                     pull[i, j] -= along * change[j]
         for i in range(12):
             row = rows[s + i // 6] + i % 6
-            for j in range(12):
-                k[row, rows[s + j // 6] + j % 6] += block[i, j]
             for node in range(n + 1):
                 for j in range(6):
                     k[row, rows[node] + j] += pull[i, 6 * node + j]
-    for node in range(n + 1):
-        _add_levers(k, rows[node], node, frames[node], offsets, directions, tension)
 
 
 @compilable
@@ -134,17 +212,13 @@ def _add_geometric(block: Array, motions: Array, weight: float) -> None:
 
 @compilable
 def _add_levers(
-    k: Array, row: int, node: int, frame: Array, offsets: Array, directions: Array, tension: Array
+    to: Array, node: int, frame: Array, offsets: Array, directions: Array, tension: Array
 ) -> None:
-    """Add the turn of the levers of all holes of a node, see `CableLines.stiffness`."""
-    m, n = tension.shape
+    """Add the turn of the levers of all holes of a node to its block, see `CableLines.stiffness`."""
+    m = len(tension)
     outer, pull = np.zeros((3, 3)), np.zeros(3)
     for t in range(m):
-        pull[:] = 0.0
-        if node < n:
-            pull += tension[t, node] * directions[t, node]
-        if node > 0:
-            pull -= tension[t, node - 1] * directions[t, node - 1]
+        put_pull(pull, node, t, directions, tension)
         for i in range(3):
             local = pull[0] * frame[0, i] + pull[1] * frame[1, i] + pull[2] * frame[2, i]
             for j in range(3):
@@ -152,5 +226,5 @@ def _add_levers(
     trace = outer[0, 0] + outer[1, 1] + outer[2, 2]
     for i in range(3):
         for j in range(3):
-            k[row + 3 + i, row + 3 + j] += 0.5 * (outer[i, j] + outer[j, i])
-        k[row + 3 + i, row + 3 + i] -= trace
+            to[3 + i, 3 + j] += 0.5 * (outer[i, j] + outer[j, i])
+        to[3 + i, 3 + i] -= trace

@@ -370,7 +370,8 @@ class TendonForces(NamedTuple):
         """
         shape, end = self.measured.shape, first + 6 * self.model.mesh.arc_lengths.size
         rows = first + 6 * self.model.cable_nodes
-        shape.lines.add_tangent(k, rows, shape.turns, self.field.tension, self.field.d_angle)
+        self.geometric_stiffness().add_compiled(k, rows)
+        shape.lines.add_compiled_softening(k, rows, shape.turns, self.field.d_angle)
         if self.model.section is not None:
             self._add_section_tangent(k[first:end, first:end])
         self.add_springs(k[first:end, first:end])

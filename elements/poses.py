@@ -143,7 +143,8 @@ def _series() -> Array:
     return table
 
 
-_SERIES = _series()
+#: Coefficients of `coefficients`, see `_series`, shape (terms, 5).
+SERIES: Array = _series()
 
 
 def coefficients(w: Array) -> Array:
@@ -155,9 +156,9 @@ def coefficients(w: Array) -> Array:
     angle2 = (w * w).dot(_ONES3)
     if angle2.size == 0 or angle2.max() < 0.5:
         # Near zero the closed form suffers from cancellation; the series does not.
-        return np.asarray((angle2[..., None] ** _POWERS).dot(_SERIES))
+        return np.asarray((angle2[..., None] ** _POWERS).dot(SERIES))
     small = angle2 < 0.5
-    series = np.where(small, angle2, 0.0)[..., None] ** _POWERS @ _SERIES
+    series = np.where(small, angle2, 0.0)[..., None] ** _POWERS @ SERIES
     a = np.sqrt(np.where(small, 1.0, angle2))
     sine, versed = np.sin(a), 1.0 - np.cos(a)
     closed = (

@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from tdcr_fe.compiled import is_compiled, run_compiled
 from tdcr_fe.elements.backbone import NodeStiffness
-from tdcr_fe.elements.cable_loops import add_cable_tangent, cable_segments, cable_turns
+from tdcr_fe.elements.cable_loops import (
+    add_cable_softening,
+    cable_segments,
+    cable_shape,
+    cable_stiffness,
+    cable_turns,
+    cable_wrenches,
+)
 from tdcr_fe.elements.poses import skew
 
 Array = NDArray[np.float64]
@@ -197,6 +204,10 @@ class CableLines:
 
     def wrenches(self, tension: Array) -> Array:
         """Wrench ``[f, m]`` of tensions (m, n) on every node with holes, in its own frame [N, N m], shape (n+1, 6)."""
+        if is_compiled():
+            given = self._frames, self._offsets, self.directions, np.ascontiguousarray(tension)
+            found: Array = run_compiled(cable_wrenches, *given)
+            return found
         each = self.maps @ self.pulls(tension)[..., None]
         return np.asarray((each.sum(axis=0) if len(each) != 1 else each[0])[..., 0])
 
@@ -228,6 +239,12 @@ class CableLines:
         (derivation: documentation, page "Theory").
         """
         m, n = tension.shape
+        if is_compiled():
+            blocks = run_compiled(
+                cable_stiffness, self._frames, self._offsets, self.directions, self._inverse, self.segments,
+                np.ascontiguousarray(tension),
+            )  # fmt: skip
+            return NodeStiffness(*blocks)
         weight = (tension * self._inverse).T[:, :, None] * _ACROSS
         rows = self.segments.reshape(n, 4 * m, 12)
         block = rows.swapaxes(1, 2) @ (rows * weight.reshape(n, 4 * m, 1))
@@ -240,14 +257,9 @@ class CableLines:
         itself[:, 3:, 3:] += outer.reshape(-1, 9).dot(_TURNED).reshape(-1, 3, 3)
         return NodeStiffness(itself, block[:, :6, 6:])
 
-    def add_tangent(
-        self, k: Array, rows: NDArray[np.int_], turns: Array, tension: Array, by_angle: Array
-    ) -> None:
-        """Add `stiffness` and `softening` to the tangent of a scene: `add_cable_tangent`, compiled."""
-        run_compiled(
-            add_cable_tangent, k, rows, self._frames, self._offsets, self.directions, self._inverse,
-            self.segments, turns, np.ascontiguousarray(tension), np.ascontiguousarray(by_angle),
-        )  # fmt: skip
+    def add_compiled_softening(self, k: Array, rows: NDArray[np.int_], turns: Array, by_angle: Array) -> None:
+        """Add `softening` by the angles to the tangent of a scene: `add_cable_softening`, compiled."""
+        run_compiled(add_cable_softening, k, rows, self.segments, turns, np.ascontiguousarray(by_angle))
 
 
 class CableGeometry:
@@ -362,9 +374,26 @@ class CableGeometry:
             Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
         """
         count = self.nodes.shape[1]
-        frames = rotations[:count]
+        frames, at = rotations[:count], positions[:count]
+        if is_compiled():
+            found = run_compiled(cable_shape, frames, at, self.offsets, self._exists)
+        else:
+            found = self._shape(frames, at)
+        lengths, inverse, e, bend, chord, angles = found
+        lines = CableLines(frames, self.offsets, self._lever, e, inverse)
+        return CableShape(
+            lengths,
+            angles,
+            self._derivatives,
+            lines,
+            lambda: _turns(lines, inverse, bend, chord),
+            self._width,
+        )
+
+    def _shape(self, frames: Array, positions: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """As `cable_shape`."""
         holes = (frames @ self.offsets[..., None])[..., 0]
-        holes += positions[:count]
+        holes += positions
         d = holes[:, 1:] - holes[:, :-1]
         lengths = np.sqrt((d * d).dot(_ONES))
         if self._padded:
@@ -380,15 +409,7 @@ class CableGeometry:
         if self._padded:
             chord *= self._turns
         angles = 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chord), 1.0))
-        lines = CableLines(frames, self.offsets, self._lever, e, inverse)
-        return CableShape(
-            lengths,
-            angles,
-            self._derivatives,
-            lines,
-            lambda: _turns(lines, inverse, bend, chord),
-            self._width,
-        )
+        return lengths, inverse, e, bend, chord, angles
 
     def _derivatives(self, shape: CableShape) -> tuple[Array, Array]:
         """Derivatives of lengths and angles by all nodes that carry holes."""

@@ -56,8 +56,12 @@ def numba_version() -> str | None:
     return _installed_version() if os.environ.get(SWITCH, "1") != "0" else None
 
 
+@cache
 def is_compiled() -> bool:
-    """Whether compiled functions are used: numba is installed, can be imported, and is not switched off."""
+    """Whether compiled functions are used: numba is installed, can be imported, and is not switched off.
+
+    That is looked up once in a process.
+    """
     return numba_version() is not None and _numba() is not None
 
 
@@ -77,6 +81,7 @@ def run_compiled(function: Callable[..., Any], *given: Any) -> Any:
         warnings.warn(f"numba {numba_version()} cannot compile {function.__name__}: {error}", stacklevel=2)
         # In this process and those that it starts.
         os.environ[SWITCH] = "0"
+        is_compiled.cache_clear()
         return function(*given)
 
 

@@ -4,9 +4,17 @@ import numpy as np
 import pytest
 
 from tdcr_fe.elements.backbone import BackboneMesh, ElementChain
-from tdcr_fe.elements.backbone_loops import add_backbone_tangent, chain_maps
-from tdcr_fe.elements.cable_loops import add_cable_tangent, cable_segments, cable_turns
-from tdcr_fe.elements.poses import SECOND_SERIES
+from tdcr_fe.elements.backbone_loops import add_blocks, backbone_blocks, chain_maps
+from tdcr_fe.elements.cable_loops import (
+    add_cable_softening,
+    cable_segments,
+    cable_shape,
+    cable_stiffness,
+    cable_turns,
+    cable_wrenches,
+)
+from tdcr_fe.elements.pose_loops import chain_poses
+from tdcr_fe.elements.poses import SECOND_SERIES, SERIES, exp_se3, pose_matrix
 from tdcr_fe.elements.tendons import CableGeometry
 
 #: Of the largest entry.
@@ -35,21 +43,53 @@ def test_maps_and_tangent_of_a_backbone(chain):
         assert near(found, expected)
 
     poses = elements.poses(np.eye(4))
-    wrenches = np.random.default_rng(2).normal(size=36)
-    tangent = elements.tangent(mesh, wrenches[6:], *poses)
-    expected = np.zeros((36, 36))
-    for n in range(5):
-        own, after = slice(6 + 6 * n, 12 + 6 * n), slice(12 + 6 * n, 18 + 6 * n)
-        expected[own, own] = tangent.itself[n]
-        if n < 4:
-            expected[own, after], expected[after, own] = tangent.after[n], tangent.after[n].T
-    # The robot comes after another node in the scene.
-    found = np.zeros((36, 36))
-    add_backbone_tangent(
-        found, 6, elements.twists, elements.steps, powers, b, mesh.twist_stiffness, mesh.reference_twists,
-        wrenches, *poses, SECOND_SERIES,
+    wrenches = np.random.default_rng(2).normal(size=30)
+    tangent = elements.tangent(mesh, wrenches, *poses)
+    blocks = backbone_blocks(
+        elements.twists, elements.steps, powers, b, mesh.twist_stiffness, mesh.reference_twists, wrenches, *poses,
+        SECOND_SERIES,
     )  # fmt: skip
-    assert near(found, expected)
+    for found, expected in zip(blocks, tangent, strict=True):
+        assert near(found, expected)
+
+
+def test_blocks_in_a_dense_matrix():
+    """Those of three nodes, two of them next to each other, added to what is there."""
+    random = np.random.default_rng(4)
+    itself, after = random.normal(size=(3, 6, 6)), random.normal(size=(2, 6, 6))
+    there, rows = random.normal(size=(27, 27)), np.array([3, 9, 21])
+    expected, columns = there.copy(), (rows[:, None] + np.arange(6)).ravel()
+    expected[np.ix_(columns, columns)] += np.block(
+        [
+            [itself[0], after[0], np.zeros((6, 6))],
+            [after[0].T, itself[1], after[1]],
+            [np.zeros((6, 6)), after[1].T, itself[2]],
+        ]
+    )
+    add_blocks(there, rows, itself, after)
+    assert near(there, expected)
+
+
+def test_poses_of_a_backbone(chain):
+    """With small and large turns; Euler parameters have the signs of those given."""
+    elements, _ = chain
+    twists = elements.twists.copy()
+    twists[1, 3:], twists[2, 3:] = (0.9, -0.6, 0.3), (1e-5, 0.0, 2e-5)
+    rotation, position = exp_se3(np.array([0.1, 0.2, 0.3, 2.0, -1.0, 0.5]))
+    base = pose_matrix(position, rotation)
+    signs = np.array([1.0, -1.0, -1.0, 1.0, -1.0])[:, None]
+    signed = signs * ElementChain.with_poses(twists, base, np.ones((5, 4)))[1].parameters
+    expected, poses = ElementChain.with_poses(twists, base, signed)
+    complete, c, steps, *found = chain_poses(twists, base, signed, SERIES)
+    assert complete and near(c, expected._coefficients) and near(steps, expected.steps)
+    assert all(near(own, other) for own, other in zip(found, poses, strict=True))
+    assert near(found[2], signed)
+
+
+def test_euler_parameters_far_from_those_given_are_left_to_numpy(chain):
+    elements, _ = chain
+    complete, *_ = chain_poses(elements.twists, np.eye(4), np.tile((0.0, 1.0, 0.0, 0.0), (5, 1)), SERIES)
+    assert not complete
 
 
 def test_derivatives_and_tangent_of_cables(chain):
@@ -64,6 +104,12 @@ def test_derivatives_and_tangent_of_cables(chain):
     offsets[0] = np.einsum("kji,kj->ki", rotations, straight - positions)
     geometry = CableGeometry(nodes, offsets, mask, 3)
     shape = geometry.evaluate(positions, rotations)
+    for found, expected in zip(
+        cable_shape(rotations, positions, offsets, mask.astype(float)),
+        geometry._shape(rotations, positions),
+        strict=True,
+    ):
+        assert near(found, expected)
     lines = shape.lines
     segments = cable_segments(lines._frames, lines._offsets, lines.directions)
     assert near(segments, lines.segments)
@@ -73,19 +119,14 @@ def test_derivatives_and_tangent_of_cables(chain):
 
     tension = np.array([[3.0, 2.0], [5.0, 4.0], [1.0, 0.0]])
     by_angle = np.array([[[0.0], [-1.0]], [[0.0], [-2.0]], [[0.0], [0.0]]])
+    given = lines._frames, lines._offsets, lines.directions, lines._inverse, segments, tension
+    assert near(cable_wrenches(*given[:3], tension), lines.wrenches(tension))
+    for found, expected in zip(cable_stiffness(*given), lines.stiffness(tension), strict=True):
+        assert near(found, expected)
+
     rows = np.array([0, 12, 24])
-    stiffness, expected = lines.stiffness(tension), np.zeros((30, 30))
+    found, expected = np.zeros((30, 30)), np.zeros((30, 30))
     columns = (rows[:, None] + np.arange(6)).ravel()
     expected[np.ix_(columns, columns)] = lines.softening(by_angle @ shape.d_angles).reshape(18, 18)
-    for n, row in enumerate(rows):
-        expected[row : row + 6, row : row + 6] += stiffness.itself[n]
-        if n < 2:
-            then = rows[n + 1]
-            expected[row : row + 6, then : then + 6] += stiffness.after[n]
-            expected[then : then + 6, row : row + 6] += stiffness.after[n].T
-    found = np.zeros((30, 30))
-    add_cable_tangent(
-        found, rows, lines._frames, lines._offsets, lines.directions, lines._inverse, segments, turns, tension,
-        by_angle,
-    )  # fmt: skip
+    add_cable_softening(found, rows, segments, turns, by_angle)
     assert near(found, expected)

@@ -16,6 +16,14 @@ from tdcr_fe.validation.random_robots import draw
 with_numba = importlib.util.find_spec("numba") is not None
 
 
+@pytest.fixture(autouse=True)
+def looked_up_again():
+    """Whether functions are compiled is looked up once in a process."""
+    compiled.is_compiled.cache_clear()
+    yield
+    compiled.is_compiled.cache_clear()
+
+
 def test_switched_off_it_is_plain(monkeypatch, capsys):
     monkeypatch.setenv(compiled.SWITCH, "0")
     assert not compiled.is_compiled() and versions()["numba"] == "not used"
@@ -89,6 +97,7 @@ def test_random_robots_are_the_same_both_ways(monkeypatch):
         case, found = draw(seed), []
         for switch in ("1", "0"):
             monkeypatch.setenv(compiled.SWITCH, switch)
+            compiled.is_compiled.cache_clear()
             found.append(simulate(case.robot, case.model, case.steps))
         for fast_step, plain_step in zip(found[0].steps, found[1].steps, strict=True):
             gap = np.abs(fast_step.positions - plain_step.positions).max()

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.actuation import TendonActuation
-from tdcr_fe.elements.backbone import ElementChain, relative_twists
+from tdcr_fe.elements.backbone import ElementChain, NodePoses, relative_twists
 from tdcr_fe.elements.forces import Measurement
-from tdcr_fe.elements.poses import coefficients, euler_parameters_near, exp_matrix, pose_matrix
+from tdcr_fe.elements.poses import coefficients, exp_matrix, pose_matrix
 from tdcr_fe.solve.equations.reduction import BodyFrameReduction
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ class Configuration(NamedTuple):
     parameters : ndarray, shape (N, 4)
         Euler parameters of the nodes of all robots.
     frames : ndarray, shape (N, 7, 6)
-        See `BodyFrameReduction.frames`.
+        See `NodePoses`.
     measured : tuple of Measurement
         By robot, lengths and angles of the tendons.
     """
@@ -165,30 +165,30 @@ class ConfigurationSpace:
         """
         if near is None:
             near = self._beams(unknowns.coordinates)[:, 3:] + self._reference[:, 3:]
-        chains = tuple([ElementChain(twists) for twists in unknowns.twists])
-        poses = tuple([chain.poses(base) for base, chain in zip(unknowns.bases, chains, strict=True)])
-        if len(poses) == 1:
-            positions, rotations = poses[0]
-        else:
-            positions = np.concatenate([p for p, _ in poses])
-            rotations = np.concatenate([r for _, r in poses])
-        # Both signs are the same rotation; Exudyn's own solvers continue from the nearer one.
-        parameters = euler_parameters_near(rotations, near)
+        # Both signs of Euler parameters are the same rotation; Exudyn's own solvers continue from the nearer one.
+        found = [
+            ElementChain.with_poses(twists, base, near[own])
+            for twists, base, own in zip(unknowns.twists, unknowns.bases, self.slices, strict=True)
+        ]
+        chains, every = tuple([chain for chain, _ in found]), [poses for _, poses in found]
+        whole = every[0] if len(every) == 1 else NodePoses(*map(np.concatenate, zip(*every, strict=True)))
         coordinates = unknowns.coordinates.copy()
         beams = self._beams(coordinates)
-        np.subtract(positions, self._reference[:, :3], out=beams[:, :3])
-        np.subtract(parameters, self._reference[:, 3:], out=beams[:, 3:])
+        np.subtract(whole.positions, self._reference[:, :3], out=beams[:, :3])
+        np.subtract(whole.parameters, self._reference[:, 3:], out=beams[:, 3:])
         if not self._span:
             coordinates[self._beam] = beams
         written = Unknowns(coordinates, unknowns.multipliers, unknowns.twists, unknowns.bases)
-        frames = self._reduction.frames(rotations, parameters)
+        poses = tuple([(own.positions, own.rotations) for own in every])
         measured = tuple(
             [
                 robot.model.measure(*pose, twists)
                 for robot, pose, twists in zip(self.robots, poses, unknowns.twists, strict=True)
             ]
         )
-        return Configuration(written, chains, poses, positions, parameters, frames, measured)
+        return Configuration(
+            written, chains, poses, whole.positions, whole.parameters, whole.frames, measured
+        )
 
     def _beams(self, coordinates: Array) -> Array:
         """Coordinates of the beam nodes, shape (N, 7); a view where they lie in one piece."""

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import NodeStiffness
 from tdcr_fe.elements.numbers import as_slice
-from tdcr_fe.elements.poses import euler_rate_matrix
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
@@ -245,21 +244,6 @@ class BodyFrameReduction:
                 for r in self._robots
             ),
         )
-
-    def frames(self, rotations: Array, parameters: Array) -> Array:
-        """From body-frame increments of the beam nodes to their coordinates, shape (N, 7, 6).
-
-        Parameters
-        ----------
-        rotations
-            Shape (N, 3, 3).
-        parameters
-            Euler parameters, shape (N, 4).
-        """
-        frames = np.zeros((self.nodes, 7, 6))
-        frames[:, :3, :3] = rotations
-        frames[:, 3:, 3:] = euler_rate_matrix(parameters)
-        return frames
 
     def residual(self, r: Array, frames: Array) -> Array:
         """Wrenches ``[f, m]`` of the nodes in their own frames, then the rest, shape (count,)."""

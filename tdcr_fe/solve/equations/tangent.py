@@ -82,8 +82,9 @@ def compiled_tangent(residual: Residual, nodes: Sequence[slice], size: int) -> A
         return None
     configuration, k = residual.state.configuration, np.zeros((size, size))
     for i, (own, at) in enumerate(zip(residual.forces, nodes, strict=True)):
-        chain, mesh = configuration.chains[i], own.model.mesh
-        chain.add_tangent(k, 6 * at.start, mesh, residual.unbalanced, *configuration.poses[i])
+        chain, wrenches = configuration.chains[i], residual.unbalanced[6 * at.start : 6 * at.stop]
+        backbone = chain.tangent(own.model.mesh, wrenches, *configuration.poses[i])
+        backbone.add_compiled(k, 6 * np.arange(at.start, at.stop))
         own.add_compiled_tangent(k, 6 * at.start)
     return k
 
