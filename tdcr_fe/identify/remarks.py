@@ -152,8 +152,10 @@ def _implausible(e: AddedEffect, result: IdentificationResult) -> list[str]:
             f"The magnitude of the fitted gravity is {quantity(size, 'm/s^2')}, not {EARTH} m/s²: either "
             "the declared masses are wrong, or the effect represents another cause."
         ]
-    if e.name == "friction_coefficient" and value["mu"] > 1.0:
-        return [f"A friction coefficient of {significant(value['mu'])} is above that of common materials."]
+    # One for all tendons, or for each segment or tendon.
+    if e.name == "friction_coefficient" and max(value.values()) > 1.0:
+        largest = significant(max(value.values()))
+        return [f"A friction coefficient of {largest} is above that of common materials."]
     return []
 
 

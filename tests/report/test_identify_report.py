@@ -185,6 +185,15 @@ def test_gravity_of_another_size_than_on_earth_is_named():
     assert "not 9.81 m/s²" in remarks(result(odd))["gravity"][0]
 
 
+def test_friction_above_that_of_common_materials_is_named():
+    """Of all tendons, or of each: with coefficients for each the report failed."""
+    for values in ({"mu": (1.3, 0.1, "1")}, {"mu_t1": (0.2, 0.1, "1"), "mu_t2": (1.3, 0.1, "1")}):
+        text = remarks(result(added("friction_coefficient", **values)))["friction_coefficient"][-1]
+        assert text == "A friction coefficient of 1.3 is above that of common materials."
+    each = added("friction_coefficient", mu_t1=(0.2, 0.1, "1"), mu_t2=(0.3, 0.1, "1"))
+    assert not remarks(result(each))
+
+
 def test_the_summary_labels_its_half_widths():
     text = summary(result(GRAVITY)).replace("\N{NO-BREAK SPACE}", " ")
     assert "gravity.g_y = 6.950 ± 0.014 m/s² (95 %)" in text
