@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 @compilable
 def chain_maps(twists: Array, coefficients: Array) -> tuple[Array, Array]:
-    """See `ElementChain.maps`.
+    """See `ElementChain._maps`.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Derivatives of tendons as cables, segment by segment, for numba to compile (extra ``fast``).
+"""Shape, forces and derivatives of tendons as cables, by segment, for numba to compile (extra ``fast``).
 
-The same as `CableLines` and `TendonForces` have them with numpy for all segments at once, which plain Python takes.
+The same as `CableGeometry` and `CableLines` have them with numpy for all segments at once, which plain Python takes.
 """
 
 from __future__ import annotations
@@ -105,27 +105,27 @@ def _put_motion(to: Array, frame: Array, offset: Array, sign: float) -> None:
 def cable_wrenches(frames: Array, offsets: Array, directions: Array, tension: Array) -> Array:
     """See `CableLines.wrenches`; arguments as of `cable_stiffness`."""
     m, n = tension.shape
-    found, pull, local = np.zeros((n + 1, 6)), np.zeros(3), np.zeros(3)
+    found, pull = np.zeros((n + 1, 6)), np.zeros(3)
     for k in range(n + 1):
         for t in range(m):
-            put_pull(pull, k, t, directions, tension)
-            for i in range(3):
-                local[i] = pull[0] * frames[k, 0, i] + pull[1] * frames[k, 1, i] + pull[2] * frames[k, 2, i]
+            _put_pull(pull, k, t, frames[k], directions, tension)
             for i in range(3):
                 a, b = (i + 1) % 3, (i + 2) % 3
-                found[k, i] += local[i]
-                found[k, 3 + i] += offsets[t, k, a] * local[b] - offsets[t, k, b] * local[a]
+                found[k, i] += pull[i]
+                found[k, 3 + i] += offsets[t, k, a] * pull[b] - offsets[t, k, b] * pull[a]
     return found
 
 
 @compilable
-def put_pull(to: Array, node: int, tendon: int, directions: Array, tension: Array) -> None:
-    """Write the force of a tendon on its hole at a node in world axes [N], shape (3,)."""
-    to[:] = 0.0
+def _put_pull(to: Array, node: int, tendon: int, frame: Array, directions: Array, tension: Array) -> None:
+    """Write the force of a tendon on its hole at a node, in the node's frame [N], shape (3,)."""
+    world = np.zeros(3)
     if node < tension.shape[1]:
-        to += tension[tendon, node] * directions[tendon, node]
+        world += tension[tendon, node] * directions[tendon, node]
     if node > 0:
-        to -= tension[tendon, node - 1] * directions[tendon, node - 1]
+        world -= tension[tendon, node - 1] * directions[tendon, node - 1]
+    for i in range(3):
+        to[i] = world[0] * frame[0, i] + world[1] * frame[1, i] + world[2] * frame[2, i]
 
 
 @compilable
@@ -218,11 +218,10 @@ def _add_levers(
     m = len(tension)
     outer, pull = np.zeros((3, 3)), np.zeros(3)
     for t in range(m):
-        put_pull(pull, node, t, directions, tension)
+        _put_pull(pull, node, t, frame, directions, tension)
         for i in range(3):
-            local = pull[0] * frame[0, i] + pull[1] * frame[1, i] + pull[2] * frame[2, i]
             for j in range(3):
-                outer[i, j] += local * offsets[t, node, j]
+                outer[i, j] += pull[i] * offsets[t, node, j]
     trace = outer[0, 0] + outer[1, 1] + outer[2, 2]
     for i in range(3):
         for j in range(3):
