@@ -101,7 +101,7 @@ def test_the_gallery_has_twenty_examples():
     assert len(SCRIPTS) >= 20
 
 
-@pytest.mark.slow  # The build of the pages runs them: CI does so.
+@pytest.mark.campaign  # The build of the pages runs them: CI does so.
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
 def test_example_runs(script, tmp_path):
     done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True)

@@ -1,7 +1,7 @@
 """Random robots and scenarios through ``tdcr-fe run``: no traceback, complete tables, the results of the Python API.
 
 Where the reference covers a case, its tip is met within the tolerance, or the summary says more. The seed of a failing
-case is in the name of its test. The slow set: ``pytest -m slow tests/commands/test_properties.py``.
+case is in the name of its test. The slow set: ``pytest -m campaign tests/commands/test_properties.py``.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def test_random_scenarios_through_the_command(seed: int, tmp_path: Path) -> None
     check(seed, tmp_path, seed in OWN_PROCESS)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(40, 540))
 def test_many_random_scenarios_through_the_command(seed: int, tmp_path: Path) -> None:
     check(seed, tmp_path, seed % 50 == 0)

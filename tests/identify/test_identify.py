@@ -160,7 +160,7 @@ def test_a_soft_bay_is_found_with_place_and_size():
     assert abs(factor.value - 0.5) < 4.0 * factor.std_error < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_base_that_gives_way_and_a_time_lag_are_found(monkeypatch):
     (base,) = identify(measured({"base_compliance": {"stiffness": 0.08}})).effects
     assert base.name == "base_compliance"
@@ -173,7 +173,7 @@ def test_a_base_that_gives_way_and_a_time_lag_are_found(monkeypatch):
     assert abs(lag.parameters["lag"].value - 0.2) < 4.0 * lag.parameters["lag"].std_error < 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_pretension_of_each_tendon_is_found(monkeypatch):
     """Elastic tendons driven by displacement, let out as well as pulled in."""
     values = [(0, 0), (1, -1), (2, -2), (3, -3), (2, -2), (1, -1), (0, 0), (-1, 1), (-2, 2), (-1, 3)]
@@ -191,7 +191,7 @@ def test_pretension_of_each_tendon_is_found(monkeypatch):
         assert abs(p.value - value) < 4.0 * p.std_error < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("name", "values"),
     [
@@ -209,7 +209,7 @@ def test_effects_at_a_place_are_found_with_place_and_size(name, values):
         assert abs(p.value - value) <= 4.0 * p.std_error
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_two_effects_are_found_together():
     truth = {"gravity": {"g_y": -9.81}, "marker_offset": {"offset_x": 1e-3, "offset_y": 0.0}}
     result = identify(measured(truth))

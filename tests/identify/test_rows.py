@@ -117,7 +117,7 @@ def test_without_friction_twice_as_many_rows_are_taken(chosen):
     assert 1.6 * len(found.steps) < len(more.steps) <= 2 * SEARCHED
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_friction_that_explains_nothing_is_left_out_of_the_search_and_put_back():
     """The truth has no friction, the declared robot has 0.3 at every hole, and a straight backbone.
 

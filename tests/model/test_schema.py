@@ -171,8 +171,8 @@ def test_bounds_in_words():
         assert Quantity("", unit="m", **bounds).range_text("number", "m") == text
 
 
-@pytest.mark.slow
-@pytest.mark.slow
+@pytest.mark.campaign
+@pytest.mark.campaign
 def test_making_a_robot_is_cheap():
     """Fitting makes thousands of robots: with 13 disks and one tendon one takes less than 0.2 ms of a core."""
 

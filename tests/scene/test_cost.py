@@ -50,7 +50,7 @@ def time_of_a_step(count: int, change: Callable[[exu.MainSystem, object], None] 
     return (time.process_time() - begun) / mbs.sys["dynamicSolver"].it.currentStepIndex
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_step_with_friction_over_one_with_constant_forces(count, figure):
     """The least of eight runs each, in turn; e3bbe5d took 6 times as long with one tendon, and 6 to 13 with three."""
@@ -59,7 +59,7 @@ def test_a_step_with_friction_over_one_with_constant_forces(count, figure):
     figure(f"step {count}", friction / constant)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_jacobian_is_evaluated_on_the_coordinates_of_the_robot_alone(monkeypatch, figure):
     """Beside a thousand mass points; the least of its times. e3bbe5d took 9.7 ms."""
     _keep, mbs, handle = scene(three(0.3), assemble=False)

@@ -211,7 +211,7 @@ def test_the_energy_of_a_random_motion_is_balanced(seed, rho):
     assert found["numerical"] < (1e-4 if rho == 1.0 else 1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(20))
 def test_the_energy_of_random_motions_is_conserved_for_half_a_second(seed, figure):
     """Random robots of 1 to 3 tendons with friction, elasticity, gravity, damping by the material: 1e-4 of the work.

@@ -40,7 +40,7 @@ def released_rod(step: float, end: float, elements: int) -> np.ndarray:
     return np.array(mbs.GetSensorStoredData(sensor))[:, 1:]
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_released_rod_moves_as_with_a_finer_step_and_mesh(figure):
     """Two seconds at 1 ms: within 0.1 % of the length of half the step and twice the elements at all times."""
     coarse, fine = released_rod(1e-3, 2.0, 2), released_rod(5e-4, 2.0, 4)
@@ -50,7 +50,7 @@ def test_a_released_rod_moves_as_with_a_finer_step_and_mesh(figure):
 
 @pytest.mark.parametrize(
     ("step", "thickness"),
-    [(1e-3, 0.0), (5e-3, 0.0), (5e-3, 4e-3), pytest.param(1e-3, 4e-3, marks=pytest.mark.slow)],
+    [(1e-3, 0.0), (5e-3, 0.0), (5e-3, 4e-3), pytest.param(1e-3, 4e-3, marks=pytest.mark.campaign)],
 )
 @pytest.mark.parametrize("change", ["cut", "pull"])
 def test_a_cut_tendon_and_a_sudden_pull_of_two_newton_are_solved(change, step, thickness, figure):

@@ -404,7 +404,7 @@ def made_and_dropped(solve: bool) -> weakref.ref:
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="memory is read from /proc")
-@pytest.mark.parametrize("count", [150, pytest.param(500, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [150, pytest.param(500, marks=pytest.mark.campaign)])
 def test_a_scene_that_is_dropped_is_freed(count, figure):
     """In version 0.1 every scene kept 0.35 MB: the system, its variables and the functions there kept each other."""
     dropped = made_and_dropped(solve=True)

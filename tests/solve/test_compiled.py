@@ -75,7 +75,7 @@ def test_plain_from_then_on_where_numba_cannot_compile(monkeypatch):
     assert not compiled.is_compiled()
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.skipif(not with_numba, reason="numba is not installed")
 def test_random_robots_are_the_same_both_ways(monkeypatch):
     """All states of twenty robots to 1e-7 of their length: round-off, and what Newton's tolerance makes of it."""

@@ -66,7 +66,7 @@ def test_dissipation_of_a_pull_without_reversal():
     assert np.all(np.diff(ledger.dissipated) < 0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_hundred_random_cycles_converge_keep_the_bounds_and_create_no_energy():
     """Three tendons up to 2 N, tip forces up to 50 mN, default settings, then the energy over finer steps."""
     robot = three(0.3)

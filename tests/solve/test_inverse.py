@@ -63,7 +63,7 @@ def test_tips_of_random_tensions_are_reached_within_the_bounds(case, drive_by):
         assert np.linalg.norm(again.tips[-1] - tip) <= REACHED * LENGTH
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("case", CASES)
 def test_99_percent_of_random_reachable_targets_are_reached(case):
     """334 targets of each robot, a thousand in all; 99 % reach 1e-6 of the length."""
@@ -283,7 +283,7 @@ def test_derivatives_without_the_divided_path_are_nearly_those_of_neighbouring_s
     assert np.linalg.norm(found.motion[:3] - seen) < 0.03 * np.linalg.norm(seen)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_target_among_many_changes_of_state_is_reached():
     """Gauss-Newton steps that knew one side of every change only ended 3e-5 of the length from it, from 12 starts."""
     robot, model = CASES["two segments"]

@@ -118,7 +118,7 @@ def test_the_estimate_lies_within_a_factor_of_two_of_the_true_error(seed: int) -
     check(seed, 2.0)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(12, 80))
 def test_the_estimate_lies_near_the_true_error_of_many_robots(seed: int) -> None:
     """The same with more robots; two steps of 147 have 0.47 and 0.48, which two elements a bay bring near 1."""

@@ -209,7 +209,7 @@ def test_derivatives_are_those_of_whole_simulations(name: str, parameter: str) -
     assert max(found.values()) < TOLERANCE, found
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(("name", "parameter"), [(n, p) for n, all_ in SLOW.items() for p in all_])
 def test_every_parameter(name: str, parameter: str) -> None:
     """The same for all kinds of parameters."""
@@ -240,7 +240,7 @@ TOGETHER = (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("values", "effect", "parameter"), [(v, e, p) for v in TOGETHER for e, own in v.items() for p in own]
 )
@@ -252,7 +252,7 @@ def test_effects_at_values_of_their_own(values: dict, effect: str, parameter: st
     assert max(found.values()) < TOLERANCE, found
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("parameter", ["disks.thickness", "backbone.youngs_modulus", "tendons.t1.offset"])
 def test_thick_disks_cost_no_digits(parameter: str) -> None:
     """Inserts are 1e5 times stiffer than the backbone; their round-off in the tangent was 1e-4 of the tensions."""
@@ -277,7 +277,7 @@ def test_friction_that_falls_within_a_small_slip(seed: int) -> None:
     assert max(found.values()) < TOLERANCE, found
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("time", [4.0, None])
 @pytest.mark.parametrize(
     "parameter",

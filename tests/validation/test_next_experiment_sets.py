@@ -19,7 +19,7 @@ def test_command_refuses_a_count_of_zero():
         main(["-n", "0"])
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_stiffness_is_separated_from_gain_by_the_experiment_that_was_chosen():
     """Readings without tip forces fit both; with the chosen steps added, the truth is the only explanation."""
     outcome = run_set(AMBIGUITIES[2])

@@ -195,7 +195,7 @@ def test_what_was_finished_is_kept_where_the_user_interrupts(tmp_path, monkeypat
     assert empty["interrupted"] == "limitations" and not empty["verdicts"]
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_whole_command(tmp_path, capsys):
     assert main(["paper", "-o", str(tmp_path / "out"), "--no-effects"]) == 0
     data = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))

@@ -79,7 +79,7 @@ PUBLISHED = {
     "name",
     ["straight", pytest.param("two segments")]
     + [
-        pytest.param(n, marks=pytest.mark.slow)
+        pytest.param(n, marks=pytest.mark.campaign)
         for n in ("continuous, tip force", "helical", "converging, tip force")
     ],
 )
@@ -98,7 +98,7 @@ def test_run_meets_the_equations_with_default_settings(number: int, tmp_path) ->
     assert found.passed, (number, found)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("number", range(6, 60))
 def test_run_meets_the_equations_for_many_robots(number: int, tmp_path) -> None:
     found = compare(draw(number), tmp_path)
