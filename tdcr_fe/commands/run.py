@@ -69,7 +69,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Solve a scenario and write the results; with ``--schema`` print a schema."""
     if args.schema is not None:
-        from tdcr_fe.io.json_schema import json_schema
+        from tdcr_fe.io.keys import json_schema
         from tdcr_fe.sweeps.schema import sweep_schema
 
         schema = sweep_schema() if args.schema == "sweep" else json_schema(args.schema)

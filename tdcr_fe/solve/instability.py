@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, eigvals
 
+from tdcr_fe.model.messages import steps_named
 from tdcr_fe.model.results import StepResult
-from tdcr_fe.model.wording import steps_named
 from tdcr_fe.scene.motion import Masses
 from tdcr_fe.solve.simulation import Simulation
 from tdcr_fe.solve.stability import scaled_tangent

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.model.loading import Model
-from tdcr_fe.model.wording import steps_named
+from tdcr_fe.model.messages import steps_named
 from tdcr_fe.scene import TDCR
 from tdcr_fe.solve.element_equations import ElementModel
 from tdcr_fe.solve.equations.state import SolverState, StoredState

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from tdcr_fe.io.toml import ScenarioTables
-from tdcr_fe.model.wording import shown
+from tdcr_fe.model.messages import shown
 from tdcr_fe.sweeps.description import Mode, Sweep, Variation
 from tdcr_fe.sweeps.keys import Change, Key, KeyProblem, set_value
 

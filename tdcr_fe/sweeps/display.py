@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tdcr_fe.model.wording import quoted
+from tdcr_fe.model.messages import quoted
 from tdcr_fe.sweeps.result import SweepResult
 from tdcr_fe.sweeps.shown import shown, shown_outputs
 

@@ -12,7 +12,7 @@ from tdcr_fe.io.effects import effects_reader
 from tdcr_fe.io.own_effects import read_own_effects
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.toml import ScenarioTables, build_scenario, read_scenario_tables
-from tdcr_fe.model.wording import meant
+from tdcr_fe.model.messages import meant
 from tdcr_fe.sweeps.case_tables import with_values
 from tdcr_fe.sweeps.cases import Job, solve_cases
 from tdcr_fe.sweeps.columns import columns_of_steps
