@@ -140,8 +140,13 @@ def _git(*arguments: str) -> bytes:
     return subprocess.run(["git", *arguments], capture_output=True, check=True).stdout
 
 
-def at_revision(revision: str) -> Size:
-    """Count the files of a commit."""
+def at_revision(revision: str) -> Size | None:
+    """Count the files of a commit; None where the checkout does not hold it."""
+    known = subprocess.run(
+        ["git", "rev-parse", "-q", "--verify", f"{revision}^{{commit}}"], capture_output=True
+    )
+    if known.returncode:
+        return None
     with tempfile.TemporaryDirectory() as folder:
         with tarfile.open(fileobj=io.BytesIO(_git("archive", revision))) as archive:
             archive.extractall(folder, filter="data")
@@ -176,7 +181,10 @@ def main() -> int:
     base = parser.parse_args().base
     top = Path(_git("rev-parse", "--show-toplevel").decode().strip())
     names = _git("-C", str(top), "ls-files", "-z").decode().split("\0")
-    over = report(measure(top, names), at_revision(base))
+    now, before = measure(top, names), at_revision(base)
+    if before is None:
+        print(f"no commit {base} in this checkout: changes are not counted")
+    over = report(now, before or now)
     if over:
         print("over the budget:", ", ".join(over))
     return bool(over)
