@@ -12,6 +12,7 @@ from tdcr_fe.io.write_toml import robot_to_toml
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.results import Interrupted
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ROUTINGS, HelicalRouting, ParallelRouting
 from tdcr_fe.model.tendon import Tendon
@@ -194,9 +195,12 @@ def test_the_command_continues_and_refuses_records_of_other_code(tmp_path, capsy
 
 
 def test_an_interruption_ends_the_command_and_keeps_no_half_case(tmp_path, monkeypatch, capsys):
-    """The solver returns what it has when it is interrupted; such a case was kept as one that did not converge."""
-    half = replace(solved(), steps=(), converged=False, message="interrupted in step 1")
-    monkeypatch.setattr("tdcr_fe.validation.fuzz.campaign.simulate", lambda *args: half)
+    half = replace(solved(), steps=(), converged=False, message="interrupted")
+
+    def interrupted(*args):
+        raise Interrupted(half)
+
+    monkeypatch.setattr("tdcr_fe.validation.fuzz.campaign.simulate", interrupted)
     assert main(["-n", "2", "--first", "30", "-o", str(tmp_path)]) == 130
     assert len((tmp_path / "fuzz.jsonl").read_text().splitlines()) == 1
     assert "start it again to resume" in capsys.readouterr().err
