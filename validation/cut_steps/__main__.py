@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tdcr_fe.commands.status import FAILURE, SUCCESS, at_least_one
+from tdcr_fe.commands.common import FAILURE, SUCCESS, at_least_one
 from tdcr_fe.validation.cut_steps import ALLOWED, Difference, differences
 from tdcr_fe.validation.random_robots.drawing import MOST_TENDONS, draw
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from tdcr_fe.commands.status import FAILURE, SUCCESS, WRONG_INPUT, at_least_one
+from tdcr_fe.commands.common import FAILURE, SUCCESS, WRONG_INPUT, at_least_one
 from tdcr_fe.io.records import Lines, OtherHead, solve_all
 from tdcr_fe.validation.collecting import collect
 from tdcr_fe.validation.crosscheck.campaign import silence_exudyn

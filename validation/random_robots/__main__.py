@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from tdcr_fe.commands.status import FAILURE, SUCCESS, at_least_one
+from tdcr_fe.commands.common import FAILURE, SUCCESS, at_least_one
 from tdcr_fe.validation.collecting import collect
 from tdcr_fe.validation.random_robots.campaign import solve_all
 from tdcr_fe.validation.random_robots.report import summary, to_frame
