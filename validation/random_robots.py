@@ -1,4 +1,4 @@
-"""Draw a robot of one to six tendons and a loading history at random."""
+"""Random robots of one to six tendons with their loading histories, drawn by a seed."""
 
 from __future__ import annotations
 
@@ -23,18 +23,9 @@ MOST_TENSION, MOST_COMPRESSION = 4.0, 0.3
 
 @dataclass(frozen=True)
 class RandomCase:
-    """One robot and its history.
+    """One robot and its history."""
 
-    Attributes
-    ----------
-    number : int
-        Seed.
-    robot : Robot
-    model : Model
-    steps : tuple of LoadStep
-    """
-
-    number: int
+    number: int  # seed
     robot: Robot
     model: Model
     steps: tuple[LoadStep, ...]
