@@ -352,30 +352,6 @@ class TendonForces(NamedTuple):
             self._add_section_tangent(k)
         self.add_springs(k)
 
-    @property
-    def has_compiled_tangent(self) -> bool:
-        """Whether `add_compiled_tangent` knows these forces."""
-        known = self.model.geometry is not None and self.base_response is None and len(self.base_tension) > 0
-        return known and not self.field.depends_on_length
-
-    def add_compiled_tangent(self, k: Array, first: int) -> None:
-        """Add `geometric_stiffness` and `add_coupling` to the tangent of a scene by compiled functions.
-
-        Parameters
-        ----------
-        k
-            Changed in place, shape (unknowns, unknowns).
-        first
-            Number of the first unknown of the robot.
-        """
-        shape, end = self.measured.shape, first + 6 * self.model.mesh.arc_lengths.size
-        rows = first + 6 * self.model.cable_nodes
-        self.geometric_stiffness().add_compiled(k, rows)
-        shape.lines.add_compiled_softening(k, rows, shape.turns, self.field.d_angle)
-        if self.model.section is not None:
-            self._add_section_tangent(k[first:end, first:end])
-        self.add_springs(k[first:end, first:end])
-
     def add_springs(self, k: Array) -> None:
         """Add the tangent of the springs to ground, in Exudyn's sign; ``k`` as in `add_coupling`."""
         if self.measured.poses is None or self.model.springs is None:

@@ -70,6 +70,8 @@ def follow(args: argparse.Namespace) -> int:
     from tdcr_fe.io.follow_files import write_follow
     from tdcr_fe.io.problems import InputError, Problem
     from tdcr_fe.io.toml import digest, read_robot
+    from tdcr_fe.model.results import Interrupted
+    from tdcr_fe.model.targets import FollowResult
 
     robot = read_robot(args.robot)
     model, settings, targets, limits = _read(args, robot)
@@ -78,6 +80,9 @@ def follow(args: argparse.Namespace) -> int:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
     try:
         result = _solve(args, robot, model, targets, limits, settings)
+    except Interrupted as stop:  # what was found is written
+        assert isinstance(stop.result, FollowResult)
+        result = stop.result
     except ValueError as error:  # a contradiction between bounds, model and robot
         raise InputError([Problem(args.robot, "", "", str(error))]) from error
     names = [args.robot, args.path, *([args.model] if args.model else [])]

@@ -118,6 +118,7 @@ def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> 
     from tdcr_fe.io.problems import InputError, Problem
     from tdcr_fe.io.tables import write_results
     from tdcr_fe.model.plausibility import plausibility_warnings
+    from tdcr_fe.model.results import Interrupted, SequenceResult
 
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
@@ -130,6 +131,9 @@ def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> 
         complain(duration)
     try:
         result = _solve(scenario, args)
+    except Interrupted as stop:  # what was solved is written
+        assert isinstance(stop.result, SequenceResult)
+        result = stop.result
     except ValueError as error:  # a contradiction that only the solver can detect
         option, named, text = str(error).partition("sensitivities: ")
         problem = Problem("--sensitivities", "", "", text) if named and not option else None

@@ -29,9 +29,6 @@ SMALLEST, SMALLEST_ON_REFERENCE = 1.0 / 256.0, 1.0 / 16.0
 #: Maximum substeps used to resolve path dependence.
 DIVISIONS = 16
 
-#: Message of a simulation that was interrupted.
-INTERRUPTED = "interrupted"
-
 
 class Task(NamedTuple):
     """What is simulated in one run.
@@ -101,8 +98,6 @@ def simulate_experiment(task: Task) -> Run:
         if reference is not None:
             return simulate_experiment(task._replace(reference=None))
         return Run.of((), len(last), experiment, str(error))
-    if result.message == INTERRUPTED:
-        raise KeyboardInterrupt
     # In a fit, a run that cannot follow its reference path is too far away and costly: it counts as not solved.
     if not result.converged and reference is not None and not task.record:
         return simulate_experiment(task._replace(reference=None))
@@ -192,8 +187,6 @@ def solve_commanded_steps(
         result, _ = _differentiated(task, settings, along, None)
     except IndexError:  # the path does not have all steps
         result, _ = _differentiated(task, settings, None, None)
-    if result.message == INTERRUPTED:
-        raise KeyboardInterrupt
     solved = len(result.steps)
     return replace(result, steps=tuple(result.steps[j] for j in last_parts(experiment) if j < solved))
 

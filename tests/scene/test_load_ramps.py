@@ -41,7 +41,8 @@ def test_a_load_after_a_pull_gives_the_tip_of_simulate(force):
 
 
 @pytest.mark.parametrize(
-    "seed", [s if s in (1, 2, 15, 16, 19) else pytest.param(s, marks=pytest.mark.campaign) for s in range(1, 21)]
+    "seed",
+    [s if s in (1, 2, 15, 16, 19) else pytest.param(s, marks=pytest.mark.campaign) for s in range(1, 21)],
 )
 def test_random_sequences_give_the_shapes_of_simulate(seed, figure):
     """Three tendons by tension or displacement, a load of changing direction in either frame; every step.

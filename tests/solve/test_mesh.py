@@ -12,7 +12,7 @@ from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.material import Superelastic
-from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.model.results import Interrupted, SequenceResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
 from tdcr_fe.model.tendon import Tendon
@@ -228,7 +228,9 @@ def test_steps_of_the_coarser_mesh_are_kept_where_the_refined_one_fails(monkeypa
 def test_steps_of_the_coarser_mesh_are_kept_where_the_refined_run_is_interrupted(monkeypatch) -> None:
     fail_on_refined_meshes(monkeypatch, 1, KeyboardInterrupt())
     settings = SolverSettings(mesh_tolerance=1e-6)
-    result = simulate(paper(), Model(friction="none"), pull(1.0, 2.5), settings)
+    with pytest.raises(Interrupted) as stop:
+        simulate(paper(), Model(friction="none"), pull(1.0, 2.5), settings)
+    result = stop.value.result
     assert (result.converged, result.message, len(result.steps)) == (False, "interrupted", 2)
     assert any("was interrupted" in w for w in result.warnings)
 

@@ -38,7 +38,6 @@ from tdcr_fe.solve.equations.tangent import (
     add_unbalanced,
     backbone_tangent,
     border,
-    compiled_tangent,
     hold,
 )
 
@@ -372,17 +371,15 @@ class SceneSystem:
         """Factors of the tangent at fixed tensions, as a full matrix; see `tangent_follows_from_elements`."""
         layout = self.layout
         nodes = layout.space.slices
-        k = compiled_tangent(residual, nodes, numbering.reduced) if from_elements else None
-        if k is None:
-            if from_elements:
-                scene = layout.reduction.empty_tangent()
-                add_elastic(scene, residual, nodes)
-            else:
-                scene = self.scene_tangent(residual)
-                add_unbalanced(scene, residual, nodes)
-            add_geometric_stiffness(scene, residual)
-            k = scene.dense(numbering.reduced)
-            add_couplings(k, residual, nodes)
+        if from_elements:
+            scene = layout.reduction.empty_tangent()
+            add_elastic(scene, residual, nodes)
+        else:
+            scene = self.scene_tangent(residual)
+            add_unbalanced(scene, residual, nodes)
+        add_geometric_stiffness(scene, residual)
+        k = scene.dense(numbering.reduced)
+        add_couplings(k, residual, nodes)
         if damping > 0.0:
             add_damping(k, layout.reduction.nodes, damping, self.length)
         hold(k, layout.clamped)
