@@ -42,7 +42,7 @@ class Task(NamedTuple):
     record : bool
         Whether the run keeps its own path.
     parameters : tuple of Parameter
-        By which the run is differentiated, see `tdcr_fe.solve.sensitivities.stencils.tabulated`.
+        By which the run is differentiated, see `tdcr_fe.solve.sensitivities.differences.tabulated`.
     deadline : float
         Reading of `tdcr_fe.identify.time_limit.clock` at which the simulation ends [s].
     """
@@ -140,8 +140,8 @@ def _simulate_sequences(task: Task) -> Run:
 
 def _of_sequence(parameter: Parameter, number: int) -> Parameter:
     """A parameter of several loading sequences, for one of them."""
+    from tdcr_fe.solve.sensitivities.differences import Tabulated
     from tdcr_fe.solve.sensitivities.parameters import StepInput
-    from tdcr_fe.solve.sensitivities.stencils import Tabulated
 
     if isinstance(parameter, StepInput):
         return parameter
@@ -195,7 +195,7 @@ def _differentiated(
     task: Task, settings: SolverSettings, reference: Trajectory | None, path: PathRecord | None
 ) -> tuple[SequenceResult, dict[str, str]]:
     """The simulation with all derivatives that there are; and those that there are not, with the reason."""
-    from tdcr_fe.solve.sensitivities.stencils import NoDerivative
+    from tdcr_fe.solve.sensitivities.differences import NoDerivative
     from tdcr_fe.solve.simulate import simulate
 
     experiment, refused = task.experiment, dict[str, str]()

@@ -22,7 +22,7 @@ from contacts import (
 from native_solvers import dynamic_settings, static_settings
 from robots import LENGTH, distance, scene, three
 
-from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import Model
 from tdcr_fe.native import register
 from tdcr_fe.scene.builder import CreateTDCR

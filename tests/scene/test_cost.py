@@ -12,7 +12,7 @@ import pytest
 from native_solvers import dynamic_settings
 from robots import BACKBONE, DISKS, LENGTH, Robot, scene, tendon, three
 
-from tdcr_fe.elements.actuation import TendonActuation
+from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.native import register
 from tdcr_fe.solve.statics import SolveTDCR
 

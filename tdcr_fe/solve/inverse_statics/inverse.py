@@ -35,13 +35,11 @@ from tdcr_fe.model.targets import (
     tip_targets,
 )
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.solve.inverse_statics.least_effort import Effort
-from tdcr_fe.solve.inverse_statics.target_search import Aim, Found, Search
+from tdcr_fe.solve.inverse_statics.target_search import Aim, Effort, Found, Search
 from tdcr_fe.solve.inverse_statics.trials import TrialSteps
 from tdcr_fe.solve.mesh import MOST_MESHES, MeshMonitor, error_order, mesh_warnings, refined
 from tdcr_fe.solve.simulate import CONVERGED, INTERRUPTED
-from tdcr_fe.solve.simulation import step_warnings
-from tdcr_fe.solve.threads import one_thread
+from tdcr_fe.solve.simulation import one_thread, step_warnings
 
 Array = NDArray[np.float64]
 #: A target is reached where the error is smaller [fraction of the length, rad].
