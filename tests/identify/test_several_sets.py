@@ -20,8 +20,8 @@ from tdcr_fe.io.measured import join_measured, write_measured
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.sensitivities.differences import tabulated
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter
-from tdcr_fe.solve.sensitivities.stencils import tabulated
 
 ROUGH = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.3) for t in ROBOT.tendons))
 FRICTION = replace(MODEL, friction="per-hole", elements_per_bay=1)
