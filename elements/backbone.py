@@ -18,12 +18,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.compiled import is_compiled, run_compiled
-from tdcr_fe.elements.backbone_loops import add_blocks, backbone_blocks, chain_maps
-from tdcr_fe.elements.pose_loops import chain_poses
 from tdcr_fe.elements.poses import (
-    SECOND_SERIES,
-    SERIES,
     adjoint_powers,
     coefficients,
     euler_parameters_near,
@@ -217,10 +212,6 @@ class NodeStiffness(NamedTuple):
     itself: Array
     after: Array
 
-    def add_compiled(self, k: Array, rows: NDArray[np.int_]) -> None:
-        """Add the blocks to a dense matrix by a compiled function, see `add_blocks`."""
-        run_compiled(add_blocks, k, rows, self.itself, self.after)
-
 
 class NodePoses(NamedTuple):
     """Poses of the nodes of one backbone, in beam axes.
@@ -249,15 +240,13 @@ class ElementChain:
     ----------
     twists
         Relative twist of every element, length times strain, shape (E, 6).
-    c, steps
-        `tdcr_fe.elements.poses.coefficients` of these twists, shape (E, 5), and the attribute `steps`, where known.
     """
 
-    def __init__(self, twists: Array, c: Array | None = None, steps: Array | None = None) -> None:
+    def __init__(self, twists: Array) -> None:
         self.twists = twists
-        self._coefficients = coefficients(twists[:, 3:]) if c is None else c
+        self._coefficients = coefficients(twists[:, 3:])
         #: Pose of every node in the frame of the one before, shape (E, 4, 4).
-        self.steps = exp_matrix(twists, self._coefficients) if steps is None else steps
+        self.steps = exp_matrix(twists, self._coefficients)
         self._turns = self.steps[:, :3, :3]
 
     @classmethod
@@ -273,10 +262,6 @@ class ElementChain:
         near
             Euler parameters that have the signs to take, shape (N, 4).
         """
-        if is_compiled():
-            complete, c, steps, *poses = run_compiled(chain_poses, twists, base, near, SERIES)
-            if complete:
-                return cls(twists, c, steps), NodePoses(*poses)
         chain = cls(twists)
         positions, rotations = chain.poses(base)
         parameters = euler_parameters_near(rotations, near)
@@ -350,12 +335,6 @@ class ElementChain:
             With the sign of Exudyn's Jacobian: minus the stiffness.
         """
         powers, b = self._maps
-        if is_compiled():
-            blocks = run_compiled(
-                backbone_blocks, self.twists, self.steps, powers, b, mesh.twist_stiffness, mesh.reference_twists,
-                wrenches, positions, rotations, SECOND_SERIES,
-            )  # fmt: skip
-            return NodeStiffness(*blocks)
         stiffness = mesh.twist_stiffness
         internal = ((stiffness * (self.twists - mesh.reference_twists))[:, None] @ b)[:, 0]
         # Everything but the elastic wrenches: beyond an element it is what the element transmits, and the unbalanced.
@@ -393,9 +372,6 @@ class ElementChain:
 
         Shapes (E, 4, 6, 6) and (E, 6, 12).
         """
-        if is_compiled():
-            found: tuple[Array, Array] = run_compiled(chain_maps, self.twists, self._coefficients)
-            return found
         powers = adjoint_powers(self.twists)
         return powers, _strain_matrices(powers, self._coefficients)
 

@@ -13,16 +13,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness, relative_twists, strain_matrices
-from tdcr_fe.elements.capstan import HoleSlopes
+from tdcr_fe.elements.capstan import HoleSlopes, TensionField
+from tdcr_fe.elements.complementarity import as_slice
 from tdcr_fe.elements.friction import FrictionState, TendonLaw
-from tdcr_fe.elements.numbers import as_slice
 from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.section import SectionForces, nodal_sum
-from tdcr_fe.elements.springs import GroundSprings
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
-from tdcr_fe.elements.tension_field import TensionField
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GroundSprings:
+    """Linear springs from nodes to ground.
+
+    Attributes
+    ----------
+    nodes : ndarray of int, shape (q,)
+        Of the backbone; a node may occur several times.
+    stiffness : ndarray, shape (q, 3, 3)
+        In world axes [N/m].
+    rest : ndarray, shape (q, 3)
+        Positions without force [m].
+    """
+
+    nodes: NDArray[np.int_]
+    stiffness: Array
+    rest: Array
+
+    def forces(self, positions: Array, rotations: Array) -> Array:
+        """Forces on the nodes in their own frames [N], shape (q, 3), from the poses of all nodes."""
+        pull = self.stiffness @ (self.rest - positions[self.nodes])[:, :, None]
+        return np.asarray((rotations[self.nodes].swapaxes(1, 2) @ pull)[:, :, 0])
+
+    def blocks(self, rotations: Array) -> Array:
+        """Stiffness by increments of the positions in the nodes' own frames [N/m], shape (q, 3, 3)."""
+        turn = rotations[self.nodes]
+        return np.asarray(turn.swapaxes(1, 2) @ self.stiffness @ turn)
 
 
 class Measurement(NamedTuple):
@@ -351,30 +378,6 @@ class TendonForces(NamedTuple):
         if self.model.section is not None:
             self._add_section_tangent(k)
         self.add_springs(k)
-
-    @property
-    def has_compiled_tangent(self) -> bool:
-        """Whether `add_compiled_tangent` knows these forces."""
-        known = self.model.geometry is not None and self.base_response is None and len(self.base_tension) > 0
-        return known and not self.field.depends_on_length
-
-    def add_compiled_tangent(self, k: Array, first: int) -> None:
-        """Add `geometric_stiffness` and `add_coupling` to the tangent of a scene by compiled functions.
-
-        Parameters
-        ----------
-        k
-            Changed in place, shape (unknowns, unknowns).
-        first
-            Number of the first unknown of the robot.
-        """
-        shape, end = self.measured.shape, first + 6 * self.model.mesh.arc_lengths.size
-        rows = first + 6 * self.model.cable_nodes
-        self.geometric_stiffness().add_compiled(k, rows)
-        shape.lines.add_compiled_softening(k, rows, shape.turns, self.field.d_angle)
-        if self.model.section is not None:
-            self._add_section_tangent(k[first:end, first:end])
-        self.add_springs(k[first:end, first:end])
 
     def add_springs(self, k: Array) -> None:
         """Add the tangent of the springs to ground, in Exudyn's sign; ``k`` as in `add_coupling`."""

@@ -26,18 +26,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.capstan import Slopes, capstan, capstan_with_adhesion
-from tdcr_fe.elements.coefficient_derivatives import tension_derivatives
+from tdcr_fe.elements.capstan import Slopes, TensionDerivatives, TensionField, capstan, capstan_with_adhesion
 from tdcr_fe.elements.coefficients import (
     Linearisation,
     evaluate_laws,
     normal_forces,
     solve_coefficients,
+    tension_derivatives,
 )
 from tdcr_fe.elements.complementarity import solve_box
-from tdcr_fe.elements.friction_models import FrictionModel
-from tdcr_fe.elements.tendon_parameters import TendonParameters
-from tdcr_fe.elements.tension_field import TensionDerivatives, TensionField
+from tdcr_fe.elements.friction_models import FrictionModel, TendonParameters
 
 Array = NDArray[np.float64]
 

@@ -51,3 +51,12 @@ def damped(
     if assemble:
         mbs.Assemble()
     return keep, mbs, handle
+
+
+def recommended(handle: TDCR, end: float, step: float, start: float = 0.0) -> exu.SimulationSettings:
+    """The robot's recommended settings from a start to an end [s], without output."""
+    s = handle.recommended_settings(end - start, step)
+    s.timeIntegration.startTime, s.timeIntegration.endTime = start, end
+    s.timeIntegration.verboseMode = 0
+    s.solution.file.write = False
+    return s

@@ -8,20 +8,19 @@ from typing import Any
 
 import exudyn as exu
 
-from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model import arguments
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.builder import check_system
 from tdcr_fe.scene.handle import TDCR
-from tdcr_fe.solve.equations.free_motion import freely_moving
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.continuation import recall, remember
-from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Path
-from tdcr_fe.solve.load_steps.ramp import Ramp
+from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Path, Ramp
 from tdcr_fe.solve.load_steps.stepping import solve_ramp
+from tdcr_fe.solve.newton.contact_stability import freely_moving
 from tdcr_fe.solve.sensitivities.parameters import Parameter
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
-from tdcr_fe.solve.threads import one_thread
+from tdcr_fe.solve.simulation import one_thread
 
 
 def SolveTDCR(

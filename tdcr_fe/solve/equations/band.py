@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
-from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.backbone import NodeStiffness
 from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.native.actuation import TendonActuation
 
 Array = NDArray[np.float64]
 _EYE6 = np.eye(6)
@@ -199,7 +199,7 @@ class BandLayout:
 
 
 class BandFactors(NamedTuple):
-    """LU factors of a banded tangent; see `tdcr_fe.solve.equations.factors.Factors`.
+    """LU factors of a banded tangent; see `tdcr_fe.solve.equations.linearization.Factors`.
 
     Attributes
     ----------

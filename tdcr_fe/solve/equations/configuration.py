@@ -1,4 +1,4 @@
-"""Configurations of a scene: element twists and base pose of the beams, coordinates of everything else.
+"""States of a scene: the configuration of its backbones, the tensions, and the history of friction.
 
 A `Configuration` is a value; `ConfigurationSpace` builds, moves and compares them and writes them into Exudyn's scene.
 """
@@ -6,6 +6,7 @@ A `Configuration` is a value; `ConfigurationSpace` builds, moves and compares th
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from math import acos
 from typing import NamedTuple
 
@@ -13,13 +14,16 @@ import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.backbone import ElementChain, NodePoses, relative_twists
 from tdcr_fe.elements.forces import Measurement
+from tdcr_fe.elements.friction import FrictionState
+from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.poses import coefficients, exp_matrix, pose_matrix
 from tdcr_fe.solve.equations.reduction import BodyFrameReduction
 
 Array = NDArray[np.float64]
+ByRobot = tuple[Array, ...]
+
 
 _ONES4 = np.ones(4)
 _CURRENT, _INITIAL = exu.ConfigurationType.Current, exu.ConfigurationType.Initial
@@ -258,3 +262,90 @@ class ConfigurationSpace:
         """Largest rotation of any beam node from one configuration to another [rad]."""
         cosine = np.abs((a.parameters * b.parameters) @ _ONES4).min()
         return 2.0 * acos(min(float(cosine), 1.0))
+
+
+class SolverState(NamedTuple):
+    """The complete state at the beginning of a step. Its arrays are never changed.
+
+    Attributes
+    ----------
+    configuration : Configuration
+        Of the whole scene.
+    base_tension : tuple of ndarray, shape (m,)
+        By robot, tension of every tendon at the base [N].
+    mobilisation : tuple of ndarray, shape (m, g)
+        By robot, mobilisation of the friction in [-1, 1]; in a solved state that of `friction`.
+    friction : tuple of FrictionState
+        By robot, history at the end of the last solved (sub)step.
+    prescribed : tuple of ndarray, shape (m,)
+        By robot, prescribed displacement [m], nan of tendons driven by tension.
+    loads : tuple of ndarray, shape (6,)
+        Concentrated loads that acted, force [N] and moment [N m] in their own frames.
+    time : float
+        At which it was solved [s].
+    tangent_sign : int
+        Sign of the determinant of the last tangent, 0 where it is unknown or unrelated to stability.
+    """
+
+    configuration: Configuration
+    base_tension: ByRobot
+    mobilisation: ByRobot
+    friction: tuple[FrictionState, ...]
+    prescribed: ByRobot
+    loads: tuple[Array, ...] = ()
+    time: float = 0.0
+    tangent_sign: int = 0
+
+    @property
+    def inputs(self) -> ByRobot:
+        """By robot, what every tendon is driven by: displacement [m] where prescribed, else tension [N]."""
+        return tuple(
+            np.where(np.isnan(given), tension, given)
+            for given, tension in zip(self.prescribed, self.base_tension, strict=True)
+        )
+
+    def stored(self) -> StoredState:
+        """The state as its unknowns alone, from which it can be restored."""
+        return StoredState(self.configuration.unknowns, self.base_tension, self.mobilisation, self.friction)
+
+
+@dataclass(frozen=True)
+class StoredState:
+    """A solved state reduced to its unknowns; small, and can be pickled.
+
+    Attributes
+    ----------
+    unknowns : Unknowns
+        Of the configuration.
+    base_tension, mobilisation, friction
+        As in `SolverState`.
+    """
+
+    unknowns: Unknowns
+    base_tension: ByRobot
+    mobilisation: ByRobot
+    friction: tuple[FrictionState, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """Inputs, loads and time with which a state has to be in equilibrium.
+
+    Attributes
+    ----------
+    inputs : tuple of ndarray, shape (m,)
+        By robot, tension [N] or displacement [m] of every tendon at the base.
+    loads : tuple of ndarray, shape (6,)
+        Concentrated loads, force [N] and moment [N m] in their own frames; they are already in the scene.
+    time : float
+        Time that user functions see [s].
+    """
+
+    inputs: ByRobot
+    loads: tuple[Array, ...] = ()
+    time: float = 0.0
+
+    @property
+    def load_size(self) -> float:
+        """Largest component of a force, for the scale of the residual [N]."""
+        return max((float(np.max(np.abs(load[:3]))) for load in self.loads), default=0.0)

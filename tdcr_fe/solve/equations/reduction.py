@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import NodeStiffness
-from tdcr_fe.elements.numbers import as_slice
+from tdcr_fe.elements.complementarity import as_slice
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.compiled import compilable
-from tdcr_fe.solve.friction_path.slip_rates import LinearRates
-from tdcr_fe.solve.friction_path.unknowns import Bounds, bounded
+from tdcr_fe.solve.friction_path.rates import Bounds, LinearRates, bounded
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -26,7 +25,7 @@ FORGETTING_SLIP = 2.0
 class Piece(NamedTuple):
     """A part of the substep over which the rates of all unknowns are linear in the load factor.
 
-    Unknowns are those of `tdcr_fe.solve.friction_path.unknowns`; load factors are those within the substep, 0 to 1.
+    Unknowns are those of `tdcr_fe.solve.friction_path.rates`; load factors are those within the substep, 0 to 1.
 
     Attributes
     ----------

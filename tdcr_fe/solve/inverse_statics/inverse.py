@@ -21,7 +21,7 @@ from scipy.stats import qmc
 from tdcr_fe.model import arguments
 from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.plausibility import strain_warnings
-from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.targets import (
@@ -35,13 +35,11 @@ from tdcr_fe.model.targets import (
     tip_targets,
 )
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.solve.inverse_statics.least_effort import Effort
-from tdcr_fe.solve.inverse_statics.target_search import Aim, Found, Search
+from tdcr_fe.solve.inverse_statics.target_search import Aim, Effort, Found, Search
 from tdcr_fe.solve.inverse_statics.trials import TrialSteps
 from tdcr_fe.solve.mesh import MOST_MESHES, MeshMonitor, error_order, mesh_warnings, refined
 from tdcr_fe.solve.simulate import CONVERGED, INTERRUPTED
-from tdcr_fe.solve.simulation import step_warnings
-from tdcr_fe.solve.threads import one_thread
+from tdcr_fe.solve.simulation import one_thread, step_warnings
 
 Array = NDArray[np.float64]
 #: A target is reached where the error is smaller [fraction of the length, rad].
@@ -95,12 +93,14 @@ def follow_path(
     -------
     FollowResult
         A target that is out of reach is approached as far as possible, and says so. Where a load step has no solution,
-        or the user interrupts, all targets before it, and a message.
+        all targets before it, and a message.
 
     Raises
     ------
     TypeError, ValueError
         An argument is of another type, or contradicts the robot.
+    Interrupted
+        The user pressed Ctrl-C; its attribute ``result`` has the targets reached before, as where a step fails.
     """
     arguments.check_robot("follow_path", robot)
     arguments.check_model("follow_path", model)
@@ -126,8 +126,11 @@ def follow_path(
     task = _Task(robot, model, tip_targets(targets), lower, upper, drive_by, effort, tuple(before))
     begun = time.perf_counter()
     with one_thread():
-        run = _refined_runs(task, settings or SolverSettings(), progress)
-    return run.result(time.perf_counter() - begun)
+        run, stop = _refined_runs(task, settings or SolverSettings(), progress)
+    result = run.result(time.perf_counter() - begun)
+    if stop is not None:
+        raise Interrupted(result) from stop
+    return result
 
 
 def reach(
@@ -191,18 +194,22 @@ class _Task:
 
 def _refined_runs(
     task: _Task, settings: SolverSettings, progress: Callable[[ReachedTarget], None] | None
-) -> _Run:
-    """Follow the path on finer and finer meshes, until the error of the mesh is met; return the last run."""
+) -> tuple[_Run, KeyboardInterrupt | None]:
+    """Follow the path on finer and finer meshes, until its error is met; the last run, and what interrupted it."""
     counts = elements_of_bays(task.robot, task.model)
     automatic = task.model.elements_per_bay == "auto" and isfinite(settings.mesh_tolerance)
     guesses: tuple[Array, ...] = ()
     for mesh in range(1, MOST_MESHES + 1):
         run = _Run(task, counts, settings, guesses)
-        finer = run.follow(progress, automatic and mesh < MOST_MESHES)
+        try:
+            finer = run.follow(progress, automatic and mesh < MOST_MESHES)
+        except KeyboardInterrupt as stop:
+            run.failed, run.message = len(run.solved) + 1, INTERRUPTED
+            return run, stop
         if finer is None:
             break
         counts, guesses = finer, tuple(x.tensions for x in run.found)
-    return run
+    return run, None
 
 
 class _Run:
@@ -241,27 +248,23 @@ class _Run:
     ) -> tuple[int, ...] | None:
         """Reach for all targets; or return the elements per bay of the finer mesh that they need."""
         simulation, task = self.trials.simulation, self.task
-        try:
-            for step, actuation in zip(task.before, resolve(task.robot, task.before), strict=True):
-                report = simulation.advance(actuation, step.substeps)
-                self.trials.begin(actuation)
-                self._keep(step, simulation.result(len(self.solved) + 1, step.label, report, actuation))
-                self.warnings += step_warnings(len(self.solved), report)
-            for number, target in enumerate(task.targets):
-                found = self._reach(number, target)
-                if found is None:
-                    self.failed = len(self.solved) + 1
-                    self.message = (
-                        f"target {number + 1} ({target.label or 'no label'}): no load step towards it has a solution; "
-                        "try targets closer together, or a smaller pretension"
-                    )
-                    break
-                self.found.append(found)
-                if progress is not None:
-                    progress(found)
-        except KeyboardInterrupt:
-            self.failed, self.message = len(self.solved) + 1, INTERRUPTED
-            return None
+        for step, actuation in zip(task.before, resolve(task.robot, task.before), strict=True):
+            report = simulation.advance(actuation, step.substeps)
+            self.trials.begin(actuation)
+            self._keep(step, simulation.result(len(self.solved) + 1, step.label, report, actuation))
+            self.warnings += step_warnings(len(self.solved), report)
+        for number, target in enumerate(task.targets):
+            found = self._reach(number, target)
+            if found is None:
+                self.failed = len(self.solved) + 1
+                self.message = (
+                    f"target {number + 1} ({target.label or 'no label'}): no load step towards it has a solution; "
+                    "try targets closer together, or a smaller pretension"
+                )
+                break
+            self.found.append(found)
+            if progress is not None:
+                progress(found)
         self.monitor.flush()
         if not refine or all(e.largest <= self.goal for e in self.monitor.estimates):
             return None

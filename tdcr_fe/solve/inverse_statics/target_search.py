@@ -6,17 +6,18 @@ is kept where the way back to the target costs less than it has gained.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
 from tdcr_fe.model.targets import TipTarget
-from tdcr_fe.solve.equations.state import SolverState
-from tdcr_fe.solve.inverse_statics.least_effort import Effort
+from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.inverse_statics.trials import Trial, TrialSteps
 
 Array = NDArray[np.float64]
+
 #: Error at which iterations on the target end [fraction of the length, rad].
 CONVERGED = 1e-8
 #: Smallest weight of the effort against the error [1], its largest one, and the ratio of weight to error between them.
@@ -31,6 +32,67 @@ MOST_TRIALS, MOST_REFUSALS, MOST_ROUNDS, MOST_REFUSED_ROUNDS = 40, 8, 8, 2
 MOST_TRIALS_BACK = 5
 #: Distance to which linearisations of refused trials count, in radii of the trust region [1].
 NEIGHBOURHOOD = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Effort:
+    """Which tensions are preferred among those that reach a target.
+
+    Attributes
+    ----------
+    lower, upper : ndarray, shape (m,)
+        Bounds [N].
+    reference : ndarray, shape (m,)
+        Tensions of no effort: zero, or those at the beginning of the step [N].
+    scale : float
+        Tension of effort 1 [N].
+    """
+
+    lower: Array
+    upper: Array
+    reference: Array
+    scale: float
+
+    def of(self, tensions: Array) -> float:
+        """Sum of the squares of the tensions from the reference, in units of the scale [1]."""
+        return float(np.sum(((tensions - self.reference) / self.scale) ** 2))
+
+    def around(self, tensions: Array) -> Effort:
+        """The same with other tensions of no effort [N]: the smallest change from them is preferred."""
+        return replace(self, reference=tensions)
+
+    def step(self, tensions: Array, residual: Array, jacobian: Array, weight: float, radius: float) -> Array:
+        """Change of the tensions that minimises ``|r + J dT|^2 + weight^2 effort(T + dT)`` within bounds.
+
+        Parameters
+        ----------
+        tensions
+            T [N], shape (m,).
+        residual
+            r, over the length of the robot [1], shape (k,).
+        jacobian
+            J, shape (k, m) [1/N].
+        weight
+            Of the effort [1].
+        radius
+            Largest change of a tension [N].
+        """
+        low = np.clip(self.lower - tensions, -radius, radius) / self.scale
+        high = np.clip(self.upper - tensions, -radius, radius) / self.scale
+        step = 0.5 * (low + high)
+        free = np.flatnonzero(high - low > 1e-12)
+        if free.size == 0:
+            return self.scale * step
+        # The stacked system keeps the condition number of J; its normal equations would square it.
+        fixed = np.where(high - low > 1e-12, 0.0, step)
+        columns = jacobian * self.scale
+        matrix = np.vstack((columns[:, free] / weight, np.eye(free.size)))
+        right = np.concatenate(
+            (-(residual + columns @ fixed) / weight, ((self.reference - tensions) / self.scale)[free])
+        )
+        found = lsq_linear(matrix, right, (low[free], high[free]), method="bvls", max_iter=100 * free.size)
+        step[free] = np.clip(found.x, low[free], high[free])
+        return self.scale * step
 
 
 @dataclass(frozen=True, eq=False)

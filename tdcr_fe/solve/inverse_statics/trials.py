@@ -13,10 +13,9 @@ from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.equations.state import SolverState
+from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.load_steps.load_path import LoadStepReport, StepFailed
-from tdcr_fe.solve.load_steps.ramp import Ramp
+from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Ramp, StepFailed
 from tdcr_fe.solve.sensitivities.parameters import parameters
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import Simulation

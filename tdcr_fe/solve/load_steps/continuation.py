@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import ForceModel
+from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.state import SolverState
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
+from tdcr_fe.solve.friction_path.response import Equilibrium
 from tdcr_fe.solve.load_steps.load_path import Path
 
 Array = NDArray[np.float64]

@@ -8,14 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.equations.free_motion import freely_moving
-from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.solved_step import SolvedStep, input_changes, same_loads
-from tdcr_fe.solve.equations.state import SolverState, Target
+from tdcr_fe.solve.equations.configuration import SolverState, Target
+from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, input_changes, same_loads
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.load_steps.load_path import Path, StepFailed, one_substep
-from tdcr_fe.solve.load_steps.ramp import Ramp
-from tdcr_fe.solve.newton.contact_stability import unstable_motion
+from tdcr_fe.solve.load_steps.load_path import Path, Ramp, StepFailed, one_substep
+from tdcr_fe.solve.newton.contact_stability import freely_moving, unstable_motion
 from tdcr_fe.solve.newton.convergence import NewtonStatus
 from tdcr_fe.solve.newton.newton import NewtonResult, newton, under_inputs
 from tdcr_fe.solve.newton.prediction import predict

@@ -1,24 +1,41 @@
-"""Slip reversals in a converged substep: it is accepted, solved again with them, or divided.
+"""Slip reversals within a substep: states solved within it, and what is done with the reversals found.
+
+Through them the slips are interpolated better than between both ends alone. Documentation: page "Theory", section
+"Solving with reversals".
 
 Documentation: page "Theory", section "Finding reversals".
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.solve.equations.configuration import SolverState
+from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.numbering import Numbering
-from tdcr_fe.solve.equations.state import SolverState
-from tdcr_fe.solve.friction_path.equilibrium import Equilibrium, near_enough
-from tdcr_fe.solve.friction_path.reversals import History, Reversals, find_reversals
-from tdcr_fe.solve.friction_path.steady_slip import slips_steadily
-from tdcr_fe.solve.load_steps.known_states import KnownStates, Span
+from tdcr_fe.solve.friction_path.path import FrictionPath
+from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons, near_enough
+from tdcr_fe.solve.friction_path.reversals import History, InterpolationPoint, Reversals, find_reversals
+from tdcr_fe.solve.friction_path.steady import slips_steadily
 from tdcr_fe.solve.load_steps.load_path import Progress
 from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates, with_history_of
-from tdcr_fe.solve.newton.newton import NewtonResult
+from tdcr_fe.solve.newton.newton import NewtonResult, newton
+from tdcr_fe.solve.newton.prediction import moved_elements
 
+Array = NDArray[np.float64]
+
+#: Most intervals into which a substep is divided at first by states within it.
+MOST_INTERVALS_AT_FIRST = 4
+#: Largest difference between a tension of a state within a substep and that of the followed path, over the largest
+#: tension, with which the state is kept where more states are solved; else it is solved again, on the path [1].
+NEAR_PATH = 0.01
 #: Largest error of a substep as a fraction of what is left of the path tolerance, within the load step and at its end;
 #: and as a fraction of all of it, where little is left [1].
 SHARE, LAST_SHARE, LEAST_SHARE = 0.3, 0.6, 0.03
@@ -26,6 +43,277 @@ SHARE, LAST_SHARE, LEAST_SHARE = 0.3, 0.6, 0.03
 MOST_CORRECTIONS = 6
 #: Most intervals of a substep, between solved states, through which slips are interpolated.
 MOST_INTERVALS = 16
+
+
+def solve_within(
+    solver: SubstepSolver,
+    points: Sequence[InterpolationPoint],
+    taut: TautTendons,
+    path: FrictionPath,
+    factor: float,
+    load_factor: float,
+) -> Equilibrium | None:
+    """Solve a state within a substep, at the mobilisations of the followed path; None where that fails.
+
+    Whether the path leads there exactly does not matter: in any equilibrium slips, angles and their derivatives belong
+    to its own tensions.
+
+    Parameters
+    ----------
+    solver
+        Of the load step.
+    points
+        The states known so far, by load factor.
+    taut
+        The tendons whose slips are followed.
+    path
+        The followed path.
+    factor
+        Load factor within the substep [1].
+    load_factor
+        Of the load step [1].
+    """
+    system = solver.system
+    guess = _interpolated(solver, points, taut, path, factor)
+    if guess is None:
+        return None
+    target = solver.ramp.apply(system, load_factor)
+    result = newton(system, guess, target, solver.settings, friction_fixed=True)
+    if not result.converged:
+        return None
+    if result.linearization is not None:
+        line = result.linearization._replace(numbering=system.numbering())
+        found = Equilibrium.of(result.state, result.forces, line)
+        if found.exact:
+            return found
+    return Equilibrium.at(system, result.state, target)
+
+
+def _interpolated(
+    solver: SubstepSolver,
+    points: Sequence[InterpolationPoint],
+    taut: TautTendons,
+    path: FrictionPath,
+    factor: float,
+) -> SolverState | None:
+    """The state at a load factor within the substep, by interpolation; None where an element turns by too much.
+
+    Twists of the elements by a cubic along the line between the tensions of the states on both sides, beside it linear
+    in the tensions: as slips are interpolated (`tdcr_fe.solve.friction_path.slips`). Mobilisations and
+    tensions at the base are those of the path.
+    """
+    unknowns, tension = path.at(factor)
+    last = next(i for i, at in enumerate(points) if at.factor >= factor)
+    first, then = points[last - 1], points[last]
+    length = then.factor - first.factor
+    x = (factor - first.factor) / length
+    ends = [taut.tensions(at.state) for at in (first, then)]
+    change, off_line = ends[1] - ends[0], tension - ends[0] - x * (ends[1] - ends[0])
+    slopes = [twist_change(at, change, length) for at in (first, then)]
+    whole = twists(then.state) - twists(first.state)
+    defect = whole - 0.5 * (slopes[0] + slopes[1])
+    step = x * slopes[0] + x * x * (0.5 * (slopes[1] - slopes[0]) + (3.0 - 2.0 * x) * defect)
+    step += (1.0 - x) * twist_change(first, off_line, 0.0) + x * twist_change(then, off_line, 0.0)
+    state = first.state.state
+    configuration = moved_elements(solver.system, state, step, solver.settings.max_turn)
+    if configuration is None:
+        return None
+    return _with_path_unknowns(first.state, taut, unknowns)._replace(configuration=configuration)
+
+
+def _with_path_unknowns(at: Equilibrium, taut: TautTendons, unknowns: Array) -> SolverState:
+    """A state with other mobilisations, and other tensions at the base of tendons driven by displacement.
+
+    Parameters
+    ----------
+    at
+        The state.
+    taut
+        The tendons under tension; those driven by displacement that are not among them have none.
+    unknowns
+        Mobilisations of their frictional holes [1], then tensions at the base [N], shape (k + c,).
+    """
+    state, numbering, k = at.state, at.numbering, len(taut.holes)
+    mobilised = at.mobilisation.copy()
+    mobilised[taut.holes] = unknowns[:k]
+    tensions = list(state.base_tension)
+    for part in numbering.robots:
+        if part.driven.size:
+            tensions[part.robot] = tensions[part.robot].copy()
+            tensions[part.robot][part.driven] = 0.0
+    for own, robot in zip(taut.tendons, taut.robots, strict=True):
+        driven = own.which[own.driven]
+        tensions[robot][driven] = unknowns[k : k + len(driven)]
+        k += len(driven)
+    mobilisation = numbering.with_frictional_holes(state.mobilisation, mobilised)
+    return state._replace(mobilisation=mobilisation, base_tension=tuple(tensions))
+
+
+def twists(at: Equilibrium) -> Array:
+    """Twists of all elements: translations [m] and rotations [rad], six values each."""
+    return np.concatenate([own.reshape(-1) for own in at.state.configuration.twists])
+
+
+def twist_change(at: InterpolationPoint, tension: Array, load: float) -> Array:
+    """Change of the twists of all elements by one of the tensions and of the loads, to first order.
+
+    Parameters
+    ----------
+    at
+        Where it is linearised.
+    tension
+        Change of the tensions of the segments [N], shape (q,).
+    load
+        Part of the change of the loads in the substep [1].
+    """
+    line, response = at.state.linearization, at.state.response
+    assert response is not None
+    nodes = response.nodes @ tension
+    if at.load is not None and load:
+        nodes = nodes + load * at.load.nodes
+    return np.concatenate(
+        [
+            chain.changes(nodes[part.nodes].reshape(-1, 6)).reshape(-1)
+            for chain, part in zip(line.chains, line.numbering.robots, strict=True)
+        ]
+    )
+
+
+class Span(NamedTuple):
+    """Load factors of the load step at the ends of a substep [1]."""
+
+    start: float
+    end: float
+
+    def load_factor(self, fraction: float) -> float:
+        """Load factor of the load step at a fraction of the substep [1]."""
+        return self.start + fraction * (self.end - self.start)
+
+
+class KnownStates(NamedTuple):
+    """States of a substep, from its start to its end.
+
+    Attributes
+    ----------
+    span : Span
+        The substep.
+    taut : TautTendons
+        The tendons under tension in any of the states.
+    points : tuple of InterpolationPoint
+        The states, by load factor.
+    """
+
+    span: Span
+    taut: TautTendons
+    points: tuple[InterpolationPoint, ...]
+
+    @classmethod
+    def of(
+        cls,
+        solver: SubstepSolver,
+        states: Sequence[tuple[float, Equilibrium]],
+        span: Span,
+        before: KnownStates | None = None,
+    ) -> KnownStates | None:
+        """States with their responses to tensions and loads; None where no friction acts in the substep.
+
+        Parameters
+        ----------
+        solver
+            Of the load step.
+        states
+            With their fractions of the substep [1].
+        span
+            The substep.
+        before
+            States of the same substep, of which some are kept.
+        """
+        taut = TautTendons.of([state for _, state in states])
+        if not taut.holes.size:
+            return None
+        ramp, system = solver.ramp, solver.system
+        ready = [(x, at.with_response(system.layout.clamped, taut.numbers)) for x, at in states]
+        if not ramp.changes_beyond_inputs:
+            return cls(span, taut, tuple([InterpolationPoint(x, at) for x, at in ready]))
+        # What is left of the change of the loads, seen from every state; from the last one, back to the start.
+        closing = ramp.apply(system, span.end)
+        known = {} if before is None else {id(point.state): point for point in before.points[:-1]}
+        points = [
+            known[id(at)]
+            if id(at) in known
+            else InterpolationPoint(x, at, at.load_response(system, closing).times(1.0 / (1.0 - x)))
+            for x, at in ready[:-1]
+        ]
+        opening = ramp.apply(system, span.start)
+        end = ready[-1][1]
+        last = InterpolationPoint(1.0, end, end.load_response(system, opening).times(-1.0))
+        return cls(span, taut, (*points, last))
+
+    @property
+    def start(self) -> Equilibrium:
+        """The state at the start of the substep."""
+        return self.points[0].state
+
+    @property
+    def end(self) -> Equilibrium:
+        """The state at its end."""
+        return self.points[-1].state
+
+    @property
+    def within(self) -> tuple[tuple[float, SolverState], ...]:
+        """States within the substep with their load factors in the load step."""
+        return tuple([(self.span.load_factor(at.factor), at.state.state) for at in self.points[1:-1]])
+
+    @property
+    def before_end(self) -> list[tuple[float, Equilibrium]]:
+        """All states but the last, with their fractions of the substep."""
+        return [(at.factor, at.state) for at in self.points[:-1]]
+
+    def refined(
+        self, solver: SubstepSolver, found: Reversals, allowed: float, most: int
+    ) -> list[tuple[float, Equilibrium]]:
+        """States before the end with new ones between them; empty where there are to be no more of them.
+
+        The number of intervals is doubled, and chosen at first by an error that falls with their cube. States that were
+        solved far from the path that is known now are solved again: the interpolation is linear in the tensions, so the
+        error that they leave would not fall with the number of states.
+
+        Parameters
+        ----------
+        solver
+            Of the load step.
+        found
+            The reversals, with the path on which states are solved.
+        allowed
+            Displacement of a node that is allowed, over the length [1].
+        most
+            Largest number of intervals.
+        """
+        intervals = len(self.points) - 1
+        count = 2
+        if intervals == 1:
+            by_error = max(2, ceil(float(np.cbrt(found.error / allowed))))
+            count = min(MOST_INTERVALS_AT_FIRST, most, by_error)
+        if found.path is None or count < 2 or intervals * count > most:
+            return []
+        states = [(at.factor, at.state) for at in self.points[:-1] if self._is_near(at, found.path)]
+        fractions = {
+            first + (last - first) * i / count
+            for first, last in pairwise(at.factor for at in self.points)
+            for i in range(count)
+        }
+        for x in sorted(fractions - {x for x, _ in states}):
+            state = solve_within(solver, self.points, self.taut, found.path, x, self.span.load_factor(x))
+            if state is None:
+                return []
+            states.append((x, state))
+        return sorted(states, key=lambda at: at[0])
+
+    def _is_near(self, at: InterpolationPoint, path: FrictionPath) -> bool:
+        """Whether a state's tensions are near those of a followed path, which begins at the first state."""
+        tension = self.taut.tensions(at.state)
+        off = np.abs(path.at(at.factor)[1] - tension)
+        return at.factor == 0.0 or bool(off.max() <= NEAR_PATH * tension.max())
 
 
 class Attempt(NamedTuple):

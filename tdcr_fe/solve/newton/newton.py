@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.solve.equations.configuration import SolverState, Target
+from tdcr_fe.solve.equations.kernel import Residual
+from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.numbering import Numbering
-from tdcr_fe.solve.equations.residual import Residual
-from tdcr_fe.solve.equations.state import SolverState, Target
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.convergence import Iterate, NewtonStatus, Unmet, first_unmet, stalled
 from tdcr_fe.solve.newton.steps import (

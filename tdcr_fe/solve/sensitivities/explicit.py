@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.robot_model import RobotModel, RobotPoint, SectionStack, elastic_gradient
-from tdcr_fe.solve.sensitivities.cable_derivatives import CableDerivatives
-from tdcr_fe.solve.sensitivities.cable_variation import HoleDisturbance
-from tdcr_fe.solve.sensitivities.neighbours import Inherited, ParameterModels
-from tdcr_fe.solve.sensitivities.stencils import RELATIVE_STEP
+from tdcr_fe.solve.sensitivities.cables import CableDerivatives, HoleDisturbance
+from tdcr_fe.solve.sensitivities.differences import RELATIVE_STEP, Inherited, ParameterModels
 
 Array = NDArray[np.float64]
 

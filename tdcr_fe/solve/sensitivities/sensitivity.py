@@ -18,25 +18,26 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements.friction import FrictionState
-from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.sensitivities import Sensitivities, Sensitivity
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.scene.mesh import elements_of_bays
+from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.robot_model import RobotModel, RobotPoint, load_wrench
-from tdcr_fe.solve.equations.state import SolverState
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.load_steps.ramp import Ramp
-from tdcr_fe.solve.sensitivities.explicit import ExplicitDerivatives
-from tdcr_fe.solve.sensitivities.input_derivatives import InputDerivatives, InputValues
-from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint, TendonChange
-from tdcr_fe.solve.sensitivities.neighbours import (
+from tdcr_fe.solve.load_steps.load_path import Ramp
+from tdcr_fe.solve.sensitivities.differences import (
     Inherited,
+    InputDerivatives,
+    InputValues,
     ParameterModels,
     load_positions,
     neighbours,
 )
+from tdcr_fe.solve.sensitivities.explicit import ExplicitDerivatives
+from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint, TendonChange
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, parameters
 from tdcr_fe.solve.simulation import Simulation
 
