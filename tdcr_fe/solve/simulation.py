@@ -50,20 +50,11 @@ PathObserver = Callable[[SceneSystem, Ramp, SolverState, tuple[tuple[float, Solv
 
 
 class Position(NamedTuple):
-    """Where a simulation is: the last solved state, and what is known there.
-
-    Attributes
-    ----------
-    state : SolverState
-    linearization : Linearization or None
-        The last one.
-    end : Equilibrium or None
-        The state with its linearisation.
-    """
+    """Where a simulation is: the last solved state, and what is known there."""
 
     state: SolverState
-    linearization: Linearization | None
-    end: Equilibrium | None
+    linearization: Linearization | None  # The last one
+    end: Equilibrium | None  # The state with its linearisation
 
 
 class Simulation:

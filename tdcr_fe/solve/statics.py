@@ -98,13 +98,7 @@ def SolveTDCR(
 
 
 def _refuse_free_bases(system: SceneSystem, time: float) -> None:
-    """Refuse a robot whose base joint is switched off, where nothing else holds it.
-
-    Raises
-    ------
-    ValueError
-        Names the robot.
-    """
+    """Refuse a robot whose base joint is switched off, where nothing else holds it."""
     mbs = system.mbs
     off = [
         robot

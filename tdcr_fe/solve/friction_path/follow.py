@@ -87,36 +87,18 @@ ROUND_OFF = 1e-12
 
 
 class Unclipped(NamedTuple):
-    """Unknowns inside their bounds at the end of a piece, as they would be without the bounds.
+    """Unknowns inside their bounds at the end of a piece, as they would be without the bounds."""
 
-    Attributes
-    ----------
-    which : ndarray of int, shape (f,)
-        Their numbers.
-    values : ndarray, shape (f,)
-        [1, N].
-    """
-
-    which: Index
-    values: Array
+    which: Index  # (f,): Their numbers
+    values: Array  # (f,): [1, N]
 
 
 class Constancy(NamedTuple):
-    """The complements that stay constant along a path; the arrays are changed on the way.
+    """The complements that stay constant along a path; the arrays are changed on the way."""
 
-    Attributes
-    ----------
-    free : ndarray of bool, shape (n,)
-        Unknowns inside their bounds.
-    complement : ndarray, shape (n,)
-        What their complements are to be [m].
-    at_bound : ndarray of bool, shape (n,)
-        Which of them were at a bound before the last correction.
-    """
-
-    free: Flags
-    complement: Array
-    at_bound: Flags
+    free: Flags  # (n,): Unknowns inside their bounds
+    complement: Array  # (n,): What their complements are to be [m]
+    at_bound: Flags  # (n,): Which of them were at a bound before the last correction
 
 
 @compilable
@@ -240,21 +222,11 @@ class Slips(Protocol):
 
 
 class _Evaluation(NamedTuple):
-    """Where the derivatives of the slips were evaluated.
+    """Where the derivatives of the slips were evaluated."""
 
-    Attributes
-    ----------
-    factor : float
-        Load factor [1].
-    tension : ndarray, shape (q,)
-        Of the segments [N].
-    largest : float
-        Largest tension [N].
-    """
-
-    factor: float
-    tension: Array
-    largest: float
+    factor: float  # Load factor [1]
+    tension: Array  # (q,): Of the segments [N]
+    largest: float  # Largest tension [N]
 
 
 class _LastReversals(NamedTuple):
@@ -294,35 +266,7 @@ def follow_friction(slips: Slips, mobilisation: Array, base_tension: Array, tens
 def _integrated(
     slips: Slips, unknowns: PathUnknowns, z: Array, tension: Array, breakpoints: Array, longest: float
 ) -> tuple[Array, _LastReversals, Pieces, int, bool]:
-    """Integrate the friction states.
-
-    Parameters
-    ----------
-    slips
-        In the substep.
-    unknowns
-        What is known of the unknowns.
-    z
-        The unknowns at its start, shape (n,).
-    tension
-        Of the segments there [N], shape (q,).
-    breakpoints
-        See `Slips`.
-    longest
-        Longest piece [1].
-
-    Returns
-    -------
-    unknowns : ndarray, shape (n,)
-        At the end.
-    reversals : _LastReversals
-    pieces : Pieces
-        With room for more.
-    count : int
-        Number of pieces.
-    complete : bool
-        Whether the end of the substep was reached.
-    """
+    """Integrate the friction states."""
     holes, most, factor, count, passed = unknowns.holes, 50 + 6 * len(z), 0.0, 0, 0
     pieces, kept = room_for_pieces(most, len(z), len(tension)), nothing_constant(len(z))
     last = _LastReversals(np.zeros(holes), z[:holes].copy(), np.zeros(holes))
@@ -399,19 +343,7 @@ def _next_piece(
     slack: Array,
     longest: float,
 ) -> tuple[bool, bool, Piece]:
-    """Whether numbers are finite, whether rates change within the piece, and the piece up to the next event.
-
-    Parameters
-    ----------
-    slips, unknowns
-        As of `_integrated`.
-    factor, z, state, rates
-        Here.
-    slack
-        Of the tendons driven by displacement [m], shape (c,).
-    longest
-        Longest piece: up to the next breakpoint at most [1].
-    """
+    """Whether numbers are finite, whether rates change within the piece, and the piece up to the next event."""
     holes, bounds, free = unknowns.holes, unknowns.bounds, rates.free
     event = distance_to_bound(rates, z, bounds)
     curved, finite, linear = event > CONSTANT_RATES_PIECE, True, constant_rates(rates)
@@ -469,21 +401,6 @@ def _fraction_before_reversal(
 
     1 where the slip after their reversals makes no difference. Rates are taken as linear between those at both ends
     of the piece. Slips also reverse where a free unknown of another hole comes to its bound within the piece.
-
-    Parameters
-    ----------
-    state
-        At the end of the piece.
-    pieces, i
-        The pieces, and the number of the one.
-    turned
-        Holes whose slips reverse at its end, shape (t,).
-    side
-        At which bounds the unknowns are there, shape (n,).
-    unclipped
-        The unknowns there as they would be without bounds; none where slips were not evaluated there.
-    unknowns
-        What is known of the unknowns.
     """
     length, negligible = pieces.length[i], OVERSHOOT * unknowns.presliding
     # The rates just before its end, where nothing had turned or come to a bound.

@@ -26,47 +26,27 @@ class Piece(NamedTuple):
     """A part of the substep over which the rates of all unknowns are linear in the load factor.
 
     Unknowns are those of `tdcr_fe.solve.friction_path.rates`; load factors are those within the substep, 0 to 1.
-
-    Attributes
-    ----------
-    start, length : float
-        Load factor where it begins, and by how much it grows in it [1].
-    unknowns : ndarray, shape (n,)
-        Where it begins.
-    rates : LinearRates
-        Their rates and those of their complements.
-    tension, tension_rate : ndarray, shape (q,)
-        Tensions of the segments where it begins, and their derivative by the load factor [N].
     """
 
-    start: float
-    length: float
-    unknowns: Array
-    rates: LinearRates
+    start: float  # Load factor where it begins, and by how much it grows in it [1]
+    length: float  # as `start`
+    unknowns: Array  # (n,): Where it begins
+    rates: LinearRates  # Their rates and those of their complements
+    # (q,): Tensions of the segments where it begins, and their derivative by the load factor [N]
     tension: Array
+    # (q,): Tensions of the segments where it begins, and their derivative by the load factor [N]
     tension_rate: Array
 
 
 class Pieces(NamedTuple):
-    """Several pieces, see `Piece`; their arrays have one row a piece.
+    """Several pieces, see `Piece`; their arrays have one row a piece."""
 
-    Attributes
-    ----------
-    start, length : ndarray, shape (p,)
-        [1].
-    unknowns : ndarray, shape (p, n)
-    rates : LinearRates
-        With arrays of shape (p, n).
-    tension, tension_rate : ndarray, shape (p, q)
-        [N].
-    """
-
-    start: Array
-    length: Array
-    unknowns: Array
-    rates: LinearRates
-    tension: Array
-    tension_rate: Array
+    start: Array  # (p,): [1]
+    length: Array  # as `start`
+    unknowns: Array  # (p, n)
+    rates: LinearRates  # With arrays of shape (p, n)
+    tension: Array  # (p, q): [N]
+    tension_rate: Array  # as `tension`
 
     def first(self, count: int) -> Pieces:
         """The first ones of them."""
@@ -126,33 +106,18 @@ def end_of_piece(pieces: Pieces, i: int, bounds: Bounds) -> tuple[float, Array, 
 
 
 class FrictionPath(NamedTuple):
-    """Friction states all through a substep, and where slips reversed last.
+    """Friction states all through a substep, and where slips reversed last."""
 
-    Attributes
-    ----------
-    unknowns : ndarray, shape (k + c,)
-        Mobilisations at its end [1], and the unknown tensions at the base there [N].
-    reversal_slip : ndarray, shape (k,)
-        Change of the slip from the start of the substep to its last reversal; zero where there is none [m].
-    reversal_mobilisation : ndarray, shape (k,)
-        Mobilisation at the last reversal, 1 or -1; that at the start where there is none [1].
-    reversal_factor : ndarray, shape (k,)
-        Load factor of the last reversal within the substep; zero where there is none [1].
-    complete : bool
-        Whether the end of the substep was reached.
-    pieces : Pieces
-        The path, piece by piece.
-    bounds : Bounds
-        Of the unknowns.
-    """
-
-    unknowns: Array
+    unknowns: Array  # (k + c,): Mobilisations at its end [1], and the unknown tensions at the base there [N]
+    # (k,): Change of the slip from the start of the substep to its last reversal; zero where there is none [m]
     reversal_slip: Array
+    # (k,): Mobilisation at the last reversal, 1 or -1; that at the start where there is none [1]
     reversal_mobilisation: Array
+    # (k,): Load factor of the last reversal within the substep; zero where there is none [1]
     reversal_factor: Array
-    complete: bool
-    pieces: Pieces
-    bounds: Bounds
+    complete: bool  # Whether the end of the substep was reached
+    pieces: Pieces  # The path, piece by piece
+    bounds: Bounds  # Of the unknowns
 
     @property
     def reversed(self) -> Flags:

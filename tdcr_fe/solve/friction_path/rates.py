@@ -38,19 +38,10 @@ LEAST_SCALE = 1e-3
 
 
 class Factors(NamedTuple):
-    """A factorised matrix.
+    """A factorised matrix."""
 
-    Attributes
-    ----------
-    lu : ndarray, shape (n, n)
-        LU factors of the transposed matrix; the inverse in compiled functions.
-    pivots : ndarray of int, shape (n,)
-        Rows exchanged; not used with the inverse.
-    singular : bool
-    """
-
-    lu: Array
-    pivots: NDArray[np.int32]
+    lu: Array  # (n, n): LU factors of the transposed matrix; the inverse in compiled functions
+    pivots: NDArray[np.int32]  # (n,): Rows exchanged; not used with the inverse
     singular: bool
 
 
@@ -110,20 +101,12 @@ _NO_FACTORS = Factors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False)
 
 
 class Bounds(NamedTuple):
-    """Bounds of the unknowns.
+    """Bounds of the unknowns."""
 
-    Attributes
-    ----------
-    lower, upper : ndarray, shape (n,)
-        -1 and 1 of mobilisations [1]; 0 and a number beyond all that occur of tensions [N].
-    near_lower, near_upper : ndarray, shape (n,)
-        Values beyond which an unknown counts as at its bound: round-off away from it.
-    """
-
-    lower: Array
-    upper: Array
-    near_lower: Array
-    near_upper: Array
+    lower: Array  # (n,): -1 and 1 of mobilisations [1]; 0 and a number beyond all that occur of tensions [N]
+    upper: Array  # as `lower`
+    near_lower: Array  # (n,): Values beyond which an unknown counts as at its bound: round-off away from it
+    near_upper: Array  # as `near_lower`
 
     @classmethod
     def of(cls, lower: Array, upper: Array, round_off: Array) -> Bounds:
@@ -146,26 +129,13 @@ def bounded(bounds: Bounds, z: Array) -> Array:
 
 
 class PathUnknowns(NamedTuple):
-    """The unknowns of a path: mobilisations of the holes, then tensions at the base of tendons driven by displacement.
+    """The unknowns of a path: mobilisations of holes, then tensions at the base of tendons driven by displacement."""
 
-    Attributes
-    ----------
-    holes : int
-        Number of mobilisations.
-    presliding : float
-        Presliding distance [m].
-    tolerance : float
-        Rates of slip below it are zero [m].
-    bounds : Bounds
-    scale : ndarray, shape (n,)
-        From the unknowns to lengths [m, m/N].
-    """
-
-    holes: int
-    presliding: float
-    tolerance: float
+    holes: int  # Number of mobilisations
+    presliding: float  # Presliding distance [m]
+    tolerance: float  # Rates of slip below it are zero [m]
     bounds: Bounds
-    scale: Array
+    scale: Array  # (n,): From the unknowns to lengths [m, m/N]
 
     @classmethod
     def of(cls, presliding: float, holes: int, base_tension: Array, tension: Array) -> PathUnknowns:
@@ -223,58 +193,30 @@ def _bounds(holes: int, base_tension: Array) -> Bounds:
 
 
 class SlipDerivatives(NamedTuple):
-    """Derivatives of the slips at a load factor; those by an unknown are computed when first used.
+    """Derivatives of the slips at a load factor; those by an unknown are computed when first used."""
 
-    Attributes
-    ----------
-    by_load : ndarray, shape (n,)
-        Derivatives of the slips, and of minus the slack, by the load factor at fixed unknowns [m].
-    elastic_slip : ndarray, shape (n,)
-        Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions.
-    regimes : ndarray of bool, shape (i,)
-        Flags that change where the derivatives of the tensions jump; none where they never do.
-    tension_by_load : ndarray, shape (q,)
-        Derivatives of the tensions of the segments by the load factor [N].
-    direct : ndarray, shape (n, q)
-        Derivatives of the tensions by the unknowns at fixed turning angles [N, 1].
-    by_tension : ndarray, shape (n, q)
-        Derivatives of the slips by the tensions of the segments [m/N].
-    turning : Factors
-        Of the identity less the derivatives of the tensions by themselves through the turning angles.
-    missing : ndarray of bool, shape (n,)
-        Unknowns whose derivatives were not used yet.
-    columns : ndarray, shape (n, n)
-        Row by row, minus the derivatives of the complements by one of the unknowns, see `columns_of`.
-    tensions : ndarray, shape (n, q)
-        Derivatives of the tensions by the unknowns [N, 1].
-    """
-
+    # (n,): Derivatives of the slips, and of minus the slack, by the load factor at fixed unknowns [m]
     by_load: Array
+    # (n,): Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions
     elastic_slip: Array
+    # (i,): Flags that change where the derivatives of the tensions jump; none where they never do
     regimes: Flags
-    tension_by_load: Array
-    direct: Array
-    by_tension: Array
+    tension_by_load: Array  # (q,): Derivatives of the tensions of the segments by the load factor [N]
+    direct: Array  # (n, q): Derivatives of the tensions by the unknowns at fixed turning angles [N, 1]
+    by_tension: Array  # (n, q): Derivatives of the slips by the tensions of the segments [m/N]
+    # Of the identity less the derivatives of the tensions by themselves through the turning angles
     turning: Factors
-    missing: Flags
+    missing: Flags  # (n,): Unknowns whose derivatives were not used yet
+    # (n, n): Row by row, minus the derivatives of the complements by one of the unknowns, see `columns_of`
     columns: Array
-    tensions: Array
+    tensions: Array  # (n, q): Derivatives of the tensions by the unknowns [N, 1]
 
 
 class SlipState(NamedTuple):
-    """Slips at a load factor, and their derivatives there or nearby.
+    """Slips at a load factor, and their derivatives there or nearby."""
 
-    Attributes
-    ----------
-    tension : ndarray, shape (q,)
-        Of the segments [N].
-    slip : ndarray, shape (n,)
-        At the frictional holes, then minus the slack [m].
-    derivatives : SlipDerivatives
-    """
-
-    tension: Array
-    slip: Array
+    tension: Array  # (q,): Of the segments [N]
+    slip: Array  # (n,): At the frictional holes, then minus the slack [m]
     derivatives: SlipDerivatives
 
 
@@ -354,49 +296,29 @@ def left_regimes(derivatives: SlipDerivatives, regimes: Flags) -> bool:
 
 
 class LinearRates(NamedTuple):
-    """Derivatives by the load factor that are linear in it, from one load factor on.
+    """Derivatives by the load factor that are linear in it, from one load factor on."""
 
-    Attributes
-    ----------
-    side : ndarray, shape (n,)
-        1 or -1 where an unknown stays at its bound, 0 where it is free.
-    rate, rate_change : ndarray, shape (n,)
-        Rates of the unknowns [1, N], and the derivatives of these; zero at bounds.
-    complement, complement_change : ndarray, shape (n,)
-        Rates of the complements [m], and the derivatives of these; zero up to round-off where unknowns are free.
-    """
-
-    side: Array
-    rate: Array
-    rate_change: Array
+    side: Array  # (n,): 1 or -1 where an unknown stays at its bound, 0 where it is free
+    rate: Array  # (n,): Rates of the unknowns [1, N], and the derivatives of these; zero at bounds
+    rate_change: Array  # as `rate`
+    # (n,): Rates of the complements [m], and the derivatives of these; zero up to round-off where unknowns are
+    # free
     complement: Array
+    # (n,): Rates of the complements [m], and the derivatives of these; zero up to round-off where unknowns are
+    # free
     complement_change: Array
 
 
 class Rates(NamedTuple):
-    """Rates at one load factor that satisfy the conditions of complementarity.
+    """Rates at one load factor that satisfy the conditions of complementarity."""
 
-    Attributes
-    ----------
-    found : bool
-        Whether there are such; the rest means nothing where not.
-    side, rate, complement
-        As in `LinearRates`.
-    free : ndarray of int, shape (f,)
-        Unknowns inside their bounds.
-    columns : ndarray, shape (f, n)
-        Of the matrix, for these, one a row.
-    factors : Factors
-        Of the matrix of the free unknowns, transposed.
-    """
-
-    found: bool
-    side: Array
-    rate: Array
-    complement: Array
-    free: Index
-    columns: Array
-    factors: Factors
+    found: bool  # Whether there are such; the rest means nothing where not
+    side: Array  # As in `LinearRates`
+    rate: Array  # as `side`
+    complement: Array  # as `side`
+    free: Index  # (f,): Unknowns inside their bounds
+    columns: Array  # (f, n): Of the matrix, for these, one a row
+    factors: Factors  # Of the matrix of the free unknowns, transposed
 
 
 @compilable

@@ -36,86 +36,58 @@ MOST_CORRECTIONS = 6
 
 
 class SlipData(NamedTuple):
-    """Slips and turning angles in one solved state, with their derivatives.
+    """Slips and turning angles in one solved state, with their derivatives."""
 
-    Attributes
-    ----------
-    factor : float
-        Load factor within the substep [1].
-    tension : ndarray, shape (q,)
-        Of the segments [N].
-    values : ndarray, shape (k + c + r,)
-        Slips at the frictional holes [m], minus the slack of tendons whose tension at the base is unknown [m], turning
-        angles [rad].
-    by_tension : ndarray, shape (k + c + r, q)
-        Their derivatives by the tensions of the segments [m/N, rad/N].
-    by_load : ndarray, shape (k + c + r,)
-        Those by the load factor at fixed tensions [m, rad].
-    """
-
-    factor: float
-    tension: Array
+    factor: float  # Load factor within the substep [1]
+    tension: Array  # (q,): Of the segments [N]
+    # (k + c + r,): Slips at the frictional holes [m], minus the slack of tendons whose tension at the base is
+    # unknown [m], turning angles [rad]
     values: Array
-    by_tension: Array
-    by_load: Array
+    by_tension: Array  # (k + c + r, q): Their derivatives by the tensions of the segments [m/N, rad/N]
+    by_load: Array  # (k + c + r,): Those by the load factor at fixed tensions [m, rad]
 
 
 class LinePoint(NamedTuple):
-    """Values on the straight line between the tensions of two states, at one load factor.
+    """Values on the straight line between the tensions of two states, at one load factor."""
 
-    Attributes
-    ----------
-    tension : ndarray, shape (q,)
-        Of the segments, on the line [N].
-    values : ndarray, shape (k + c + r,)
-        As in `SlipData` [m, rad].
-    by_tension : ndarray, shape (k + c + r, q)
-        Their derivatives by the tensions [m/N, rad/N].
-    fixed_rates : ndarray, shape (k + c + r,)
-        Their derivatives by the load factor where the tensions stay as they are, on the line [m, rad].
-    rate_by_tension : ndarray, shape (k + c + r, q)
-        Derivatives of these by tensions off the line, times the length of the interval [m/N, rad/N].
-    length : float
-        Of the interval between both states [1].
-    """
-
-    tension: Array
-    values: Array
-    by_tension: Array
+    tension: Array  # (q,): Of the segments, on the line [N]
+    values: Array  # (k + c + r,): As in `SlipData` [m, rad]
+    by_tension: Array  # (k + c + r, q): Their derivatives by the tensions [m/N, rad/N]
+    # (k + c + r,): Their derivatives by the load factor where the tensions stay as they are, on the line [m,
+    # rad]
     fixed_rates: Array
+    # (k + c + r, q): Derivatives of these by tensions off the line, times the length of the interval [m/N,
+    # rad/N]
     rate_by_tension: Array
-    length: float
+    length: float  # Of the interval between both states [1]
 
 
 class Intervals(NamedTuple):
-    """Values between solved states as polynomials of the load factor, in each of the ``s`` intervals between them.
+    """Values between solved states as polynomials of the load factor, in each of the ``s`` intervals between them."""
 
-    Attributes
-    ----------
-    start, length : ndarray, shape (s,)
-        Load factor where each begins, and by how much it grows in it [1].
-    tension, tension_rate : ndarray, shape (s, q)
-        Tensions of the segments at its start, and their derivative by the load factor along the straight line [N].
-    coefficients : ndarray, shape (s, 4, k + c + r)
-        Of the values along this line: cubic polynomials of the fraction of the interval, lowest power first [m, rad].
-    by_tension, by_tension_change : ndarray, shape (s, k + c + r, q)
-        Derivatives by the tensions at its start, and their change up to its end [m/N, rad/N].
-    along, along_change : ndarray, shape (s, k + c + r)
-        Rates of the values by these derivatives and the rates of the tensions along the straight line [m, rad].
-    parabola : float
-        Part ``p`` of that change by which the derivatives leave their straight line: ``x + p x (1 - x)`` in place of
-        the fraction ``x`` of the interval [1].
-    """
-
-    start: Array
-    length: Array
+    start: Array  # (s,): Load factor where each begins, and by how much it grows in it [1]
+    length: Array  # as `start`
+    # (s, q): Tensions of the segments at its start, and their derivative by the load factor along the straight
+    # line [N]
     tension: Array
+    # (s, q): Tensions of the segments at its start, and their derivative by the load factor along the straight
+    # line [N]
     tension_rate: Array
+    # (s, 4, k + c + r): Of the values along this line: cubic polynomials of the fraction of the interval,
+    # lowest power first [m, rad]
     coefficients: Array
+    # (s, k + c + r, q): Derivatives by the tensions at its start, and their change up to its end [m/N, rad/N]
     by_tension: Array
+    # (s, k + c + r, q): Derivatives by the tensions at its start, and their change up to its end [m/N, rad/N]
     by_tension_change: Array
+    # (s, k + c + r): Rates of the values by these derivatives and the rates of the tensions along the straight
+    # line [m, rad]
     along: Array
+    # (s, k + c + r): Rates of the values by these derivatives and the rates of the tensions along the straight
+    # line [m, rad]
     along_change: Array
+    # Part ``p`` of that change by which the derivatives leave their straight line: ``x + p x (1 - x)`` in place
+    # of the fraction ``x`` of the interval [1]
     parabola: float
 
     @classmethod
@@ -198,26 +170,14 @@ def rates_at_fixed_tensions(at: LinePoint, off: Array) -> Array:
 
 
 class InterpolatedSlips(NamedTuple):
-    """Slips as functions of load factor and unknowns, as arrays.
+    """Slips as functions of load factor and unknowns, as arrays."""
 
-    Attributes
-    ----------
-    transfer : CapstanTransfer or LawTransfer
-        How tension passes along the tendons.
-    intervals : Intervals
-        Slips and turning angles between solved states.
-    elastic_slip : ndarray, shape (n,)
-        Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions.
-    identity : ndarray, shape (q, q)
-    presliding : float
-        Presliding distance [m].
-    """
-
-    transfer: CapstanTransfer | LawTransfer
-    intervals: Intervals
+    transfer: CapstanTransfer | LawTransfer  # How tension passes along the tendons
+    intervals: Intervals  # Slips and turning angles between solved states
+    # (n,): Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions
     elastic_slip: Array
-    identity: Array
-    presliding: float
+    identity: Array  # (q, q)
+    presliding: float  # Presliding distance [m]
 
     @property
     def compilable(self) -> bool:

@@ -36,22 +36,12 @@ NEIGHBOURHOOD = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Effort:
-    """Which tensions are preferred among those that reach a target.
+    """Which tensions are preferred among those that reach a target."""
 
-    Attributes
-    ----------
-    lower, upper : ndarray, shape (m,)
-        Bounds [N].
-    reference : ndarray, shape (m,)
-        Tensions of no effort: zero, or those at the beginning of the step [N].
-    scale : float
-        Tension of effort 1 [N].
-    """
-
-    lower: Array
-    upper: Array
-    reference: Array
-    scale: float
+    lower: Array  # (m,): Bounds [N]
+    upper: Array  # as `lower`
+    reference: Array  # (m,): Tensions of no effort: zero, or those at the beginning of the step [N]
+    scale: float  # Tension of effort 1 [N]
 
     def of(self, tensions: Array) -> float:
         """Sum of the squares of the tensions from the reference, in units of the scale [1]."""
@@ -97,21 +87,11 @@ class Effort:
 
 @dataclass(frozen=True, eq=False)
 class Aim:
-    """A target as residuals over the length of the robot.
+    """A target as residuals over the length of the robot."""
 
-    Attributes
-    ----------
-    position : ndarray, shape (3,)
-        [m].
-    direction : ndarray, shape (3,), or None
-        Unit vector.
-    length : float
-        Of the robot [m].
-    """
-
-    position: Array
-    direction: Array | None
-    length: float
+    position: Array  # (3,): [m]
+    direction: Array | None  # (3,): Unit vector
+    length: float  # Of the robot [m]
 
     @classmethod
     def of(cls, target: TipTarget, length: float) -> Aim:
@@ -145,26 +125,13 @@ class Aim:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """End of a search.
-
-    Attributes
-    ----------
-    trial : Trial
-    size : float
-        Norm of the residual [1].
-    possible_gain : float
-        By how much the linearised robot could reduce it within the bounds [1].
-    stationary : bool
-        Whether that is nothing.
-    effort : float
-        [1].
-    """
+    """End of a search."""
 
     trial: Trial
-    size: float
-    possible_gain: float
-    stationary: bool
-    effort: float
+    size: float  # Norm of the residual [1]
+    possible_gain: float  # By how much the linearised robot could reduce it within the bounds [1]
+    stationary: bool  # Whether that is nothing
+    effort: float  # [1]
 
     def better_than(self, other: Found) -> bool:
         """Nearer to the target, or as near and stationary."""

@@ -25,41 +25,21 @@ ROUND_OFF = 1e-13
 
 
 class LastSolution(NamedTuple):
-    """The end of a solved load step, and the scene that it left.
-
-    Attributes
-    ----------
-    state : SolverState
-    linearization : Linearization or None
-    end : Equilibrium or None
-    scene : tuple of ndarray
-        Everything that Exudyn keeps of it, see `_scene`.
-    models : tuple of ForceModel
-        By robot.
-    """
+    """The end of a solved load step, and the scene that it left."""
 
     state: SolverState
     linearization: Linearization | None
     end: Equilibrium | None
-    scene: tuple[Array, ...]
-    models: tuple[ForceModel, ...]
+    scene: tuple[Array, ...]  # Everything that Exudyn keeps of it, see `_scene`
+    models: tuple[ForceModel, ...]  # By robot
 
 
 class Start(NamedTuple):
-    """Where a load step begins.
-
-    Attributes
-    ----------
-    state : SolverState
-    linearization : Linearization or None
-        Of a state near it, for the first iteration.
-    end : Equilibrium or None
-        The same state with an exact linearisation, for the search of reversals.
-    """
+    """Where a load step begins."""
 
     state: SolverState
-    linearization: Linearization | None = None
-    end: Equilibrium | None = None
+    linearization: Linearization | None = None  # Of a state near it, for the first iteration
+    end: Equilibrium | None = None  # The same state with an exact linearisation, for the search of reversals
 
 
 def remember(system: SceneSystem, path: Path) -> None:

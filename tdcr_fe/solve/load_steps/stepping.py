@@ -80,46 +80,26 @@ def _rotation(change: Array) -> float:
 
 
 class _Goal(NamedTuple):
-    """End of a part of a load step that is still to be solved.
+    """End of a part of a load step that is still to be solved."""
 
-    Attributes
-    ----------
-    load_factor : float
-        [1].
-    warm_start : SolverState or None
-        A state there that is near the one looked for.
-    linearization : Linearization or None
-        In that state, where known.
-    """
-
-    load_factor: float
-    warm_start: SolverState | None = None
-    linearization: Linearization | None = None
+    load_factor: float  # [1]
+    warm_start: SolverState | None = None  # A state there that is near the one looked for
+    linearization: Linearization | None = None  # In that state, where known
 
 
 @dataclass(frozen=True, eq=False)
 class LoadStepper:
-    """Takes a scene through a load step, in substeps.
+    """Takes a scene through a load step, in substeps."""
 
-    Attributes
-    ----------
-    solver : SubstepSolver
-        Solves the substeps.
-    start : Equilibrium or None
-        The state at the beginning of the load step with its linearisation, where known.
-    linearization : Linearization or None
-        The last one of the load step before, with which the first iteration begins.
-    divide : bool
-        Whether substeps always end where slips reverse, so that each has the history of the one before, as derivatives
-        along the path need it. Else a substep may be solved with the reversals located in it.
-    warm_start : SolverState or None
-        A state that is near the end of the load step, from which its solution begins.
-    """
-
-    solver: SubstepSolver
+    solver: SubstepSolver  # Solves the substeps
+    # The state at the beginning of the load step with its linearisation, where known
     start: Equilibrium | None = None
+    # The last one of the load step before, with which the first iteration begins
     linearization: Linearization | None = None
+    # Whether substeps always end where slips reverse, so that each has the history of the one before, as
+    # derivatives along the path need it. Else a substep may be solved with the reversals located in it.
     divide: bool = False
+    # A state that is near the end of the load step, from which its solution begins
     warm_start: SolverState | None = None
 
     def solve(
@@ -223,15 +203,7 @@ class LoadStepper:
         return path if agreed >= needed else replace(path, refinement_error=max(path.refinement_error, error))
 
     def _jumps_examined(self, state: SolverState, path: Path) -> tuple[int, bool]:
-        """Solve substeps that may have jumped to another branch again, in halves, unless their slopes exclude it.
-
-        Returns
-        -------
-        iterations : int
-            Spent on them.
-        confirmed : bool
-            Whether all halves end where the substep did.
-        """
+        """Solve substeps that may have jumped to another branch again, in halves, unless their slopes exclude it."""
         spent, start, before, confirmed = 0, 0.0, state, True
         for end, after in path.increments:
             if self._jump_possible(before, start, after, end):
@@ -256,17 +228,7 @@ class LoadStepper:
         return unstable or not is_continuous(self.solver, before, start, after, end)
 
     def _in_equal_parts(self, state: SolverState, count: int, rescues: float = math.inf) -> Path:
-        """The load step in equal parts, each divided further where that is needed.
-
-        Parameters
-        ----------
-        state
-            At its beginning.
-        count
-            Number of parts.
-        rescues
-            So many smallest substeps may be solved by a rescue (`SubstepSolver.rescue`).
-        """
+        """The load step in equal parts, each divided further where that is needed."""
         ends = [(k + 1) / count for k in range(count)]
         path = Path(state, linearization=self.linearization)
         now = Progress(path, equilibrium=self.start, rescues_left=rescues)
@@ -288,17 +250,7 @@ class LoadStepper:
         return replace(now.path, refinement_error=error, end=now.equilibrium)
 
     def _advanced(self, now: Progress, goals: list[_Goal], reversals: SubstepReversals) -> Progress:
-        """One attempt at the next part: it is solved, or its end is replaced by a nearer one.
-
-        Parameters
-        ----------
-        now
-            Where it begins.
-        goals
-            Ends of the parts still to be solved, the next one last; changed.
-        reversals
-            Examines solved substeps.
-        """
+        """One attempt at the next part: it is solved, or its end is replaced by a nearer one."""
         goal, warm_start, line = goals[-1]
         guess = now.path.state
         if warm_start is None:

@@ -56,18 +56,10 @@ def _along(motion: Array, before: SolverState, after: SolverState) -> float:
 
 @dataclass(frozen=True, eq=False)
 class SubstepSolver:
-    """Solves substeps of one load step of a scene.
-
-    Attributes
-    ----------
-    system : SceneSystem
-    ramp : Ramp
-        The load step.
-    settings : SolverSettings
-    """
+    """Solves substeps of one load step of a scene."""
 
     system: SceneSystem
-    ramp: Ramp
+    ramp: Ramp  # The load step
     settings: SolverSettings
 
     def solve(

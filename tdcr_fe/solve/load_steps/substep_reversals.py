@@ -122,17 +122,7 @@ def _interpolated(
 
 
 def _with_path_unknowns(at: Equilibrium, taut: TautTendons, unknowns: Array) -> SolverState:
-    """A state with other mobilisations, and other tensions at the base of tendons driven by displacement.
-
-    Parameters
-    ----------
-    at
-        The state.
-    taut
-        The tendons under tension; those driven by displacement that are not among them have none.
-    unknowns
-        Mobilisations of their frictional holes [1], then tensions at the base [N], shape (k + c,).
-    """
+    """A state with other mobilisations, and other tensions at the base of tendons driven by displacement."""
     state, numbering, k = at.state, at.numbering, len(taut.holes)
     mobilised = at.mobilisation.copy()
     mobilised[taut.holes] = unknowns[:k]
@@ -191,21 +181,11 @@ class Span(NamedTuple):
 
 
 class KnownStates(NamedTuple):
-    """States of a substep, from its start to its end.
+    """States of a substep, from its start to its end."""
 
-    Attributes
-    ----------
-    span : Span
-        The substep.
-    taut : TautTendons
-        The tendons under tension in any of the states.
-    points : tuple of InterpolationPoint
-        The states, by load factor.
-    """
-
-    span: Span
-    taut: TautTendons
-    points: tuple[InterpolationPoint, ...]
+    span: Span  # The substep
+    taut: TautTendons  # The tendons under tension in any of the states
+    points: tuple[InterpolationPoint, ...]  # The states, by load factor
 
     @classmethod
     def of(
@@ -317,48 +297,27 @@ class KnownStates(NamedTuple):
 
 
 class Attempt(NamedTuple):
-    """A converged substep, and what slip reversals within it change.
-
-    Attributes
-    ----------
-    result : NewtonResult
-    error : float
-        Largest displacement of a node that reversals may cause, over the length [1].
-    division : float
-        Where it is to be divided, as a fraction of it; 1 where it is good enough, 0 where forces have to balance first.
-    start, end : Equilibrium or None
-        At its ends, where they were needed.
-    rejected : int
-        Iterations of former solutions of the substep.
-    located : bool
-        Whether `result` has the reversals located in it.
-    within : tuple of (float, SolverState)
-        Load factors and states that were solved within it.
-    """
+    """A converged substep, and what slip reversals within it change."""
 
     result: NewtonResult
-    error: float = 0.0
+    error: float = 0.0  # Largest displacement of a node that reversals may cause, over the length [1]
+    # Where it is to be divided, as a fraction of it; 1 where it is good enough, 0 where forces have to balance
+    # first
     division: float = 1.0
-    start: Equilibrium | None = None
-    end: Equilibrium | None = None
-    rejected: int = 0
-    located: bool = False
-    within: tuple[tuple[float, SolverState], ...] = ()
+    start: Equilibrium | None = None  # At its ends, where they were needed
+    end: Equilibrium | None = None  # as `start`
+    rejected: int = 0  # Iterations of former solutions of the substep
+    located: bool = False  # Whether `result` has the reversals located in it
+    within: tuple[tuple[float, SolverState], ...] = ()  # Load factors and states that were solved within it
 
 
 @dataclass(frozen=True, eq=False)
 class SubstepReversals:
-    """Examines converged substeps of a load step for slip reversals.
+    """Examines converged substeps of a load step for slip reversals."""
 
-    Attributes
-    ----------
-    solver : SubstepSolver
-        Of the load step.
-    divide : bool
-        Whether substeps always end where slips reverse. Else a substep may be solved with the reversals located in it.
-    """
-
-    solver: SubstepSolver
+    solver: SubstepSolver  # Of the load step
+    # Whether substeps always end where slips reverse. Else a substep may be solved with the reversals located
+    # in it.
     divide: bool = False
 
     def attempt(
@@ -448,21 +407,6 @@ class SubstepReversals:
         """A substep solved with the reversals located in it, again until the path to the solution has the same ones.
 
         Where they are uncertain, the slips are interpolated through more states within the substep.
-
-        Parameters
-        ----------
-        attempt
-            The substep solved as a whole.
-        before
-            State at its start.
-        known
-            The solved states.
-        found
-            The reversals.
-        allowed
-            Displacement of a node that is allowed, over the length [1].
-        most
-            Largest number of intervals between solved states.
         """
         division = found.division
         for _ in range(MOST_CORRECTIONS):
