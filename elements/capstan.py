@@ -159,8 +159,7 @@ class TensionField:
     mobilisation: Array  # as `slip`
     # (m, n): Of the released lengths, with respect to its own length [1] and its own tension [m/N]
     released_d_length: Array
-    # (m, n): Of the released lengths, with respect to its own length [1] and its own tension [m/N]
-    released_d_tension: Array
+    released_d_tension: Array  # as `released_d_length`
     slip_rate: Array | None  # (m, g): Rate of the slips [m/s]; None where no friction law depends on it
     time: float  # [s]
     # Whether the tensions change with the segments' lengths; where not, `d_length` is zero

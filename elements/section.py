@@ -43,9 +43,7 @@ class ContinuousTendons:
     # (m, E, 4, 3): Position and derivative of position along arc length, in beam axes, at `gauss_arc_lengths`
     # [m, 1]
     offset: Array
-    # (m, E, 4, 3): Position and derivative of position along arc length, in beam axes, at `gauss_arc_lengths`
-    # [m, 1]
-    slope: Array
+    slope: Array  # as `offset`
     weight: Array  # (m, E): One where the tendon runs along the element, zero beyond its end
 
     def evaluate(self, twists: Array, lengths: Array) -> tuple[Array, Array]:

@@ -132,7 +132,7 @@ def constant_wrench_tangent(wrenches: Array, twists: Array, rotations: Array, pa
     return generalized_tangent(k, of_nodes[:, 3:], twists_by_coordinates(rotations, parameters))
 
 
-class Iterate(NamedTuple):
+class IteratedTwists(NamedTuple):
     """An evaluation in an iteration of a solver, and for what."""
 
     coordinates: Array  # (7 N,): Of the nodes, without reference values
@@ -194,8 +194,8 @@ class IteratedTendons:
 
     def __init__(self, tendons: StraightTendons) -> None:
         self._tendons = tendons
-        self._last: Iterate | None = None
-        self._before: Iterate | None = None
+        self._last: IteratedTwists | None = None
+        self._before: IteratedTwists | None = None
         self._past: PastStep | None = None
         #: History at the beginning of the step in which the tangent was last evaluated.
         self._linearised: FrictionState | None = None
@@ -224,7 +224,7 @@ class IteratedTendons:
             prediction = predicted_holes(self._past, state, time)
         there = coordinates.reshape(-1, 7) + reference
         pull = self._tendons.pull(there, base_tension, state, prediction)
-        self._last, self._before = Iterate(coordinates, time, state, base_tension, pull), same
+        self._last, self._before = IteratedTwists(coordinates, time, state, base_tension, pull), same
         return pull
 
     def forces(

@@ -1,15 +1,13 @@
 """Rates of mobilisations, slips and tensions at one load factor, and the distance to the next event.
 
-By LAPACK; compiled functions (`tdcr_fe.compiled`), which cannot call it one part at a time, take the inverse.
-
 The unknowns ``z`` are the mobilisations of holes [1], in [-1, 1], and the tensions at the base of tendons driven by
 displacement [N], from 0 on. To each belongs a complement ``w`` [m]: of a hole its plastic slip, which is the slip less
 its elastic part (presliding distance times mobilisation); of a tendon minus its slack. Inside the bounds of ``z`` the
-complement is constant.
+complement is constant, at the upper bound it can only grow, at the lower one only fall. Its derivative by the load
+factor is ``load - matrix z'``. Documentation: page "Theory", section "Finding reversals".
 
-Unknowns ``z`` and their complements ``w`` are those of `tdcr_fe.solve.friction_path.rates`. Inside the bounds of
-``z`` the complement is constant, at the upper bound it can only grow, at the lower one only fall. Its derivative by the
-load factor is ``load - matrix z'``. Documentation: page "Theory", section "Finding reversals".
+Small systems of equations are solved by LAPACK. Compiled functions (`tdcr_fe.compiled`) cannot call it one part at a
+time and take the inverse.
 """
 
 from __future__ import annotations
@@ -37,7 +35,7 @@ RATE_TOLERANCE = 1e-4
 LEAST_SCALE = 1e-3
 
 
-class Factors(NamedTuple):
+class SmallFactors(NamedTuple):
     """A factorised matrix."""
 
     lu: Array  # (n, n): LU factors of the transposed matrix; the inverse in compiled functions
@@ -45,41 +43,41 @@ class Factors(NamedTuple):
     singular: bool
 
 
-def _inverse(matrix: Array) -> Factors:
+def _inverse(matrix: Array) -> SmallFactors:
     inverse: Any = np.linalg.inv(matrix.T).T
-    return Factors(inverse, np.zeros(0, dtype=np.int32), False)
+    return SmallFactors(inverse, np.zeros(0, dtype=np.int32), False)
 
 
 @compiled_as(_inverse)
-def factorised(matrix: Array) -> Factors:
+def factorised(matrix: Array) -> SmallFactors:
     """Factors of a matrix whose rows lie in memory one after the other; it is overwritten."""
     # LAPACK has matrices column by column: it takes the transposed one without a copy.
     lu, pivots, singular = dgetrf(matrix.T, overwrite_a=True)
-    return Factors(lu, pivots, singular != 0)
+    return SmallFactors(lu, pivots, singular != 0)
 
 
-@compiled_as(lambda: Factors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False))
-def no_factors() -> Factors:
+@compiled_as(lambda: SmallFactors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False))
+def no_factors() -> SmallFactors:
     """Of a matrix without rows."""
     return _NO_FACTORS
 
 
 @compiled_as(lambda factors, right: factors.lu.dot(right))
-def solved(factors: Factors, right: Array) -> Array:
+def solved(factors: SmallFactors, right: Array) -> Array:
     """Solution ``x`` of ``matrix x = right``, shape (n,)."""
     found: Array = dgetrs(factors.lu, factors.pivots, right, trans=1)[0]
     return found
 
 
 @compiled_as(lambda factors, rows: rows.dot(factors.lu.T))
-def solved_rows(factors: Factors, rows: Array) -> Array:
+def solved_rows(factors: SmallFactors, rows: Array) -> Array:
     """The same for every row of an array, shape (i, n)."""
     found: Array = dgetrs(factors.lu, factors.pivots, rows.T, trans=1)[0].T
     return found
 
 
 @compiled_as(lambda factors, right: right.dot(factors.lu))
-def solved_transposed(factors: Factors, right: Array) -> Array:
+def solved_transposed(factors: SmallFactors, right: Array) -> Array:
     """Solution ``x`` of ``x matrix = right``, shape (n,)."""
     found: Array = dgetrs(factors.lu, factors.pivots, right)[0]
     return found
@@ -97,7 +95,7 @@ def some_columns(matrix: Array, which: Index) -> Array:
     return matrix.take(which, axis=1)
 
 
-_NO_FACTORS = Factors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False)
+_NO_FACTORS = SmallFactors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False)
 
 
 class Bounds(NamedTuple):
@@ -200,12 +198,12 @@ class SlipDerivatives(NamedTuple):
     # (n,): Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions
     elastic_slip: Array
     # (i,): Flags that change where the derivatives of the tensions jump; none where they never do
-    regimes: Flags
+    branches: Flags
     tension_by_load: Array  # (q,): Derivatives of the tensions of the segments by the load factor [N]
     direct: Array  # (n, q): Derivatives of the tensions by the unknowns at fixed turning angles [N, 1]
     by_tension: Array  # (n, q): Derivatives of the slips by the tensions of the segments [m/N]
     # Of the identity less the derivatives of the tensions by themselves through the turning angles
-    turning: Factors
+    turning: SmallFactors
     missing: Flags  # (n,): Unknowns whose derivatives were not used yet
     # (n, n): Row by row, minus the derivatives of the complements by one of the unknowns, see `columns_of`
     columns: Array
@@ -290,9 +288,9 @@ def with_changed(state: SlipState, which: Index, columns: Array, change: Array) 
 
 
 @compilable
-def left_regimes(derivatives: SlipDerivatives, regimes: Flags) -> bool:
-    """Whether the derivatives jump between where they were evaluated and a state with these regimes."""
-    return regimes.size > 0 and bool((derivatives.regimes != regimes).any())
+def left_branch(derivatives: SlipDerivatives, branches: Flags) -> bool:
+    """Whether the derivatives jump between where they were evaluated and a state with these branches of the law."""
+    return branches.size > 0 and bool((derivatives.branches != branches).any())
 
 
 class LinearRates(NamedTuple):
@@ -304,9 +302,7 @@ class LinearRates(NamedTuple):
     # (n,): Rates of the complements [m], and the derivatives of these; zero up to round-off where unknowns are
     # free
     complement: Array
-    # (n,): Rates of the complements [m], and the derivatives of these; zero up to round-off where unknowns are
-    # free
-    complement_change: Array
+    complement_change: Array  # as `complement`
 
 
 class Rates(NamedTuple):
@@ -318,7 +314,7 @@ class Rates(NamedTuple):
     complement: Array  # as `side`
     free: Index  # (f,): Unknowns inside their bounds
     columns: Array  # (f, n): Of the matrix, for these, one a row
-    factors: Factors  # Of the matrix of the free unknowns, transposed
+    factors: SmallFactors  # Of the matrix of the free unknowns, transposed
 
 
 @compilable

@@ -268,7 +268,7 @@ class SubstepSlips(NamedTuple):
         factor = DEFECT_FACTOR
         if self.slip_error.max() > ROUGH * self.largest_slip:
             factor = ROUGH_DEFECT_FACTOR
-        off_line = self.model.error_off_line(path.pieces.start, path.pieces.tension)
+        off_line = self.model.error_off_line(path.segments.start, path.segments.tension)
         error = SAFETY * (factor - 1.0) * (self.slip_error + off_line)
         first_order = 0.0
         if not (self.is_rough and matters):
@@ -305,7 +305,7 @@ def _largest_displacement(step: Array, numbering: Numbering) -> float:
     return float(np.linalg.norm(nodes[:, :3], axis=1).max())
 
 
-class History(NamedTuple):
+class SlipHistory(NamedTuple):
     """What the mobilisations at the end of a substep count from: its start, or the last reversal."""
 
     slip: Array  # (k,): Of the frictional holes [m]
@@ -339,7 +339,7 @@ class Reversals(NamedTuple):
     division: float  # Where to divide the substep, as a fraction of it [1]
     # Error that is left where the substep is solved with the reversals located, over the length [1]
     remaining_error: float = np.inf
-    history: History | None = None  # What the mobilisations at the end count from, where that is known
+    history: SlipHistory | None = None  # What the mobilisations at the end count from, where that is known
     path: FrictionPath | None = None  # The path with the reversals, where it reaches the end
 
     @property
@@ -461,13 +461,13 @@ def _history(
     path: FrictionPath,
     at_end: Array,
     slips: SubstepSlips,
-) -> History:
+) -> SlipHistory:
     """What the mobilisations of all frictional holes count from after a followed path."""
     start, end, holes = points[0].state, points[-1].state, taut.holes
     slip, counted, last = start.slips.copy(), start.mobilisation.copy(), end.mobilisation.copy()
     slip[holes] += path.reversal_slip
     counted[holes], last[holes] = path.reversal_mobilisation, at_end
-    return History(slip, counted, last, holes, slips)
+    return SlipHistory(slip, counted, last, holes, slips)
 
 
 def _division(allowed: float, found: float) -> float:

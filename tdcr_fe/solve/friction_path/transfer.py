@@ -70,9 +70,7 @@ class CapstanTransfer(NamedTuple):
     # (q,): Tension at the base of the segment's tendon at the start of the substep, and its change in it [N];
     # zero where they are unknown
     base_tension: Array
-    # (q,): Tension at the base of the segment's tendon at the start of the substep, and its change in it [N];
-    # zero where they are unknown
-    base_change: Array
+    base_change: Array  # as `base_tension`
     base_of_segment: (
         Array  # (c, q): Ones where an unknown tension is that at the base of the segment's tendon
     )
@@ -113,12 +111,12 @@ class CapstanTransfer(NamedTuple):
         """See `capstan_tensions`."""
         return capstan_tensions(self, factor, z, angles)
 
-    def regimes(self, z: Array, tension: Array) -> Flags:
-        """See `LawTransfer.regimes`."""
-        return no_regimes(self, z, tension)
+    def branches(self, z: Array, tension: Array) -> Flags:
+        """See `LawTransfer.branches`."""
+        return no_branches(self, z, tension)
 
-    def distance_to_regime_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
-        """See `LawTransfer.distance_to_regime_change`."""
+    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """See `LawTransfer.distance_to_branch_change`."""
         return np.inf
 
 
@@ -161,7 +159,7 @@ def capstan_tensions(transfer: CapstanTransfer, factor: float, z: Array, angles:
 
 
 @compilable
-def no_regimes(transfer: CapstanTransfer, z: Array, tension: Array) -> Flags:
+def no_branches(transfer: CapstanTransfer, z: Array, tension: Array) -> Flags:
     """Flags that change where derivatives jump: none, Capstan's equation is smooth."""
     return np.zeros(0, dtype=np.bool_)
 
@@ -172,10 +170,10 @@ def tensions_at(transfer: CapstanTransfer | LawTransfer, factor: float, z: Array
     return transfer.at(factor, z, angles)
 
 
-@compiled_as(no_regimes)
-def regimes_at(transfer: CapstanTransfer | LawTransfer, z: Array, tension: Array) -> Flags:
-    """As `no_regimes`, by any law."""
-    return transfer.regimes(z, tension)
+@compiled_as(no_branches)
+def branches_at(transfer: CapstanTransfer | LawTransfer, z: Array, tension: Array) -> Flags:
+    """As `no_branches`, by any law."""
+    return transfer.branches(z, tension)
 
 
 class LawTransfer:
@@ -203,7 +201,7 @@ class LawTransfer:
         #: Segment before the hole, or the first one, of every mobilisation.
         self._before: Index = np.concatenate(before)
 
-    def regimes(self, z: Array, tension: Array) -> Flags:
+    def branches(self, z: Array, tension: Array) -> Flags:
         """Which holes hold tension back, and which segments are under tension, shape (k + q,).
 
         Adhesion holds tension behind a hole that is released even where there is none before it, and takes at most
@@ -211,7 +209,7 @@ class LawTransfer:
         """
         return np.concatenate((z[: self._holes] < 0.0, tension > 0.0))
 
-    def distance_to_regime_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
         """Part of the substep to where these change at constant rates; segments that become taut are not foreseen.
 
         Parameters

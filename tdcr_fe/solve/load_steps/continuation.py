@@ -14,7 +14,7 @@ from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.response import Equilibrium
-from tdcr_fe.solve.load_steps.load_path import Path
+from tdcr_fe.solve.load_steps.load_path import SolvedPath
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class Start(NamedTuple):
     end: Equilibrium | None = None  # The same state with an exact linearisation, for the search of reversals
 
 
-def remember(system: SceneSystem, path: Path) -> None:
+def remember(system: SceneSystem, path: SolvedPath) -> None:
     """Keep the end of a path for the next load step, after the scene was left in it."""
     models = tuple(robot.model for robot in system.robots)
     system.mbs.variables[KEY] = LastSolution(path.state, path.linearization, path.end, _scene(system), models)

@@ -149,7 +149,7 @@ class Increment:
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class SolvedPath:
     """A solved part of a load step."""
 
     state: SolverState  # At its end
@@ -180,9 +180,9 @@ class Path:
         """Number of accepted substeps."""
         return len(self.increments)
 
-    def then(self, other: Path) -> Path:
+    def then(self, other: SolvedPath) -> SolvedPath:
         """Join another part that begins where this one ends."""
-        return Path(
+        return SolvedPath(
             other.state,
             other.forces,
             other.linearization,
@@ -199,9 +199,9 @@ class Path:
         )
 
 
-def one_substep(result: NewtonResult, load_factor: float) -> Path:
+def one_substep(result: NewtonResult, load_factor: float) -> SolvedPath:
     """A converged solve as one substep."""
-    return Path(
+    return SolvedPath(
         result.state,
         result.forces,
         result.linearization,
@@ -212,10 +212,10 @@ def one_substep(result: NewtonResult, load_factor: float) -> Path:
     )
 
 
-class Progress(NamedTuple):
+class StepProgress(NamedTuple):
     """How far a load step has been solved."""
 
-    path: Path  # Of the accepted substeps
+    path: SolvedPath  # Of the accepted substeps
     load_factor: float = 0.0  # At its end [1]
     # Largest displacement of a node that reversals left out of account may cause, over the length [1]
     error: float = 0.0
@@ -223,7 +223,7 @@ class Progress(NamedTuple):
     # So many more smallest substeps may be solved by a rescue (`SubstepSolver.rescue`)
     rescues_left: float = math.inf
 
-    def with_rejected(self, iterations: int) -> Progress:
+    def with_rejected(self, iterations: int) -> StepProgress:
         """The same after an attempt that was not accepted."""
         if iterations == 0:
             return self
@@ -265,7 +265,7 @@ class LoadStepReport:
     unstable: bool = False
 
     @classmethod
-    def of(cls, path: Path) -> LoadStepReport:
+    def of(cls, path: SolvedPath) -> LoadStepReport:
         """Report on a load step that was solved along a path."""
         return cls(
             path.iterations,

@@ -1,9 +1,7 @@
 """Slip reversals within a substep: states solved within it, and what is done with the reversals found.
 
-Through them the slips are interpolated better than between both ends alone. Documentation: page "Theory", section
-"Solving with reversals".
-
-Documentation: page "Theory", section "Finding reversals".
+Through states within a substep the slips are interpolated better than between both ends alone. Documentation: page
+"Theory", sections "Finding reversals" and "Solving with reversals".
 """
 
 from __future__ import annotations
@@ -22,9 +20,9 @@ from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.friction_path.path import FrictionPath
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons, near_enough
-from tdcr_fe.solve.friction_path.reversals import History, InterpolationPoint, Reversals, find_reversals
+from tdcr_fe.solve.friction_path.reversals import InterpolationPoint, Reversals, SlipHistory, find_reversals
 from tdcr_fe.solve.friction_path.steady import slips_steadily
-from tdcr_fe.solve.load_steps.load_path import Progress
+from tdcr_fe.solve.load_steps.load_path import StepProgress
 from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates, with_history_of
 from tdcr_fe.solve.newton.newton import NewtonResult, newton
 from tdcr_fe.solve.newton.prediction import moved_elements
@@ -321,7 +319,13 @@ class SubstepReversals:
     divide: bool = False
 
     def attempt(
-        self, now: Progress, goal: float, result: NewtonResult, line: Linearization | None, *, predicted: bool
+        self,
+        now: StepProgress,
+        goal: float,
+        result: NewtonResult,
+        line: Linearization | None,
+        *,
+        predicted: bool,
     ) -> Attempt:
         """A converged substep: as it is, solved again with its reversals, or to be divided.
 
@@ -358,7 +362,7 @@ class SubstepReversals:
             end = self._linearised(result.state, goal)
         return self._examined(now, Attempt(result, start=start, end=end), Span(now.load_factor, goal))
 
-    def _is_steady(self, now: Progress, goal: float, result: NewtonResult, line: Linearization) -> bool:
+    def _is_steady(self, now: StepProgress, goal: float, result: NewtonResult, line: Linearization) -> bool:
         """Whether a substep is a whole load step without change of the loads in which all holes slip steadily."""
         ramp, system = self.solver.ramp, self.solver.system
         if now.load_factor != 0.0 or goal != 1.0 or ramp.loads_change or ramp.nonlinear:
@@ -366,7 +370,7 @@ class SubstepReversals:
         clamped, presliding = system.layout.clamped, self.solver.settings.presliding
         return slips_steadily(now.path.state, result, line, clamped, presliding)
 
-    def _examined(self, now: Progress, attempt: Attempt, span: Span) -> Attempt:
+    def _examined(self, now: StepProgress, attempt: Attempt, span: Span) -> Attempt:
         """A substep with exact linearisations at both ends: accepted, solved again with its reversals, or divided."""
         start, end = attempt.start, attempt.end
         assert start is not None and end is not None
@@ -449,7 +453,7 @@ class SubstepReversals:
         return attempt
 
     def _corrected(
-        self, before: SolverState, result: NewtonResult, history: History, known: KnownStates
+        self, before: SolverState, result: NewtonResult, history: SlipHistory, known: KnownStates
     ) -> NewtonResult:
         """A substep solved again, with the mobilisations counted from where the slips reversed."""
         end = known.end
@@ -457,12 +461,12 @@ class SubstepReversals:
         return self.solver.solve(guess, known.span.end, end.linearization, before)
 
     def _ends_as_followed(
-        self, result: NewtonResult, history: History, known: KnownStates, allowed: float
+        self, result: NewtonResult, history: SlipHistory, known: KnownStates, allowed: float
     ) -> bool:
         """Whether a substep solved again ends where the path led, and not in another solution with its history."""
         return history.distance(result.state, known.end.numbering) <= allowed * self.solver.system.length
 
-    def _start(self, now: Progress, numbering: Numbering) -> Equilibrium:
+    def _start(self, now: StepProgress, numbering: Numbering) -> Equilibrium:
         """The state at the beginning of a substep, linearised exactly."""
         start = now.equilibrium
         if start is None or not start.numbering.same_unknowns(numbering):

@@ -3,9 +3,9 @@
 Every hole keeps its state: one that slips goes on slipping at full friction, the mobilisation of one that sticks
 follows its slip. The linearisation is taken at the state itself.
 
-The inserts are up to 1e5 times stiffer than the backbone. Added to the tangent, their stiffness leaves a round-off that
-is a millionth of the softest modes. Here they are as soft as the backbone in the tangent, and forces make up for the
-difference: with ``B`` from increments of the nodes to twists of the inserts, and the difference of stiffness ``D``,
+Rigid inserts are up to 1e5 times stiffer than the backbone. Added to the tangent, their stiffness leaves a round-off
+that is a millionth of the softest modes. Here they are as soft as the backbone in the tangent, and forces make up for
+the difference: with ``B`` from increments of the nodes to twists of the inserts, and the difference of stiffness ``D``,
 
     (K - B^T D B) x = r   is   K x - B^T f = r,   B x - D^-1 f = 0 .
 

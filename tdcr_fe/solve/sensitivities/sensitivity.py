@@ -53,8 +53,7 @@ class Derivative:
     slip_rate: Array  # as `slip`
     # (m, P): Tension and slip at the base plate, and prescribed tension or displacement [N, m]
     base_tension: Array
-    # (m, P): Tension and slip at the base plate, and prescribed tension or displacement [N, m]
-    base_slip: Array
+    base_slip: Array  # as `base_tension`
     inputs: Array  # (m, P): Tension and slip at the base plate, and prescribed tension or displacement [N, m]
     loads: Array  # (L, 6, P): Of the concentrated loads
     time: Array  # (P,): [s]
