@@ -18,12 +18,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.compiled import is_compiled, run_compiled
-from tdcr_fe.elements.backbone_loops import add_blocks, backbone_blocks, chain_maps
-from tdcr_fe.elements.pose_loops import chain_poses
 from tdcr_fe.elements.poses import (
-    SECOND_SERIES,
-    SERIES,
     adjoint_powers,
     coefficients,
     euler_parameters_near,
@@ -58,28 +53,15 @@ _HALF_SKEW = 0.5 * skew(np.eye(3)).reshape(3, 9)
 
 @dataclass(frozen=True)
 class BackboneMesh:
-    """Nodes and elements along the backbone.
+    """Nodes and elements along the backbone."""
 
-    Attributes
-    ----------
-    arc_lengths : ndarray, shape (N,)
-        Of the nodes, ascending, base first [m].
-    stiffness : ndarray, shape (N-1, 6)
-        Of every element, in beam axes: axial, shear, shear [N], torsion, bending, bending [N m^2]. Shear includes the
-        residual flexibility of bending.
-    mass_per_length : ndarray, shape (N-1,)
-        Of every element [kg/m].
-    rotary_inertia : ndarray, shape (N-1, 3)
-        Per length, about the beam's axes [kg m].
-    precurvature : ndarray, shape (N-1, 3)
-        Curvature of every element in the unloaded state, in beam axes [1/m].
-    """
-
-    arc_lengths: Array
+    arc_lengths: Array  # (N,): Of the nodes, ascending, base first [m]
+    # (N-1, 6): Of every element, in beam axes: axial, shear, shear [N], torsion, bending, bending [N m^2].
+    # Shear includes the residual flexibility of bending.
     stiffness: Array
-    mass_per_length: Array
-    rotary_inertia: Array
-    precurvature: Array
+    mass_per_length: Array  # (N-1,): Of every element [kg/m]
+    rotary_inertia: Array  # (N-1, 3): Per length, about the beam's axes [kg m]
+    precurvature: Array  # (N-1, 3): Curvature of every element in the unloaded state, in beam axes [1/m]
 
     @property
     def lengths(self) -> Array:
@@ -204,41 +186,20 @@ def reference_poses(mesh: BackboneMesh, position: Array, rotation: Array) -> tup
 
 
 class NodeStiffness(NamedTuple):
-    """Blocks of a symmetric matrix by body-frame increments of nodes in a row; only neighbours are coupled.
+    """Blocks of a symmetric matrix by body-frame increments of nodes in a row; only neighbours are coupled."""
 
-    Attributes
-    ----------
-    itself : ndarray, shape (N, 6, 6)
-        Of every node.
-    after : ndarray, shape (N-1, 6, 6)
-        Of every node by the next one; the transposed block is that of the next one by it.
-    """
-
-    itself: Array
+    itself: Array  # (N, 6, 6): Of every node
+    # (N-1, 6, 6): Of every node by the next one; the transposed block is that of the next one by it
     after: Array
-
-    def add_compiled(self, k: Array, rows: NDArray[np.int_]) -> None:
-        """Add the blocks to a dense matrix by a compiled function, see `add_blocks`."""
-        run_compiled(add_blocks, k, rows, self.itself, self.after)
 
 
 class NodePoses(NamedTuple):
-    """Poses of the nodes of one backbone, in beam axes.
+    """Poses of the nodes of one backbone, in beam axes."""
 
-    Attributes
-    ----------
-    positions : ndarray, shape (N, 3)
-        [m].
-    rotations : ndarray, shape (N, 3, 3)
-    parameters : ndarray, shape (N, 4)
-        Euler parameters.
-    frames : ndarray, shape (N, 7, 6)
-        From body-frame increments of the nodes to their coordinates: position, then Euler parameters.
-    """
-
-    positions: Array
-    rotations: Array
-    parameters: Array
+    positions: Array  # (N, 3): [m]
+    rotations: Array  # (N, 3, 3)
+    parameters: Array  # (N, 4): Euler parameters
+    # (N, 7, 6): From body-frame increments of the nodes to their coordinates: position, then Euler parameters
     frames: Array
 
 
@@ -249,15 +210,13 @@ class ElementChain:
     ----------
     twists
         Relative twist of every element, length times strain, shape (E, 6).
-    c, steps
-        `tdcr_fe.elements.poses.coefficients` of these twists, shape (E, 5), and the attribute `steps`, where known.
     """
 
-    def __init__(self, twists: Array, c: Array | None = None, steps: Array | None = None) -> None:
+    def __init__(self, twists: Array) -> None:
         self.twists = twists
-        self._coefficients = coefficients(twists[:, 3:]) if c is None else c
+        self._coefficients = coefficients(twists[:, 3:])
         #: Pose of every node in the frame of the one before, shape (E, 4, 4).
-        self.steps = exp_matrix(twists, self._coefficients) if steps is None else steps
+        self.steps = exp_matrix(twists, self._coefficients)
         self._turns = self.steps[:, :3, :3]
 
     @classmethod
@@ -273,10 +232,6 @@ class ElementChain:
         near
             Euler parameters that have the signs to take, shape (N, 4).
         """
-        if is_compiled():
-            complete, c, steps, *poses = run_compiled(chain_poses, twists, base, near, SERIES)
-            if complete:
-                return cls(twists, c, steps), NodePoses(*poses)
         chain = cls(twists)
         positions, rotations = chain.poses(base)
         parameters = euler_parameters_near(rotations, near)
@@ -350,12 +305,6 @@ class ElementChain:
             With the sign of Exudyn's Jacobian: minus the stiffness.
         """
         powers, b = self._maps
-        if is_compiled():
-            blocks = run_compiled(
-                backbone_blocks, self.twists, self.steps, powers, b, mesh.twist_stiffness, mesh.reference_twists,
-                wrenches, positions, rotations, SECOND_SERIES,
-            )  # fmt: skip
-            return NodeStiffness(*blocks)
         stiffness = mesh.twist_stiffness
         internal = ((stiffness * (self.twists - mesh.reference_twists))[:, None] @ b)[:, 0]
         # Everything but the elastic wrenches: beyond an element it is what the element transmits, and the unbalanced.
@@ -393,24 +342,11 @@ class ElementChain:
 
         Shapes (E, 4, 6, 6) and (E, 6, 12).
         """
-        if is_compiled():
-            found: tuple[Array, Array] = run_compiled(chain_maps, self.twists, self._coefficients)
-            return found
         powers = adjoint_powers(self.twists)
         return powers, _strain_matrices(powers, self._coefficients)
 
     def _pose_terms(self, wrenches: Array, beyond: Array, b: Array, inner: Array) -> NodeStiffness:
-        """Wrenches times second derivatives of the poses.
-
-        Parameters
-        ----------
-        wrenches, beyond
-            On the nodes, and their distal sums, shapes (N, 6) and (N, 2, 3).
-        b
-            Change of the twists by the increments of both nodes, shape (E, 6, 12).
-        inner
-            Second derivative by the twists, shape (E, 6, 6).
-        """
+        """Wrenches times second derivatives of the poses."""
         half = beyond.reshape(-1, 3).dot(_HALF_SKEW).reshape(-1, 2, 3, 3)
         # Half the coadjoint map, from the change of a twist to that of the wrench beyond it, is [[0, f], [f, m]]; here
         # after the transposed map that takes twists of an element's first node to its second.

@@ -7,16 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.compiled import is_compiled, run_compiled
 from tdcr_fe.elements.backbone import NodeStiffness
-from tdcr_fe.elements.cable_loops import (
-    add_cable_softening,
-    cable_segments,
-    cable_shape,
-    cable_stiffness,
-    cable_turns,
-    cable_wrenches,
-)
 from tdcr_fe.elements.poses import skew
 
 Array = NDArray[np.float64]
@@ -204,10 +195,6 @@ class CableLines:
 
     def wrenches(self, tension: Array) -> Array:
         """Wrench ``[f, m]`` of tensions (m, n) on every node with holes, in its own frame [N, N m], shape (n+1, 6)."""
-        if is_compiled():
-            given = self._frames, self._offsets, self.directions, np.ascontiguousarray(tension)
-            found: Array = run_compiled(cable_wrenches, *given)
-            return found
         each = self.maps @ self.pulls(tension)[..., None]
         return np.asarray((each.sum(axis=0) if len(each) != 1 else each[0])[..., 0])
 
@@ -217,8 +204,6 @@ class CableLines:
 
         By segment and tendon three rows in world axes, and a fourth along the segment: the change of its length.
         """
-        if self._segments is None and is_compiled():
-            self._segments = run_compiled(cable_segments, self._frames, self._offsets, self.directions)
         if self._segments is None:
             maps = self.maps.transpose(1, 0, 3, 2)
             m, n, _ = self.directions.shape
@@ -239,12 +224,6 @@ class CableLines:
         (derivation: documentation, page "Theory").
         """
         m, n = tension.shape
-        if is_compiled():
-            blocks = run_compiled(
-                cable_stiffness, self._frames, self._offsets, self.directions, self._inverse, self.segments,
-                np.ascontiguousarray(tension),
-            )  # fmt: skip
-            return NodeStiffness(*blocks)
         weight = (tension * self._inverse).T[:, :, None] * _ACROSS
         rows = self.segments.reshape(n, 4 * m, 12)
         block = rows.swapaxes(1, 2) @ (rows * weight.reshape(n, 4 * m, 1))
@@ -256,10 +235,6 @@ class CableLines:
         outer = local.swapaxes(1, 2) @ self._offsets.transpose(1, 0, 2)
         itself[:, 3:, 3:] += outer.reshape(-1, 9).dot(_TURNED).reshape(-1, 3, 3)
         return NodeStiffness(itself, block[:, :6, 6:])
-
-    def add_compiled_softening(self, k: Array, rows: NDArray[np.int_], turns: Array, by_angle: Array) -> None:
-        """Add `softening` by the angles to the tangent of a scene: `add_cable_softening`, compiled."""
-        run_compiled(add_cable_softening, k, rows, self.segments, turns, np.ascontiguousarray(by_angle))
 
 
 class CableGeometry:
@@ -375,11 +350,7 @@ class CableGeometry:
         """
         count = self.nodes.shape[1]
         frames, at = rotations[:count], positions[:count]
-        if is_compiled():
-            found = run_compiled(cable_shape, frames, at, self.offsets, self._exists)
-        else:
-            found = self._shape(frames, at)
-        lengths, inverse, e, bend, chord, angles = found
+        lengths, inverse, e, bend, chord, angles = self._shape(frames, at)
         lines = CableLines(frames, self.offsets, self._lever, e, inverse)
         return CableShape(
             lengths,
@@ -391,7 +362,7 @@ class CableGeometry:
         )
 
     def _shape(self, frames: Array, positions: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """As `cable_shape`."""
+        """Lengths, one over them, directions, their differences at the holes and these squared, and the angles."""
         holes = (frames @ self.offsets[..., None])[..., 0]
         holes += positions
         d = holes[:, 1:] - holes[:, :-1]
@@ -422,20 +393,7 @@ class CableGeometry:
 
 
 def _turns(lines: CableLines, inverse: Array, bend: Array, chord: Array) -> Array:
-    """Derivatives of the angles, see `CableShape.turns`.
-
-    Parameters
-    ----------
-    lines
-        The straight segments.
-    inverse
-        One over their lengths [1/m], shape (m, n).
-    bend, chord
-        Differences of neighbouring unit vectors (m, n-1, 3) and their squared lengths (m, n-1).
-    """
-    if is_compiled():
-        found: Array = run_compiled(cable_turns, lines.segments, lines.directions, inverse, bend, chord)
-        return found
+    """Derivatives of the angles, see `CableShape.turns`."""
     square = chord * (1.0 - 0.25 * chord)
     # One over the sine; a straight tendon turns in no defined direction, so its derivative is set to zero.
     weight = np.sqrt(np.abs(square)) / (square + 1e-24)

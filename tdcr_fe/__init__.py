@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from tdcr_fe.model.loading import Model as Model
     from tdcr_fe.model.material import NonlinearMaterial as NonlinearMaterial
     from tdcr_fe.model.material import Superelastic as Superelastic
+    from tdcr_fe.model.results import Interrupted as Interrupted
     from tdcr_fe.model.results import SequenceResult as SequenceResult
     from tdcr_fe.model.results import StepResult as StepResult
     from tdcr_fe.model.robot import Robot as Robot
@@ -89,7 +90,7 @@ _PUBLIC = {
     "tdcr_fe.io.write_toml": ("model_to_toml", "robot_to_toml", "scenario_to_toml"),
     "tdcr_fe.model.friction": ("ConstantFriction", "ForceDependentFriction", "StribeckFriction"),
     "tdcr_fe.model.loading": ("Load", "LoadStep", "Model"),
-    "tdcr_fe.model.results": ("SequenceResult", "StepResult"),
+    "tdcr_fe.model.results": ("Interrupted", "SequenceResult", "StepResult"),
     "tdcr_fe.model.backbone": ("Backbone", "StiffnessPatch"),
     "tdcr_fe.model.disks": ("Disks",),
     "tdcr_fe.model.material": ("NonlinearMaterial", "Superelastic"),

@@ -1,9 +1,9 @@
 """Functions that numba compiles where it is installed (extra ``fast``), and that are plain Python elsewhere.
 
 There is one source for both: functions on arrays, numbers and named tuples of these, of which numba takes the part of
-numpy that it knows. Where plain Python needs operations on all elements at once to be fast, the compiled function is
-another one, with loops (modules ``..._loops`` of `tdcr_fe.elements`). `compilable` marks a function that compiled ones
-call; `compiled_as` the few that numba has to have written in another way; `run_compiled` calls one from outside.
+numpy that it knows. `compilable` marks a function that compiled ones call; `compiled_as` the few that numba has to have
+written in another way; `run_compiled` calls one from outside. Only the friction path within a step is compiled: it
+integrates in many small steps, which numpy's overhead dominates.
 
 numba is imported at the first call, not before. What it has compiled is kept in a folder of the user's cache that
 belongs to these sources, so that it is compiled once. Documentation: page "Benchmarks", section "Compiled functions".

@@ -5,11 +5,19 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import sys
 from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands.machine import add_json_option, note
-from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain, count
+from tdcr_fe.commands.common import (
+    FAILURE,
+    INTERRUPTED,
+    SUCCESS,
+    add_options,
+    at_least_one,
+    complain,
+    count,
+    note,
+    progress_bar,
+)
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.outcome import IdentificationResult
@@ -39,8 +47,6 @@ def add_identify_parser(commands: Any) -> None:
     parser.add_argument(
         "-o", "--out", metavar="OUT", required=True, help="directory for result.json and report.html"
     )
-    parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
-    add_json_option(parser)
     parser.add_argument(
         "--processes",
         type=at_least_one,
@@ -57,24 +63,17 @@ def add_identify_parser(commands: Any) -> None:
         "[about a third of the branches, chosen automatically]",
     )
     parser.add_argument(
-        "--effects",
-        action="append",
-        default=[],
-        metavar="FILE.py",
-        help="add an effect of your own, a class in a Python file, to the candidates; may be repeated",
-    )
-    parser.add_argument(
         "--minutes",
         type=_minutes,
         default=15.0,
-        help="time limit of the whole identification: the search ends in time for the final fit to all load steps, and "
-        "the report says what was left out [%(default)s]",
+        help="time limit of the whole identification; the report says what was left out [%(default)s]",
     )
     parser.add_argument(
         "--strict",
         action="store_true",
         help="refuse bad rows (exit status 2) instead of leaving them out by name",
     )
+    add_options(parser, "--effects", "--json")
     parser.set_defaults(handler=run)
 
 
@@ -174,12 +173,9 @@ def _identified(
     ------
     NotSolved
     """
-    from tqdm import tqdm
-
     from tdcr_fe.identify.identification import identify
 
-    with tqdm(total=100, leave=False, file=sys.stderr, disable=True if args.quiet else None,
-              bar_format="{l_bar}{bar}| {elapsed} {postfix}") as bar:  # fmt: skip
+    with progress_bar(args, 100, bar_format="{l_bar}{bar}| {elapsed} {postfix}") as bar:
 
         def progress(text: str, share: float) -> None:
             bar.set_postfix_str(text, refresh=False)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-from tdcr_fe.commands.status import INTERRUPTED, SUCCESS, complain
+from tdcr_fe.commands.common import INTERRUPTED, SUCCESS, complain
 
 
 def add_paper_parser(commands: Any) -> None:

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.problem import FitProblem
 from tdcr_fe.identify.run import Run
-from tdcr_fe.identify.simulate_run import INTERRUPTED, SMALLEST_ON_REFERENCE, last_parts, run_settings
+from tdcr_fe.identify.simulate_run import SMALLEST_ON_REFERENCE, last_parts, run_settings
 from tdcr_fe.identify.time_limit import ending_at
 from tdcr_fe.identify.trajectory import Ends
 from tdcr_fe.model.channels import channel
@@ -208,8 +208,6 @@ def run_with_action(
         result = simulate(
             acted.robot, acted.model, acted.steps, settings, end, record_path=path, sensitivities=inputs
         )
-    if result.message == INTERRUPTED:
-        raise KeyboardInterrupt
     problem.forward.runs += 1
     iterations = sum(s.iterations for s in result.steps)
     problem.forward.iterations += iterations

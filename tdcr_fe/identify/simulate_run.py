@@ -29,9 +29,6 @@ SMALLEST, SMALLEST_ON_REFERENCE = 1.0 / 256.0, 1.0 / 16.0
 #: Maximum substeps used to resolve path dependence.
 DIVISIONS = 16
 
-#: Message of a simulation that was interrupted.
-INTERRUPTED = "interrupted"
-
 
 class Task(NamedTuple):
     """What is simulated in one run.
@@ -45,7 +42,7 @@ class Task(NamedTuple):
     record : bool
         Whether the run keeps its own path.
     parameters : tuple of Parameter
-        By which the run is differentiated, see `tdcr_fe.solve.sensitivities.stencils.tabulated`.
+        By which the run is differentiated, see `tdcr_fe.solve.sensitivities.differences.tabulated`.
     deadline : float
         Reading of `tdcr_fe.identify.time_limit.clock` at which the simulation ends [s].
     """
@@ -101,8 +98,6 @@ def simulate_experiment(task: Task) -> Run:
         if reference is not None:
             return simulate_experiment(task._replace(reference=None))
         return Run.of((), len(last), experiment, str(error))
-    if result.message == INTERRUPTED:
-        raise KeyboardInterrupt
     # In a fit, a run that cannot follow its reference path is too far away and costly: it counts as not solved.
     if not result.converged and reference is not None and not task.record:
         return simulate_experiment(task._replace(reference=None))
@@ -145,8 +140,8 @@ def _simulate_sequences(task: Task) -> Run:
 
 def _of_sequence(parameter: Parameter, number: int) -> Parameter:
     """A parameter of several loading sequences, for one of them."""
+    from tdcr_fe.solve.sensitivities.differences import Tabulated
     from tdcr_fe.solve.sensitivities.parameters import StepInput
-    from tdcr_fe.solve.sensitivities.stencils import Tabulated
 
     if isinstance(parameter, StepInput):
         return parameter
@@ -192,8 +187,6 @@ def solve_commanded_steps(
         result, _ = _differentiated(task, settings, along, None)
     except IndexError:  # the path does not have all steps
         result, _ = _differentiated(task, settings, None, None)
-    if result.message == INTERRUPTED:
-        raise KeyboardInterrupt
     solved = len(result.steps)
     return replace(result, steps=tuple(result.steps[j] for j in last_parts(experiment) if j < solved))
 
@@ -202,7 +195,7 @@ def _differentiated(
     task: Task, settings: SolverSettings, reference: Trajectory | None, path: PathRecord | None
 ) -> tuple[SequenceResult, dict[str, str]]:
     """The simulation with all derivatives that there are; and those that there are not, with the reason."""
-    from tdcr_fe.solve.sensitivities.stencils import NoDerivative
+    from tdcr_fe.solve.sensitivities.differences import NoDerivative
     from tdcr_fe.solve.simulate import simulate
 
     experiment, refused = task.experiment, dict[str, str]()

@@ -16,6 +16,8 @@ from tdcr_fe.model.sensitivities import LocalResponse, Sensitivities
 if TYPE_CHECKING:
     import pandas as pd
 
+    from tdcr_fe.model.targets import FollowResult
+
 Array = NDArray[np.float64]
 
 #: States of a hole: the tendon sticks, is pulled or released through it, or is anchored.
@@ -217,3 +219,21 @@ class SequenceResult:
         from tdcr_fe.model.display import as_html
 
         return as_html(self)
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C ended `tdcr_fe.simulate` or `tdcr_fe.follow_path`; what was solved before is kept.
+
+    Attributes
+    ----------
+    result : SequenceResult or FollowResult
+        The load steps or targets solved before, with the message "interrupted".
+    """
+
+    def __init__(self, result: SequenceResult | FollowResult) -> None:
+        super().__init__(result)
+        self.result = result
+
+    def __str__(self) -> str:
+        steps = len(self.result.steps)
+        return f"interrupted; the attribute `result` has {steps} solved load step{'' if steps == 1 else 's'}"

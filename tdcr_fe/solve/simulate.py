@@ -13,28 +13,27 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.model import arguments
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
 from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
-from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.sensitivities import Sensitivities
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.solve.equations.state import StoredState
-from tdcr_fe.solve.instability import ExternalCompression, instability_warnings, is_unstable
+from tdcr_fe.solve.equations.configuration import StoredState
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, StepFailed
 from tdcr_fe.solve.mesh import (
     MOST_MESHES,
+    MeshEstimate,
     MeshMonitor,
     error_order,
     mesh_warnings,
     on_mesh,
     refined,
 )
-from tdcr_fe.solve.mesh_error import MeshEstimate
 from tdcr_fe.solve.sensitivities.local_response import local_response
 from tdcr_fe.solve.sensitivities.parameters import Parameter, parameters
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
-from tdcr_fe.solve.simulation import Simulation, step_warnings
-from tdcr_fe.solve.threads import one_thread
+from tdcr_fe.solve.simulation import Simulation, one_thread, step_warnings
+from tdcr_fe.solve.stability import ExternalCompression, instability_warnings, is_unstable
 
 #: Messages of a run that solved all steps, and of one that was interrupted.
 CONVERGED, INTERRUPTED = "all steps converged", "interrupted"
@@ -82,8 +81,8 @@ def simulate(
     Returns
     -------
     SequenceResult
-        Where a step fails, or the user interrupts, all steps before it, and a message. Where this happens on an
-        automatically refined mesh, the steps of the coarser mesh if it solved more of them, and a warning.
+        Where a step fails, all steps before it, and a message. Where this happens on an automatically refined mesh,
+        the steps of the coarser mesh if it solved more of them, and a warning.
 
     Raises
     ------
@@ -92,6 +91,8 @@ def simulate(
     ValueError
         The description contradicts itself (see `tdcr_fe.model.loading.resolve` and `tdcr_fe.scene.builder.CreateTDCR`),
         or there is no derivative by a parameter.
+    Interrupted
+        The user pressed Ctrl-C; its attribute ``result`` has the steps solved before, as where a step fails.
     """
     arguments.check_robot("simulate", robot)
     arguments.check_model("simulate", model)
@@ -106,7 +107,7 @@ def simulate(
     targets = resolve(robot, steps)
     chosen = parameters(Experiment(robot, model, tuple(steps)), sensitivities)
     with one_thread():
-        kept, last = _refined_runs(
+        kept, last, stop = _refined_runs(
             robot,
             model,
             steps,
@@ -128,7 +129,7 @@ def simulate(
         *strain_warnings(robot, kept.solved),
     ]
     failed, message = (last.failed, last.message) if kept is last else _outcome_on_coarser_mesh(kept, last)
-    return SequenceResult(
+    result = SequenceResult(
         robot=robot,
         model=model,
         steps=tuple(_estimated(step, e) for step, e in zip_longest(kept.solved, estimates)),
@@ -141,6 +142,9 @@ def simulate(
         elements_per_bay=kept.elements_per_bay,
         sensitivities=Sensitivities() if kept.history is None else kept.history.result(),
     )
+    if stop is not None:
+        raise Interrupted(result) from stop
+    return result
 
 
 class _Request(NamedTuple):
@@ -164,8 +168,8 @@ def _refined_runs(
     progress: Callable[[StepResult], None] | None,
     reference_path: PathRecord | None,
     request: _Request,
-) -> tuple[_Run, _Run]:
-    """Run on finer and finer meshes; the run that solved most steps, and the last one.
+) -> tuple[_Run, _Run, KeyboardInterrupt | None]:
+    """Run on finer and finer meshes; the run that solved most steps, the last one, and what interrupted it.
 
     They differ where a run on a refined mesh fails, or is interrupted, before it reaches the steps that the run on the
     coarser mesh has solved.
@@ -174,10 +178,15 @@ def _refined_runs(
     automatic = model.elements_per_bay == "auto" and reference_path is None
     kept: _Run | None = None
     last: _Run | None = None
+    stop: KeyboardInterrupt | None = None
     for mesh in range(1, MOST_MESHES + 1):
         meshed = replace(model, elements_per_bay=counts)
         last = _Run(robot, meshed, steps, targets, settings, progress, request, last)
-        finer = last.take_steps(reference_path, automatic and mesh < MOST_MESHES)
+        finer = None
+        try:
+            finer = last.take_steps(reference_path, automatic and mesh < MOST_MESHES)
+        except KeyboardInterrupt as interruption:
+            last.failed, last.message, stop = last.next_step, INTERRUPTED, interruption
         if kept is None or len(last.solved) >= len(kept.solved):
             kept = last
         if finer is None:
@@ -186,7 +195,7 @@ def _refined_runs(
         # A refined mesh is one for the steps to come as well.
         request = request._replace(pilots=False)
     assert kept is not None and last is not None
-    return kept, last
+    return kept, last, stop
 
 
 def _coarser_mesh_kept(kept: _Run, last: _Run) -> str:
@@ -201,11 +210,10 @@ def _coarser_mesh_kept(kept: _Run, last: _Run) -> str:
 
 def _outcome_on_coarser_mesh(kept: _Run, last: _Run) -> tuple[int | None, str]:
     """Number of the first step without a solution, and the message, where a coarser mesh's steps are kept."""
-    complete = len(kept.solved) == len(kept.steps)
-    number = None if complete else len(kept.solved) + 1
+    number = kept.next_step
     if last.message == INTERRUPTED:
         return number, INTERRUPTED
-    if complete:
+    if number is None:
         return None, CONVERGED
     return number, f"step {number} was not solved, since the refined mesh failed before it: {last.message}"
 
@@ -258,6 +266,11 @@ class _Run:
             {} if before is None else before.warm_starts_on(self.simulation)
         )
 
+    @property
+    def next_step(self) -> int | None:
+        """Number of the first step that is not solved."""
+        return len(self.solved) + 1 if len(self.solved) < len(self.steps) else None
+
     def take_steps(self, reference_path: PathRecord | None, refine: bool) -> tuple[int, ...] | None:
         """Solve all steps; or return the elements per bay of the finer mesh that they need."""
         estimated = isfinite(self.tolerance)
@@ -282,9 +295,6 @@ class _Run:
                 label = f" ({step.label})" if step.label else ""
                 self.failed, self.message = number, f"step {number}{label} did not converge: {failure}"
                 break
-            except KeyboardInterrupt:
-                self.failed, self.message = number, INTERRUPTED
-                return None
             if increments is not None:
                 self.path.append(increments)
             self.solved.append(result)

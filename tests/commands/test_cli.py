@@ -15,6 +15,7 @@ from inputs import ROBOT, SCENARIO, changed, write
 
 from tdcr_fe import __version__, cli
 from tdcr_fe.io.tables import RESULT_FILES
+from tdcr_fe.model.results import Interrupted
 
 
 @pytest.fixture
@@ -42,13 +43,16 @@ def install(monkeypatch, simulate):
 def stopping(message, failed_step):
     def simulate(robot, model, steps, settings=None, progress=None, **beside):
         full = arc_result(robot, list(steps))
-        return dataclasses.replace(
+        result = dataclasses.replace(
             full,
             steps=full.steps[: failed_step - 1],
             converged=False,
             message=message,
             failed_step=failed_step,
         )
+        if message == "interrupted":
+            raise Interrupted(result)
+        return result
 
     return simulate
 

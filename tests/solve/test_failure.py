@@ -11,8 +11,9 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import tdcr_fe.solve.newton.convergence as convergence
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.model.results import Interrupted
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.equations.state import Target
+from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps import substep
 from tdcr_fe.solve.newton.convergence import NewtonStatus, Unmet
@@ -79,7 +80,7 @@ def test_a_resolved_path_gives_no_warning_and_an_unresolved_one_its_size():
 
 
 def test_an_interrupt_within_a_step_keeps_the_steps_before(monkeypatch):
-    """Ctrl-C in the third step: the result has two steps, and the message names the interruption."""
+    """Ctrl-C in the third step is raised again, with the two steps before and a message that names it."""
 
     def interrupted(*args, **kwargs):
         if args[2].inputs[0][0] > 1.0:
@@ -87,7 +88,9 @@ def test_an_interrupt_within_a_step_keeps_the_steps_before(monkeypatch):
         return newton(*args, **kwargs)
 
     monkeypatch.setattr(substep, "newton", interrupted)
-    result = simulate(paper(0.3), Model(elements_per_bay=1), pull(0.5, 1.0, 1.5, 2.0))
+    with pytest.raises(Interrupted, match="has 2 solved load steps") as stop:
+        simulate(paper(0.3), Model(elements_per_bay=1), pull(0.5, 1.0, 1.5, 2.0))
+    result = stop.value.result
     assert len(result.steps) == 2 and not result.converged
     assert result.failed_step == 3 and result.message == "interrupted"
 

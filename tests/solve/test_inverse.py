@@ -10,11 +10,12 @@ from robots import BACKBONE, LENGTH, tendon, three
 
 from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.results import Interrupted
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.targets import ReachStatus, TensionLimits, TipTarget
 from tdcr_fe.solve.inverse_statics.inverse import REACHED, follow_path, reach
-from tdcr_fe.solve.inverse_statics.least_effort import Effort
+from tdcr_fe.solve.inverse_statics.target_search import Effort
 from tdcr_fe.solve.inverse_statics.trials import TrialSteps
 from tdcr_fe.solve.simulate import simulate
 
@@ -291,3 +292,18 @@ def test_a_target_among_many_changes_of_state_is_reached():
     tip = simulate(robot, model, [LoadStep(tensions=tensions)]).tips[-1]
     found = reach(robot, model, tip, LIMITS)
     assert found.error <= 1e-6 * LENGTH
+
+
+def test_ctrl_c_is_raised_again_with_the_targets_before_it():
+    def stop(found):
+        if found.result.step == 2:
+            raise KeyboardInterrupt
+
+    robot, model = CASES["no friction"]
+    tips = simulate(
+        robot, model, [LoadStep("", {"t1": t, "t2": 0.1, "t3": 0.1}) for t in (0.2, 0.4, 0.6)]
+    ).tips
+    with pytest.raises(Interrupted) as stopped:
+        follow_path(robot, model, tips, LIMITS, progress=stop)
+    result = stopped.value.result
+    assert len(result.targets) == 2 and result.simulation.message == "interrupted"

@@ -12,15 +12,14 @@ from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.material import Superelastic
-from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.model.results import Interrupted, SequenceResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve import mesh
 from tdcr_fe.solve.element_equations import POINTS, WEIGHTS, ElementModel, _collocation_matrix
-from tdcr_fe.solve.mesh import CHUNK, on_mesh, refined
-from tdcr_fe.solve.mesh_error import MeshEstimate, SolvedState, estimate
+from tdcr_fe.solve.mesh import CHUNK, MeshEstimate, SolvedState, estimate, on_mesh, refined
 from tdcr_fe.solve.simulate import PathRecord, Simulation, SolverSettings, StepFailed, simulate
 from tdcr_fe.validation.random_robots import draw
 
@@ -228,7 +227,9 @@ def test_steps_of_the_coarser_mesh_are_kept_where_the_refined_one_fails(monkeypa
 def test_steps_of_the_coarser_mesh_are_kept_where_the_refined_run_is_interrupted(monkeypatch) -> None:
     fail_on_refined_meshes(monkeypatch, 1, KeyboardInterrupt())
     settings = SolverSettings(mesh_tolerance=1e-6)
-    result = simulate(paper(), Model(friction="none"), pull(1.0, 2.5), settings)
+    with pytest.raises(Interrupted) as stop:
+        simulate(paper(), Model(friction="none"), pull(1.0, 2.5), settings)
+    result = stop.value.result
     assert (result.converged, result.message, len(result.steps)) == (False, "interrupted", 2)
     assert any("was interrupted" in w for w in result.warnings)
 

@@ -16,9 +16,10 @@ from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ConvergingRouting, ParallelRouting
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.equations.factors import BorderedFactors, DenseFactors
+from tdcr_fe.solve.equations.linearization import BorderedFactors, DenseFactors
 from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.validation.fuzz import CHECKS, check_step, draw
+from tdcr_fe.validation.fuzz.checks import CHECKS, check_step
+from tdcr_fe.validation.fuzz.drawing import draw
 
 ANGLES = {"a": (0.0, 120.0, 240.0), "b": (40.0, 160.0, 280.0)}
 #: Arc lengths of the anchors: the middle disk and the last one.

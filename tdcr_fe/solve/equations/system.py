@@ -16,20 +16,15 @@ import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.elements.native.actuation import TendonActuation
+from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.solve.equations.band import BandFactors
-from tdcr_fe.solve.equations.clamp_reactions import ClampReactions
-from tdcr_fe.solve.equations.configuration import Configuration
-from tdcr_fe.solve.equations.factors import BorderedFactors, DenseFactors, Factors
-from tdcr_fe.solve.equations.kernel import StaticKernel
-from tdcr_fe.solve.equations.layout import SceneLayout
-from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.numbering import Numbering, zero_bases
+from tdcr_fe.solve.equations.configuration import Configuration, SolverState, StoredState, Target
+from tdcr_fe.solve.equations.kernel import ClampReactions, Residual, StaticKernel
+from tdcr_fe.solve.equations.layout import Numbering, SceneLayout, zero_bases
+from tdcr_fe.solve.equations.linearization import BorderedFactors, DenseFactors, Factors, Linearization
 from tdcr_fe.solve.equations.reduction import SceneTangent
-from tdcr_fe.solve.equations.residual import Residual
-from tdcr_fe.solve.equations.state import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.tangent import (
     add_couplings,
     add_damping,
@@ -38,7 +33,6 @@ from tdcr_fe.solve.equations.tangent import (
     add_unbalanced,
     backbone_tangent,
     border,
-    compiled_tangent,
     hold,
 )
 
@@ -372,17 +366,15 @@ class SceneSystem:
         """Factors of the tangent at fixed tensions, as a full matrix; see `tangent_follows_from_elements`."""
         layout = self.layout
         nodes = layout.space.slices
-        k = compiled_tangent(residual, nodes, numbering.reduced) if from_elements else None
-        if k is None:
-            if from_elements:
-                scene = layout.reduction.empty_tangent()
-                add_elastic(scene, residual, nodes)
-            else:
-                scene = self.scene_tangent(residual)
-                add_unbalanced(scene, residual, nodes)
-            add_geometric_stiffness(scene, residual)
-            k = scene.dense(numbering.reduced)
-            add_couplings(k, residual, nodes)
+        if from_elements:
+            scene = layout.reduction.empty_tangent()
+            add_elastic(scene, residual, nodes)
+        else:
+            scene = self.scene_tangent(residual)
+            add_unbalanced(scene, residual, nodes)
+        add_geometric_stiffness(scene, residual)
+        k = scene.dense(numbering.reduced)
+        add_couplings(k, residual, nodes)
         if damping > 0.0:
             add_damping(k, layout.reduction.nodes, damping, self.length)
         hold(k, layout.clamped)

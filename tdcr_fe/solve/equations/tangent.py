@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.compiled import is_compiled
 from tdcr_fe.elements.backbone import NodeStiffness
-from tdcr_fe.solve.equations.numbering import Numbering, zero_bases
+from tdcr_fe.solve.equations.kernel import Residual
+from tdcr_fe.solve.equations.layout import Numbering, zero_bases
 from tdcr_fe.solve.equations.reduction import SceneTangent
-from tdcr_fe.solve.equations.residual import Residual
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -71,22 +70,6 @@ def add_geometric_stiffness(tangent: SceneTangent, residual: Residual) -> None:
     for own, robot in zip(residual.forces, tangent.pattern.robots, strict=True):
         if own.model.geometry is not None:
             tangent.add(robot.holes, own.geometric_stiffness())
-
-
-def compiled_tangent(residual: Residual, nodes: Sequence[slice], size: int) -> Array | None:
-    """Tangent of a scene where nothing but robots resists, by compiled functions; None where these cannot.
-
-    It is that of `add_elastic`, `add_geometric_stiffness` and `add_couplings`, whose arguments it has.
-    """
-    if not is_compiled() or not all(own.has_compiled_tangent for own in residual.forces):
-        return None
-    configuration, k = residual.state.configuration, np.zeros((size, size))
-    for i, (own, at) in enumerate(zip(residual.forces, nodes, strict=True)):
-        chain, wrenches = configuration.chains[i], residual.unbalanced[6 * at.start : 6 * at.stop]
-        backbone = chain.tangent(own.model.mesh, wrenches, *configuration.poses[i])
-        backbone.add_compiled(k, 6 * np.arange(at.start, at.stop))
-        own.add_compiled_tangent(k, 6 * at.start)
-    return k
 
 
 def add_couplings(k: Array, residual: Residual, nodes: Sequence[slice]) -> None:

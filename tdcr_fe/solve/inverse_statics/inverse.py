@@ -21,7 +21,7 @@ from scipy.stats import qmc
 from tdcr_fe.model import arguments
 from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.plausibility import strain_warnings
-from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.targets import (
@@ -35,13 +35,11 @@ from tdcr_fe.model.targets import (
     tip_targets,
 )
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.solve.inverse_statics.least_effort import Effort
-from tdcr_fe.solve.inverse_statics.target_search import Aim, Found, Search
+from tdcr_fe.solve.inverse_statics.target_search import Aim, Effort, SearchResult, TargetSearch
 from tdcr_fe.solve.inverse_statics.trials import TrialSteps
 from tdcr_fe.solve.mesh import MOST_MESHES, MeshMonitor, error_order, mesh_warnings, refined
 from tdcr_fe.solve.simulate import CONVERGED, INTERRUPTED
-from tdcr_fe.solve.simulation import step_warnings
-from tdcr_fe.solve.threads import one_thread
+from tdcr_fe.solve.simulation import one_thread, step_warnings
 
 Array = NDArray[np.float64]
 #: A target is reached where the error is smaller [fraction of the length, rad].
@@ -95,12 +93,14 @@ def follow_path(
     -------
     FollowResult
         A target that is out of reach is approached as far as possible, and says so. Where a load step has no solution,
-        or the user interrupts, all targets before it, and a message.
+        all targets before it, and a message.
 
     Raises
     ------
     TypeError, ValueError
         An argument is of another type, or contradicts the robot.
+    Interrupted
+        The user pressed Ctrl-C; its attribute ``result`` has the targets reached before, as where a step fails.
     """
     arguments.check_robot("follow_path", robot)
     arguments.check_model("follow_path", model)
@@ -126,8 +126,11 @@ def follow_path(
     task = _Task(robot, model, tip_targets(targets), lower, upper, drive_by, effort, tuple(before))
     begun = time.perf_counter()
     with one_thread():
-        run = _refined_runs(task, settings or SolverSettings(), progress)
-    return run.result(time.perf_counter() - begun)
+        run, stop = _refined_runs(task, settings or SolverSettings(), progress)
+    result = run.result(time.perf_counter() - begun)
+    if stop is not None:
+        raise Interrupted(result) from stop
+    return result
 
 
 def reach(
@@ -191,21 +194,25 @@ class _Task:
 
 def _refined_runs(
     task: _Task, settings: SolverSettings, progress: Callable[[ReachedTarget], None] | None
-) -> _Run:
-    """Follow the path on finer and finer meshes, until the error of the mesh is met; return the last run."""
+) -> tuple[_FollowRun, KeyboardInterrupt | None]:
+    """Follow the path on finer and finer meshes, until its error is met; the last run, and what interrupted it."""
     counts = elements_of_bays(task.robot, task.model)
     automatic = task.model.elements_per_bay == "auto" and isfinite(settings.mesh_tolerance)
     guesses: tuple[Array, ...] = ()
     for mesh in range(1, MOST_MESHES + 1):
-        run = _Run(task, counts, settings, guesses)
-        finer = run.follow(progress, automatic and mesh < MOST_MESHES)
+        run = _FollowRun(task, counts, settings, guesses)
+        try:
+            finer = run.follow(progress, automatic and mesh < MOST_MESHES)
+        except KeyboardInterrupt as stop:
+            run.failed, run.message = len(run.solved) + 1, INTERRUPTED
+            return run, stop
         if finer is None:
             break
         counts, guesses = finer, tuple(x.tensions for x in run.found)
-    return run
+    return run, None
 
 
-class _Run:
+class _FollowRun:
     """One pass through all targets with one mesh.
 
     Parameters
@@ -241,27 +248,23 @@ class _Run:
     ) -> tuple[int, ...] | None:
         """Reach for all targets; or return the elements per bay of the finer mesh that they need."""
         simulation, task = self.trials.simulation, self.task
-        try:
-            for step, actuation in zip(task.before, resolve(task.robot, task.before), strict=True):
-                report = simulation.advance(actuation, step.substeps)
-                self.trials.begin(actuation)
-                self._keep(step, simulation.result(len(self.solved) + 1, step.label, report, actuation))
-                self.warnings += step_warnings(len(self.solved), report)
-            for number, target in enumerate(task.targets):
-                found = self._reach(number, target)
-                if found is None:
-                    self.failed = len(self.solved) + 1
-                    self.message = (
-                        f"target {number + 1} ({target.label or 'no label'}): no load step towards it has a solution; "
-                        "try targets closer together, or a smaller pretension"
-                    )
-                    break
-                self.found.append(found)
-                if progress is not None:
-                    progress(found)
-        except KeyboardInterrupt:
-            self.failed, self.message = len(self.solved) + 1, INTERRUPTED
-            return None
+        for step, actuation in zip(task.before, resolve(task.robot, task.before), strict=True):
+            report = simulation.advance(actuation, step.substeps)
+            self.trials.begin(actuation)
+            self._keep(step, simulation.result(len(self.solved) + 1, step.label, report, actuation))
+            self.warnings += step_warnings(len(self.solved), report)
+        for number, target in enumerate(task.targets):
+            found = self._reach(number, target)
+            if found is None:
+                self.failed = len(self.solved) + 1
+                self.message = (
+                    f"target {number + 1} ({target.label or 'no label'}): no load step towards it has a solution; "
+                    "try targets closer together, or a smaller pretension"
+                )
+                break
+            self.found.append(found)
+            if progress is not None:
+                progress(found)
         self.monitor.flush()
         if not refine or all(e.largest <= self.goal for e in self.monitor.estimates):
             return None
@@ -285,7 +288,7 @@ class _Run:
         reference = np.zeros_like(present) if task.effort == "tension" else start.base_tension[0]
         effort = Effort(task.lower, task.upper, reference, task.scale)
         label = target.label or f"target {number + 1}"
-        search = Search(self.trials, start, aim, effort, label, target.time)
+        search = TargetSearch(self.trials, start, aim, effort, label, target.time)
         guess = [self.guesses[number]] if number < len(self.guesses) else []
         whole = task.model.friction != "none"
         best, starts = self._searched(search, self._starts(aim, [*guess, present]), whole)
@@ -302,20 +305,22 @@ class _Run:
         return self._outcome(target, aim, best, search.count, starts, result)
 
     @staticmethod
-    def _searched(search: Search, tensions: Iterator[Array], whole: bool) -> tuple[Found | None, int]:
+    def _searched(
+        search: TargetSearch, tensions: Iterator[Array], whole: bool
+    ) -> tuple[SearchResult | None, int]:
         """The best of the searches from several tensions, and their number.
 
         With ``whole`` every search begins among load steps solved whole. Where it ends there no nearer to the target
         than one before, it is not taken up with the friction's path.
         """
-        ended: list[Found] = []
-        best: Found | None = None
+        ended: list[SearchResult] = []
+        best: SearchResult | None = None
         nearest, starts = np.inf, 0
         for start in islice(tensions, MOST_STARTS):
             starts += 1
             rough = search.whole(start) if whole else None
             if rough is not None and best is not None and rough.size > max(REACHED, (1.0 - NEARER) * nearest):
-                found: Found | None = rough
+                found: SearchResult | None = rough
             else:
                 found = search.run(start if rough is None else rough.trial.tensions)
                 nearest = nearest if rough is None else min(nearest, rough.size)
@@ -335,7 +340,7 @@ class _Run:
         yield from self.samples.nearest(aim)
 
     def _outcome(
-        self, target: TipTarget, aim: Aim, best: Found, trials: int, starts: int, result: StepResult
+        self, target: TipTarget, aim: Aim, best: SearchResult, trials: int, starts: int, result: StepResult
     ) -> ReachedTarget:
         task, trial = self.task, best.trial
         error, direction_error = aim.errors(trial)

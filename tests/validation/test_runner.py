@@ -1,0 +1,126 @@
+"""The runner of campaigns: the list, options, resuming, interruption, tables and pages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+
+from tdcr_fe.validation import runner
+from tdcr_fe.validation.runner import Campaign, main
+
+
+@dataclass(frozen=True)
+class Outcome:
+    number: int
+    size: int
+    passed: bool
+
+
+class Squares(Campaign):
+    """Squares of seeds; those from ``limit`` on do not pass."""
+
+    unit, count, outcome = "number", 4, Outcome
+
+    def __init__(self):
+        self.solved, self.limit, self.interrupted_at = [], 100, None
+
+    def run(self, case, out):
+        if case == self.interrupted_at:
+            raise KeyboardInterrupt
+        self.solved.append(case)
+        return Outcome(case, case**2, case < self.limit)
+
+
+@pytest.fixture
+def squares(monkeypatch):
+    campaign = Squares()
+    monkeypatch.setattr(runner, "load", lambda name: campaign)
+    monkeypatch.setattr(runner, "names", lambda: ["squares"])
+    monkeypatch.setattr(runner, "_text", lambda name: "Squares of numbers.")
+    return campaign
+
+
+def test_every_campaign_is_listed_with_a_description_and_loads(capsys):
+    assert main([]) == 0
+    listed = dict(
+        line.split(maxsplit=1) for line in capsys.readouterr().out.split("campaigns:")[1].splitlines() if line
+    )
+    assert list(listed) == runner.names()
+    for name, text in listed.items():
+        assert text.endswith(".") and len(text) > 20
+        assert isinstance(runner.load(name), Campaign)
+
+
+def test_results_are_kept_and_nothing_is_run_twice(squares, tmp_path, capsys):
+    assert main(["squares", "-n", "2", "-o", str(tmp_path)]) == 0
+    assert main(["squares", "-n", "3", "--first", "1", "-o", str(tmp_path)]) == 0
+    assert squares.solved == [0, 1, 2, 3]
+    assert "3 of 3 numbers passed" in capsys.readouterr().out
+    assert (tmp_path / "squares.csv").read_text() == "number,size,passed\n1,1,True\n2,4,True\n3,9,True\n"
+    assert "| 3 | 9 | True |" in (tmp_path / "squares.md").read_text()
+
+
+def test_a_case_that_was_interrupted_is_run_when_it_is_started_again(squares, tmp_path, capsys):
+    squares.interrupted_at = 2
+    assert main(["squares", "-o", str(tmp_path)]) == 130
+    assert "start it again to resume" in capsys.readouterr().err
+    squares.interrupted_at = None
+    assert main(["squares", "-o", str(tmp_path)]) == 0
+    assert squares.solved == [0, 1, 2, 3]
+
+
+def test_a_line_that_was_cut_off_is_run_again(squares, tmp_path):
+    main(["squares", "-o", str(tmp_path)])
+    path = tmp_path / "squares.jsonl"
+    path.write_text(path.read_text()[:-5])
+    assert main(["squares", "-o", str(tmp_path)]) == 0
+    assert squares.solved == [0, 1, 2, 3, 3]
+
+
+def test_only_those_that_did_not_pass_are_run_again(squares, tmp_path):
+    squares.limit = 2
+    assert main(["squares", "-o", str(tmp_path)]) == 1
+    squares.limit = 100
+    assert main(["squares", "--again", "-o", str(tmp_path)]) == 0
+    assert squares.solved == [0, 1, 2, 3, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("choice", "status", "solved"), [("refuse", 2, 4), ("keep", 0, 4), ("discard", 0, 8)]
+)
+def test_results_of_other_code(squares, tmp_path, capsys, monkeypatch, choice, status, solved):
+    main(["squares", "-o", str(tmp_path)])
+    monkeypatch.setattr(runner, "source_digest", lambda: "other")
+    assert main(["squares", "-o", str(tmp_path), "--other-code", choice]) == status
+    assert len(squares.solved) == solved
+    assert ("source differ" in capsys.readouterr().err) == (choice == "refuse")
+
+
+def test_some_cases_by_their_keys(squares, tmp_path, capsys):
+    assert main(["squares", "-o", str(tmp_path), "--only", "3", "1"]) == 0
+    assert squares.solved == [1, 3]
+    assert main(["squares", "-o", str(tmp_path), "--only", "7"]) == 2
+    assert "no case '7'; there are 0, 1, 2, 3" in capsys.readouterr().err
+
+
+def test_a_page_gets_the_tables_between_its_marks(squares, tmp_path, capsys):
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- campaign squares: begin -->\nold\n<!-- campaign squares: end -->\nafter\n")
+    assert main(["squares", "-n", "2", "-o", str(tmp_path), "--page", str(page)]) == 0
+    text = page.read_text()
+    assert text.startswith("before\n") and text.endswith("after\n")
+    assert "old" not in text and "| 1 | 1 | True |" in text
+    page.write_text("no marks")
+    assert main(["squares", "-n", "2", "-o", str(tmp_path), "--page", str(page)]) == 2
+
+
+@pytest.mark.parametrize("wrong", [["-n", "0"], ["--first", "-1"], ["--processes", "0"]])
+def test_wrong_options_are_refused(squares, tmp_path, capsys, wrong):
+    with pytest.raises(SystemExit, match="2"):
+        main(["squares", "-o", str(tmp_path), *wrong])
+
+
+def test_an_unknown_campaign_gets_the_nearest_name(squares, capsys):
+    assert main(["sqares"]) == 2
+    assert "did you mean squares?" in capsys.readouterr().err

@@ -1,0 +1,1 @@
+"""All campaigns, a module each; `tdcr_fe.validation.runner` runs them."""
