@@ -15,7 +15,7 @@ from tdcr_fe.io.measured import write_measured
 from tdcr_fe.io.own_effects import read_own_effects
 from tdcr_fe.io.problems import InputError
 
-PAGE = (Path(__file__).parents[2] / "docs" / "own_effects.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "identify.md").read_text(encoding="utf-8")
 EXAMPLE = re.search(r"```python\n# cable_pull\.py\n(.*?)```", PAGE, re.S)[1]
 TRUTH = {"force_x": 0.02, "force_y": -0.015, "force_z": 0.03}
 
