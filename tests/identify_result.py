@@ -3,10 +3,16 @@
 import numpy as np
 
 from tdcr_fe.effects import Experiment, with_effects
-from tdcr_fe.identify.estimate import Estimate
-from tdcr_fe.identify.findings import AddedEffect, Remainder, Shapes
-from tdcr_fe.identify.misfit import Misfit, Noise, Structure
-from tdcr_fe.identify.outcome import IdentificationResult
+from tdcr_fe.identify.result import (
+    AddedEffect,
+    Estimate,
+    IdentificationResult,
+    Misfit,
+    Noise,
+    Remainder,
+    Shapes,
+    Structure,
+)
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import Backbone

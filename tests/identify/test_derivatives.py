@@ -10,11 +10,11 @@ from identify_data import problem_of
 from robots import BACKBONE, LENGTH, tendon
 
 from tdcr_fe.effects import EFFECTS, Effect, PlaceEffect, effect
+from tdcr_fe.identify.candidates import local_candidates
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.screening import screen
-from tdcr_fe.identify.unlisted import local_candidates
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import CHANNELS

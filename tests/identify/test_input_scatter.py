@@ -8,10 +8,10 @@ from identify_data import LENGTH, MODEL, ROBOT, concluded, problem_of, state_of
 
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.input_scatter import find_input_scatter
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.noise import find_input_scatter
 from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep
