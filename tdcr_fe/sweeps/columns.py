@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from tdcr_fe.model.frames import AFTER_TENDONS, OF_TENDONS
+from tdcr_fe.model.dataframes import AFTER_TENDONS, OF_TENDONS
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.sweeps.description import Output
 

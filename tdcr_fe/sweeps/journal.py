@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tdcr_fe.io.problems import InputError, Problem
-from tdcr_fe.io.records import Lines, OtherHead
+from tdcr_fe.io.store import Lines, OtherHead
 from tdcr_fe.sweeps.cases import Outcome, from_record, to_record
 
 NAME = "cases.jsonl"

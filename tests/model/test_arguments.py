@@ -10,8 +10,7 @@ from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.io.tables import write_results
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
-from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.scene.builder import CreateTDCR
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.solve.simulation import Simulation

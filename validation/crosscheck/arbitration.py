@@ -18,8 +18,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
+from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import Load, Model
-from tdcr_fe.model.material import Superelastic
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.tendon import Tendon
@@ -79,10 +79,10 @@ def integrate_again(robot: Robot, model: Model, step: StepResult, loads: Mapping
         def slope(s: float, y: Array) -> Array:
             turn = Rotation.from_quat(y[3:7])
             moment, force = turn.inv().apply(y[7:10]), turn.inv().apply(y[10:13])
-            if rigid:  # noqa: B023 - used within this pass of the loop only
+            if rigid:
                 curvature, stretch = np.array([*backbone.precurvature, 0.0]), np.array([0.0, 0.0, 1.0])
             else:
-                curvature, stretch = _strain(robot, s, moment, force, stiffness, active)  # noqa: B023
+                curvature, stretch = _strain(robot, s, moment, force, stiffness, active)
             x, y_, z, w = y[3:7]
             p, q, r = curvature
             spin = 0.5 * np.array(
