@@ -11,9 +11,8 @@ from tdcr_fe.model.quantity import Quantity
 from tdcr_fe.model.schema import Field, fields_of, take_table
 from tdcr_fe.model.wording import join, meant, quoted, shown
 from tdcr_fe.sweeps.description import Range, Sampling, Variation
-from tdcr_fe.sweeps.distributions import Uniform
 from tdcr_fe.sweeps.keys import parse_key
-from tdcr_fe.sweeps.sampling import SAMPLED
+from tdcr_fe.sweeps.sampling import SAMPLED, Uniform
 from tdcr_fe.sweeps.tables import Anything, is_number
 
 _TENSION = "a tension [N], zero or more, or a table of tensions by tendon"

@@ -9,8 +9,7 @@ import pytest
 
 import tdcr_fe as tdcr
 from tdcr_fe.sweeps.cases import STATUSES
-from tdcr_fe.sweeps.distributions import DISTRIBUTIONS
-from tdcr_fe.sweeps.sampling import METHODS
+from tdcr_fe.sweeps.sampling import DISTRIBUTIONS, METHODS
 from tdcr_fe.sweeps.tables import OUTPUT, VARY
 from tdcr_fe.sweeps.workspace import WORKSPACE
 
