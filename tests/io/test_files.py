@@ -14,9 +14,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from inputs import REMOVED, ROBOT, SCENARIO, changed, write
 
-from tdcr_fe.io.keys import DISKS, MODEL_FILE, tendon_keys
-from tdcr_fe.io.keys import ROBOT as ROBOT_KEYS
-from tdcr_fe.io.keys import SCENARIO as SCENARIO_KEYS
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.toml import digest, read_model, read_model_file, read_robot, read_scenario
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
@@ -24,7 +21,6 @@ from tdcr_fe.model.backbone import Backbone, StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.friction import (
-    FRICTION_COEFFICIENTS,
     ConstantFriction,
     ForceDependentFriction,
     StribeckFriction,
@@ -616,16 +612,6 @@ def test_example_in_the_docs_is_read_without_mistake(tmp_path):
     read = read_scenario(write(tmp_path, robot, scenario))
     assert [len(read.robot.holes(t)) for t in read.robot.tendons] == [11, 6, 11, 3]
     assert [s.label for s in read.steps] == ["pull", "push the tip", "twist and let go"]
-
-
-def test_every_key_is_explained_in_the_docs():
-    text = PAGE.read_text("utf-8")
-    tables = [ROBOT_KEYS, DISKS, MODEL_FILE, SCENARIO_KEYS, tendon_keys(None)]
-    tables += [fields_of(cls) for cls in (Backbone, Superelastic, StiffnessPatch, Model, LoadStep, Load)]
-    tables += [fields_of(cls) for cls in (SolverSettings, *FRICTION_COEFFICIENTS.values())]
-    for table in tables:
-        for key in table:
-            assert any(f"`{form}`" in text for form in (key, f"[{key}]", f"[[{key}]]")), key
 
 
 def test_example_of_mistakes_in_the_docs_is_what_is_printed(tmp_path, monkeypatch):

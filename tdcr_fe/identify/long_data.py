@@ -22,30 +22,37 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import robust_threshold
-from tdcr_fe.identify.findings import SearchedSteps
-from tdcr_fe.identify.holdout import blocks, inputs
-from tdcr_fe.identify.problem import Fit, FitProblem, Point
-from tdcr_fe.identify.search_state import Search, SearchState
-from tdcr_fe.identify.time_limit import ALL_STEPS, SMALLER_MODELS, OutOfTime, clock
+from tdcr_fe.identify.load_steps import blocks, inputs
+from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate
+from tdcr_fe.identify.result import SearchedSteps
+from tdcr_fe.identify.search import forward_selection
+from tdcr_fe.identify.search_state import Search, SearchState, Stage, mean_cost
+from tdcr_fe.identify.settings import ALL_STEPS, SMALLER_MODELS, OutOfTime, clock
 from tdcr_fe.io.measured import MeasuredData
 
 Array = NDArray[np.float64]
 
+
 #: A path whose inputs deviate by less than this from a straight one, over their range, is straight.
 STRAIGHT = 0.02
+
 
 #: Branches of fewer steps on average are joined to pieces of so many.
 SHORT, PIECE = 4, 12
 
+
 #: Iterations of the final fit to all load steps at most.
 FINAL_ITERATIONS = 4
+
 
 #: Data with more steps than this are long; about how many steps a search then takes, and in a branch at most.
 LONG, SEARCHED, IN_BRANCH = 200, 72, 6
 
+
 #: Steps that a search takes for each input, where that is more: with two branches of each, one parameter per tendon can
 #: be determined.
 PER_INPUT = 13
+
 
 #: Share of the chosen steps that are held out, where there are enough of them.
 HELD_OUT = 0.33
@@ -318,3 +325,94 @@ def _within(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Po
                 values[e.name][p.name] if low <= z <= high else p.value(min(max(z, low), high))
             )
     return found
+
+
+#: Friction is left out where the misfit of the declared model grows by no more than this share.
+WORSE = 0.1
+
+
+#: Steps of the fit with friction, from the parameters found without.
+ITERATIONS = 4
+
+
+#: Rounds of forward selection with friction.
+ROUNDS = 2
+
+
+def without_friction(problem: FitProblem) -> FitProblem:
+    """The same problem for a model without friction; effects that act through friction are no candidates."""
+    experiment = replace(problem.experiment, model=replace(problem.experiment.model, friction="none"))
+    catalogue = tuple(e for e in problem.catalogue if not e.needs_friction)
+    return replace(problem, experiment=experiment, catalogue=catalogue)
+
+
+def friction_explains_little(problem: FitProblem) -> bool:
+    """Whether the declared model, which has friction, fits about as well without it.
+
+    Parameters
+    ----------
+    problem
+        Of those load steps that a search with friction takes.
+    """
+    if problem.experiment.model.friction == "none":
+        return False
+    frictionless = evaluate(without_friction(problem), (), {})
+    if not frictionless.solved:
+        return False
+    frictional = evaluate(problem, (), {})
+    cost, other = (f.cost + f.held_cost for f in (frictionless, frictional))
+    return not frictional.solved or cost <= (1.0 + WORSE) * other
+
+
+def restore_friction(search: Search, state: SearchState, problem: FitProblem) -> Stage:
+    """The best model of a search without friction, with friction: fitted anew, and further effects tried.
+
+    Parameters
+    ----------
+    search, state
+        The search and its last state, without friction.
+    problem
+        With friction.
+
+    Returns
+    -------
+    SearchState
+        With friction; that without where a model is not solved with it.
+    """
+    search.report("the best model with friction", 0.8)
+    experiment = problem.experiment
+    mesh = state.problem.experiment.model.elements_per_bay
+    problem = replace(
+        problem,
+        experiment=replace(experiment, model=replace(experiment.model, elements_per_bay=mesh)),
+        scales=state.problem.scales,
+        mesh_error=state.problem.mesh_error,
+    )
+    declared = evaluate(problem, (), {})
+    problem = replace(problem, robust_threshold=robust_threshold(declared.residual))
+    declared = evaluate(problem, (), {})
+    best = declared
+    if state.best.effects:
+        best = fitting.fit(problem, state.best.effects, [state.best.values], ITERATIONS)
+    if not (declared.solved and best.solved):
+        return state.with_history("with friction the best model is not solved; the search ended without it")
+    problem = replace(
+        problem, robust_threshold=min(problem.robust_threshold, robust_threshold(best.residual))
+    )
+    again = replace(state.begun_anew(problem, declared, best), refused=_without_friction(problem))
+    again = again.with_history(
+        f"with the declared friction, misfit per reading {mean_cost(best.cost, problem.fitted):.3g} on fitted and "
+        f"{mean_cost(best.held_cost, problem.held_out):.3g} on held-out steps"
+    )
+    yield again
+    settings = replace(search.settings, max_effects=len(best.effects) + ROUNDS)
+    again = yield from forward_selection(replace(search, settings=settings), again, locate=False)
+    again = replace(again, refused=state.refused)
+    yield again
+    return again
+
+
+def _without_friction(problem: FitProblem) -> dict[str, str]:
+    """Effects that do not act through friction: they were tried without it."""
+    forms = (form for e in problem.catalogue if not e.needs_friction for form in e.forms(problem.experiment))
+    return {form.name: "tried without friction" for form in forms}
