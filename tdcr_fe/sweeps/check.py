@@ -9,7 +9,7 @@ import numpy as np
 
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.toml import TableReader, build_scenario
-from tdcr_fe.model.wording import quoted, shown
+from tdcr_fe.model.messages import quoted, shown
 from tdcr_fe.sweeps.cases import tables_with
 from tdcr_fe.sweeps.description import Sweep, Variation
 from tdcr_fe.sweeps.keys import KeyProblem

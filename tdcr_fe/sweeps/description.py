@@ -8,8 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from tdcr_fe.io.toml import ScenarioTables
-from tdcr_fe.model.quantity import Quantity
-from tdcr_fe.model.schema import check_fields
+from tdcr_fe.model.schema import Quantity, check_fields
 from tdcr_fe.sweeps.keys import Key
 from tdcr_fe.sweeps.sampling import (
     SAMPLED,

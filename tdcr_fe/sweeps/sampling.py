@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.stats import qmc
 
-from tdcr_fe.model.quantity import Quantity
-from tdcr_fe.model.schema import check_fields
+from tdcr_fe.model.schema import Quantity, check_fields
 
 Array = NDArray[np.float64]
 

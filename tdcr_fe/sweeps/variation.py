@@ -12,7 +12,7 @@ from tdcr_fe.io.effects import effects_reader
 from tdcr_fe.io.own_effects import read_own_effects
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.toml import ScenarioTables, build_scenario, read_scenario_tables
-from tdcr_fe.model.wording import meant
+from tdcr_fe.model.messages import meant
 from tdcr_fe.sweeps.cases import Job, columns_of_steps, solve_cases, tables_with
 from tdcr_fe.sweeps.description import Output, Sampling, Sweep, Variation
 from tdcr_fe.sweeps.keys import KeyProblem, parse_key
