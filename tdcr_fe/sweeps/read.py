@@ -22,8 +22,8 @@ from tdcr_fe.io.toml import (
 )
 from tdcr_fe.model.messages import quoted, shown
 from tdcr_fe.model.schema import Keys, Quantity
+from tdcr_fe.sweeps.cases import ABOUT_CASE, columns_of_steps
 from tdcr_fe.sweeps.check import value_problems
-from tdcr_fe.sweeps.columns import ABOUT_CASE, columns_of_steps
 from tdcr_fe.sweeps.description import MOST_CASES, Sampling, Sweep, Variation
 from tdcr_fe.sweeps.keys import IN_SCENARIO
 from tdcr_fe.sweeps.objects import as_tables

@@ -17,9 +17,8 @@ from tdcr_fe.report.page import Card, Level, Page, Picture, Section
 from tdcr_fe.report.style import svg
 from tdcr_fe.sweeps.description import Variation
 from tdcr_fe.sweeps.figures import MOST_INPUTS, MOST_OUTPUTS, drawn, save, tip_columns
-from tdcr_fe.sweeps.result import SweepResult
+from tdcr_fe.sweeps.result import SweepResult, shown, shown_outputs
 from tdcr_fe.sweeps.sampling import SAMPLED
-from tdcr_fe.sweeps.shown import shown, shown_outputs
 
 #: By picture: title of its section, caption.
 CAPTIONS = {

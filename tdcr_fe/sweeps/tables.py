@@ -8,11 +8,10 @@ from tdcr_fe.io.problems import Reporter
 from tdcr_fe.io.toml import Scenario
 from tdcr_fe.model.messages import meant, quoted, shown
 from tdcr_fe.model.schema import Keys, Quantity, keys_of
-from tdcr_fe.sweeps.columns import columns_of_steps
+from tdcr_fe.sweeps.cases import columns_of_steps
 from tdcr_fe.sweeps.description import Mode, Output, Range, Sampling, Variation
-from tdcr_fe.sweeps.distributions import DISTRIBUTIONS, Distribution
 from tdcr_fe.sweeps.keys import KeyProblem, parse_key
-from tdcr_fe.sweeps.sampling import SAMPLED
+from tdcr_fe.sweeps.sampling import DISTRIBUTIONS, SAMPLED, Distribution
 
 #: Keys of ``[[vary]]`` that give its values; exactly one is given.
 VALUES = ("values", "range", *DISTRIBUTIONS)

@@ -10,9 +10,8 @@ from tdcr_fe.io.toml import Scenario
 from tdcr_fe.model.messages import join, meant, quoted, shown
 from tdcr_fe.model.schema import Keys, Quantity
 from tdcr_fe.sweeps.description import Range, Sampling, Variation
-from tdcr_fe.sweeps.distributions import Uniform
 from tdcr_fe.sweeps.keys import parse_key
-from tdcr_fe.sweeps.sampling import SAMPLED
+from tdcr_fe.sweeps.sampling import SAMPLED, Uniform
 from tdcr_fe.sweeps.tables import is_number
 
 _TENSION = "a tension [N], zero or more, or a table of tensions by tendon"
