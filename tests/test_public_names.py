@@ -44,7 +44,7 @@ def test_every_public_name_is_there_and_documented(name):
 
 def test_other_names_are_refused():
     with pytest.raises(AttributeError, match="simulat"):
-        tdcr.simulat
+        tdcr.simulat  # noqa: B018
 
 
 def test_type_checkers_see_the_same_names_at_the_same_places():

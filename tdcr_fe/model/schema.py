@@ -153,7 +153,7 @@ def _one_of(variants: Mapping[str, type], handler: Any) -> Any:
     from pydantic import Discriminator
     from pydantic_core import core_schema
 
-    tagged = handler.generate_schema(Annotated[typing.Union[tuple(variants.values())], Discriminator("kind")])
+    tagged = handler.generate_schema(Annotated[typing.Union[tuple(variants.values())], Discriminator("kind")])  # noqa: UP007
 
     def choose(value: Any, tagged: Any) -> Any:
         is_law = not isinstance(value, Mapping) and isinstance(getattr(value, "kind", None), str)

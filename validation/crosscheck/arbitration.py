@@ -79,10 +79,10 @@ def integrate_again(robot: Robot, model: Model, step: StepResult, loads: Mapping
         def slope(s: float, y: Array) -> Array:
             turn = Rotation.from_quat(y[3:7])
             moment, force = turn.inv().apply(y[7:10]), turn.inv().apply(y[10:13])
-            if rigid:
+            if rigid:  # noqa: B023 - used within this pass of the loop only
                 curvature, stretch = np.array([*backbone.precurvature, 0.0]), np.array([0.0, 0.0, 1.0])
             else:
-                curvature, stretch = _strain(robot, s, moment, force, stiffness, active)
+                curvature, stretch = _strain(robot, s, moment, force, stiffness, active)  # noqa: B023
             x, y_, z, w = y[3:7]
             p, q, r = curvature
             spin = 0.5 * np.array(
