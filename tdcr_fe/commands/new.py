@@ -47,21 +47,20 @@ def _tendons(text: str) -> int:
 
 def new(args: argparse.Namespace) -> int:
     """Write the files, and print what to do with them."""
-    from tdcr_fe.io import templates
     from tdcr_fe.io.atomic import check_output_folder, write_folder, write_text
+    from tdcr_fe.io.templates import template
 
     out = check_output_folder(args.out)
     names = [f"t{k + 1}" for k in range(args.tendons)]
-    files = {"robot.toml": templates.robot_template(args.tendons)}
+    kinds = ["robot.toml", "scenario.toml"]
+    next_step = f"tdcr-fe run {out / 'scenario.toml'} -o {out / 'results'}"
     if args.kind == "experiment":
-        files |= {"model.toml": templates.model_template(), "NOTES.md": templates.experiment_notes()}
+        kinds = ["robot.toml", "model.toml", "NOTES.md"]
         next_step = f"tdcr-fe identify {out} -o {out}-report   (see {out / 'NOTES.md'})"
-    else:
-        files["scenario.toml"] = templates.scenario_template(names, templates.LENGTH)
-        next_step = f"tdcr-fe run {out / 'scenario.toml'} -o {out / 'results'}"
-    if args.kind == "sweep":
-        files["sweep.toml"] = templates.sweep_template(names[0])
+    elif args.kind == "sweep":
+        kinds.append("sweep.toml")
         next_step = f"tdcr-fe sweep {out / 'sweep.toml'} -o {out / 'results'}"
+    files = {name: template(name, names) for name in kinds}
     _refuse_existing(
         out, [*files, *(["loading.csv", "observations.csv"] if args.kind == "experiment" else [])]
     )

@@ -68,22 +68,20 @@ def _disks_schema() -> dict[str, Any]:
     return {**DISKS.json_schema, "oneOf": [{"required": ["count"]}, {"required": ["positions"]}]}
 
 
-def _backbone_schema() -> dict[str, Any]:
-    table = keys_of(Backbone).json_schema
-    radius = table["properties"]["radius"]
-    pair = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
-    number = {"type": "number", "exclusiveMinimum": 0.0}
-    radius = {
-        "description": "of the round section, or pairs of arc length and radius from base to tip [m]",
-        "oneOf": [number, {"type": "array", "items": pair, "minItems": 2}],
+_RADIUS = "of the round section, or pairs of arc length and radius from base to tip"
+#: Keys of ``[backbone]``; its radius may change along it.
+BACKBONE = keys_of(Backbone).with_keys(
+    {
+        "radius": Annotated[
+            Annotated[float, Quantity(_RADIUS, gt=0.0)] | tuple[tuple[float, float], ...],
+            Quantity(_RADIUS, unit="m"),
+        ]
     }
-    return {**table, "properties": {**table["properties"], "radius": radius}}
-
-
+)
 _BACKBONE = Quantity(
     "the elastic rod",
     allowed="a table [backbone] with length, radius, youngs_modulus, poisson_ratio",
-    contents=_backbone_schema,
+    contents=lambda: BACKBONE.json_schema,
 )
 _DISKS = Quantity(
     "the rigid disks on it; without it tendons follow the backbone",

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.io.cells import millimetres_hint, number, whole_number
 from tdcr_fe.io.problems import Problem
+from tdcr_fe.io.spreadsheet import millimetres_hint, number, whole_number
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, resolve
 from tdcr_fe.model.robot import Robot
 

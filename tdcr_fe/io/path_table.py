@@ -9,10 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tdcr_fe.io.cells import millimetres_hint, number, whole_number
 from tdcr_fe.io.loading_table import MOST_PROBLEMS
 from tdcr_fe.io.problems import InputError, Problem
-from tdcr_fe.io.spreadsheet import read_table
+from tdcr_fe.io.spreadsheet import millimetres_hint, number, read_table, whole_number
 from tdcr_fe.model.targets import TipTarget
 
 POSITION, DIRECTION = ("x", "y", "z"), ("dx", "dy", "dz")

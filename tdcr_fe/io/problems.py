@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from tdcr_fe.model.checks import Contradiction
 from tdcr_fe.model.messages import shown
@@ -92,3 +94,38 @@ class Reporter:
         """Take values that do not fit together."""
         for c in found:
             self(c.key, c.value, c.allowed)
+
+
+def read_bytes(path: Path, named: Problem | None = None) -> bytes:
+    """Contents of a file.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    named
+        The key of another file that names this one, where what is wrong is reported.
+
+    Raises
+    ------
+    InputError
+        It is not there, or cannot be read; the nearest name is proposed.
+    """
+    file = f"{path} " if named else ""
+    try:
+        if path.is_file():
+            return path.read_bytes()
+        if path.is_dir():
+            reason = f"{file}is a directory, not a file"
+        elif path.is_symlink() and not path.exists():
+            reason = f"{file}is a link to {path.readlink()}, which is not there"
+        elif path.exists():
+            reason = f"{file}is not a regular file"
+        else:
+            there = sorted(path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
+            near = difflib.get_close_matches(path.name, [p.name for p in there if p.is_file()], n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            reason = (f"there is no file {path}" if named else "no such file") + hint
+    except (OSError, ValueError) as error:
+        reason = f"cannot be read: {getattr(error, 'strerror', None) or error}"
+    raise InputError([replace(named, allowed=reason) if named else Problem(str(path), "", "", reason)])

@@ -12,8 +12,8 @@ from typing import Any
 
 import pandas as pd
 
-from tdcr_fe.io.cells import millimetres_hint, number, whole_number
 from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.spreadsheet import millimetres_hint, number, whole_number
 from tdcr_fe.model.channels import QUANTITIES, Channel, channel
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.robot import Robot

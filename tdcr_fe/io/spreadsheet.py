@@ -4,29 +4,36 @@ from __future__ import annotations
 
 import codecs
 import csv
+import datetime
 import io
+import math
 import os
 import re
+import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.io.problems import InputError, Problem
-from tdcr_fe.io.workbook import rows_of_workbook
+from tdcr_fe.io.problems import InputError, Problem, read_bytes
 
-_BYTE_ORDER_MARKS = (
-    (codecs.BOM_UTF8, "utf-8-sig"),
-    (codecs.BOM_UTF32_LE, "utf-32"),
-    (codecs.BOM_UTF32_BE, "utf-32"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
+_BYTE_ORDER_MARKS = {
+    codecs.BOM_UTF8: "utf-8-sig",
+    codecs.BOM_UTF32_LE: "utf-32",
+    codecs.BOM_UTF32_BE: "utf-32",
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}
 _DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab"}
-_WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?|[+-]?\d+,")
-_WITH_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
-_BOTH = re.compile(r"[+-]?\d{1,3}([.,]\d{3})+[.,]\d+")
+_NUMBERS = {
+    "comma": re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?|[+-]?\d+,"),
+    "point": re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?"),
+    "thousands": re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+"),
+    "both": re.compile(r"(?=.*\.)(?=.*,)[+-]?\d{1,3}([.,]\d{3})+[.,]\d+"),
+}
+#: A row of texts with its line in the file.
+_Row = tuple[int, list[str]]
 
 
 def read_table(path: str | os.PathLike[str]) -> pd.DataFrame:
@@ -53,40 +60,31 @@ def read_table(path: str | os.PathLike[str]) -> pd.DataFrame:
         a workbook that cannot be read.
     """
     path = Path(path)
-    raw = _contents(path)
+    raw = read_bytes(path)
+    delimiter = ""
     if raw.startswith(b"PK\x03\x04"):
-        (_, head), *rest = rows_of_workbook(path, raw)
-        return _frame(path, _without_empty_end(head), [(n, r) for n, r in rest if any(r)])
-    text = _decode(path, raw)
-    lines = text.lstrip("\r\n").splitlines()
-    if not lines or not lines[0].strip():
-        raise _error(path, "", "is empty; must have a header")
-    hint = re.fullmatch(r'"?sep=(.)"?', lines[0].strip())
-    start = text.index(lines[0]) + (len(lines[0]) if hint else 0)
-    body = text[start:].lstrip("\r\n") if hint else text[start:]
-    skipped = text[: len(text) - len(body)].count("\n")
-    delimiter = hint.group(1) if hint else _delimiter(path, body.splitlines()[0])
-    reader = csv.reader(io.StringIO(body, newline=""), delimiter=delimiter, strict=True)
-    rows: list[tuple[int, list[str]]] = []
-    begin = skipped + 1
-    try:
-        for row in reader:
-            rows.append((begin, [cell.strip() for cell in row]))
-            begin = skipped + reader.line_num + 1
-    except csv.Error as error:
-        raise _error(path, f"line {begin}", f"not a table: {error}") from error
-    filled = [(n, r) for n, r in rows[1:] if any(r)]
-    return _frame(path, _without_empty_end(rows[0][1]), filled, commas=delimiter == ",")
-
-
-def _without_empty_end(names: list[str]) -> list[str]:
-    """Names of columns without those that are empty at the end."""
-    count = max((k + 1 for k, name in enumerate(names) if name), default=0)
-    return names[:count]
-
-
-def _error(path: Path, key: str, allowed: str, value: str = "") -> InputError:
-    return InputError([Problem(str(path), key, value, allowed)])
+        rows = _rows_of_workbook(path, raw)
+    else:
+        rows, delimiter = _rows_of_text(path, _decode(path, raw))
+    (_, names), *rest = rows
+    names = names[: max(k + 1 for k, name in enumerate(names) if name)]
+    twice = [c for c in names if names.count(c) > 1]
+    if twice:
+        raise _error(path, twice[0], "the column is there more than once")
+    for number, row in rest:
+        if any(row[len(names) :]):
+            allowed = f"has {len(row)} cells; the header has {len(names)}"
+            if delimiter == ",":
+                allowed += "; where these are decimal commas, separate the cells by semicolons"
+            raise _error(path, f"line {number}", allowed)
+    cells = [(row + [""] * len(names))[: len(names)] for _, row in rest]
+    table = pd.DataFrame(
+        np.array(cells, dtype=object).reshape(len(cells), len(names)),
+        columns=pd.Index(names, dtype=object),
+        index=pd.Index([n for n, _ in rest], name="line"),
+        dtype=object,
+    )
+    return _with_points(path, table)
 
 
 def table_file(path: Path) -> Path:
@@ -95,89 +93,146 @@ def table_file(path: Path) -> Path:
     return workbook if workbook.is_file() and not path.exists() else path
 
 
-def _contents(path: Path) -> bytes:
+def number(text: str) -> float:
+    """A finite number, or NaN."""
     try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise _error(path, "", "no such file") from None
-    except IsADirectoryError:
-        raise _error(path, "", "is a directory, not a file") from None
-    except OSError as error:
-        reason = "is a directory, not a file" if path.is_dir() else f"cannot be read: {error.strerror}"
-        raise _error(path, "", reason) from error
+        value = float(text)
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan
+
+
+def whole_number(text: str) -> int | None:
+    """A whole number, or None."""
+    value = number(text)
+    return int(value) if math.isfinite(value) and value == int(value) else None
+
+
+def millimetres_hint(value: float, limit: float) -> str:
+    """End of a message on a length [m] that would be within a limit [m] if it were in mm; empty if it would not."""
+    return f"; {value / 1000.0:g} would fit, are these mm?" if abs(value) / 1000.0 <= limit else ""
+
+
+def _error(path: Path, key: str, allowed: str, value: str = "") -> InputError:
+    return InputError([Problem(str(path), key, value, allowed)])
 
 
 def _decode(path: Path, raw: bytes) -> str:
     """The text of a file, by its byte order mark, or as UTF-8."""
     if raw.startswith(b"\xd0\xcf\x11\xe0"):
         raise _error(path, "", "is a workbook of the old Excel format (xls); save it as xlsx or CSV")
-    encoding = next((e for mark, e in _BYTE_ORDER_MARKS if raw.startswith(mark)), "")
-    if not encoding:
-        encoding = "utf-8"
-        if b"\0" in raw[:200]:  # UTF-16 without a mark: every other byte of plain English is zero
-            encoding = "utf-16-le" if raw[1:2] == b"\0" else "utf-16-be"
+    encoding = "utf-8"
+    if b"\0" in raw[:200]:  # UTF-16 without a mark: every other byte of plain English is zero
+        encoding = "utf-16-le" if raw[1:2] == b"\0" else "utf-16-be"
+    encoding = next((e for mark, e in _BYTE_ORDER_MARKS.items() if raw.startswith(mark)), encoding)
     try:
         return raw.decode(encoding)
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        byte = f"byte 0x{raw[error.start]:02x}"
-        raise _error(
-            path, f"line {line}", 'encoding: must be UTF-8 or UTF-16; save as "CSV UTF-8"', byte
-        ) from error
+        allowed = 'encoding: must be UTF-8 or UTF-16; save as "CSV UTF-8"'
+        raise _error(path, f"line {line}", allowed, f"byte 0x{raw[error.start]:02x}") from error
 
 
-def _delimiter(path: Path, header: str) -> str:
-    """The delimiter of a header line; quoted cells do not count."""
-    bare = re.sub(r'"(?:[^"]|"")*"', "", header)
-    there = [d for d in _DELIMITERS if d in bare]
+def _rows_of_text(path: Path, text: str) -> tuple[list[_Row], str]:
+    """Rows that are not empty, header first, and the delimiter: that of the header, or of a first line ``sep=;``."""
+    lines = [line for line in text.splitlines() if line.strip()]
+    hint = re.fullmatch(r'"?sep=(.)"?', lines[0].strip()) if lines else None
+    if len(lines) <= bool(hint):
+        raise _error(path, "", "is empty; must have a header")
+    delimiter = hint.group(1) if hint else ","
+    bare = re.sub(r'"(?:[^"]|"")*"', "", lines[0])
+    there = [d for d in _DELIMITERS if d in bare and not hint]
     if len(there) > 1:
-        names = " and ".join(_DELIMITERS[d] for d in there)
-        raise _error(path, "line 1", f"delimiter: the header has {names}; use one of them", header.strip())
-    return there[0] if there else ","
-
-
-def _frame(
-    path: Path, names: list[str], rows: list[tuple[int, list[str]]], commas: bool = False
-) -> pd.DataFrame:
-    """The table of rows with their lines; ``commas``: whether commas separate the cells."""
-    twice = [c for c in names if names.count(c) > 1]
-    if twice:
-        raise _error(path, twice[0], "the column is there more than once")
-    for number, row in rows:
-        if any(row[len(names) :]):
-            allowed = f"has {len(row)} cells; the header has {len(names)}"
-            if commas:
-                allowed += "; where these are decimal commas, separate the cells by semicolons"
-            raise _error(path, f"line {number}", allowed)
-    cells = [(row + [""] * len(names))[: len(names)] for _, row in rows]
-    table = pd.DataFrame(
-        np.array(cells, dtype=object).reshape(len(cells), len(names)),
-        columns=pd.Index(names, dtype=object),
-        index=pd.Index([n for n, _ in rows], name="line"),
-        dtype=object,
-    )
-    return _with_points(path, table)
+        both = " and ".join(_DELIMITERS[d] for d in there)
+        raise _error(path, "line 1", f"delimiter: the header has {both}; use one of them", lines[0].strip())
+    delimiter = there[0] if there else delimiter
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+    rows, begin = [], 1
+    try:
+        for row in reader:
+            rows.append((begin, [cell.strip() for cell in row]))
+            begin = reader.line_num + 1
+    except csv.Error as error:
+        raise _error(path, f"line {begin}", f"not a table: {error}") from error
+    rows = [(n, row) for n, row in rows if any(row)][bool(hint) :]
+    if not rows:
+        raise _error(path, "", "is empty; must have a header")
+    return rows, delimiter
 
 
 def _with_points(path: Path, table: pd.DataFrame) -> pd.DataFrame:
     """The table with a decimal point in every number."""
     if not any("," in x for row in table.to_numpy() for x in row):
         return table
-    cells = [(n, c, x) for n, row in table.to_dict("index").items() for c, x in row.items() if x]
-    for number, column, x in cells:
-        if _BOTH.fullmatch(x) and "," in x and "." in x:
-            raise _error(path, f"line {number}, {column}", "decimal: remove the thousands separators", x)
-    comma = [(n, c, x) for n, c, x in cells if _WITH_COMMA.fullmatch(x)]
-    grouped = [(n, c, x) for n, c, x in cells if _THOUSANDS.fullmatch(x)]
-    point = [(n, c, x) for n, c, x in cells if _WITH_POINT.fullmatch(x)]
-    if not comma and not grouped:
+    found: dict[str, list[tuple[str, str]]] = {kind: [] for kind in _NUMBERS}
+    for line, row in table.to_dict("index").items():
+        for column, x in row.items():
+            for kind, pattern in _NUMBERS.items():
+                if pattern.fullmatch(x):
+                    found[kind].append((f"line {line}, {column}", x))
+    if found["both"]:
+        key, x = found["both"][0]
+        raise _error(path, key, "decimal: remove the thousands separators", x)
+    commas = found["comma"] or found["thousands"]
+    if not commas:
         return table
-    number, column, x = (comma or grouped)[0]
-    if point:
-        line, where, other = point[0]
-        allowed = f"decimal: line {line}, {where} has {other}; use a point or a comma throughout"
-        raise _error(path, f"line {number}, {column}", allowed, x)
-    if len(grouped) == len({*comma, *grouped}):
+    if found["point"]:
+        where, other = found["point"][0]
+        allowed = f"decimal: {where} has {other}; use a point or a comma throughout"
+        raise _error(path, commas[0][0], allowed, commas[0][1])
+    if set(found["comma"]) <= set(found["thousands"]):
         allowed = "decimal: may be a decimal comma or a thousands separator; write a decimal point"
-        raise _error(path, f"line {number}, {column}", allowed, x)
-    return table.map(lambda x: x.replace(",", ".") if _WITH_COMMA.fullmatch(x) else x)
+        raise _error(path, commas[0][0], allowed, commas[0][1])
+    return table.map(lambda x: x.replace(",", ".") if _NUMBERS["comma"].fullmatch(x) else x)
+
+
+def _rows_of_workbook(path: Path, contents: bytes) -> list[_Row]:
+    """Rows of the first sheet that are not empty.
+
+    Numbers are written with a decimal point, whatever the spreadsheet shows; of a formula its value is taken.
+    """
+    try:
+        import openpyxl
+    except ImportError as error:
+        text = "is an Excel workbook; save it as CSV, or install openpyxl: pip install 'tdcr-fe[xlsx]'"
+        raise _error(path, "", text) from error
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of styles and extensions that do not matter here
+            book = openpyxl.load_workbook(io.BytesIO(contents), data_only=True)
+    except Exception as error:  # openpyxl raises what its parsers of zip and XML raise
+        text = f"is no Excel workbook that can be read: {error}; save it as xlsx or CSV"
+        raise _error(path, "", text) from error
+    if not book.worksheets:
+        raise _error(path, "", "has no sheet with cells")
+    sheet = book.worksheets[0]
+    problems: list[Problem] = []
+    rows: list[_Row] = []
+    for line, row in enumerate(sheet.iter_rows(), 1):
+        cells = [(cell.coordinate, *_text(cell.value)) for cell in row]
+        problems += [
+            Problem(str(path), f"sheet {sheet.title}, cell {at}", text, wrong)
+            for at, text, wrong in cells
+            if wrong
+        ]
+        if any(text for _, text, _ in cells):
+            rows.append((line, [text for _, text, _ in cells]))
+    if problems:
+        raise InputError(problems)
+    if not rows:
+        raise _error(path, f"sheet {sheet.title}", "is empty; must have a header")
+    return rows
+
+
+def _text(value: Any) -> tuple[str, str]:
+    """A cell as text, and what is wrong with it."""
+    if isinstance(value, bool):
+        return str(value).lower(), ""
+    if isinstance(value, int | float):
+        return repr(value), ""
+    text = "" if value is None else str(value).strip()
+    if isinstance(value, datetime.date | datetime.time | datetime.timedelta):
+        return text, "is a date or a time; format the cell as a number, and enter it again"
+    if text.startswith("#") and text.endswith(("!", "?", "/A")):
+        return text, "is an error of a formula"
+    return text, ""

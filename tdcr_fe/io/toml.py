@@ -6,20 +6,17 @@ values of a key are annotations of the field of the description, see `tdcr_fe.mo
 
 from __future__ import annotations
 
-import difflib
 import hashlib
-import math
 import os
-import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from tdcr_fe.io.effects import read_effects
-from tdcr_fe.io.keys import DISKS, MODEL_FILE, ROBOT, SCENARIO, routings_with, tendon_keys
-from tdcr_fe.io.problems import InputError, Problem, Report, Reporter
+from tdcr_fe.io.keys import BACKBONE, DISKS, MODEL_FILE, ROBOT, SCENARIO, routings_with, tendon_keys
+from tdcr_fe.io.problems import InputError, Problem, Report, Reporter, read_bytes
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import (
     ARC_TOLERANCE,
@@ -84,34 +81,27 @@ class RobotParts:
     """The valid parts of a robot: enough to check a scenario against it."""
 
     robot: Robot | None = None
-    length: float | None = None
-    names: tuple[str, ...] | None = None
+    length: float | None = None  # of the backbone [m]
+    names: tuple[str, ...] | None = None  # of the tendons
 
 
 @dataclass(frozen=True)
-class _Discs:
-    """The valid parts of the disks: the disks, None where their positions are invalid, and their radius [m]."""
+class _DiskParts:
+    """The valid parts of the disks."""
 
-    disks: Disks | None = None
-    radius: float | None = None
+    disks: Disks | None = None  # None where their positions are invalid
+    radius: float | None = None  # [m]
 
 
 def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
     before = len(reporter.problems)
     top, bad = ROBOT.read(data, "", reporter.mistake)
-    backbone = length = None
-    if "backbone" in top:
-        table, taper = _without_taper(top["backbone"])
-        values, wrong = keys_of(Backbone).read(table, "backbone", reporter.mistake)
-        length = values.get("length")
-        if not wrong and isinstance(top["backbone"], dict):
-            backbone = Backbone(**values, taper=taper)
-            reporter.contradictions(backbone_contradictions(backbone))
-    found = _Discs()
+    backbone, length = _build_backbone(top["backbone"], reporter) if "backbone" in top else (None, None)
+    parts = _DiskParts()
     if "disks" in top:
-        found = _Discs(Disks()) if top["disks"] is None else _build_disks(top["disks"], length, reporter)
+        parts = _DiskParts(Disks()) if top["disks"] is None else _build_disks(top["disks"], length, reporter)
     tables = top.get("tendons", ())
-    built = [_build_tendon(i, table, found, length, reporter) for i, table in enumerate(tables)]
+    built = [_build_tendon(i, table, parts, length, reporter) for i, table in enumerate(tables)]
     tendons = tuple(tendon for tendon, _ in built if tendon is not None)
     names = tuple(name for _, name in built if name is not None)
     reporter.contradictions(name_contradictions(names))
@@ -119,61 +109,61 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
         reporter.contradictions(spring_contradictions(top.get("springs", ()), length))
     known = "tendons" not in bad and len(set(names)) == len(tables)
     robot = None
-    if len(reporter.problems) == before and backbone is not None and found.disks is not None:
+    if len(reporter.problems) == before and backbone is not None and parts.disks is not None:
         rest = {k: top[k] for k in ("name", "tip_mass", "springs", "base_stiffness")}
-        robot = Robot(backbone, found.disks, tendons, **rest)
+        robot = Robot(backbone, parts.disks, tendons, **rest)
     return RobotParts(robot, length, names if known else None)
 
 
-def _without_taper(table: Any) -> tuple[Any, tuple[tuple[float, float], ...]]:
-    """The table of a backbone with the radius at its base, and its taper where ``radius`` is a list of pairs."""
-    radius = table.get("radius") if isinstance(table, dict) else None
-    if not isinstance(radius, list) or not radius or not all(_is_pair(p) for p in radius):
-        return table, ()
-    return {**table, "radius": radius[0][1]}, tuple((float(s), float(r)) for s, r in radius)
+def _build_backbone(data: Any, reporter: Reporter) -> tuple[Backbone | None, float | None]:
+    """The backbone, None where it is invalid; and its length [m]."""
+    values, bad = BACKBONE.read(data, "backbone", reporter.mistake)
+    length = values.get("length")
+    if bad:
+        return None, length
+    if isinstance(values["radius"], tuple):
+        taper = values["radius"]
+        if not taper or not taper[0][1] > 0.0:
+            reporter(
+                "backbone.radius", shown(data["radius"]), "must be pairs of arc length and radius above 0 [m]"
+            )
+            return None, length
+        values |= {"radius": taper[0][1], "taper": taper}
+    backbone = Backbone(**values)
+    reporter.contradictions(backbone_contradictions(backbone))
+    return backbone, length
 
 
-def _is_pair(value: Any) -> bool:
-    """Whether a value is a list of two finite numbers."""
-    return (
-        isinstance(value, list) and len(value) == 2 and all(_is_number(x) and math.isfinite(x) for x in value)
-    )
-
-
-def _build_disks(data: Any, length: float | None, reporter: Reporter) -> _Discs:
+def _build_disks(data: Any, length: float | None, reporter: Reporter) -> _DiskParts:
     values, bad = DISKS.read(data, "disks", reporter.mistake)
     radius = values.get("radius")
     if not isinstance(data, dict):
-        return _Discs(None, radius)
+        return _DiskParts(None, radius)
     if ("count" in data) == ("positions" in data):
         if "count" in data:
             sentence = "count and positions are both given; exactly one is allowed"
             reporter("disks.count", shown(data["count"]), sentence)
         else:
             reporter("disks", "", "missing; exactly one of count and positions must be given")
-        return _Discs(None, radius)
+        return _DiskParts(None, radius)
     if bad & {"count", "positions"} or length is None:
-        return _Discs(None, radius)
+        return _DiskParts(None, radius)
     count = values.pop("count")
     if count is not None:
         values["positions"] = Disks.equally_spaced(count, length).positions
     # An invalid value has been reported; its default, or the largest radius, is used instead.
-    disks = Disks(**{"radius": 1000.0, **{k: v for k, v in values.items() if k not in bad}})
+    disks = Disks(**{"radius": 1000.0, **values})
     found = disk_contradictions(disks, length)
-    if count is not None:
-        found = [
-            Contradiction("disks.count", str(count), "too many; they must be apart from each other")
-            if c.key.startswith("disks.positions")
-            else c
-            for c in found
-        ]
+    unsound = any(c.key.startswith("disks.positions") for c in found)
+    if unsound and count is not None:
+        sentence = "too many; they must be apart from each other"
+        found = [Contradiction("disks.count", str(count), sentence)]
     reporter.contradictions(found)
-    unsound = any(c.key.startswith(("disks.positions", "disks.count")) for c in found)
-    return _Discs(None if unsound else disks, radius)
+    return _DiskParts(None if unsound else disks, radius)
 
 
 def _build_tendon(
-    i: int, data: Any, found: _Discs, length: float | None, reporter: Reporter
+    i: int, data: Any, parts: _DiskParts, length: float | None, reporter: Reporter
 ) -> tuple[Tendon | None, str | None]:
     """A tendon, None where it is invalid; and its name, None where that is invalid."""
     key = f"tendons[{i}]"
@@ -189,9 +179,9 @@ def _build_tendon(
         reporter(p.key, p.value, allowed)
     name = values.get("name")
     own = set(keys_of(routing)) if routing else set()
-    disks = found.disks
+    disks = parts.disks
     if routing is None or bad & (own | {"end"}) or disks is None or length is None:
-        _check_offsets(key, values, own, found.radius, reporter)
+        _check_offsets(key, values, parts.radius, reporter)
         return None, name
     end = length if values["end"] is None else values["end"]
     arcs = (0.0, *(s for s in disks.positions if s <= end + ARC_TOLERANCE))
@@ -219,9 +209,7 @@ def _course_arc_lengths(points: Sequence[Any], end: float) -> tuple[float, ...]:
     return (*(end * k / last for k in range(last)), end)
 
 
-def _check_offsets(
-    key: str, values: Mapping[str, Any], own: set[str], radius: float | None, reporter: Reporter
-) -> None:
+def _check_offsets(key: str, values: Mapping[str, Any], radius: float | None, reporter: Reporter) -> None:
     """Check a tendon's holes as far as possible without the rest of the robot."""
     for name in ("offset", "end_offset"):
         offset = values.get(name)
@@ -271,59 +259,36 @@ def _is_number(value: Any) -> bool:
 # --------------------------------------------------------------------------------------------------- reading
 
 
-def _load(
-    path: Path, problems: list[Problem], named: Problem | None = None
-) -> tuple[dict[str, Any] | None, str]:
-    """Contents of a TOML file and its digest; None where it cannot be read, with the reason in ``problems``.
+def read_toml(path: str | os.PathLike[str], named: Problem | None = None) -> tuple[dict[str, Any], str]:
+    """Contents of a TOML file, and its SHA-256 in hexadecimal.
 
-    ``named`` is the key of another file that names this one; a missing file is reported there.
+    Parameters
+    ----------
+    path
+        Of the file.
+    named
+        The key of another file that names this one; a missing file is reported there.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is not TOML.
     """
-    file = str(path)
-
-    def refuse(reason: str) -> tuple[None, str]:
-        problems.append(replace(named, allowed=reason) if named else Problem(file, "", "", reason))
-        return None, ""
-
+    raw = read_bytes(Path(path), named)
     try:
-        if path.is_dir():
-            return refuse(f"{file} is a directory, not a file" if named else "is a directory, not a file")
-        if path.is_symlink() and not path.exists():
-            return refuse(f"{f'{file} ' if named else ''}is a link to {path.readlink()}, which is not there")
-        if not path.exists():
-            there = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
-            near = difflib.get_close_matches(path.name, there, n=1)
-            hint = f"; did you mean {near[0]}?" if near else ""
-            return refuse((f"there is no file {file}" if named else "no such file") + hint)
-        if not path.is_file():
-            return refuse(f"{file} is not a regular file" if named else "is not a regular file")
-        raw = path.read_bytes()
-    except (OSError, ValueError) as error:
-        return refuse(f"cannot be read: {getattr(error, 'strerror', None) or error}")
-    return _parse(raw, file, problems)
-
-
-def _parse(raw: bytes, file: str, problems: list[Problem]) -> tuple[dict[str, Any] | None, str]:
-    """Contents of a TOML file and its digest; None where it is not TOML, with the reason in ``problems``."""
-    try:
-        text = raw.decode("utf-8-sig")
+        data = tomllib.loads(raw.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        byte = f"byte 0x{raw[error.start]:02x}"
-        problems.append(Problem(file, f"line {line}", byte, "is not UTF-8; save the file in that encoding"))
-        return None, ""
-    try:
-        data = tomllib.loads(text)
+        key, value = f"line {line}", f"byte 0x{raw[error.start]:02x}"
+        reason = "is not UTF-8; save the file in that encoding"
     except tomllib.TOMLDecodeError as error:
-        message = str(error)
-        position = re.search(r"\s*\(at (.*)\)$", message)
-        where = position.group(1) if position else ""
-        reason = message[: position.start()] if position else message
-        problems.append(Problem(file, where, "", f"not TOML: {reason}"))
-        return None, ""
+        reason, _, where = str(error).partition(" (at ")
+        key, value, reason = where.rstrip(")"), "", f"not TOML: {reason}"
     except (ValueError, RecursionError) as error:
-        problems.append(Problem(file, "", "", f"not TOML that can be read: {str(error).partition(';')[0]}"))
-        return None, ""
-    return data, hashlib.sha256(raw).hexdigest()
+        key, value, reason = "", "", f"not TOML that can be read: {str(error).partition(';')[0]}"
+    else:
+        return data, hashlib.sha256(raw).hexdigest()
+    raise InputError([Problem(str(path), key, value, reason)])
 
 
 def digest(path: str | os.PathLike[str]) -> str:
@@ -339,12 +304,11 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
     InputError
         With every mistake in the file.
     """
-    problems: list[Problem] = []
-    path = Path(path)
-    data, _ = _load(path, problems)
-    robot = None if data is None else _build_robot(data, Reporter(str(path), problems)).robot
-    if problems or robot is None:
-        raise InputError(problems)
+    data, _ = read_toml(path)
+    reporter = Reporter(str(path))
+    robot = _build_robot(data, reporter).robot
+    if reporter.problems or robot is None:
+        raise InputError(reporter.problems)
     return robot
 
 
@@ -390,20 +354,16 @@ def read_model_file(
     InputError
         With every mistake in the file.
     """
-    problems: list[Problem] = []
-    path = Path(path)
-    data, _ = _load(path, problems)
-    model = settings = None
-    if data is not None:
-        reporter = Reporter(str(path), problems)
-        own = {key: table for key, table in data.items() if key not in apart}
-        top, _ = MODEL_FILE.read(own, "", reporter.mistake)
-        model = _build_model(top["model"], reporter, robot) if "model" in top else None
-        settings = _build_settings(top["solver"], reporter) if "solver" in top else None
-        if robot is not None and model is not None:
-            reporter.contradictions(course_contradictions(robot, model))
-    if problems or model is None or settings is None:
-        raise InputError(problems)
+    data, _ = read_toml(path)
+    reporter = Reporter(str(path))
+    own = {key: table for key, table in data.items() if key not in apart}
+    top, _ = MODEL_FILE.read(own, "", reporter.mistake)
+    model = _build_model(top["model"], reporter, robot) if "model" in top else None
+    settings = _build_settings(top["solver"], reporter) if "solver" in top else None
+    if robot is not None and model is not None:
+        reporter.contradictions(course_contradictions(robot, model))
+    if reporter.problems or model is None or settings is None:
+        raise InputError(reporter.problems)
     return model, settings
 
 
@@ -429,21 +389,6 @@ class ScenarioTables:
     robot_path: Path
     digests: Mapping[str, str] = field(default_factory=dict)
     problems: tuple[Problem, ...] = ()
-
-
-def read_toml(path: str | os.PathLike[str]) -> tuple[dict[str, Any], str]:
-    """Contents of a TOML file, and its SHA-256 in hexadecimal.
-
-    Raises
-    ------
-    InputError
-        It cannot be read, or is not TOML.
-    """
-    problems: list[Problem] = []
-    data, sha256 = _load(Path(path), problems)
-    if data is None:
-        raise InputError(problems)
-    return data, sha256
 
 
 def read_scenario_tables(path: str | os.PathLike[str]) -> ScenarioTables:
@@ -473,12 +418,12 @@ def with_robot_table(scenario: dict[str, Any], path: Path, sha256: str = "") -> 
     digests, name = {str(path): sha256}, scenario.get("robot")
     if not isinstance(name, str):
         return ScenarioTables(scenario, None, path, path, digests)
-    problems: list[Problem] = []
     robot_path = path.parent / name
-    robot, digests[str(robot_path)] = _load(
-        robot_path, problems, Problem(str(path), "robot", shown(name), "")
-    )
-    return ScenarioTables(scenario, robot, path, robot_path, digests, tuple(problems))
+    try:
+        robot, digests[str(robot_path)] = read_toml(robot_path, Problem(str(path), "robot", shown(name), ""))
+    except InputError as error:
+        return ScenarioTables(scenario, None, path, robot_path, digests, error.problems)
+    return ScenarioTables(scenario, robot, path, robot_path, digests)
 
 
 def read_scenario(

@@ -216,6 +216,7 @@ class Keys(Mapping[str, Any]):
         """JSON schema (draft 2020-12) of a table with these keys and no others."""
         found = self._adapter.json_schema()
         schema = _plain(found, found.get("$defs", {}))
+        del schema["title"]
         for name, default in self.defaults.items():
             default = list(default) if isinstance(default, tuple) else default
             if isinstance(default, str | int | float | list):

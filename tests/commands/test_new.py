@@ -11,7 +11,7 @@ import pytest
 import tdcr_fe as tdcr
 from tdcr_fe import cli
 from tdcr_fe.io.keys import DISKS, ROBOT, tendon_keys
-from tdcr_fe.io.templates import _EXAMPLES
+from tdcr_fe.io.templates import EXAMPLES
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.channels import CHANNELS
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
@@ -72,7 +72,7 @@ def test_a_default_that_is_commented_out_is_what_applies_without_it(tmp_path):
             same = (after.robot, after.model, after.steps, after.settings) == (
                 *(before.robot, before.model, before.steps, before.settings),
             )
-            assert same == (name not in _EXAMPLES), name
+            assert same == (name not in EXAMPLES), name
             (folder / file).write_text(text)
             tried += 1
     assert tried > 20

@@ -10,7 +10,7 @@ from inputs import REMOVED, ROBOT, SCENARIO, changed
 
 import tdcr_fe
 from tdcr_fe.io.keys import json_schema
-from tdcr_fe.io.templates import sweep_template
+from tdcr_fe.io.templates import template
 from tdcr_fe.io.write_toml import model_to_toml
 from tdcr_fe.model.loading import Model, SolverSettings
 from tdcr_fe.sweeps.schema import sweep_schema
@@ -151,7 +151,7 @@ largest = { t1 = 2.0 }
 def test_sweeps_fit_their_schema():
     schema = sweep_schema()
     assert errors(schema, tomllib.loads(SWEEP)) == []
-    assert errors(schema, tomllib.loads(sweep_template("t1"))) == []
+    assert errors(schema, tomllib.loads(template("sweep.toml", ["t1"]))) == []
     own = changed(SWEEP, {"scenario": REMOVED, "robot": "robot.toml", "steps": [{"tensions": {"t1": 1.0}}]})
     assert errors(schema, tomllib.loads(own)) == []
 
