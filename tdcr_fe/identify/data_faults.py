@@ -51,23 +51,14 @@ MOST_STEPS = 1500
 
 @dataclass(frozen=True)
 class _Grid:
-    """Readings of positions by step, marker and axis; NaN where there is none.
+    """Readings of positions by step, marker and axis; NaN where there is none."""
 
-    Attributes
-    ----------
-    measured, predicted, sigma : ndarray, shape (n_steps, n_markers, 3)
-        By the declared model [m].
-    steps : tuple of int
-        Numbers of the steps.
-    markers : tuple of float
-        Arc lengths [m].
-    """
-
+    # By the declared model [m], shape (n_steps, n_markers, 3)
     measured: Array
     predicted: Array
     sigma: Array
-    steps: tuple[int, ...]
-    markers: tuple[float, ...]
+    steps: tuple[int, ...]  # numbers of the steps
+    markers: tuple[float, ...]  # arc lengths [m]
 
     @classmethod
     def of(cls, problem: FitProblem, declared: Fit) -> _Grid:

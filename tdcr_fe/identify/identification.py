@@ -119,36 +119,19 @@ def identify(
 
 
 class _Prepared(NamedTuple):
-    """What a search begins with.
+    """What a search begins with."""
 
-    Attributes
-    ----------
-    problem : FitProblem
-        Of all load steps.
-    searched : FitProblem
-        Of those that the search uses, with mesh and path fine enough; the same readings where it uses all.
-    run : Run
-        Of the declared model, in that problem.
-    rows : RowChoice or None
-        Load steps that the search uses; None for all.
-    frictional : FitProblem or None
-        Where the search runs without friction: what its end runs with.
-    sigma_estimated : bool
-        Whether any sigma was not given.
-    all_steps : float
-        About how long a run over all load steps takes, where the search uses some of them; else zero [s].
-    with_friction : float
-        About how long a run with friction over the chosen load steps takes, where the search runs without; else zero
-        [s].
-    """
-
-    problem: FitProblem
+    problem: FitProblem  # of all load steps
+    # of those that the search uses, with mesh and path fine enough; the same readings where it uses all
     searched: FitProblem
-    run: Run
-    rows: RowChoice | None
-    frictional: FitProblem | None
-    sigma_estimated: bool
+    run: Run  # of the declared model, in that problem
+    rows: RowChoice | None  # load steps that the search uses; None for all
+    frictional: FitProblem | None  # where the search runs without friction: what its end runs with
+    sigma_estimated: bool  # whether any sigma was not given
+    # about how long a run over all load steps takes, where the search uses some of them; else zero [s]
     all_steps: float = 0.0
+    # about how long a run with friction over the chosen load steps takes, where the search runs without; else
+    # zero [s]
     with_friction: float = 0.0
 
 

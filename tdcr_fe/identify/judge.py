@@ -141,24 +141,15 @@ def conclude(
 
 
 class _Judgement(NamedTuple):
-    """What is to be thought of the data and of what is left.
+    """What is to be thought of the data and of what is left."""
 
-    Attributes
-    ----------
-    explained : bool
-        Whether what is left is noise.
-    insufficient, faulty : str
-        Why the data do not suffice, and their fault; empty where they do, and have none.
-    inputs_explain : bool
-        Whether errors of the inputs account for all that is left.
-    unknown_noise : str
-        Why what the declared model leaves cannot be told from noise, although it looks like noise; empty where it can.
-    """
-
-    explained: bool
+    explained: bool  # whether what is left is noise
+    # Why the data do not suffice, and their fault; empty where they do, and have none
     insufficient: str
     faulty: str
-    inputs_explain: bool
+    inputs_explain: bool  # whether errors of the inputs account for all that is left
+    # why what the declared model leaves cannot be told from noise, although it looks like noise; empty where
+    # it can
     unknown_noise: str = ""
 
     @property

@@ -52,17 +52,10 @@ LOWER = 0.95
 
 @dataclass(frozen=True)
 class LawAhead:
-    """A law beside the declared model that leaves noise.
-
-    Attributes
-    ----------
-    fit : LawFit
-    alternatives : tuple of Term
-        That explain as much in its place.
-    """
+    """A law beside the declared model that leaves noise."""
 
     fit: LawFit
-    alternatives: tuple[Term, ...]
+    alternatives: tuple[Term, ...]  # that explain as much in its place
 
 
 def law_bic(problem: FitProblem, fit: LawFit) -> float:

@@ -195,27 +195,15 @@ EXPONENTS = (-6.0, 6.0)
 
 
 class _Block(NamedTuple):
-    """One step: its readings, the residual in the directions of its inputs, and how strong these are.
+    """One step: its readings, the residual in the directions of its inputs, and how strong these are."""
 
-    Attributes
-    ----------
-    readings : ndarray of int, shape (r,)
-    left, right : ndarray, shape (r, q), (q, q)
-        Singular vectors of the derivatives.
-    strength : ndarray, shape (q,)
-        Singular values.
-    along : ndarray, shape (q,)
-        Residual in the directions of ``left``.
-    rest : float
-        Sum of squares of the residual across them.
-    """
-
-    readings: NDArray[np.int_]
+    readings: NDArray[np.int_]  # shape (r,)
+    # Singular vectors of the derivatives, shape (r, q), (q, q)
     left: Array
-    strength: Array
+    strength: Array  # singular values, shape (q,)
     right: Array
-    along: Array
-    rest: float
+    along: Array  # residual in the directions of ``left``, shape (q,)
+    rest: float  # sum of squares of the residual across them
 
 
 def find_input_scatter(problem: FitProblem, fit: Fit) -> InputScatter | None:

@@ -308,21 +308,12 @@ def write_report(
 
 
 class Written(NamedTuple):
-    """What was written.
+    """What was written."""
 
-    Attributes
-    ----------
-    result : IdentificationResult
-        With the tables among what was not tried, if the time did not suffice for them.
-    names : list of str
-        Files and folders, relative to the output folder.
-    interrupted : bool
-        Whether the identification, or the simulation for the tables, was interrupted.
-    """
-
+    # with the tables among what was not tried, if the time did not suffice for them
     result: IdentificationResult
-    names: list[str]
-    interrupted: bool
+    names: list[str]  # files and folders, relative to the output folder
+    interrupted: bool  # whether the identification, or the simulation for the tables, was interrupted
 
 
 def write_result(

@@ -124,24 +124,12 @@ class OutOfTime(Exception):
 
 
 class Schedule(NamedTuple):
-    """First deadlines of the parts of an identification, as readings of `clock` [s].
+    """First deadlines of the parts of an identification, as readings of `clock` [s]."""
 
-    Attributes
-    ----------
-    search : float
-        Of the search for effects.
-    friction : float
-        Of the best model with friction, where the search runs without.
-    end : float
-        Of everything else but the tables of the corrected robot.
-    grace : float
-        From a first deadline to the second.
-    """
-
-    search: float
-    friction: float
-    end: float
-    grace: float
+    search: float  # of the search for effects
+    friction: float  # of the best model with friction, where the search runs without
+    end: float  # of everything else but the tables of the corrected robot
+    grace: float  # from a first deadline to the second
 
     @classmethod
     def of(cls, begun: float, seconds: float, all_steps: float = 0.0, with_friction: float = 0.0) -> Schedule:
@@ -194,22 +182,13 @@ def ending_at(deadline: float) -> Callable[[Any], None] | None:
 
 @dataclass(frozen=True)
 class Budget:
-    """What a search may cost.
+    """What a search may cost."""
 
-    Attributes
-    ----------
-    forward : ForwardModel
-        Which counts the runs.
-    runs, iterations : int
-        Counts at which the budget is spent.
-    deadline : float
-        Reading of `tdcr_fe.identify.settings.clock` at which it is spent [s].
-    """
-
-    forward: ForwardModel
+    forward: ForwardModel  # which counts the runs
+    # Counts at which the budget is spent
     runs: int
     iterations: int
-    deadline: float
+    deadline: float  # reading of `tdcr_fe.identify.settings.clock` at which it is spent [s]
 
     @property
     def spent(self) -> bool:
