@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any, Literal
 
 import numpy as np
@@ -18,6 +19,8 @@ from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.summary import versions
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.settings import SolverSettings
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -51,28 +54,22 @@ class Misfit:
 
     def to_json(self) -> dict[str, float | None]:
         """As in ``result.json``."""
-        return {
-            "rms_position": self.rms_position,
-            "rms_angle": self.rms_angle,
-            "max_position": self.max_position,
-            "chi2_per_dof": self.chi2_per_dof,
-        }
+        names = ("rms_position", "rms_angle", "max_position", "chi2_per_dof")
+        return {name: getattr(self, name) for name in names}
+
+
+def tip_force(force: Sequence[float]) -> str:
+    """A force at the tip, in words."""
+    return f"tip force ({', '.join(f'{x:.3g}' for x in force)}) N"
+
+
+def errors(fit: Misfit, held_out: Misfit) -> dict[str, Any]:
+    """Errors on fitted and on held-out steps, as in ``result.json``."""
+    return {"fit": fit.to_json(), "held_out": held_out.to_json()}
 
 
 #: Of a model that was not evaluated, for want of time.
 NOT_EVALUATED = Misfit(None, None, None, math.nan)
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Noise of the measurement that misfits are compared with; from sigma, given or estimated."""
-
-    # What the noise alone gives for the measures of `Misfit` of the same names [m, m, rad]
-    rms_position: float | None
-    rms_coordinate: float | None
-    rms_angle: float | None
-    rms_by_quantity: Mapping[str, float]  # root mean square of sigma by measured quantity, in its unit
-    estimated: bool  # whether any sigma was not given, and so estimated
 
 
 @dataclass(frozen=True)
@@ -96,7 +93,7 @@ class LawTerm:
 
 @dataclass(frozen=True)
 class FoundLaw:
-    """A law on no list: what acts besides the declared model, as a function of the state."""
+    """An unlisted law: what acts besides the declared model, as a function of the state."""
 
     terms: tuple[LawTerm, ...]  # their sum is the law
     sentence: str  # the law in words
@@ -123,7 +120,7 @@ class FoundLaw:
         return {
             "formula": self.formula,
             "where": "; ".join(dict.fromkeys(t.where for t in self.terms)),
-            "after": {"fit": self.after_fit.to_json(), "held_out": self.after_held_out.to_json()},
+            "after": errors(self.after_fit, self.after_held_out),
             "sentence": self.sentence,
             "terms": [
                 {
@@ -139,15 +136,10 @@ class FoundLaw:
         }
 
 
-Array = NDArray[np.float64]
-
-
 @dataclass(frozen=True)
 class Shapes:
-    """Measured and predicted positions, for pictures; NaN where nothing was measured or solved."""
+    """Measured and predicted positions by step of ``loading.csv``; NaN where nothing was measured or solved."""
 
-    step_ids: tuple[int, ...]  # as ``loading.csv`` numbers the steps; the first axis of all arrays
-    branches: tuple[str, ...]  # label of the branch of every step; empty where the file has none
     held_out: NDArray[np.bool_]  # shape (n_steps,)
     arc_lengths: Array  # where positions were measured [m], shape (n_locations,)
     # Measured positions, and those predicted by the declared and by the final model, in the measuring frame
@@ -191,8 +183,9 @@ class Candidate:
     note: str = ""
 
 
-#: Where the error remains if the data have a fault, or if errors of the inputs account for all of it.
-THE_DATA, THE_INPUTS, THE_NOISE = "the data", "the inputs", "the noise"
+#: Where the error remains if the data have a fault, errors of the inputs account for all of it, the noise is not known,
+#: or the data do not suffice.
+THE_DATA, THE_INPUTS, THE_NOISE, NOT_KNOWN = "the data", "the inputs", "the noise", "not known"
 
 
 @dataclass(frozen=True)
@@ -224,8 +217,8 @@ class SetErrors:
         return {
             "dataset": self.name,
             "steps": [self.first, self.last],
-            "before": {"fit": self.before_fit.to_json(), "held_out": self.before_held_out.to_json()},
-            "after": {"fit": self.after_fit.to_json(), "held_out": self.after_held_out.to_json()},
+            "before": errors(self.before_fit, self.before_held_out),
+            "after": errors(self.after_fit, self.after_held_out),
         }
 
 
@@ -265,15 +258,13 @@ class NextExperiment:
 MOST_NOISE = 2.0
 
 
-#: In proportion to every input, or alike for all.
-ScatterKind = Literal["relative", "absolute"]
-
-
 @dataclass(frozen=True)
-class InputScatter:
-    """Scatter of the inputs that would account for a part of the residual."""
+class InputNoise:
+    """Noise of the inputs that would account for a part of the residual."""
 
-    kind: ScatterKind  # "relative": in proportion to every input; "absolute": alike for all
+    kind: Literal[
+        "relative", "absolute"
+    ]  # "relative": in proportion to every input; "absolute": alike for all
     size: float  # standard deviation, over the input [1] or in `unit`
     unit: str  # "1", "N" or "m"
     # Of all readings: the final model's, and with the most likely errors of the inputs
@@ -289,6 +280,16 @@ class InputScatter:
         """As in ``result.json``."""
         own = {"kind": self.kind, "size": self.size, "unit": self.unit}
         return own | {"before": self.before.to_json(), "after": self.after.to_json()}
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A jump of one coordinate of a marker that the final model leaves."""
+
+    step: int  # the first one after it
+    marker: float  # arc length [m]
+    axis: str
+    size: float  # [m]
 
 
 @dataclass(frozen=True)
@@ -308,15 +309,16 @@ class SearchedSteps:
         return f"The search used {count}, and all errors are of these: there is no fit to all load steps."
 
 
-Verdict = Literal[
-    "explained",
-    "explained by a law found",
-    "partly explained",
-    "unexplained",
-    "nothing missing",
-    "cannot tell",
-    "unfinished",
-]
+class Verdict(StrEnum):
+    """The verdict; `tdcr_fe.identify.sentences.HEADLINES` has the sentence of each."""
+
+    EXPLAINED = "explained"
+    LAW_FOUND = "explained by a law found"
+    PARTLY_EXPLAINED = "partly explained"
+    UNEXPLAINED = "unexplained"
+    NOTHING_MISSING = "nothing missing"
+    CANNOT_TELL = "cannot tell"
+    UNFINISHED = "unfinished"
 
 
 @dataclass(frozen=True)
@@ -361,8 +363,8 @@ class IdentificationResult:
     interrupted : bool
     history : tuple of str
         What was done, in sentences.
-    noise : Noise
-        Noise that the misfits are compared with.
+    noise : Misfit
+        What the noise alone gives, which the misfits are compared with.
     shapes : Shapes
         Measured and predicted positions, for pictures.
     corrected : Experiment
@@ -374,15 +376,15 @@ class IdentificationResult:
     catalogue : tuple of Effect
         The candidates.
     law : FoundLaw or None
-        A law on no list that is part of the final model.
+        An unlisted law that is part of the final model.
     ceiling : Misfit or None
         Held-out misfit that a flexible regression of the residual leaves at best; None where it was not tried.
     next_experiment : NextExperiment or None
         None where nothing is to be separated or refined.
-    input_scatter : InputScatter or None
+    input_noise : InputNoise or None
         Errors of the inputs that would account for a part of what is left; None where there are none such.
-    jump : str
-        The clearest jump of the residual that is left, as a sentence; empty where there is none.
+    jump : Jump or None
+        The clearest jump of the residual that is left; None where there is none.
     by_set : tuple of SetErrors
         Of every data set, where several were given.
     searched : SearchedSteps or None
@@ -410,7 +412,7 @@ class IdentificationResult:
     correlation: Array
     parameter_names: tuple[str, ...]
     mesh_error: float
-    noise: Noise
+    noise: Misfit
     shapes: Shapes
     corrected: Experiment
     commanded: Experiment
@@ -424,8 +426,8 @@ class IdentificationResult:
     law: FoundLaw | None = None
     ceiling: Misfit | None = None
     next_experiment: NextExperiment | None = None
-    input_scatter: InputScatter | None = None
-    jump: str = ""
+    input_noise: InputNoise | None = None
+    jump: Jump | None = None
     by_set: tuple[SetErrors, ...] = ()
     searched: SearchedSteps | None = None
     not_tried: tuple[str, ...] = ()
@@ -453,12 +455,14 @@ class IdentificationResult:
 
     def to_json(self) -> dict[str, Any]:
         """As ``result.json`` has it; numbers that are not finite become null."""
+        from tdcr_fe.identify.sentences import jump_sentence
+
         readings = self.data.readings
         document = {
             "dataset": self.data.name,
             "observations": len(readings),
             "held_out_steps": list(self.held_out_steps),
-            "before": {"fit": self.before_fit.to_json(), "held_out": self.before_held_out.to_json()},
+            "before": errors(self.before_fit, self.before_held_out),
             "effects": [
                 {
                     "effect": e.name,
@@ -467,21 +471,21 @@ class IdentificationResult:
                         | ({"note": p.note} if p.note else {})
                         for n, p in e.parameters.items()
                     },
-                    "after": {"fit": e.after_fit.to_json(), "held_out": e.after_held_out.to_json()},
+                    "after": errors(e.after_fit, e.after_held_out),
                     "evidence": dict(e.evidence),
                     "indistinguishable_from": list(e.indistinguishable_from),
                 }
                 | ({"separating_experiment": e.separating_experiment} if e.separating_experiment else {})
                 for e in self.effects
             ],
-            "after": {"fit": self.after_fit.to_json(), "held_out": self.after_held_out.to_json()},
+            "after": errors(self.after_fit, self.after_held_out),
             "verdict": self.verdict,
             **({"datasets": [s.to_json() for s in self.by_set]} if self.by_set else {}),
             **({} if self.law is None else {"law": self.law.to_json()}),
             **({} if self.ceiling is None else {"ceiling": {"held_out": self.ceiling.to_json()}}),
             **({} if self.next_experiment is None else {"next_experiment": self.next_experiment.to_json()}),
-            **({} if self.input_scatter is None else {"input_scatter": self.input_scatter.to_json()}),
-            **({"jump": self.jump} if self.jump else {}),
+            **({} if self.input_noise is None else {"input_scatter": self.input_noise.to_json()}),
+            **({} if self.jump is None else {"jump": jump_sentence(self)[0]}),
             "remaining": {"where": self.remaining.where, "description": self.remaining.description},
             "left_out": [str(b) for b in self.data.left_out],
             "outliers": [

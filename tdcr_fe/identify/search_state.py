@@ -43,7 +43,7 @@ class Search:
     # reading of `tdcr_fe.identify.settings.clock` after which nothing further of the search begins, and fits
     # end where they are [s]
     deadline: float = math.inf
-    laws: bool = False  # whether a law on no list is looked for besides the listed effects
+    laws: bool = False  # whether an unlisted law is looked for besides the listed effects
 
     @property
     def late(self) -> bool:
@@ -79,7 +79,7 @@ class SearchState:
     interrupted: bool = False
     # the fault of the data that explains the misfit of the declared model; empty where there is none
     data_fault: str = ""
-    # A law on no list that leaves noise where the effects found before it do not
+    # An unlisted law that leaves noise where the effects found before it do not
     law_ahead: LawAhead | None = None
     law_sought: bool = False  # whether such a law was looked for
 

@@ -66,7 +66,7 @@ class IdentifySettings:
 
 
 #: Parts of an identification that are left out where its time does not suffice.
-FAULTS = "faults of the data"
+FAULTS = "errors in the data"
 
 
 FURTHER_EFFECTS = "further effects"
@@ -81,13 +81,13 @@ PLACES = "places along the backbone"
 FRICTION = "the best model with friction"
 
 
-A_LAW = "a law on no list"
+A_LAW = "an unlisted law"
 
 
 NEXT_EXPERIMENT = "the next experiment"
 
 
-INPUT_SCATTER = "the scatter of the inputs"
+INPUT_NOISE = "the noise of the inputs"
 
 
 ALL_STEPS = "the fit to all load steps"
@@ -96,7 +96,7 @@ ALL_STEPS = "the fit to all load steps"
 SMALLER_MODELS = "the errors after each effect"
 
 
-CEILING = "the ceiling"
+CEILING = "the explainable part of the error"
 
 
 TABLES = "the tables of the corrected robot"
