@@ -28,9 +28,9 @@ from tdcr_fe.solve.load_steps.load_path import (
     StepProgress,
     one_substep,
 )
-from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver, has_rates, with_history_of
+from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver, has_rates
 from tdcr_fe.solve.load_steps.substep_reversals import Attempt, SubstepReversals, twist_change, twists
-from tdcr_fe.solve.newton.newton import NewtonResult
+from tdcr_fe.solve.newton.newton import NewtonResult, with_unknowns_of
 
 Array = NDArray[np.float64]
 
@@ -251,7 +251,7 @@ class LoadStepper:
         if warm_start is None:
             line = now.path.linearization
         else:
-            guess = with_history_of(warm_start, guess)
+            guess = with_unknowns_of(warm_start, guess)
         result = self.solver.solve(guess, goal, line, now.path.state)
         middle = 0.5 * (now.load_factor + goal)
         if not result.converged:

@@ -33,13 +33,6 @@ RESCUE_FACTORS = (1.0, 10.0, 100.0)
 SMALLEST_PART = 1e-4
 
 
-def with_history_of(state: SolverState, start: SolverState) -> SolverState:
-    """The unknowns of a state, as a guess in a step that begins in another one."""
-    return start._replace(
-        configuration=state.configuration, base_tension=state.base_tension, mobilisation=state.mobilisation
-    )
-
-
 def has_rates(system: SceneSystem) -> bool:
     """Whether coefficients of friction follow laws, which may depend on slip rates."""
     return any(law is not None for robot in system.robots for law in robot.law.parameters.laws)

@@ -23,8 +23,8 @@ from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons, near_
 from tdcr_fe.solve.friction_path.reversals import InterpolationPoint, Reversals, SlipHistory, find_reversals
 from tdcr_fe.solve.friction_path.steady import slips_steadily
 from tdcr_fe.solve.load_steps.load_path import StepProgress
-from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates, with_history_of
-from tdcr_fe.solve.newton.newton import NewtonResult, newton
+from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates
+from tdcr_fe.solve.newton.newton import NewtonResult, newton, with_unknowns_of
 from tdcr_fe.solve.newton.prediction import moved_elements
 
 Array = NDArray[np.float64]
@@ -457,7 +457,7 @@ class SubstepReversals:
     ) -> NewtonResult:
         """A substep solved again, with the mobilisations counted from where the slips reversed."""
         end = known.end
-        guess = history.of(with_history_of(result.state, before), end.numbering)
+        guess = history.of(with_unknowns_of(result.state, before), end.numbering)
         return self.solver.solve(guess, known.span.end, end.linearization, before)
 
     def _ends_as_followed(
