@@ -217,9 +217,7 @@ def _estimated(step: StepResult, estimate: MeshEstimate | None) -> StepResult:
     if estimate is None:
         return step
     return replace(
-        step,
-        discretisation_error=estimate.largest,
-        buckling_load_fraction=float(estimate.bay_loads.max()),
+        step, discretisation_error=estimate.largest, buckling_load_fraction=float(estimate.bay_loads.max())
     )
 
 

@@ -329,12 +329,7 @@ class SceneSystem:
         add_couplings(k, residual, self.layout.space.slices)
         return k
 
-    def linearize(
-        self,
-        residual: Residual,
-        numbering: Numbering,
-        damping: float = 0.0,
-    ) -> Linearization:
+    def linearize(self, residual: Residual, numbering: Numbering, damping: float = 0.0) -> Linearization:
         """Linearise equilibrium, with the tensions of tendons with prescribed displacement as further unknowns.
 
         Parameters

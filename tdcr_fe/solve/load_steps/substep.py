@@ -56,11 +56,7 @@ class SubstepSolver:
     settings: SolverSettings
 
     def solve(
-        self,
-        state: SolverState,
-        load_factor: float,
-        linearization: Linearization | None,
-        start: SolverState,
+        self, state: SolverState, load_factor: float, linearization: Linearization | None, start: SolverState
     ) -> NewtonResult:
         """Solve at a load factor, from a guess, a substep that begins in the state `start`."""
         target = self.ramp.apply(self.system, load_factor)
@@ -75,11 +71,7 @@ class SubstepSolver:
         return self._unless_wrong_in_contact(result, start)
 
     def _solved(
-        self,
-        state: SolverState,
-        target: Target,
-        changes: tuple[Array, ...],
-        line: Linearization | None,
+        self, state: SolverState, target: Target, changes: tuple[Array, ...], line: Linearization | None
     ) -> tuple[NewtonResult, Array | None]:
         """A solve from a prediction, where there is one that leads to a solution, else from a state.
 

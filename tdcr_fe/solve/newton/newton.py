@@ -16,14 +16,7 @@ from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.convergence import Iterate, NewtonStatus, Unmet, first_unmet, stalled
-from tdcr_fe.solve.newton.steps import (
-    NewtonStep,
-    advanced,
-    chord_step,
-    damped_step,
-    full_step,
-    step_with,
-)
+from tdcr_fe.solve.newton.steps import NewtonStep, advanced, chord_step, damped_step, full_step, step_with
 
 Array = NDArray[np.float64]
 
