@@ -1,8 +1,9 @@
-"""Transfer of tension at the holes of tendons: the Capstan equation with adhesion, and its derivatives."""
+"""Capstan's equation hole by hole, and the tensions along all tendons with their derivatives."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cache
 from typing import NamedTuple
 
@@ -13,30 +14,14 @@ Array = NDArray[np.float64]
 
 
 class HoleSlopes(NamedTuple):
-    """Derivatives of the tension ``T_k+1`` behind each hole, at fixed arguments of the other holes.
+    """Derivatives of the tension ``T_k+1`` behind each hole, at fixed arguments of the other holes."""
 
-    Attributes
-    ----------
-    by_tension : ndarray, shape (m, n-1)
-        By the tension ``T_k`` before the hole [1].
-    by_mobilisation : ndarray, shape (m, n-1)
-        By ``s_k`` [N].
-    by_angle : ndarray, shape (m, n-1)
-        By ``theta_k`` [N/rad].
-    by_coefficient : callable
-        Gives the derivative by ``mu_k`` [N], shape (m, n-1).
-    chain : callable
-        Gives ``dT_k / dT_j`` of all pairs of segments, shape (m, n, n).
-    by_base : ndarray, shape (m, n)
-        By the tension at the base: its first column [1].
-    """
-
-    by_tension: Array
-    by_mobilisation: Array
-    by_angle: Array
-    by_coefficient: Callable[[], Array]
-    chain: Callable[[], Array]
-    by_base: Array
+    by_tension: Array  # (m, n-1): By the tension ``T_k`` before the hole [1]
+    by_mobilisation: Array  # (m, n-1): By ``s_k`` [N]
+    by_angle: Array  # (m, n-1): By ``theta_k`` [N/rad]
+    by_coefficient: Callable[[], Array]  # Gives the derivative by ``mu_k`` [N], shape (m, n-1)
+    chain: Callable[[], Array]  # Gives ``dT_k / dT_j`` of all pairs of segments, shape (m, n, n)
+    by_base: Array  # (m, n): By the tension at the base: its first column [1]
 
 
 #: Gives the derivatives, which are formed on demand.
@@ -151,3 +136,77 @@ def capstan_with_adhesion(
         )
 
     return tension, slopes
+
+
+class TensionDerivatives(NamedTuple):
+    """Derivatives of the tensions along all tendons."""
+
+    d_length: Array  # (m, n, n): By the segments' lengths [N/m]
+    d_angle: Array  # (m, n, n-1): By the turning angles [N/rad]
+    d_base: Array  # (m, n): By the tension at the base [1]
+    by_mobilisation: Array  # (m, n, g): By the mobilisations, where these are independent unknowns [N]
+
+
+@dataclass(slots=True, eq=False)
+class TensionField:
+    """Tensions along all tendons, and their derivatives, which are computed when first used."""
+
+    tension: Array  # (m, n): [N]
+    # (m, n): Released length of each segment, ``L / (1 + T0/EA) - l / (1 + T/EA)`` with the pretension ``T0``
+    # [m]
+    released_length: Array
+    slip: Array  # (m, g): As they would be committed
+    mobilisation: Array  # as `slip`
+    # (m, n): Of the released lengths, with respect to its own length [1] and its own tension [m/N]
+    released_d_length: Array
+    released_d_tension: Array  # as `released_d_length`
+    slip_rate: Array | None  # (m, g): Rate of the slips [m/s]; None where no friction law depends on it
+    time: float  # [s]
+    # Whether the tensions change with the segments' lengths; where not, `d_length` is zero
+    depends_on_length: bool
+    derive: Callable[[], TensionDerivatives]  # Gives `derivatives`
+    # Gives the derivatives hole by hole, see `tdcr_fe.elements.capstan.HoleSlopes`; None where the tension
+    # behind a hole depends on more than that before it, its angle and its mobilisation
+    at_holes: Slopes | None = None
+    _derivatives: TensionDerivatives | None = field(default=None, init=False)
+    _hole_slopes: HoleSlopes | None = field(default=None, init=False)
+
+    @property
+    def base_slip(self) -> Array:
+        """Tendon pulled in at the base plate, ``u_0`` [m], shape (m,)."""
+        return np.asarray(self.released_length.sum(axis=1))
+
+    @property
+    def derivatives(self) -> TensionDerivatives:
+        """Of the tensions."""
+        if self._derivatives is None:
+            self._derivatives = self.derive()
+        return self._derivatives
+
+    @property
+    def hole_slopes(self) -> HoleSlopes | None:
+        """Of the tensions hole by hole; None where `at_holes` is."""
+        if self._hole_slopes is None and self.at_holes is not None:
+            self._hole_slopes = self.at_holes()
+        return self._hole_slopes
+
+    @property
+    def d_length(self) -> Array:
+        """Of the tensions with respect to the segments' lengths [N/m], shape (m, n, n)."""
+        return self.derivatives.d_length
+
+    @property
+    def d_angle(self) -> Array:
+        """Of the tensions with respect to the turning angles [N/rad], shape (m, n, n-1)."""
+        return self.derivatives.d_angle
+
+    @property
+    def d_base(self) -> Array:
+        """Of the tensions with respect to the tension at the base [1], shape (m, n)."""
+        slopes = self.hole_slopes
+        return self.derivatives.d_base if slopes is None else slopes.by_base
+
+    @property
+    def by_mobilisation(self) -> Array:
+        """Of the tensions with respect to the mobilisations, where these are unknowns [N], shape (m, n, g)."""
+        return self.derivatives.by_mobilisation

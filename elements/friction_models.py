@@ -1,4 +1,4 @@
-"""Which slip drives friction at which holes: none, one mobilisation per tendon (the paper), or one per hole."""
+"""Friction models: which slip drives friction at which holes; and the parameters of the tendons."""
 
 from __future__ import annotations
 
@@ -8,7 +8,29 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.coefficients import CoefficientLaw
+
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TendonParameters:
+    """Parameters of all tendons of one robot; shorter tendons are padded at the end."""
+
+    lengths: Array  # (m, n): Length of every segment in the unloaded state, zero where padded [m]
+    mask: NDArray[np.bool_]  # (m, n): Which segments exist
+    friction: Array  # (m, n-1): Friction coefficient at every hole, zero at and beyond the anchor [1]
+    adhesion: Array  # (m, n-1): Tension drop at every hole that does not grow with the tension [N]
+    compliance: Array  # (m,): ``1 / EA`` of the tendon, zero where inextensible [1/N]
+    pretension: Array  # (m,): Tension in the unloaded state where the displacement at the base is zero [N]
+    # Law of each tendon's coefficients of friction, used instead of ``friction``; None, or an empty tuple,
+    # where the coefficients are constant
+    laws: tuple[CoefficientLaw | None, ...] = ()
+
+    @property
+    def material(self) -> Array:
+        """Length of every segment's tendon without tension, where the displacement at the base is zero [m], (m, n)."""
+        return self.lengths / (1.0 + self.compliance * self.pretension)[:, None]
 
 
 class FrictionModel(Protocol):

@@ -16,8 +16,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NoReturn
 
 from tdcr_fe import __version__
-from tdcr_fe.commands.machine import document, stdout_kept_free
-from tdcr_fe.commands.status import INTERRUPTED, SUCCESS, WRONG_INPUT, complain, count
+from tdcr_fe.commands.common import (
+    INTERRUPTED,
+    SUCCESS,
+    WRONG_INPUT,
+    complain,
+    count,
+    document,
+    stdout_kept_free,
+)
 from tdcr_fe.compiled import numba_version
 from tdcr_fe.io.processes import sigterm_as_interrupt
 
@@ -30,12 +37,12 @@ COMMANDS = (
     "tdcr_fe.commands.follow:add_follow_parser",
     "tdcr_fe.commands.sweep:add_sweep_parser",
     "tdcr_fe.commands.view:add_view_parser",
-    "tdcr_fe.commands.demo:add_demo_parser",
+    "tdcr_fe.commands.run:add_demo_parser",
     "tdcr_fe.commands.new:add_new_parser",
     "tdcr_fe.commands.identify:add_identify_parser",
     "tdcr_fe.commands.validate:add_validate_parser",
-    "tdcr_fe.commands.paper:add_paper_parser",
-    "tdcr_fe.commands.completion:add_completion_parser",
+    "tdcr_fe.commands.new:add_schema_parser",
+    "tdcr_fe.commands.new:add_completion_parser",
 )
 
 #: Mistakes in the input that are printed; of more their number is.
@@ -183,4 +190,5 @@ def _parser() -> argparse.ArgumentParser:
     for place in COMMANDS:
         module, _, function = place.partition(":")
         getattr(importlib.import_module(module), function)(commands)
+    parser.set_defaults(program=parser, commands=commands.choices)  # for the completion of shells
     return parser

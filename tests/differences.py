@@ -12,9 +12,9 @@ from tdcr_fe.model.loading import resolve
 from tdcr_fe.model.sensitivities import Sensitivities
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.load_steps.load_path import Increment
+from tdcr_fe.solve.sensitivities.differences import stencil
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, parameters
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
-from tdcr_fe.solve.sensitivities.stencils import stencil
 from tdcr_fe.solve.simulation import Simulation
 
 TRACE = False

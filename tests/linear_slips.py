@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tdcr_fe.solve.friction_path.slip_state import SlipDerivatives, SlipState
-from tdcr_fe.solve.friction_path.small_systems import no_factors
+from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, no_factors
 
 
 class LinearSlips:
@@ -45,14 +44,14 @@ class LinearSlips:
         return self._first + load + self._by_unknowns(x) @ (z - self._start)
 
     def at(self, x, z, tension):
-        """As of `tdcr_fe.solve.friction_path.slip_model.InterpolatedSlips`: tensions stay as they are."""
+        """As of `tdcr_fe.solve.friction_path.slips.InterpolatedSlips`: tensions stay as they are."""
         change = self._matrix[0] - self._matrix[1]
         load = (1.0 - x) * self._load[0] + x * self._load[1] + change @ (z - self._start)
         n, still = len(z), np.zeros(len(tension))
         derivatives = SlipDerivatives(
             load,
             self._elastic_slip,
-            self.regimes(z, tension),
+            self.branches(z, tension),
             still,
             np.zeros((n, len(still))),
             np.zeros((n, len(still))),
@@ -68,15 +67,15 @@ class LinearSlips:
         return np.diag(self._elastic_slip) - self._by_unknowns(x)
 
     @staticmethod
-    def regimes(z, tension):
-        """As of `tdcr_fe.solve.friction_path.slip_model.InterpolatedSlips`: derivatives do not jump."""
+    def branches(z, tension):
+        """As of `tdcr_fe.solve.friction_path.slips.InterpolatedSlips`: derivatives do not jump."""
         return np.zeros(0, dtype=bool)
 
     @staticmethod
-    def distance_to_regime_change(z, rate, tension, tension_rate):
-        """As of `tdcr_fe.solve.friction_path.slip_model.InterpolatedSlips`."""
+    def distance_to_branch_change(z, rate, tension, tension_rate):
+        """As of `tdcr_fe.solve.friction_path.slips.InterpolatedSlips`."""
         return np.inf
 
     def complement_rates(self, x, z, tension, rate, near):
-        """As of `tdcr_fe.solve.friction_path.slip_model.InterpolatedSlips`."""
+        """As of `tdcr_fe.solve.friction_path.slips.InterpolatedSlips`."""
         return True, self.at(x, z, tension).derivatives.by_load - self.matrix(x) @ rate

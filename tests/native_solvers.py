@@ -13,7 +13,7 @@ from tdcr_fe.scene import TDCR
 
 
 def static_settings(steps: int = 50) -> exu.SimulationSettings:
-    """As docs/native_solvers.md advises."""
+    """As docs/scenes.md advises."""
     s = exu.SimulationSettings()
     s.staticSolver.numberOfLoadSteps = steps
     s.staticSolver.newton.relativeTolerance = 1e-7
@@ -25,7 +25,7 @@ def static_settings(steps: int = 50) -> exu.SimulationSettings:
 
 
 def dynamic_settings(end: float, step: float) -> exu.SimulationSettings:
-    """As docs/native_solvers.md advises."""
+    """As docs/scenes.md advises."""
     s = exu.SimulationSettings()
     s.timeIntegration.endTime = end
     s.timeIntegration.numberOfSteps = round(end / step)
@@ -51,3 +51,12 @@ def damped(
     if assemble:
         mbs.Assemble()
     return keep, mbs, handle
+
+
+def recommended(handle: TDCR, end: float, step: float, start: float = 0.0) -> exu.SimulationSettings:
+    """The robot's recommended settings from a start to an end [s], without output."""
+    s = handle.recommended_settings(end - start, step)
+    s.timeIntegration.startTime, s.timeIntegration.endTime = start, end
+    s.timeIntegration.verboseMode = 0
+    s.solution.file.write = False
+    return s

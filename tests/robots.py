@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import exudyn as exu
+import exudyn.itemInterface as eii
 import numpy as np
 
 from tdcr_fe.model.backbone import Backbone
@@ -75,3 +76,18 @@ def scene(
     if assemble:
         mbs.Assemble()
     return container, mbs, handle
+
+
+def hinged_platform(stiffness: float) -> tuple[exu.SystemContainer, exu.MainSystem, Any]:
+    """A system with a body at the origin on a torsional spring about y [N m/rad], and a marker to put a robot on."""
+    container = exu.SystemContainer()
+    mbs = container.AddSystem()
+    ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.AddObject(eii.ObjectGround())))
+    node = mbs.AddNode(eii.NodeRigidBodyEP(referenceCoordinates=[0, 0, 0, 1, 0, 0, 0]))
+    inertia = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+    body = mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=1.0, inertia=inertia))
+    platform = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body))
+    mbs.AddObject(eii.GenericJoint(markerNumbers=[ground, platform], constrainedAxes=[1, 1, 1, 1, 0, 1]))
+    k = np.diag([0.0, 0.0, 0.0, 0.0, stiffness, 0.0])
+    mbs.AddObject(eii.RigidBodySpringDamper(markerNumbers=[ground, platform], stiffness=k, damping=0.0 * k))
+    return container, mbs, platform

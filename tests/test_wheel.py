@@ -39,4 +39,4 @@ def test_classifiers_name_the_pythons_that_are_tested():
 
 def test_extras_that_messages_name_exist():
     extras = PROJECT["project"]["optional-dependencies"]
-    assert {"xlsx", "dask", "parquet"} <= set(extras)
+    assert {"xlsx", "dask", "parquet", "completion"} <= set(extras)

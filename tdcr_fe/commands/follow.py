@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands.machine import add_json_option, note
-from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, complain, count
+from tdcr_fe.commands.common import (
+    FAILURE,
+    INTERRUPTED,
+    SUCCESS,
+    add_options,
+    complain,
+    count,
+    progress_bar,
+    read_all,
+)
 
 if TYPE_CHECKING:
     from tdcr_fe.model.loading import Model
     from tdcr_fe.model.robot import Robot
     from tdcr_fe.model.settings import SolverSettings
-    from tdcr_fe.model.targets import FollowResult, ReachedTarget, TensionLimits, TipTarget
+    from tdcr_fe.model.targets import DriveBy, FollowResult, ReachedTarget, TensionLimits
 
 
 def add_follow_parser(commands: Any) -> None:
@@ -58,9 +65,7 @@ def add_follow_parser(commands: Any) -> None:
         help="what has the smallest sum of squares where several tensions reach a target: the tensions, or their "
         "change from the target before [%(default)s]",
     )
-    parser.add_argument("--no-pictures", action="store_true", help="write tables and summary only")
-    parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
-    add_json_option(parser)
+    add_options(parser, "--no-pictures")
     parser.set_defaults(handler=follow)
 
 
@@ -68,56 +73,65 @@ def follow(args: argparse.Namespace) -> int:
     """Find the loading sequence, and write it with what it reaches."""
     from tdcr_fe.io.atomic import check_output_folder
     from tdcr_fe.io.follow_files import write_follow
+    from tdcr_fe.io.path_table import read_path
     from tdcr_fe.io.problems import InputError, Problem
-    from tdcr_fe.io.toml import digest, read_robot
+    from tdcr_fe.io.toml import digest, read_model_file, read_robot
+    from tdcr_fe.model.loading import Model
     from tdcr_fe.model.results import Interrupted
+    from tdcr_fe.model.settings import SolverSettings
     from tdcr_fe.model.targets import FollowResult
+    from tdcr_fe.solve.inverse_statics.inverse import follow_path
 
     robot = read_robot(args.robot)
-    model, settings, targets, limits = _read(args, robot)
+
+    def read_model() -> tuple[Model, SolverSettings]:
+        return (
+            read_model_file(args.model, robot) if args.model else (Model.default_for(robot), SolverSettings())
+        )
+
+    targets, (model, settings), limits = read_all(
+        lambda: read_path(args.path, robot.backbone.length), read_model, lambda: _limits(args, robot)
+    )
     out = check_output_folder(args.out)
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
-    try:
-        result = _solve(args, robot, model, targets, limits, settings)
-    except Interrupted as stop:  # what was found is written
-        assert isinstance(stop.result, FollowResult)
-        result = stop.result
-    except ValueError as error:  # a contradiction between bounds, model and robot
-        raise InputError([Problem(args.robot, "", "", str(error))]) from error
-    names = [args.robot, args.path, *([args.model] if args.model else [])]
+    drive_by: DriveBy = "displacement" if args.displacements else "tension"
+    with progress_bar(args, len(targets), unit="target") as bar:
+
+        def progress(found: ReachedTarget) -> None:
+            if found.result.step == 1:
+                bar.reset()  # refining the mesh begins again with the first target
+            bar.set_postfix_str(found.target.label, refresh=False)
+            bar.update(1)
+
+        try:
+            result = follow_path(
+                robot, model, targets, limits, settings, progress, drive_by=drive_by, effort=args.effort
+            )
+        except Interrupted as stop:
+            assert isinstance(stop.result, FollowResult)
+            result = stop.result
+        except ValueError as error:  # a contradiction between bounds, model and robot
+            raise InputError([Problem(args.robot, "", "", str(error))]) from error
     options = {
         "largest": limits.largest,
         "pretension": limits.pretension,
-        "drive_by": "displacement" if args.displacements else "tension",
+        "drive_by": drive_by,
         "effort": args.effort,
     }
     written = write_follow(
         result,
         out,
         settings,
-        {Path(n).name: digest(n) for n in names},
+        {Path(n).name: digest(n) for n in (args.robot, args.path, args.model) if n},
         len(targets),
         options,
         not args.no_pictures,
     )
-    note(
-        args,
-        files=written,
-        figures={
-            "targets_asked": len(targets),
-            "targets_reached": sum(x.reached for x in result.targets),
-            "out_of_reach": result.out_of_reach,
-            "not_converged": result.not_converged,
-            "largest_error": float(result.errors.max()) if result.targets else None,
-        },
-        warnings=result.simulation.warnings,
-        message=result.simulation.message,
-    )
     if not args.quiet:
         print(f"{result!r}\nWritten to {out}: " + ", ".join(str(p.relative_to(out)) for p in written))
         if result.steps:
-            print(f"Solve it again: tdcr-fe run {out / 'scenario' / 'scenario.toml'} -o OUT")
+            print(f"To solve it again: tdcr-fe run {out / 'scenario' / 'scenario.toml'} -o OUT")
     for warning in result.simulation.warnings:
         complain(f"warning: {warning}")
     return _status(result, len(targets))
@@ -137,38 +151,24 @@ def _status(result: FollowResult, asked: int) -> int:
     return INTERRUPTED if message == "interrupted" else FAILURE
 
 
-def _read(
-    args: argparse.Namespace, robot: Robot
-) -> tuple[Model, SolverSettings, tuple[TipTarget, ...], TensionLimits]:
-    """Everything beside the robot, with the mistakes of all files and options together."""
-    from tdcr_fe.io.path_table import read_path
+def _limits(args: argparse.Namespace, robot: Robot) -> TensionLimits:
+    """Bounds of the tensions.
+
+    Raises
+    ------
+    InputError
+        They are no numbers, contradict each other, or name no tendon.
+    """
     from tdcr_fe.io.problems import InputError, Problem
-    from tdcr_fe.io.toml import read_model_file
-    from tdcr_fe.model.loading import Model
-    from tdcr_fe.model.settings import SolverSettings
     from tdcr_fe.model.targets import TensionLimits
 
-    problems: list[Any] = []
-    model, settings = Model.default_for(robot), SolverSettings()
-    targets: tuple[TipTarget, ...] = ()
-    limits = TensionLimits(0.0)
-    try:
-        targets = read_path(args.path, robot.backbone.length)
-    except InputError as error:
-        problems += error.problems
-    if args.model:
-        try:
-            model, settings = read_model_file(args.model, robot)
-        except InputError as error:
-            problems += error.problems
     try:
         limits = TensionLimits(_tensions(args.largest), _tensions(args.pretension))
         limits.bounds(robot.tendon_names)
+        return limits
     except ValueError as error:
-        problems.append(Problem("--largest, --pretension", "", "", str(error).removeprefix("TensionLimits.")))
-    if problems:
-        raise InputError(problems)
-    return model, settings, targets, limits
+        text = str(error).removeprefix("TensionLimits.")
+        raise InputError([Problem("--largest, --pretension", "", "", text)]) from error
 
 
 def _tensions(texts: list[str]) -> float | dict[str, float]:
@@ -183,37 +183,3 @@ def _tensions(texts: list[str]) -> float | dict[str, float]:
     if len(found) != len(texts) or "" in found:
         raise ValueError(f"{' '.join(texts)!r}: must be one number, or NAME=NUMBER for each tendon [N]")
     return found
-
-
-def _solve(
-    args: argparse.Namespace,
-    robot: Robot,
-    model: Model,
-    targets: tuple[TipTarget, ...],
-    limits: TensionLimits,
-    settings: SolverSettings,
-) -> FollowResult:
-    """Follow the path with a bar on stderr, where that is a terminal."""
-    from tqdm import tqdm
-
-    from tdcr_fe.solve.inverse_statics.inverse import follow_path
-
-    silent = True if args.quiet else None
-    with tqdm(total=len(targets), unit="target", leave=False, file=sys.stderr, disable=silent) as bar:
-
-        def progress(found: ReachedTarget) -> None:
-            if found.result.step == 1:
-                bar.reset()  # refining the mesh begins again with the first target
-            bar.set_postfix_str(found.target.label, refresh=False)
-            bar.update(1)
-
-        return follow_path(
-            robot,
-            model,
-            targets,
-            limits,
-            settings,
-            progress,
-            drive_by="displacement" if args.displacements else "tension",
-            effort=args.effort,
-        )

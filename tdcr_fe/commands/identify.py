@@ -5,14 +5,22 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import sys
 from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands.machine import add_json_option, note
-from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain, count
+from tdcr_fe.commands.common import (
+    FAILURE,
+    INTERRUPTED,
+    SUCCESS,
+    add_options,
+    at_least_one,
+    complain,
+    count,
+    note,
+    progress_bar,
+)
 
 if TYPE_CHECKING:
-    from tdcr_fe.identify.outcome import IdentificationResult
+    from tdcr_fe.identify.result import IdentificationResult
     from tdcr_fe.identify.settings import IdentifySettings
     from tdcr_fe.io.measured import MeasuredData
 
@@ -39,8 +47,6 @@ def add_identify_parser(commands: Any) -> None:
     parser.add_argument(
         "-o", "--out", metavar="OUT", required=True, help="directory for result.json and report.html"
     )
-    parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
-    add_json_option(parser)
     parser.add_argument(
         "--processes",
         type=at_least_one,
@@ -57,24 +63,17 @@ def add_identify_parser(commands: Any) -> None:
         "[about a third of the branches, chosen automatically]",
     )
     parser.add_argument(
-        "--effects",
-        action="append",
-        default=[],
-        metavar="FILE.py",
-        help="add an effect of your own, a class in a Python file, to the candidates; may be repeated",
-    )
-    parser.add_argument(
         "--minutes",
         type=_minutes,
         default=15.0,
-        help="time limit of the whole identification: the search ends in time for the final fit to all load steps, and "
-        "the report says what was left out [%(default)s]",
+        help="time limit of the whole identification; the report says what was left out [%(default)s]",
     )
     parser.add_argument(
         "--strict",
         action="store_true",
         help="refuse bad rows (exit status 2) instead of leaving them out by name",
     )
+    add_options(parser, "--effects", "--json")
     parser.set_defaults(handler=run)
 
 
@@ -114,11 +113,10 @@ def _minutes(text: str) -> float:
 
 def run(args: argparse.Namespace) -> int:
     """Identify what the model of a folder of measured data lacks."""
-    from tdcr_fe.identify.files import write_result
     from tdcr_fe.identify.identification import NotSolved
+    from tdcr_fe.identify.report import write_result
     from tdcr_fe.identify.sentences import summary
-    from tdcr_fe.identify.settings import IdentifySettings
-    from tdcr_fe.identify.time_limit import GRACE_OF_TABLES, clock
+    from tdcr_fe.identify.settings import GRACE_OF_TABLES, IdentifySettings, clock
     from tdcr_fe.io.atomic import check_output_folder
     from tdcr_fe.io.measured import join_measured, read_measured
     from tdcr_fe.io.own_effects import read_own_effects
@@ -174,12 +172,9 @@ def _identified(
     ------
     NotSolved
     """
-    from tqdm import tqdm
-
     from tdcr_fe.identify.identification import identify
 
-    with tqdm(total=100, leave=False, file=sys.stderr, disable=True if args.quiet else None,
-              bar_format="{l_bar}{bar}| {elapsed} {postfix}") as bar:  # fmt: skip
+    with progress_bar(args, 100, bar_format="{l_bar}{bar}| {elapsed} {postfix}") as bar:
 
         def progress(text: str, share: float) -> None:
             bar.set_postfix_str(text, refresh=False)

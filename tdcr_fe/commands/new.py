@@ -1,14 +1,14 @@
-"""The command ``tdcr-fe new``: commented input files to start from."""
+"""Commands that help to begin: commented input files, schemas for editors, completion for shells."""
 
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands.machine import add_json_option, note
-from tdcr_fe.commands.status import SUCCESS
+from tdcr_fe.commands.common import SUCCESS, add_options
 
 if TYPE_CHECKING:
     from tdcr_fe.model.robot import Robot
@@ -33,8 +33,7 @@ def add_new_parser(commands: Any) -> None:
     parser.add_argument(
         "--tendons", type=_tendons, default=3, metavar="N", help="number of tendons [%(default)s]"
     )
-    parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
-    add_json_option(parser)
+    add_options(parser)
     parser.set_defaults(handler=new)
 
 
@@ -75,7 +74,6 @@ def new(args: argparse.Namespace) -> int:
                 write_text(text, folder / name)
 
     written = write_folder(out, write)
-    note(args, files=written, figures={"kind": args.kind, "next": next_step})
     if not args.quiet:
         print(f"Written to {out}: {', '.join(p.name for p in written)}\nNext: {next_step}")
     return SUCCESS
@@ -140,3 +138,59 @@ def _readings(robot: Robot, result: Any) -> list[Any]:
         for name, value in zip(robot.tendon_names, step.displacements, strict=True):
             found.append(Reading(step.step, "tendon_displacement", name, read(value, encoder), encoder))
     return found
+
+
+def add_schema_parser(commands: Any) -> None:
+    """Add ``tdcr-fe schema``."""
+    parser = commands.add_parser(
+        "schema",
+        help="print the JSON schema of an input file, for editors",
+        description="Print the JSON schema of one of the .toml files, with which editors check and complete it.",
+    )
+    parser.add_argument("file", choices=("robot", "scenario", "model", "sweep"), help="the file")
+    parser.set_defaults(handler=schema)
+
+
+def schema(args: argparse.Namespace) -> int:
+    """Print the schema."""
+    from tdcr_fe.io.keys import json_schema
+    from tdcr_fe.sweeps.schema import sweep_schema
+
+    found = sweep_schema() if args.file == "sweep" else json_schema(args.file)
+    print(json.dumps(found, indent=2, ensure_ascii=False))
+    return SUCCESS
+
+
+def add_completion_parser(commands: Any) -> None:
+    """Add ``tdcr-fe completion``."""
+    parser = commands.add_parser(
+        "completion",
+        help="print a script for the shell that completes commands and options",
+        description="Print a script that completes commands, options, their values and file names. Put "
+        'eval "$(tdcr-fe completion bash)" into ~/.bashrc, or the same with zsh into ~/.zshrc.',
+    )
+    parser.add_argument("shell", choices=("bash", "zsh"), help="the shell")
+    parser.set_defaults(handler=completion)
+
+
+def completion(args: argparse.Namespace) -> int:
+    """Print the script that shtab makes of the parsers.
+
+    Raises
+    ------
+    InputError
+        shtab is not installed.
+    """
+    try:
+        import shtab
+    except ImportError as error:
+        from tdcr_fe.io.problems import InputError, Problem
+
+        text = "needs shtab, which is not installed: pip install 'tdcr-fe[completion]'"
+        raise InputError([Problem("completion", "", args.shell, text)]) from error
+    for parser in args.commands.values():
+        for action in parser._actions:
+            if action.choices is None and action.nargs != 0:
+                action.complete = shtab.FILE
+    print(shtab.complete(args.program, args.shell))
+    return SUCCESS

@@ -1,23 +1,32 @@
-"""The command ``tdcr-fe run``: solves a scenario, writes tables and pictures."""
+"""The commands ``tdcr-fe run`` and ``tdcr-fe demo``: solve a scenario, write tables and pictures."""
 
 from __future__ import annotations
 
 import argparse
 import importlib
-import json
 import math
-import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands.machine import add_json_option, note
-from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, complain, count
+from tdcr_fe.commands.common import (
+    FAILURE,
+    INTERRUPTED,
+    SUCCESS,
+    add_options,
+    complain,
+    count,
+    note,
+    progress_bar,
+    read_all,
+)
 
 if TYPE_CHECKING:
     from tdcr_fe.io.toml import Scenario
     from tdcr_fe.model.results import SequenceResult, StepResult
+
+#: A run that takes longer is announced [s].
+LONG_RUN = 60.0
 
 
 def add_run_parser(commands: Any) -> None:
@@ -27,26 +36,28 @@ def add_run_parser(commands: Any) -> None:
         help="solve a scenario; write tables and pictures",
         description="Solve the loading sequence of a scenario.toml; write tables, a summary and pictures.",
     )
-    parser.add_argument("scenario", nargs="?", help="path of a scenario.toml")
-    parser.add_argument("-o", "--out", metavar="OUT", help="directory for the results")
-    parser.add_argument(
-        "--schema",
-        choices=("robot", "scenario", "model", "sweep"),
-        help="print the JSON schema of one of the .toml files, for editors, and do nothing else",
-    )
-    parser.add_argument(
-        "--effects",
-        action="append",
-        default=[],
-        metavar="FILE.py",
-        help="effects of your own, classes in a Python file, that [effects] may name; may be repeated",
-    )
-    add_options(parser)
-    parser.set_defaults(handler=run, parser=parser)
+    parser.add_argument("scenario", help="path of a scenario.toml")
+    parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for the results")
+    _add_solver_options(parser, "--effects", "--json")
+    parser.set_defaults(handler=run)
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Options that `run` and `demo` share."""
+def add_demo_parser(commands: Any) -> None:
+    """Add ``tdcr-fe demo``."""
+    parser = commands.add_parser(
+        "demo",
+        help="solve the paper's single-segment robot, input included",
+        description="Pull the paper's single-segment robot to 2.5 N in five steps, load its tip, release it; "
+        "write the input, tables, a summary and pictures.",
+    )
+    parser.add_argument(
+        "-o", "--out", metavar="OUT", default="tdcr-fe-demo", help="directory for the results [%(default)s]"
+    )
+    _add_solver_options(parser)
+    parser.set_defaults(handler=demo)
+
+
+def _add_solver_options(parser: argparse.ArgumentParser, *further: str) -> None:
     parser.add_argument(
         "--sensitivities",
         nargs="+",
@@ -57,68 +68,52 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--compliance",
         action="store_true",
-        help="compliance and tendon Jacobians of the tip, and the stiffness seen by the motors, into summary.json",
+        help="write compliance and tendon Jacobians of the tip, and the stiffness seen by the motors, to summary.json",
     )
-    parser.add_argument(
-        "--no-pictures", action="store_true", help="write tables and summary only, no pictures and no 3D page"
-    )
-    parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
-    add_json_option(parser)
+    add_options(parser, "--no-pictures", *further)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Solve a scenario and write the results; with ``--schema`` print a schema."""
-    if args.schema is not None:
-        from tdcr_fe.io.json_schema import json_schema
-        from tdcr_fe.sweeps.schema import sweep_schema
-
-        schema = sweep_schema() if args.schema == "sweep" else json_schema(args.schema)
-        if args.json:
-            note(args, figures={"schema": schema})
-        else:
-            print(json.dumps(schema, indent=2, ensure_ascii=False))
-        return SUCCESS
-    missing = [name for name, given in (("scenario", args.scenario), ("-o/--out", args.out)) if given is None]
-    if missing:
-        args.parser.error(f"the following arguments are required: {', '.join(missing)}")
+    """Solve a scenario and write the results."""
     from tdcr_fe.io.atomic import check_output_folder
     from tdcr_fe.io.effects import effects_reader
     from tdcr_fe.io.own_effects import read_own_effects
     from tdcr_fe.io.toml import read_scenario
 
-    problems: list[Any] = []
-    own = _or_note(problems, lambda: read_own_effects(args.effects)) or ()
-    scenario = _or_note(problems, lambda: read_scenario(args.scenario, {"effects": effects_reader(own)}))
-    out = _or_note(problems, lambda: check_output_folder(args.out))
-    _refuse(problems)
-    return solve_and_write(scenario, out, args)
+    def read() -> Scenario:
+        return read_scenario(args.scenario, {"effects": effects_reader(read_own_effects(args.effects))})
+
+    scenario, out = read_all(read, lambda: check_output_folder(args.out))
+    return _solve_and_write(scenario, out, args)
 
 
-def _or_note(problems: list[Any], read: Callable[[], Any]) -> Any:
-    """What ``read`` returns; where the input is wrong, its problems are noted instead."""
-    from tdcr_fe.io.problems import InputError
+def demo(args: argparse.Namespace) -> int:
+    """Solve the packaged scenario; leave its input beside the results."""
+    from importlib.resources import as_file, files
+    from shutil import copyfile
 
-    try:
-        return read()
-    except InputError as error:
-        problems.extend(error.problems)
-        return None
+    from tdcr_fe.io.atomic import check_output_folder, write_folder
+    from tdcr_fe.io.toml import read_scenario
+
+    out = check_output_folder(args.out)
+    with as_file(files("tdcr_fe") / "data" / "demo") as folder:
+
+        def write(place: Path) -> None:
+            for name in ("robot.toml", "scenario.toml"):
+                copyfile(folder / name, place / name)
+
+        write_folder(out, write)
+    scenario = out / "scenario.toml"
+    if not args.quiet:
+        print(f"The input is {scenario} with {out / 'robot.toml'}; edit it and solve it again with")
+        print(f"    tdcr-fe run {scenario} -o {out}\n")
+    return _solve_and_write(read_scenario(scenario), out, args)
 
 
-def _refuse(problems: list[Any]) -> None:
-    from tdcr_fe.io.problems import InputError
-
-    if problems:
-        raise InputError(problems)
-
-
-def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> int:
+def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> int:
     """Solve a scenario, write its results, and return the exit status."""
-    from tdcr_fe.commands.tables import response_tables, sensitivity_table, step_tables
-    from tdcr_fe.io.problems import InputError, Problem
     from tdcr_fe.io.tables import write_results
     from tdcr_fe.model.plausibility import plausibility_warnings
-    from tdcr_fe.model.results import Interrupted, SequenceResult
 
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
@@ -126,46 +121,76 @@ def solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> 
     note(args, warnings=odd)
     for warning in odd:
         complain(f"warning: {warning}")
-    duration = long_run(scenario)
-    if duration and not args.quiet:
+    if not args.quiet and (duration := long_run(scenario)):
         complain(duration)
-    try:
-        result = _solve(scenario, args)
-    except Interrupted as stop:  # what was solved is written
-        assert isinstance(stop.result, SequenceResult)
-        result = stop.result
-    except ValueError as error:  # a contradiction that only the solver can detect
-        option, named, text = str(error).partition("sensitivities: ")
-        problem = Problem("--sensitivities", "", "", text) if named and not option else None
-        raise InputError([problem or Problem(str(scenario.path), "", "", str(error))]) from error
+    result = _solve(scenario, args)
     found = [warning for warning in result.warnings if warning not in odd]
     result = replace(result, warnings=(*odd, *found))
+    note(args, figures=figures(result, scenario), warnings=found, message=result.message)
     try:
         written = write_results(result, out, scenario.digests, len(scenario.steps), not args.no_pictures)
     except KeyboardInterrupt:  # while drawing, most likely; what was solved is kept
-        written = write_results(result, out, scenario.digests, len(scenario.steps), pictures=False)
-        note(args, files=written, figures=figures(result, scenario))
+        note(args, files=write_results(result, out, scenario.digests, len(scenario.steps), pictures=False))
         complain(f"interrupted while writing; the tables are in {out}, without pictures")
         return INTERRUPTED
-    note(args, files=written, figures=figures(result, scenario), warnings=found, message=result.message)
+    note(args, files=written)
     if not args.quiet:
-        if result.steps:
-            for text in (step_tables(result), sensitivity_table(result), response_tables(result)):
-                if text:
-                    print(text + "\n")
-        print(f"{count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
-        print("    " + ", ".join(p.name for p in written))
+        _print(result, out, written)
     for warning in found:
         complain(f"warning: {warning}")
-    if result.converged:
-        return SUCCESS
-    return _report_failure(result, scenario, out)
+    return SUCCESS if result.converged else _report_failure(result, scenario, out)
+
+
+def _solve(scenario: Scenario, args: argparse.Namespace) -> SequenceResult:
+    """Simulate with a progress bar; an interruption gives what was solved before it.
+
+    Raises
+    ------
+    InputError
+        A contradiction that only the solver can detect.
+    """
+    from tdcr_fe.io.problems import InputError, Problem
+    from tdcr_fe.model.results import Interrupted, SequenceResult
+    from tdcr_fe.solve.simulate import simulate
+
+    with progress_bar(args, len(scenario.steps), unit="step") as bar:
+
+        def progress(step: StepResult) -> None:
+            bar.set_postfix_str(step.label, refresh=False)
+            bar.update(step.step - bar.n)  # refining the mesh begins again with the first step
+
+        try:
+            return simulate(
+                scenario.robot,
+                scenario.model,
+                scenario.steps,
+                scenario.settings,
+                progress,
+                sensitivities=args.sensitivities,
+                responses=args.compliance,
+            )
+        except Interrupted as stop:
+            assert isinstance(stop.result, SequenceResult)
+            return stop.result
+        except ValueError as error:
+            option, named, text = str(error).partition("sensitivities: ")
+            problem = Problem("--sensitivities", "", "", text) if named and not option else None
+            raise InputError([problem or Problem(str(scenario.path), "", "", str(error))]) from error
+
+
+def _print(result: SequenceResult, out: Path, written: list[Path]) -> None:
+    from tdcr_fe.commands.tables import response_tables, sensitivity_table, step_tables
+
+    if result.steps:
+        for text in (step_tables(result), sensitivity_table(result), response_tables(result)):
+            if text:
+                print(text + "\n")
+    print(f"{count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
+    print("    " + ", ".join(p.name for p in written))
 
 
 def figures(result: SequenceResult, scenario: Scenario) -> dict[str, Any]:
     """Main results for ``--json``; tensions and displacements are those after the last step that was solved."""
-    last = result.steps[-1] if result.steps else None
-    names = result.robot.tendon_names
     found: dict[str, Any] = {
         "robot": result.robot.name,
         "steps_asked": len(scenario.steps),
@@ -175,37 +200,33 @@ def figures(result: SequenceResult, scenario: Scenario) -> dict[str, Any]:
         "elements": sum(result.elements_per_bay),
         "wall_time": result.wall_time,
     }
-    if last is not None:
-        errors = [s.discretisation_error for s in result.steps if s.discretisation_error is not None]
-        found |= {
-            "tip": last.tip,
-            "bending_angle_deg": math.degrees(last.bending_angle),
-            "tip_offset": last.tip_offset,
-            "tensions": dict(zip(names, last.base_tensions.tolist(), strict=True)),
-            "displacements": dict(zip(names, last.displacements.tolist(), strict=True)),
-            "discretisation_error": max(errors, default=None),
-        }
-    return found
+    if not result.steps:
+        return found
+    last, names = result.steps[-1], result.robot.tendon_names
+    errors = [s.discretisation_error for s in result.steps if s.discretisation_error is not None]
+    return found | {
+        "tip": last.tip,
+        "bending_angle_deg": math.degrees(last.bending_angle),
+        "tip_offset": last.tip_offset,
+        "tensions": dict(zip(names, last.base_tensions.tolist(), strict=True)),
+        "displacements": dict(zip(names, last.displacements.tolist(), strict=True)),
+        "discretisation_error": max(errors, default=None),
+    }
 
 
 def _report_failure(result: SequenceResult, scenario: Scenario, out: Path) -> int:
     interrupted = result.message.startswith("interrupted")
-    number = result.failed_step
-    if number is not None and 1 <= number <= len(scenario.steps):
+    number, total = result.failed_step, len(scenario.steps)
+    where = "the sequence"
+    if number is not None and 1 <= number <= total:
         label = scenario.steps[number - 1].label
-        where = f"step {number} of {len(scenario.steps)}" + (f' ("{label}")' if label else "")
-    else:
-        where = "the sequence"
+        where = f"step {number} of {total}" + (f' ("{label}")' if label else "")
     solved = sum(s.converged for s in result.steps)
     what = f"interrupted in {where}" if interrupted else f"{where} did not converge"
     complain(f"{what}; {count(solved, 'step')} solved before it {'is' if solved == 1 else 'are'} in {out}")
     if result.message and not interrupted:
         complain(result.message)
     return INTERRUPTED if interrupted else FAILURE
-
-
-#: A run that takes longer is announced [s].
-LONG_RUN = 60.0
 
 
 def long_run(scenario: Scenario) -> str:
@@ -222,32 +243,3 @@ def long_run(scenario: Scenario) -> str:
         return ""
     time = f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.0f} hours"
     return f"{count(steps, 'load step')} on {count(elements, 'element')}: about {time}"
-
-
-def _solve(scenario: Scenario, args: argparse.Namespace) -> SequenceResult:
-    """Simulate with a bar on stderr, where that is a terminal."""
-    from tqdm import tqdm
-
-    from tdcr_fe.solve.simulate import simulate
-
-    with tqdm(
-        total=len(scenario.steps),
-        unit="step",
-        leave=False,
-        file=sys.stderr,
-        disable=True if args.quiet else None,
-    ) as bar:
-
-        def progress(step: StepResult) -> None:
-            bar.set_postfix_str(step.label, refresh=False)
-            bar.update(step.step - bar.n)  # refining the mesh begins again with the first step
-
-        return simulate(
-            scenario.robot,
-            scenario.model,
-            scenario.steps,
-            scenario.settings,
-            progress,
-            sensitivities=args.sensitivities,
-            responses=args.compliance,
-        )

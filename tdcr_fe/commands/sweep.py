@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands.machine import add_json_option, note
-from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain, count
+from tdcr_fe.commands.common import (
+    FAILURE,
+    INTERRUPTED,
+    SUCCESS,
+    add_options,
+    complain,
+    count,
+    progress_bar,
+    read_all,
+)
 
 if TYPE_CHECKING:
     from tdcr_fe.sweeps.description import Sweep
@@ -25,8 +31,8 @@ def add_sweep_parser(commands: Any) -> None:
         "sweep",
         help="solve many cases: grids, samples of uncertain values, the workspace of a robot",
         description="Solve a scenario with other values of its keys: a grid, a list, or a sample of uncertain values; "
-        "write one table with a row a case, statistics and a report. Finished cases are kept in OUT/cases.jsonl: the "
-        "same command continues a sweep that was interrupted.",
+        "write one table with a row per case, statistics and a report. Finished cases are kept in OUT/cases.jsonl: "
+        "the same command continues a sweep that was interrupted.",
         epilog="Exit status: 0 all cases converged; 1 a case did not (the table says why); 2 the input is wrong; "
         "130 interrupted (143 by SIGTERM), finished cases are written.",
     )
@@ -34,9 +40,6 @@ def add_sweep_parser(commands: Any) -> None:
     parser.add_argument("-o", "--out", metavar="OUT", help="directory for the results")
     parser.add_argument(
         "--check", action="store_true", help="check the files, print the first cases, and solve nothing"
-    )
-    parser.add_argument(
-        "--processes", type=at_least_one, metavar="N", help="processes to use [number of cores]"
     )
     parser.add_argument(
         "--dask",
@@ -49,76 +52,41 @@ def add_sweep_parser(commands: Any) -> None:
         default="csv",
         help="format of the table of cases [%(default)s]",
     )
-    parser.add_argument("--fresh", action="store_true", help="begin anew where OUT has a journal")
+    parser.add_argument("--fresh", action="store_true", help="start over where OUT has a journal")
     parser.add_argument(
         "--retry", action="store_true", help="solve cases in the journal that did not converge again"
     )
-    parser.add_argument(
-        "--effects",
-        action="append",
-        default=[],
-        metavar="FILE.py",
-        help="effects of your own, classes in a Python file; may be repeated",
-    )
-    parser.add_argument(
-        "--no-pictures", action="store_true", help="write table and summary only, no pictures and no report"
-    )
-    parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
-    add_json_option(parser)
+    add_options(parser, "--processes", "--effects", "--no-pictures")
     parser.set_defaults(handler=run_sweep, parser=parser)
 
 
 def run_sweep(args: argparse.Namespace) -> int:
     """Solve the cases of a sweep, write them, and print what came out."""
     from tdcr_fe.io.atomic import check_output_folder
-    from tdcr_fe.io.problems import InputError
     from tdcr_fe.sweeps.read import read_sweep
 
     if args.out is None and not args.check:
         args.parser.error("the following arguments are required: -o/--out")
-    problems: list[Any] = []
-    described = None
-    try:
-        described = read_sweep(args.sweep, args.effects)
-    except InputError as error:
-        problems += error.problems
-    if args.out is not None:
-        try:
-            check_output_folder(args.out)
-        except InputError as error:
-            problems += error.problems
-    if problems or described is None:
-        raise InputError(problems)
+    described, _ = read_all(
+        lambda: read_sweep(args.sweep, args.effects), lambda: args.out and check_output_folder(args.out)
+    )
     if args.check:
         print(format_cases(described))
-        design = described.design()
-        note(args, figures={"cases": design.count, "method": design.method})
         return SUCCESS
     if not args.no_pictures:
-        importlib.import_module(
-            "tdcr_fe.sweeps.report"
-        )  # slow; an interruption after solving must not hit it
+        importlib.import_module("tdcr_fe.sweeps.report")  # slow; an interruption must not hit it
     return _report(_solve(described, args), args)
 
 
 def _solve(described: Sweep, args: argparse.Namespace) -> SweepResult:
-    """Run the sweep with a bar on stderr, where that is a terminal."""
-    from tqdm import tqdm
-
+    """Run the sweep with a progress bar."""
     from tdcr_fe.sweeps.run import sweep
 
-    silent = True if args.quiet else None
-    with (
-        _dask(args.dask) as (executor, in_flight),
-        tqdm(unit="case", leave=False, file=sys.stderr, disable=silent) as bar,
-    ):
+    with _dask(args.dask) as (executor, in_flight), progress_bar(args, unit="case") as bar:
 
         def progress(finished: int, total: int) -> None:
-            if bar.total is None:
-                bar.total, bar.initial = (
-                    total,
-                    finished,
-                )  # cases of an earlier run are no measure of the speed
+            if bar.total is None:  # cases of an earlier run are no measure of the speed
+                bar.total, bar.initial = total, finished
             bar.update(finished - bar.n)
 
         return sweep(
@@ -164,39 +132,16 @@ def _dask(address: str | None) -> Iterator[tuple[Executor | None, int | None]]:
 
 def _report(result: SweepResult, args: argparse.Namespace) -> int:
     """Print what came out; the exit status."""
-    total, converged = len(result.cases), result.counts.get("converged", 0)
-    from tdcr_fe.sweeps.files import PICTURE_FILES, REPORT, SUMMARY, TABLES
-    from tdcr_fe.sweeps.journal import NAME
-
-    names = (NAME, *TABLES.values(), SUMMARY, REPORT, *PICTURE_FILES)
-    note(
-        args,
-        files=[f for f in (Path(args.out) / name for name in names) if f.is_file()],
-        figures={
-            "cases": total,
-            "by_status": dict(result.counts),
-            "solved_in_this_run": result.solved_now,
-            "interrupted": result.interrupted,
-            "failures": {
-                status: [{"cases": m.count, "first_case": m.case, "reason": m.example} for m in found]
-                for status, found in result.failures.items()
-            },
-            "wall_time": result.wall_time,
-        },
-        warnings=[m.example for m in result.warnings],
-    )
     if not args.quiet:
         print(f"{result!r}\nWritten to {args.out}")
     for status, messages in result.failures.items():
         for m in messages[:5]:
             complain(f"{count(m.count, 'case')} {status}, case {m.case} the first: {m.example}")
     if result.interrupted:
-        left = result.counts.get("not run", 0)
-        complain(
-            f"interrupted; {count(left, 'case')} of {total} not run, the same command continues from there"
-        )
+        left = count(result.counts.get("not run", 0), "case")
+        complain(f"interrupted; {left} of {len(result.cases)} not run, the same command continues from there")
         return INTERRUPTED
-    return SUCCESS if converged == total else FAILURE
+    return SUCCESS if result.converged else FAILURE
 
 
 def format_cases(described: Sweep, most: int = 8) -> str:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands.machine import add_json_option, note
-from tdcr_fe.commands.status import FAILURE, INTERRUPTED, SUCCESS, at_least_one, complain
+from tdcr_fe.commands.common import FAILURE, INTERRUPTED, SUCCESS, add_options, complain, progress_bar
 
 if TYPE_CHECKING:
     from tdcr_fe.validation.crosscheck.cases import Case
@@ -27,11 +25,7 @@ def add_validate_parser(commands: Any) -> None:
     )
     parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for the report")
     parser.add_argument("--full", action="store_true", help="every case; without it a quick set")
-    parser.add_argument(
-        "--processes", type=at_least_one, metavar="N", help="processes to use [number of cores]"
-    )
-    parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
-    add_json_option(parser)
+    add_options(parser, "--processes")
     parser.set_defaults(handler=validate)
 
 
@@ -54,9 +48,8 @@ def validate(args: argparse.Namespace) -> int:
     processes = args.processes or os.cpu_count() or 1
     folder = out / "cases"
     try:
-        records, arbitrations, recalled = _records(cases, studies, folder, processes, args.quiet)
+        records, arbitrations, recalled = _records(args, cases, studies, folder, processes)
     except KeyboardInterrupt:
-        note(args, message="interrupted")
         complain(f"interrupted; finished cases are in {folder}, the same command continues from there")
         return INTERRUPTED
     outcome = report.judge(
@@ -68,12 +61,6 @@ def validate(args: argparse.Namespace) -> int:
         recalled=recalled,
     )
     report.write(outcome, out)
-    note(
-        args,
-        files=[out / "report.html", out / "report.json"],
-        figures={k: outcome[k] for k in ("passed", "set", "counts", "requirements", "failures", "time")},
-        message="; ".join(outcome["failures"]),
-    )
     if not args.quiet:
         print("\n".join(report.headline(outcome)))
         print(f"Written to {out}: report.html, report.json")
@@ -83,17 +70,15 @@ def validate(args: argparse.Namespace) -> int:
 
 
 def _records(
-    cases: list[Case], studies: list[Study], folder: Path, processes: int, quiet: bool
+    args: argparse.Namespace, cases: list[Case], studies: list[Study], folder: Path, processes: int
 ) -> tuple[dict[str, dict[str, Any]], list[Study], int]:
     """Records of cases, studies and arbitrations by name, the arbitrations, and how many records were there already."""
-    from tqdm import tqdm
-
     from tdcr_fe.validation.crosscheck import campaign, report
     from tdcr_fe.validation.crosscheck.requirements import ARBITRATIONS
 
     recalled = 0
     total = len(cases) + len(studies) + ARBITRATIONS
-    with tqdm(total=total, unit="case", file=sys.stderr, disable=True if quiet else None) as bar:
+    with progress_bar(args, total, unit="case") as bar:
 
         def progress(record: dict[str, Any], known: bool) -> None:
             nonlocal recalled

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands.machine import add_json_option, note
-from tdcr_fe.commands.status import SUCCESS, count
+from tdcr_fe.commands.common import SUCCESS, add_options, count, progress_bar
 
 if TYPE_CHECKING:
     from tdcr_fe.report.motion import Motion
@@ -37,8 +35,7 @@ def add_view_parser(commands: Any) -> None:
     parser.add_argument(
         "--gltf", metavar="FILE.glb", help="also an animated 3D model, for Blender, slides and other viewers"
     )
-    parser.add_argument("-q", "--quiet", action="store_true", help="print nothing but what went wrong")
-    add_json_option(parser)
+    add_options(parser)
     parser.set_defaults(handler=view)
 
 
@@ -55,24 +52,20 @@ def view(args: argparse.Namespace) -> int:
         check_output_folder(args.vtk)
     motion = read_motion(args.result)
     write_text(view_page(motion), out)
-    note(args, files=[out], figures={"robot": motion.name, "steps": len(motion.steps)})
     say = (lambda text: None) if args.quiet else print
     say(f"{motion.name}: {summary(motion)}. Written: {out} ({out.stat().st_size / 1e6:.2f} MB)")
     if args.vtk is not None:
         from tdcr_fe.io.vtk_files import write_vtk
 
         written = write_vtk(motion, args.vtk)
-        note(args, files=written)
         say(f"Written: {written[0].parent / 'robot.pvd'} and {count(len(written) - 1, 'file')} beside it")
     if model is not None:
         from tdcr_fe.io.gltf import write_glb
 
         write_glb(motion, model)
-        note(args, files=[model])
         say(f"Written: {model} ({model.stat().st_size / 1e6:.2f} MB)")
     if video is not None:
-        _write_video(motion, video, args.quiet)
-        note(args, files=[video])
+        _write_video(motion, video, args)
         say(f"Written: {video} ({video.stat().st_size / 1e6:.2f} MB)")
     return SUCCESS
 
@@ -90,13 +83,11 @@ def _video(path: str) -> Path:
     return Path(path)
 
 
-def _write_video(motion: Motion, path: Path, quiet: bool) -> None:
+def _write_video(motion: Motion, path: Path, args: argparse.Namespace) -> None:
     """Write the video with a bar on stderr, where that is a terminal."""
-    from tqdm import tqdm
-
     from tdcr_fe.report.video import write_video
 
-    with tqdm(total=100, leave=False, file=sys.stderr, disable=True if quiet else None) as bar:
+    with progress_bar(args, 100) as bar:
 
         def progress(share: float) -> None:
             bar.update(int(100 * share) - bar.n)

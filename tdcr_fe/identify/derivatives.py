@@ -23,8 +23,8 @@ from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import FitProblem, Point
 from tdcr_fe.identify.run import Run
+from tdcr_fe.solve.sensitivities.differences import RELATIVE_STEP, Tabulated, same_structure, tabulated
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter
-from tdcr_fe.solve.sensitivities.stencils import RELATIVE_STEP, Tabulated, same_structure, tabulated
 
 Array = NDArray[np.float64]
 

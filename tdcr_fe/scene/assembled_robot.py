@@ -10,11 +10,11 @@ import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
+from tdcr_fe.elements.capstan import TensionField
 from tdcr_fe.elements.friction import hole_states
-from tdcr_fe.elements.hooks import SceneHooks
-from tdcr_fe.elements.tension_field import TensionField
+from tdcr_fe.elements.native.actuation import TendonActuation
+from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.inputs import InputsOverTime, named_inputs

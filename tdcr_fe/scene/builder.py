@@ -10,12 +10,12 @@ import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneItems, BackboneMesh, add_backbone
-from tdcr_fe.elements.connectors import Clamp, Connectors
-from tdcr_fe.elements.history import HistoryNodes
-from tdcr_fe.elements.hooks import SceneHooks
-from tdcr_fe.elements.material_damping import MaterialDamping
+from tdcr_fe.elements.native.actuation import TendonActuation
+from tdcr_fe.elements.native.history import HistoryNodes
+from tdcr_fe.elements.native.hooks import SceneHooks
+from tdcr_fe.elements.native.items import Clamp, Connectors
+from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.model import arguments
 from tdcr_fe.model.checks import course_contradictions, size_contradictions
 from tdcr_fe.model.loading import Model

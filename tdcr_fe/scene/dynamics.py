@@ -9,9 +9,9 @@ import exudyn as exu
 import numpy as np
 
 from tdcr_fe.elements.backbone import BackboneMesh
-from tdcr_fe.elements.material_damping import MaterialDamping
-from tdcr_fe.elements.step_sizes import round_off
-from tdcr_fe.elements.system import SystemReference
+from tdcr_fe.elements.native.hooks import round_off
+from tdcr_fe.elements.native.items import SystemReference
+from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.model.robot import Robot
 
 #: Up to this number of coordinates of a scene the linear equations are solved densely.

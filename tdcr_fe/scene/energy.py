@@ -23,18 +23,17 @@ import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, relative_twists, strain_matrices
-from tdcr_fe.elements.elastic_tendons import ElasticTendons
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.friction import TendonLaw
-from tdcr_fe.elements.generalized import generalized_forces
-from tdcr_fe.elements.history import RobotHistory
-from tdcr_fe.elements.material_damping import MaterialDamping
-from tdcr_fe.elements.node_coordinates import NodeCoordinates
+from tdcr_fe.elements.native.actuation import TendonActuation
+from tdcr_fe.elements.native.condensation import ElasticTendons
+from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_forces
+from tdcr_fe.elements.native.history import RobotHistory
+from tdcr_fe.elements.native.items import SystemReference
+from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.elements.poses import log_so3
 from tdcr_fe.elements.section import wrenches_on_nodes
-from tdcr_fe.elements.system import SystemReference
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.loads import Frame, PointLoad

@@ -11,9 +11,9 @@ import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.hooks import SceneHooks
-from tdcr_fe.elements.material_damping import MaterialDamping
-from tdcr_fe.elements.motors import Motor
+from tdcr_fe.elements.native.hooks import SceneHooks
+from tdcr_fe.elements.native.material_damping import MaterialDamping
+from tdcr_fe.elements.native.motors import Motor
 from tdcr_fe.model.loading import Model
 from tdcr_fe.scene.assembled_robot import AssembledRobot
 from tdcr_fe.scene.disk_contact import (

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.actuation import TendonActuation
+from tdcr_fe.elements.native.actuation import TendonActuation
 
 Array = NDArray[np.float64]
 #: A tension this far below zero is taken as zero: round-off of the user's function [N].

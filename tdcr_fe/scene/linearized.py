@@ -10,7 +10,7 @@ import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.actuation import Holes
+from tdcr_fe.elements.native.actuation import Holes
 from tdcr_fe.scene.modes import checked_hooks, linearized_about_the_present
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
-from tdcr_fe.elements.system import SystemReference
+from tdcr_fe.elements.native.items import SystemReference
 
 Array = NDArray[np.float64]
 Frame = Literal["world", "section"]

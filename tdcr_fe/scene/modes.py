@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eig
 
-from tdcr_fe.elements.actuation import Holes
-from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.elements.native.actuation import Holes
+from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model import arguments
 
 Array = NDArray[np.float64]

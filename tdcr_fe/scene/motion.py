@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.disks import disk_inertia
-from tdcr_fe.elements.generalized import generalized_forces, twists_by_coordinates
-from tdcr_fe.elements.node_coordinates import NodeCoordinates
-from tdcr_fe.elements.system import SystemReference
+from tdcr_fe.elements.native.actuation import TendonActuation
+from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_forces, twists_by_coordinates
+from tdcr_fe.elements.native.items import SystemReference
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Robot
 

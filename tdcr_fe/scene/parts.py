@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, reference_poses
 from tdcr_fe.elements.disks import add_disk, base_plate
-from tdcr_fe.elements.springs import GroundSprings
+from tdcr_fe.elements.forces import GroundSprings
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Robot

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import spence
 
-from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.backbone import relative_twists
-from tdcr_fe.elements.elastic_tendons import ElasticTendons
 from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.native.actuation import TendonActuation
+from tdcr_fe.elements.native.condensation import ElasticTendons
 from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection
 from tdcr_fe.scene.motion import Motion
 

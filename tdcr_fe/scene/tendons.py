@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, reference_poses
 from tdcr_fe.elements.friction import TendonLaw
-from tdcr_fe.elements.friction_models import FRICTION_MODELS
+from tdcr_fe.elements.friction_models import FRICTION_MODELS, TendonParameters
 from tdcr_fe.elements.section import ContinuousTendons
-from tdcr_fe.elements.tendon_parameters import TendonParameters
 from tdcr_fe.elements.tendons import CableGeometry
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.robot import Robot

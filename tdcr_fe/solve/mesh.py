@@ -1,19 +1,34 @@
-"""Automatic mesh: the error of the steps of a run, finer meshes where it is too large, and warnings."""
+"""Automatic mesh: the error of the mesh is estimated in solved states, and the mesh refined against it.
+
+The estimate is a defect correction. In a solved state every element of the backbone has a wrench at its first node.
+Under that wrench the Cosserat equations along the element are integrated to high accuracy (collocation at four Gauss
+points), own weight and tendons that follow the backbone included. Where the exact relative pose of the element's ends
+differs from that of the finite element, the difference ``e`` is an eigenstrain that the mesh neglects. Exact
+elements, fixed in the solved configuration, would load the nodes with
+
+    r = B^T K e + r_w ,
+
+with the element's strain matrix ``B``, its stiffness ``K`` (that of the wrench's direction included), and the moment
+``r_w`` by which own weight along a bent element differs from own weight lumped at its nodes. The tangent of the solved
+state takes ``r`` to the displacement of all nodes: the error of the configuration to first order, amplified near
+buckling as it must be (documentation, page "Theory").
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.backbone import strain_matrices
+from tdcr_fe.elements.poses import coefficients, cross, exp_matrix, inverse_tangent_se3
 from tdcr_fe.model.loading import Model
-from tdcr_fe.model.wording import steps_named
+from tdcr_fe.model.messages import steps_named
 from tdcr_fe.scene import TDCR
-from tdcr_fe.solve.element_equations import ElementModel
-from tdcr_fe.solve.equations.state import SolverState, StoredState
-from tdcr_fe.solve.mesh_error import MeshEstimate, SolvedState, estimate
+from tdcr_fe.solve.element_equations import ElementModel, exact_elements, force_gradient, stiffness_times
+from tdcr_fe.solve.equations.configuration import SolverState, StoredState
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -26,6 +41,263 @@ MOST_PER_BAY, MOST_ELEMENTS, MOST_MESHES = 32, 320, 6
 GROWTH = 4
 #: Fraction of its buckling load above which a bay causes a warning [1].
 NEAR_BUCKLING = 0.5
+
+
+@dataclass(frozen=True)
+class SolvedState:
+    """Quantities of a solved state that the estimate needs."""
+
+    twists: Array  # (E, 6): Of the elements, length times strain
+    rotations: Array  # (E, 3, 3): Of the first node of every element, in beam axes
+    tensions: Array  # (m,): At the base [N]
+    # (E, 6): Of the elements where the tangent was factorised: in the solved state, or one iteration before.
+    # Forces and changes are taken by the twists of these elements, in which the tangent changes little.
+    tangent_twists: Array
+    # Solves for body-frame increments of the nodes (6 N, k) under wrenches on the nodes (6 N, k) with that
+    # tangent, with mobilisations fixed and displacement-driven tendons taut
+    solve: Callable[[Array], Array]
+
+    @classmethod
+    def of(cls, simulation: Simulation) -> SolvedState:
+        """The last solved state of a simulation, with the tangent that was factorised last."""
+        linearization, state = simulation.linearization(), simulation.state
+        factorisation = linearization.factorisation
+        nodes = slice(0, 6 * len(simulation.handle.nNodes))
+        clamped = bool(simulation.system.layout.clamps)
+
+        def solve(wrenches: Array) -> Array:
+            right = np.zeros((linearization.numbering.linear, wrenches.shape[1]), order="F")
+            # The tangent is that of the forces on the nodes: minus the stiffness.
+            right[nodes] = -wrenches
+            if clamped:
+                right[nodes][:6] = 0.0
+            return factorisation.solve(right)[nodes]
+
+        return cls(
+            state.configuration.twists[0],
+            state.configuration.poses[0][1][:-1],
+            state.base_tension[0],
+            linearization.chains[0].twists,
+            solve,
+        )
+
+
+@dataclass(frozen=True)
+class MeshEstimate:
+    """Estimated discretisation error of one solved state."""
+
+    # (N-1, 3): Estimated displacement of the nodes 1 .. N-1 to their positions with exact elements, world axes
+    # [m].
+    nodes: Array
+    # (B,): Largest displacement of a node that each bay's own defect causes [m]; None where the error is below
+    # the goal. Infinite where the equations along an element have no finite solution under its wrench.
+    by_bay: Array | None
+    # (B,): Axial compression of each bay over its buckling load, see `bay_loads`; zero where it is not defined
+    # [1]
+    bay_loads: Array
+
+    @property
+    def largest(self) -> float:
+        """Largest displacement of a node [m]."""
+        return float(np.sqrt(np.max(np.einsum("ni,ni->n", self.nodes, self.nodes))))
+
+
+def _transposed(matrices: Array, vectors: Array) -> Array:
+    """Transposed matrices times vectors: (..., n, k) and (..., n) to (..., k)."""
+    return np.asarray((vectors[..., None, :] @ matrices)[..., 0, :])
+
+
+def defects(
+    model: ElementModel, twists: Array, rotations: Array, tensions: Array
+) -> tuple[Array, Array | None]:
+    """Additional forces (by the elements' twists) and couples of exact elements in the solved configuration.
+
+    Parameters
+    ----------
+    model
+        The elements.
+    twists, rotations, tensions
+        Of several solved states, as in `SolvedState`, with one more axis in front.
+
+    Returns
+    -------
+    forces : ndarray, shape (S, E, 6)
+        ``K e`` of every element.
+    couples : ndarray, shape (S, E, 3), or None
+        ``r_w`` on the last node of every element, world axes [N m]; None without own weight.
+    """
+    weight = _transposed(rotations, model.weight)
+    gradient = force_gradient(model, twists, tensions)
+    to_first = inverse_tangent_se3(-twists)
+    own_wrenches = _transposed(to_first, gradient)
+    wrenches = own_wrenches.copy()
+    wrenches[..., :3] += 0.5 * weight * model.lengths[:, None]
+    ends, moments = exact_elements(model, twists, wrenches, weight, tensions)
+    own = exp_matrix(twists, coefficients(twists[..., 3:]))
+    back = np.swapaxes(own[..., :3, :3], -1, -2)
+    turn = back @ ends[..., :3]
+    change = np.empty_like(twists)
+    change[..., :3] = (back @ (ends[..., 3] - own[..., :3, 3])[..., None])[..., 0]
+    change[..., 3:] = 0.5 * (turn[..., (2, 0, 1), (1, 2, 0)] - turn[..., (1, 2, 0), (2, 0, 1)])
+    tangent = inverse_tangent_se3(twists)
+    eigenstrain = (tangent @ change[..., None])[..., 0]
+    force = stiffness_times(model, twists, eigenstrain)
+    # The wrench belongs to the exact pose; its generalised force differs where the pose differs.
+    moved = _transposed(inverse_tangent_se3(-twists - eigenstrain), gradient) - own_wrenches
+    from_first: Array = np.linalg.inv(to_first).astype(np.float64)
+    force += _transposed(from_first, moved)
+    force[:, ~model.flexible] = 0.0
+    if not np.any(model.weight):
+        return force, None
+    lumped = 0.5 * model.lengths[:, None] * own[..., :3, 3]
+    return force, (rotations @ cross(moments - lumped, weight)[..., None])[..., 0]
+
+
+def displacements(
+    states: Sequence[SolvedState], twists: Array, rotations: Array, forces: Array, couples: Array | None
+) -> Array:
+    """Displacement of the nodes caused by forces on the elements' twists, with the base fixed.
+
+    Parameters
+    ----------
+    states
+        Whose tangents are taken.
+    twists, rotations
+        As in `SolvedState`, of the states, shapes (S, E, 6) and (S, E, 3, 3).
+    forces, couples
+        As from `defects`.
+
+    Returns
+    -------
+    ndarray, shape (S, E, 3)
+        Of the last node of every element, world axes [m].
+    """
+    own = exp_matrix(twists, coefficients(twists[..., 3:]))
+    ends = rotations @ own[..., :3, :3]
+    inverse: Array = np.linalg.inv(inverse_tangent_se3(twists)).astype(np.float64)
+    if couples is not None:
+        # A couple on a node bends every element between it and the base.
+        beyond = couples[:, ::-1].cumsum(axis=1)[:, ::-1]
+        bending = _transposed(inverse[..., 3:, :], _transposed(ends, beyond))
+        forces = np.asarray(forces + bending)
+    matrices = strain_matrices(np.stack([s.tangent_twists for s in states]))
+    wrenches = _transposed(matrices, forces)
+    loads = np.zeros((*wrenches.shape[:1], wrenches.shape[1] + 1, 6))
+    loads[:, :-1] += wrenches[..., :6]
+    loads[:, 1:] += wrenches[..., 6:]
+    nodes = np.stack([s.solve(w.reshape(-1, 1))[:, 0] for s, w in zip(states, loads, strict=True)])
+    nodes = nodes.reshape(loads.shape)
+    both = np.concatenate((nodes[:, :-1], nodes[:, 1:]), axis=-1)
+    local = (inverse @ (matrices @ both[..., None]))[..., 0].reshape(*forces.shape[:-1], 2, 3)
+    world = (ends[..., None, :, :] @ local[..., None])[..., 0]
+    turn = world[..., 1, :].cumsum(axis=1)
+    arms = (rotations @ own[..., :3, 3, None])[..., 0]
+    return np.asarray((world[..., 0, :] + cross(turn - world[..., 1, :], arms)).cumsum(axis=1))
+
+
+def _largest(moved: Array) -> Array:
+    """Largest length of vectors (..., E, 3) over E."""
+    return np.asarray(np.sqrt(np.max(np.einsum("...i,...i->...", moved, moved), axis=-1)))
+
+
+def _finite(moved: Array) -> Array:
+    """The same displacements, infinite where they are not numbers."""
+    return np.where(np.isfinite(moved), moved, np.inf)
+
+
+def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float = np.inf) -> list[MeshEstimate]:
+    """Estimated discretisation error of solved states of one mesh.
+
+    Parameters
+    ----------
+    model
+        The elements.
+    states
+        Any number; the elements of all are integrated at once.
+    goal
+        Error above which the contribution of each bay is computed as well [m].
+
+    Returns
+    -------
+    list of MeshEstimate
+        One per state.
+    """
+    if not states:
+        return []
+    twists = np.stack([s.twists for s in states])
+    rotations = np.stack([s.rotations for s in states])
+    tensions = np.stack([s.tensions for s in states])
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _estimate(model, states, goal, (twists, rotations, tensions))
+
+
+def _estimate(
+    model: ElementModel, states: Sequence[SolvedState], goal: float, arrays: tuple[Array, Array, Array]
+) -> list[MeshEstimate]:
+    """`estimate` from the twists, rotations and tensions of the states, each with one axis for the states in front."""
+    twists, rotations, tensions = arrays
+    forces, couples = defects(model, twists, rotations, tensions)
+    moved = _finite(displacements(states, twists, rotations, forces, couples))
+    loads = bay_loads(model, twists, tensions)
+    found = []
+    for k, size in enumerate(_largest(moved)):
+        by_bay = None
+        if not size <= goal:
+            inside = (model.bays == np.arange(int(model.bays.max()) + 1)[:, None])[..., None]
+            by_bay = _largest(
+                _finite(
+                    displacements(
+                        [states[k]] * len(inside),
+                        np.broadcast_to(twists[k], (len(inside), *twists[k].shape)),
+                        np.broadcast_to(rotations[k], (len(inside), *rotations[k].shape)),
+                        np.where(inside, forces[k], 0.0),
+                        None if couples is None else np.where(inside, couples[k], 0.0),
+                    )
+                )
+            )
+        found.append(MeshEstimate(moved[k], by_bay, loads[k]))
+    return found
+
+
+def bay_loads(model: ElementModel, twists: Array, tensions: Array) -> Array:
+    """Axial compression of every bay over its buckling load ``pi^2 EI / a^2`` [1], shape (S, B).
+
+    ``a`` is the free length of the bay between two disks. The load is that of a bay whose ends cannot rotate relative
+    to each other but are free to sway (clamped-clamped with sway): tendons restrain the orientation of the disks, not
+    their position. A last bay without a disk at its end is a cantilever, ``pi^2 EI / (4 a^2)``, and so is a whole
+    backbone without disks. EI is the tangent stiffness of a nonlinear section. Tendons that follow the
+    backbone do not compress the bays between disks; there the value is zero.
+
+    Parameters
+    ----------
+    model
+        The elements.
+    twists, tensions
+        Of the states, shapes (S, E, 6) and (S, m).
+    """
+    bays = int(model.bays.max()) + 1
+    found = np.zeros((len(twists), bays))
+    if model.section is not None and model.section.tendons is not None:
+        return found
+    compression = -force_gradient(model, twists, tensions)[..., 0]
+    bending = np.min(model.element_stiffness[:, 4:], axis=1)
+    law = None if model.section is None else model.section.superelastic
+    if law is not None:
+        bend = np.linalg.norm(twists[..., 4:] / model.lengths[:, None] - law.precurvature[..., 1:], axis=-1)
+        slope = 0.5 * (1.0 + np.tanh(0.5 * (bend - law.threshold) / (law.threshold / 40.0)))
+        bending = bending - (1.0 - law.ratio) * slope * law.bending_stiffness
+    if model.section is not None and model.section.nonlinear is not None:
+        fibres = model.section.nonlinear
+        slope = fibres.stiffness(*fibres.strain(twists, model.lengths))[..., 1:, 1:]
+        bending = np.maximum(bending + np.linalg.eigvalsh(slope)[..., 0], 1e-3 * bending)
+    share = np.where(model.flexible, compression / bending, 0.0)
+    for bay in range(bays):
+        inside = model.bays == bay
+        if inside.any():
+            found[:, bay] = share[:, inside].max(axis=1)
+    np.maximum(found, 0.0, out=found)
+    found *= model.buckling_lengths**2 / np.pi**2
+    return found
 
 
 class MeshMonitor:

@@ -18,23 +18,22 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.sensitivities import Sensitivities
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.solve.equations.state import StoredState
-from tdcr_fe.solve.instability import ExternalCompression, instability_warnings, is_unstable
+from tdcr_fe.solve.equations.configuration import StoredState
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, StepFailed
 from tdcr_fe.solve.mesh import (
     MOST_MESHES,
+    MeshEstimate,
     MeshMonitor,
     error_order,
     mesh_warnings,
     on_mesh,
     refined,
 )
-from tdcr_fe.solve.mesh_error import MeshEstimate
 from tdcr_fe.solve.sensitivities.local_response import local_response
 from tdcr_fe.solve.sensitivities.parameters import Parameter, parameters
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
-from tdcr_fe.solve.simulation import Simulation, step_warnings
-from tdcr_fe.solve.threads import one_thread
+from tdcr_fe.solve.simulation import Simulation, one_thread, step_warnings
+from tdcr_fe.solve.stability import ExternalCompression, instability_warnings, is_unstable
 
 #: Messages of a run that solved all steps, and of one that was interrupted.
 CONVERGED, INTERRUPTED = "all steps converged", "interrupted"

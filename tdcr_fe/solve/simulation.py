@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
+from functools import lru_cache
 from typing import NamedTuple
 
 import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.model import arguments
@@ -17,36 +20,41 @@ from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
+from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.state import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
-from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Path, StepFailed
-from tdcr_fe.solve.load_steps.ramp import Ramp
+from tdcr_fe.solve.friction_path.response import Equilibrium
+from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Ramp, SolvedPath, StepFailed
 from tdcr_fe.solve.load_steps.stepping import solve_ramp
-from tdcr_fe.solve.threads import one_thread
 
 Array = NDArray[np.float64]
 LoadKey = tuple[str, float, str]
+
+
+@lru_cache(maxsize=1)
+def _controller() -> ThreadpoolController:
+    """The linear algebra libraries of this process, found once."""
+    return ThreadpoolController()
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Limit BLAS to one thread inside a ``with`` block; nothing is done where it has no more than one."""
+    libraries = _controller().lib_controllers
+    if all(library.get_num_threads() == 1 for library in libraries if library.user_api == "blas"):
+        return nullcontext()
+    return _controller().limit(limits=1, user_api="blas")
+
+
 #: Sees every solved load step: scene, ramp, state at its beginning, load factors and states of its substeps.
 PathObserver = Callable[[SceneSystem, Ramp, SolverState, tuple[tuple[float, SolverState], ...]], None]
 
 
 class Position(NamedTuple):
-    """Where a simulation is: the last solved state, and what is known there.
-
-    Attributes
-    ----------
-    state : SolverState
-    linearization : Linearization or None
-        The last one.
-    end : Equilibrium or None
-        The state with its linearisation.
-    """
+    """Where a simulation is: the last solved state, and what is known there."""
 
     state: SolverState
-    linearization: Linearization | None
-    end: Equilibrium | None
+    linearization: Linearization | None  # The last one
+    end: Equilibrium | None  # The state with its linearisation
 
 
 class Simulation:
@@ -163,7 +171,7 @@ class Simulation:
         divide = divide or record_path is not None
         guess = None if warm_start is None else self.system.warm_start(self.state, warm_start)
 
-        def solved(divide: bool) -> Path:
+        def solved(divide: bool) -> SolvedPath:
             with one_thread():
                 return solve_ramp(
                     self.system,

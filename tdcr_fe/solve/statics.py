@@ -8,20 +8,19 @@ from typing import Any
 
 import exudyn as exu
 
-from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model import arguments
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.builder import check_system
 from tdcr_fe.scene.handle import TDCR
-from tdcr_fe.solve.equations.free_motion import freely_moving
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.continuation import recall, remember
-from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Path
-from tdcr_fe.solve.load_steps.ramp import Ramp
+from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Ramp, SolvedPath
 from tdcr_fe.solve.load_steps.stepping import solve_ramp
+from tdcr_fe.solve.newton.contact_stability import freely_moving
 from tdcr_fe.solve.sensitivities.parameters import Parameter
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
-from tdcr_fe.solve.threads import one_thread
+from tdcr_fe.solve.simulation import one_thread
 
 
 def SolveTDCR(
@@ -99,13 +98,7 @@ def SolveTDCR(
 
 
 def _refuse_free_bases(system: SceneSystem, time: float) -> None:
-    """Refuse a robot whose base joint is switched off, where nothing else holds it.
-
-    Raises
-    ------
-    ValueError
-        Names the robot.
-    """
+    """Refuse a robot whose base joint is switched off, where nothing else holds it."""
     mbs = system.mbs
     off = [
         robot
@@ -137,7 +130,7 @@ def _solve(
     end_time: float,
     substeps: int | None,
     sensitivities: Sequence[SensitivityHistory],
-) -> Path:
+) -> SolvedPath:
     """The load step from the scene's current state to the inputs and loads as set, with its derivatives."""
     mbs = system.mbs
     user_step = system.hooks.user_function("PreStep")

@@ -1,4 +1,4 @@
-"""``--json`` prints one object on stdout, whatever happens, and nothing else there."""
+"""``--json`` of ``run`` and ``identify`` prints one object on stdout, whatever happens, and nothing else there."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from identify_data import measured
 from inputs import ROBOT, SCENARIO, changed, write
 
 from tdcr_fe import cli
-from tdcr_fe.validation.broken_files.inputs import INPUTS
+from tdcr_fe.io.measured import write_measured
 
 KEYS = ["command", "status", "exit_status", "files", "figures", "warnings", "errors", "message"]
 SMALL = {
@@ -35,37 +36,19 @@ def call(capsys, *arguments) -> dict:
     return found
 
 
-@pytest.fixture
-def files(tmp_path):
-    """Good input files of the commands, by name of the command."""
-    for inputs in INPUTS:
-        if inputs.files:
-            folder = tmp_path / inputs.name.replace(", ", "-")
-            folder.mkdir()
-            for name, contents in inputs.files.items():
-                (folder / name).write_bytes(contents)
-    return tmp_path
-
-
 def test_run_gives_its_main_figures(tmp_path, capsys):
     path = write(tmp_path, scenario=changed(SCENARIO, SMALL))
     found = call(capsys, "run", path, "-o", tmp_path / "out", "--no-pictures")
     assert (found["command"], found["status"], found["errors"]) == ("run", "done", [])
-    assert {Path(f).name for f in found["files"]} == {
-        "steps.csv",
-        "shape.csv",
-        "tensions.csv",
-        "summary.json",
-    }
+    written = {"steps.csv", "shape.csv", "tensions.csv", "summary.json"}
+    assert {Path(f).name for f in found["files"]} == written
     figures = found["figures"]
     assert (figures["steps_asked"], figures["steps_solved"], figures["failed_step"]) == (2, 2, None)
     assert figures["tensions"] == {"t1": 1.0, "t2": 0.0, "t3": 0.0, "t4": 0.0}
-    last = (tmp_path / "out" / "steps.csv").read_text().splitlines()[-1].split(",")
-    header = (tmp_path / "out" / "steps.csv").read_text().splitlines()[0].split(",")
-    assert figures["tip"] == [float(last[header.index(f"tip_{x}")]) for x in "xyz"]
-    assert figures["bending_angle_deg"] == pytest.approx(
-        float(last[header.index("bending_angle_deg")]), abs=1e-12
-    )
+    header, *_, last = (line.split(",") for line in (tmp_path / "out" / "steps.csv").read_text().splitlines())
+    row = dict(zip(header, last, strict=True))
+    assert figures["tip"] == [float(row[f"tip_{x}"]) for x in "xyz"]
+    assert figures["bending_angle_deg"] == pytest.approx(float(row["bending_angle_deg"]), abs=1e-12)
 
 
 def test_wrong_input_gives_all_mistakes_as_objects(tmp_path, capsys):
@@ -79,7 +62,9 @@ def test_wrong_input_gives_all_mistakes_as_objects(tmp_path, capsys):
     assert len(found["errors"]) == 61 > cli.MOST_PROBLEMS
 
 
-@pytest.mark.parametrize("arguments", [["run"], ["rum"], [], ["new", "robot", "-o", "x", "--tendons", "0"]])
+@pytest.mark.parametrize(
+    "arguments", [["run"], ["rum"], [], ["identify", "x", "-o", "y", "--processes", "0"]]
+)
 def test_wrong_arguments_are_an_error_too(capsys, arguments):
     found = call(capsys, *arguments)
     assert found["status"] == "wrong input"
@@ -89,58 +74,25 @@ def test_wrong_arguments_are_an_error_too(capsys, arguments):
 
 def test_a_step_that_does_not_converge_is_a_failure_with_its_reason(tmp_path, capsys):
     solver = {"max_iterations": 1, "min_substep": 1.0, "max_substeps": 1}
-    path = write(
-        tmp_path,
-        scenario=changed(SCENARIO, {**SMALL, "solver": solver, "steps": [{"tensions": {"t1": 300.0}}]}),
-    )
+    steps = {**SMALL, "solver": solver, "steps": [{"tensions": {"t1": 300.0}}]}
+    path = write(tmp_path, scenario=changed(SCENARIO, steps))
     found = call(capsys, "run", path, "-o", tmp_path / "out", "--no-pictures")
     assert (found["status"], found["exit_status"]) == ("failed", 1)
     assert found["figures"]["failed_step"] == 1 and "step 1" in found["message"]
 
 
-def test_follow_new_and_sweep(files, capsys):
-    folder = files / "follow"
-    found = call(
-        capsys,
-        "follow",
-        folder / "robot.toml",
-        folder / "path.csv",
-        "--largest",
-        "2",
-        "--no-pictures",
-        "-o",
-        files / "f",
-    )
-    assert found["exit_status"] == 0
-    assert found["figures"]["targets_asked"] == 2
-    assert {"targets.csv", "scenario.toml"} <= {Path(f).name for f in found["files"]}
-    found = call(capsys, "new", "robot", "-o", files / "n")
-    assert found["figures"]["next"].startswith("tdcr-fe run") and len(found["files"]) == 2
-    found = call(capsys, "sweep", files / "sweep-grid" / "sweep.toml", "--check")
-    assert found["figures"] == {"cases": 6, "method": "grid"}
-    found = call(
-        capsys,
-        "sweep",
-        files / "sweep-grid" / "sweep.toml",
-        "-o",
-        files / "s",
-        "--no-pictures",
-        "--processes",
-        "1",
-    )
-    assert found["figures"]["by_status"] == {"converged": 6}
-    assert {"cases.jsonl", "cases.csv", "summary.json"} == {Path(f).name for f in found["files"]}
-
-
-def test_identify_gives_verdict_and_effects(files, capsys):
-    found = call(capsys, "identify", files / "identify", "-o", files / "i", "--processes", "1")
-    result = json.loads((files / "i" / "result.json").read_text())
+@pytest.mark.integration
+def test_identify_gives_verdict_and_effects(tmp_path, capsys):
+    write_measured(measured(), tmp_path / "set")
+    found = call(capsys, "identify", tmp_path / "set", "-o", tmp_path / "out", "--processes", "1")
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert found["exit_status"] == 0
     assert found["figures"]["verdict"] == result["verdict"]
     assert {"verdict", "before", "effects", "after"} <= set(found["figures"])
     assert {"result.json", "report.html"} <= {Path(f).name for f in found["files"]}
 
 
+@pytest.mark.integration
 def test_nothing_else_is_on_stdout_of_the_process(tmp_path):
     """Neither what solvers print nor a progress bar."""
     path = write(tmp_path, scenario=changed(SCENARIO, SMALL))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+import sys
 
 import pytest
 
@@ -13,8 +15,8 @@ from tdcr_fe.io.templates import _EXAMPLES
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.channels import CHANNELS
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.routing import ROUTINGS, ParallelRouting
-from tdcr_fe.model.schema import fields_of
+from tdcr_fe.model.routing import ROUTINGS
+from tdcr_fe.model.schema import keys_of
 from tdcr_fe.model.settings import SolverSettings
 
 
@@ -37,11 +39,11 @@ def test_a_new_robot_is_solved(tmp_path, tendons):
 def test_every_key_of_the_files_is_there(tmp_path):
     folder = begin(tmp_path, "robot")
     robot = (folder / "robot.toml").read_text()
-    own = [f for routing in ROUTINGS.values() for f in fields_of(routing)]
-    for name in (*ROBOT, *fields_of(Backbone), *DISKS, *tendon_keys(ParallelRouting), *own):
+    own = [f for routing in ROUTINGS.values() for f in keys_of(routing)]
+    for name in (*ROBOT, *keys_of(Backbone), *DISKS, *tendon_keys("parallel"), *own):
         assert re.search(rf"\b{name}\b", robot), name
     scenario = (folder / "scenario.toml").read_text()
-    for name in (*fields_of(Model), *fields_of(SolverSettings), *fields_of(LoadStep)):
+    for name in (*keys_of(Model), *keys_of(SolverSettings), *keys_of(LoadStep)):
         assert re.search(rf"\b{name}\b", scenario), name
 
 
@@ -134,3 +136,23 @@ def test_a_number_of_tendons_that_cannot_be_is_refused(tmp_path, text, capsys):
     with pytest.raises(SystemExit):
         cli.main(["new", "robot", "-o", str(tmp_path / "x"), f"--tendons={text}"])
     assert "from 1 to 24" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("file", ["robot", "scenario", "model", "sweep"])
+def test_schema_is_printed_as_json(capsys, file):
+    assert cli.main(["schema", file]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    assert schema["title"] == f"{file}.toml of tdcr_fe" and schema["properties"]
+
+
+def test_the_completion_knows_commands_options_and_values(capsys):
+    pytest.importorskip("shtab")
+    assert cli.main(["completion", "bash"]) == 0
+    script = capsys.readouterr().out
+    assert all(word in script for word in ("identify", "--processes", "'parquet'", "_shtab_compgen_files"))
+
+
+def test_without_shtab_the_completion_names_its_extra(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    assert cli.main(["completion", "zsh"]) == 2
+    assert "pip install 'tdcr-fe[completion]'" in capsys.readouterr().err

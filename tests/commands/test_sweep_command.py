@@ -95,6 +95,7 @@ def wait_for_lines(process, journal, count):
     raise AssertionError("the sweep ended, or nothing was solved")
 
 
+@pytest.mark.integration
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.parametrize(
     "number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=["INT", "TERM", "KILL"]

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 from arcs import arc_result
@@ -26,15 +23,6 @@ def test_the_page_goes_beside_the_results_or_where_it_is_asked_for(folder, tmp_p
     assert cli.main(["view", str(folder), "-o", str(tmp_path / "new" / "robot.html"), "-q"]) == 0
     assert (folder / "view.html").read_bytes() == (tmp_path / "new" / "robot.html").read_bytes()
     assert capsys.readouterr().out == ""
-
-
-def test_json_names_every_file(folder, tmp_path, capsys):
-    options = ["--vtk", tmp_path / "vtk", "--gltf", tmp_path / "robot.glb", "--json"]
-    assert cli.main(["view", *map(str, [folder, *options])]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["figures"] == {"robot": "single-segment", "steps": 10}
-    assert len(found["files"]) == 1 + 1 + 10 + 1
-    assert all(Path(f).is_file() for f in found["files"])
 
 
 def refused(args, capsys):
@@ -89,6 +77,7 @@ def test_a_run_without_a_solved_step_cannot_be_drawn(tmp_path, capsys):
     assert "no step was solved, so there is nothing to draw" in refused([tmp_path], capsys)
 
 
+@pytest.mark.integration
 def test_video_and_vtk_are_written_beside_the_page(folder, tmp_path, capsys):
     args = ["view", str(folder), "--vtk", str(tmp_path / "vtk"), "--video", str(tmp_path / "robot.gif")]
     assert cli.main([*args, "--gltf", str(tmp_path / "robot.glb")]) == 0
@@ -106,12 +95,3 @@ def test_a_video_that_cannot_be_written_is_refused_before_anything_is(folder, tm
     text = refused([folder, "--video", tmp_path / "robot.mp4", "--vtk", tmp_path / "vtk"], capsys)
     assert "robot.mp4: needs the program ffmpeg, which is not installed; install it, or write a .gif" in text
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out"] and not (folder / "view.html").exists()
-
-
-def test_importing_the_package_or_the_command_does_not_import_the_viewer():
-    code = (
-        "import sys, tdcr_fe, tdcr_fe.cli, tdcr_fe.commands.view; "
-        "print([m for m in sys.modules if m in ('jinja2', 'matplotlib', 'pandas') or 'viewer' in m])"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"

@@ -12,8 +12,7 @@ from two_tendons import ANGLES, HOLES, LENGTHS, MASK, tendon_law
 
 from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.elements.friction import FrictionState, TendonLaw
-from tdcr_fe.elements.friction_models import NoFriction, PerHoleFriction, PerTendonFriction
-from tdcr_fe.elements.tendon_parameters import TendonParameters
+from tdcr_fe.elements.friction_models import NoFriction, PerHoleFriction, PerTendonFriction, TendonParameters
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
 
 BASE = np.array([2.0, 1.0])

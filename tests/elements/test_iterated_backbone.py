@@ -8,8 +8,8 @@ import pytest
 from robots import scene, three
 
 from tdcr_fe.elements.backbone import relative_twists, strain_matrices
-from tdcr_fe.elements.generalized import generalized_forces, twists_by_coordinates
-from tdcr_fe.elements.iterated_backbone import constant_wrench_tangent
+from tdcr_fe.elements.native.coordinates import generalized_forces, twists_by_coordinates
+from tdcr_fe.elements.native.iterated import constant_wrench_tangent
 from tdcr_fe.elements.poses import rotation_of_euler_parameters
 from tdcr_fe.elements.section import nodal_sum
 from tdcr_fe.native import register

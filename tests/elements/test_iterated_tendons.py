@@ -7,8 +7,8 @@ import pytest
 from robots import LENGTH, distance, scene, three
 
 from tdcr_fe.elements.friction import FrictionState
-from tdcr_fe.elements.iterated_tendons import IteratedTendons, PastStep, predicted_holes
-from tdcr_fe.elements.straight_tendons import HolePrediction, StraightTendons
+from tdcr_fe.elements.native.iterated import IteratedTendons, PastStep, predicted_holes
+from tdcr_fe.elements.native.straight_tendons import HolePrediction, StraightTendons
 from tdcr_fe.native import register
 from tdcr_fe.solve.statics import SolveTDCR
 

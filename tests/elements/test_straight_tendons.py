@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from robots import LENGTH, scene, tendon, three
 
-from tdcr_fe.elements.straight_tendons import StraightTendons
+from tdcr_fe.elements.native.straight_tendons import StraightTendons
 from tdcr_fe.model.robot import Disks
 from tdcr_fe.model.routing import HelicalRouting
 

@@ -14,6 +14,9 @@ STIFFNESS, SPHERE, DISK = 2000.0, 0.03, 0.005
 CENTRE = (0.06, 0.0, 0.15)
 #: Position of the wall and of the stop along x [m].
 WALL, STOP = 0.06, 0.07
+QUAD = [[WALL, -0.2, 0.0], [WALL, -0.2, 0.4], [WALL, 0.2, 0.4], [WALL, 0.2, 0.0]]
+#: Data of a contact item whose partners begin apart.
+APART = (0.1, 0.0, 0.0, 0.0)
 
 
 def centre_marker(mbs: exu.MainSystem, at: Any = CENTRE) -> Any:
@@ -31,9 +34,7 @@ def spheres(mbs: exu.MainSystem, handle: TDCR, at: Any = CENTRE) -> None:
     """A fixed sphere against one on every node, as `CreateSphereSphereContact` makes them."""
     centre = centre_marker(mbs, at)
     for node in node_markers(handle):
-        data = mbs.AddNode(
-            eii.NodeGenericData(initialCoordinates=[0.1, 0.0, 0.0, 0.0], numberOfDataCoordinates=4)
-        )
+        data = mbs.AddNode(eii.NodeGenericData(initialCoordinates=list(APART), numberOfDataCoordinates=4))
         mbs.AddObject(
             eii.ObjectContactSphereSphere(
                 markerNumbers=[centre, node],
@@ -47,6 +48,27 @@ def spheres(mbs: exu.MainSystem, handle: TDCR, at: Any = CENTRE) -> None:
         )
 
 
+def _push(mbs, t, item, gap, velocity, stiffness, damping, offset):
+    """Force of a linear penalty in the direction of the centres; arguments as Exudyn passes them."""
+    gap = np.asarray(gap, dtype=float)
+    size = float(np.linalg.norm(gap))
+    return list(min(0.0, STIFFNESS * (size - SPHERE - DISK)) / size * gap)
+
+
+def connectors(mbs: exu.MainSystem, handle: TDCR) -> None:
+    """The same sphere as connectors with a force function of the user."""
+    centre = centre_marker(mbs)
+    for node in node_markers(handle):
+        mbs.AddObject(
+            eii.CartesianSpringDamper(
+                markerNumbers=[centre, node],
+                stiffness=[0.0] * 3,
+                damping=[0.0] * 3,
+                springForceUserFunction=_push,
+            )
+        )
+
+
 def disks_and_sphere(mbs: exu.MainSystem, handle: TDCR) -> None:
     """The same by `mbs.CreateSphereSphereContact` on the bodies of the disks."""
     ground = mbs.CreateGround(referencePosition=list(CENTRE))
@@ -55,21 +77,20 @@ def disks_and_sphere(mbs: exu.MainSystem, handle: TDCR) -> None:
             itemNumbers=[ground, disk],
             spheresRadii=[SPHERE, DISK],
             contactStiffness=STIFFNESS,
-            dataInitialCoordinates=[0.1, 0.0, 0.0, 0.0],
+            dataInitialCoordinates=list(APART),
         )
 
 
 def wall(mbs: exu.MainSystem, handle: TDCR, stiffness: float = STIFFNESS) -> None:
     """A thin wall across x, by `mbs.CreateSphereQuadContact`."""
     ground = mbs.CreateGround()
-    corners = [[WALL, -0.2, 0.0], [WALL, -0.2, 0.4], [WALL, 0.2, 0.4], [WALL, 0.2, 0.0]]
     for disk in handle.bDisks[-6:]:
         mbs.CreateSphereQuadContact(
             itemNumbers=[disk, ground],
             sphereRadius=DISK,
-            quadPoints=corners,
+            quadPoints=QUAD,
             contactStiffness=stiffness,
-            dataInitialCoordinates=[0.1, 0.0, 0.0, 0.0],
+            dataInitialCoordinates=list(APART),
         )
 
 
@@ -103,13 +124,12 @@ def general_spheres(mbs: exu.MainSystem, handle: TDCR) -> None:
 def general_triangles(mbs: exu.MainSystem, handle: TDCR) -> None:
     """A wall of two triangles and spheres on the nodes in a GeneralContact."""
     contact = _general(mbs)
-    points = [[WALL, -0.2, 0.0], [WALL, -0.2, 0.4], [WALL, 0.2, 0.4], [WALL, 0.2, 0.0]]
     contact.AddTrianglesRigidBodyBased(
         rigidBodyMarkerIndex=centre_marker(mbs, (0.0, 0.0, 0.0)),
         contactStiffness=STIFFNESS,
         contactDamping=0.0,
         frictionMaterialIndex=0,
-        pointList=points,
+        pointList=QUAD,
         triangleList=[[0, 1, 2], [0, 2, 3]],
     )
     for node in node_markers(handle)[-6:]:

@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 from native_solvers import dynamic_settings, static_settings
 from robots import BACKBONE, LENGTH, Robot, distance, scene, three
-from run_files import write_robot
 from scipy.optimize import curve_fit
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.cli import main
 from tdcr_fe.elements.poses import euler_rate_matrix
-from tdcr_fe.io.toml import read_robot
 from tdcr_fe.model.disks import Disks
 from tdcr_fe.native import register
 from tdcr_fe.solve.statics import SolveTDCR
@@ -37,14 +34,18 @@ def rod(time: float) -> Robot:
 
 
 @pytest.mark.parametrize(
-    ("mode", "root", "elements"), [(1, 1.8751041, 2), (2, 4.6940911, 4), (3, 7.8547574, 8)]
+    ("mode", "root", "elements"),
+    [
+        (1, 1.8751041, 2),
+        pytest.param(2, 4.6940911, 4, marks=pytest.mark.integration),
+        pytest.param(3, 7.8547574, 8, marks=pytest.mark.integration),
+    ],
 )
-def test_bending_modes_decay_as_those_of_a_viscoelastic_cantilever(mode, root, elements, figure):
+def test_bending_modes_decay_as_those_of_a_viscoelastic_cantilever(mode, root, elements):
     """A mode of angular frequency ``w`` falls as ``exp(-tau w^2 t / 2)`` and swings at ``w sqrt(1 - (tau w / 2)^2)``.
 
     ``w = root^2 sqrt(EI / m) / L^2``; W. Weaver, S. P. Timoshenko, D. H. Young, Vibration Problems in Engineering,
     sec. 5.11; damping proportional to the stiffness leaves the modes as they are (sec. 4.7). Within 0.5 % here.
-    e3bbe5d cannot damp: Exudyn ignores the damping matrix of these beams' sections.
     """
     w = root**2 * np.sqrt(BACKBONE.EI / BACKBONE.mass_per_length) / LENGTH**2
     tau = 0.1 / w  # 5 % of critical damping
@@ -68,7 +69,7 @@ def test_bending_modes_decay_as_those_of_a_viscoelastic_cantilever(mode, root, e
     damped_frequency = w * np.sqrt(1.0 - (tau * w / 2.0) ** 2)
     start = [np.abs(x).max(), tau * w**2 / 2.0, damped_frequency, 0.0]
     (_, decay, frequency, _), _ = curve_fit(decaying, data[:, 0], x, start)
-    figure("decay", abs(decay / (tau * w**2 / 2.0) - 1.0))
+    assert decay == pytest.approx(tau * w**2 / 2.0, rel=1e-2)
     assert frequency == pytest.approx(damped_frequency, rel=3e-3)
 
 
@@ -129,7 +130,7 @@ def test_what_a_step_dissipates_does_not_depend_on_how_the_robot_turns_as_a_whol
 # ---------------------------------------------------------------- tangent
 
 
-@pytest.mark.parametrize(("by_position", "by_velocity"), [(1.0, 0.0), (0.0, 1.0), (1.0, 2000.0)])
+@pytest.mark.parametrize(("by_position", "by_velocity"), [(1.0, 0.0), (0.0, 1.0)])
 def test_the_jacobian_is_the_derivative_of_the_forces(by_position, by_velocity):
     """Of a bent, precurved backbone in fast motion; by changes that keep the Euler parameters normalised."""
     _keep, mbs, handle = scene(viscous(three(0.3), 5e-3, precurvature=(1.0, 2.0)))
@@ -185,20 +186,3 @@ def test_statics_do_not_change():
     assert distance(tips[0][0], tips[1][0]) < 1e-12
     assert distance(tips[0][1], tips[1][1]) < 1e-12
     assert distance(tips[0][0], tips[0][1]) > 1e-5
-
-
-def test_a_run_takes_the_key_and_does_not_change(tmp_path, capsys):
-    """`tdcr-fe run` is quasi-static: the same tables, byte by byte. A negative time is refused by its key."""
-    path = write_robot(tmp_path, "straight", "per-hole", end_of_all=True)
-    plain = (tmp_path / "robot.toml").read_text()
-    tables = []
-    for line in ("", "retardation_time = 2e-3\n"):
-        (tmp_path / "robot.toml").write_text(plain.replace("[disks]", line + "[disks]"))
-        assert main(["run", str(path), "-o", str(tmp_path / "out"), "--no-pictures", "-q"]) == 0
-        tables.append((tmp_path / "out" / "shape.csv").read_bytes())
-    assert tables[0] == tables[1]
-    assert read_robot(tmp_path / "robot.toml").backbone.retardation_time == 2e-3
-    (tmp_path / "robot.toml").write_text(plain.replace("[disks]", "retardation_time = -1.0\n[disks]"))
-    assert main(["run", str(path), "-o", str(tmp_path / "none")]) == 2
-    assert "backbone.retardation_time" in capsys.readouterr().err
-    assert not (tmp_path / "none").exists()

@@ -8,6 +8,7 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
+from native_solvers import recommended
 from robots import BACKBONE, LENGTH, Robot, paper, scene, three
 
 from tdcr_fe.model.disks import Disks
@@ -34,9 +35,7 @@ def test_a_motor_swings_on_its_elastic_tendon_as_a_single_oscillator():
     )
     mbs.Assemble()
     assert mbs.GetLoadParameter(load, "load") == TORQUE
-    settings = handle.recommended_settings(0.4, 1e-3)
-    settings.timeIntegration.verboseMode = 0
-    settings.solution.file.write = False
+    settings = recommended(handle, 0.4, 1e-3)
     settings.solution.sensors.writePeriod = 1e-3
     mbs.SolveDynamic(settings)
     time, moved = np.array(mbs.GetSensorStoredData(angle)).T

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import exudyn as exu
-import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from robots import LENGTH, scene, three
+from robots import LENGTH, hinged_platform, scene, three
 
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
@@ -51,17 +50,7 @@ def test_a_robot_alone_has_the_derivatives_of_simulate():
 
 def carried(robot: Robot) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR]:
     """A robot on a platform with a torsional spring about y, which gives way."""
-    keep = exu.SystemContainer()
-    mbs = keep.AddSystem()
-    ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.AddObject(eii.ObjectGround())))
-    node = mbs.AddNode(eii.NodeRigidBodyEP(referenceCoordinates=[0, 0, 0, 1, 0, 0, 0]))
-    body = mbs.AddObject(
-        eii.ObjectRigidBody(nodeNumber=node, mass=1.0, inertia=[1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    )
-    platform = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body))
-    mbs.AddObject(eii.GenericJoint(markerNumbers=[ground, platform], constrainedAxes=[1, 1, 1, 1, 0, 1]))
-    k = np.diag([0.0, 0.0, 0.0, 0.0, 0.5, 0.0])
-    mbs.AddObject(eii.RigidBodySpringDamper(markerNumbers=[ground, platform], stiffness=k, damping=0.0 * k))
+    keep, mbs, platform = hinged_platform(0.5)
     arm = CreateTDCR(mbs, robot, Model(elements_per_bay=1, gravity=(9.81, 0.0, 0.0)), baseMarker=platform)
     mbs.Assemble()
     return keep, mbs, arm

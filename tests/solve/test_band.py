@@ -15,9 +15,8 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.equations import band
 from tdcr_fe.solve.equations.band import BandFactors, BandLayout
-from tdcr_fe.solve.equations.factors import DenseFactors
-from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.state import Target
+from tdcr_fe.solve.equations.configuration import Target
+from tdcr_fe.solve.equations.linearization import DenseFactors, Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.simulation import Simulation
 

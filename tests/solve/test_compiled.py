@@ -9,7 +9,7 @@ import pytest
 
 from tdcr_fe import cli, compiled
 from tdcr_fe.io.summary import versions
-from tdcr_fe.solve.friction_path import event_integration
+from tdcr_fe.solve.friction_path import follow
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.random_robots import draw
 
@@ -88,11 +88,9 @@ def test_random_robots_are_the_same_both_ways(monkeypatch):
 
         return count
 
-    plain, fast = event_integration._integrated, event_integration.run_compiled
-    monkeypatch.setattr(
-        event_integration, "run_compiled", counted(lambda _, *given: fast(plain, *given), True)
-    )
-    monkeypatch.setattr(event_integration, "_integrated", counted(plain, False))
+    plain, fast = follow._integrated, follow.run_compiled
+    monkeypatch.setattr(follow, "run_compiled", counted(lambda _, *given: fast(plain, *given), True))
+    monkeypatch.setattr(follow, "_integrated", counted(plain, False))
     for seed in range(20):
         case, found = draw(seed), []
         for switch in ("1", "0"):

@@ -9,8 +9,8 @@ from tdcr_fe import Backbone, Disks, Load, LoadStep, Model, Robot, Tendon, simul
 from tdcr_fe.model.loading import resolve
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.load_steps.continuity import is_continuous
-from tdcr_fe.solve.load_steps.ramp import Ramp
+from tdcr_fe.solve.load_steps.load_path import Ramp
+from tdcr_fe.solve.load_steps.stepping import is_continuous
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 from tdcr_fe.solve.simulation import Simulation
 

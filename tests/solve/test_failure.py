@@ -13,7 +13,7 @@ import tdcr_fe.solve.newton.convergence as convergence
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.results import Interrupted
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.equations.state import Target
+from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps import substep
 from tdcr_fe.solve.newton.convergence import NewtonStatus, Unmet

@@ -14,9 +14,8 @@ from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.instability import ExternalCompression
 from tdcr_fe.solve.simulate import Simulation, simulate
-from tdcr_fe.solve.stability import stability
+from tdcr_fe.solve.stability import ExternalCompression, stability
 
 EULER = np.pi**2 * BACKBONE.EI / (4.0 * LENGTH**2)
 COLUMN = Robot(BACKBONE, Disks.equally_spaced(13, LENGTH), ())

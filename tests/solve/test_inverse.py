@@ -15,7 +15,7 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.targets import ReachStatus, TensionLimits, TipTarget
 from tdcr_fe.solve.inverse_statics.inverse import REACHED, follow_path, reach
-from tdcr_fe.solve.inverse_statics.least_effort import Effort
+from tdcr_fe.solve.inverse_statics.target_search import Effort
 from tdcr_fe.solve.inverse_statics.trials import TrialSteps
 from tdcr_fe.solve.simulate import simulate
 

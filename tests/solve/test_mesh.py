@@ -19,8 +19,7 @@ from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve import mesh
 from tdcr_fe.solve.element_equations import POINTS, WEIGHTS, ElementModel, _collocation_matrix
-from tdcr_fe.solve.mesh import CHUNK, on_mesh, refined
-from tdcr_fe.solve.mesh_error import MeshEstimate, SolvedState, estimate
+from tdcr_fe.solve.mesh import CHUNK, MeshEstimate, SolvedState, estimate, on_mesh, refined
 from tdcr_fe.solve.simulate import PathRecord, Simulation, SolverSettings, StepFailed, simulate
 from tdcr_fe.validation.random_robots import draw
 

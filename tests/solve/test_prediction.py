@@ -10,8 +10,8 @@ from robots import LENGTH, paper, pull, solve, three
 
 from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.equations.solved_step import SolvedStep, input_changes, unknowns
-from tdcr_fe.solve.equations.state import Target
+from tdcr_fe.solve.equations.configuration import Target
+from tdcr_fe.solve.equations.linearization import SolvedStep, input_changes, unknowns
 from tdcr_fe.solve.newton.prediction import predict
 from tdcr_fe.solve.simulation import Simulation
 

@@ -19,16 +19,15 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.equations.state import Target
-from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
-from tdcr_fe.solve.friction_path.event_integration import follow_friction
-from tdcr_fe.solve.friction_path.slip_state import columns_of
-from tdcr_fe.solve.friction_path.substep_slips import InterpolationPoint, SubstepSlips
-from tdcr_fe.solve.friction_path.taut_tendons import TautTendons
-from tdcr_fe.solve.load_steps.ramp import Ramp
-from tdcr_fe.solve.load_steps.states_within import solve_within
+from tdcr_fe.solve.equations.configuration import Target
+from tdcr_fe.solve.friction_path.follow import follow_friction
+from tdcr_fe.solve.friction_path.rates import columns_of
+from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
+from tdcr_fe.solve.friction_path.reversals import InterpolationPoint, SubstepSlips
+from tdcr_fe.solve.load_steps.load_path import Ramp
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
-from tdcr_fe.solve.newton.friction_step import FrictionCoupling
+from tdcr_fe.solve.load_steps.substep_reversals import solve_within
+from tdcr_fe.solve.newton.steps import FrictionCoupling
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.solve.simulation import Simulation
 from tdcr_fe.validation.random_robots import draw

@@ -14,6 +14,7 @@ from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.material import Superelastic
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.robot_model import (
     RobotModel,
     RobotPoint,
@@ -21,7 +22,6 @@ from tdcr_fe.solve.equations.robot_model import (
     elastic_gradient,
     load_wrench,
 )
-from tdcr_fe.solve.equations.state import Target
 from tdcr_fe.solve.simulation import Simulation
 
 STEPS = [

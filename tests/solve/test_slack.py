@@ -16,7 +16,7 @@ from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ConvergingRouting, ParallelRouting
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.equations.factors import BorderedFactors, DenseFactors
+from tdcr_fe.solve.equations.linearization import BorderedFactors, DenseFactors
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.fuzz.checks import CHECKS, check_step
 from tdcr_fe.validation.fuzz.drawing import draw

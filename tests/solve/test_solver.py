@@ -19,7 +19,7 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import HelicalRouting
 from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.equations.state import Target
+from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.solve.newton import convergence

@@ -10,9 +10,8 @@ from robots import paper, scene, three
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.equations.kernel import StaticKernel
-from tdcr_fe.solve.equations.residual import Residual
-from tdcr_fe.solve.equations.state import Target
+from tdcr_fe.solve.equations.configuration import Target
+from tdcr_fe.solve.equations.kernel import Residual, StaticKernel
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.equations.tangent import add_couplings, add_elastic, add_geometric_stiffness
 from tdcr_fe.solve.newton.newton import newton

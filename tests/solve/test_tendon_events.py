@@ -10,7 +10,7 @@ from linear_slips import LinearSlips
 from robots import LENGTH, distance, solve, three
 
 from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.solve.friction_path.event_integration import follow_friction
+from tdcr_fe.solve.friction_path.follow import follow_friction
 
 DELTA = 1e-6
 

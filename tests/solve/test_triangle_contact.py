@@ -12,7 +12,7 @@ from exudyn.utilities import InertiaSphere
 from native_solvers import static_settings
 from robots import LENGTH, distance, scene, three
 
-from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.native import register
 from tdcr_fe.solve.equations.kernel import StaticKernel
 

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from tdcr_fe.commands.status import FAILURE, SUCCESS, at_least_one
+from tdcr_fe.commands.common import FAILURE, SUCCESS, at_least_one
 from tdcr_fe.io.processes import sigterm_as_interrupt
 
 

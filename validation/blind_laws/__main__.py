@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from tdcr_fe.commands.status import FAILURE, SUCCESS, at_least_one
+from tdcr_fe.commands.common import FAILURE, SUCCESS, at_least_one
 
 #: Of twelve sets: in so many the held-out error is halved, and in so many the formula is right.
 HALVED, RIGHT = 9, 6

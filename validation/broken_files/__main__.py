@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from tdcr_fe.commands.status import FAILURE, SUCCESS, at_least_one
+from tdcr_fe.commands.common import FAILURE, SUCCESS, at_least_one
 from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.records import Folder, solve_all
 from tdcr_fe.validation.broken_files.campaign import Outcome, cases, run_case

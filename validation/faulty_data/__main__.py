@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from tdcr_fe.commands.status import FAILURE, SUCCESS, at_least_one
+from tdcr_fe.commands.common import FAILURE, SUCCESS, at_least_one
 from tdcr_fe.validation.collecting import collect
 from tdcr_fe.validation.faulty_data.campaign import run_all
 from tdcr_fe.validation.faulty_data.faults import FAULTS

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tdcr_fe.commands.status import FAILURE, SUCCESS, at_least_one
+from tdcr_fe.commands.common import FAILURE, SUCCESS, at_least_one
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -6,7 +6,7 @@ import argparse
 import os
 from collections.abc import Sequence
 
-from tdcr_fe.commands.status import FAILURE, SUCCESS, at_least_one
+from tdcr_fe.commands.common import FAILURE, SUCCESS, at_least_one
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -22,7 +22,7 @@ from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.equations.state import SolverState
+from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.simulate import Simulation, simulate
 from tdcr_fe.validation.paper.cases import MODELS, paper_case
 

@@ -1,4 +1,4 @@
-"""Configurations of a scene: element twists and base pose of the beams, coordinates of everything else.
+"""States of a scene: the configuration of its backbones, the tensions, and the history of friction.
 
 A `Configuration` is a value; `ConfigurationSpace` builds, moves and compares them and writes them into Exudyn's scene.
 """
@@ -6,6 +6,7 @@ A `Configuration` is a value; `ConfigurationSpace` builds, moves and compares th
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from math import acos
 from typing import NamedTuple
 
@@ -13,64 +14,41 @@ import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.backbone import ElementChain, NodePoses, relative_twists
 from tdcr_fe.elements.forces import Measurement
+from tdcr_fe.elements.friction import FrictionState
+from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.poses import coefficients, exp_matrix, pose_matrix
 from tdcr_fe.solve.equations.reduction import BodyFrameReduction
 
 Array = NDArray[np.float64]
+ByRobot = tuple[Array, ...]
+
 
 _ONES4 = np.ones(4)
 _CURRENT, _INITIAL = exu.ConfigurationType.Current, exu.ConfigurationType.Initial
 
 
 class Unknowns(NamedTuple):
-    """The independent unknowns of a configuration; small, and can be pickled.
+    """The independent unknowns of a configuration; small, and can be pickled."""
 
-    Attributes
-    ----------
-    coordinates, multipliers : ndarray
-        Of the whole scene, as in Exudyn.
-    twists : tuple of ndarray
-        By robot, relative twists of the elements, length times strain, shape (E, 6).
-    bases : tuple of ndarray
-        By robot, pose of the base node, shape (4, 4).
-    """
-
-    coordinates: Array
-    multipliers: Array
-    twists: tuple[Array, ...]
-    bases: tuple[Array, ...]
+    coordinates: Array  # Of the whole scene, as in Exudyn
+    multipliers: Array  # as `coordinates`
+    twists: tuple[Array, ...]  # By robot, relative twists of the elements, length times strain, shape (E, 6)
+    bases: tuple[Array, ...]  # By robot, pose of the base node, shape (4, 4)
 
 
 class Configuration(NamedTuple):
-    """A configuration of the scene, with the poses that follow from its unknowns. Its arrays are never changed.
-
-    Attributes
-    ----------
-    unknowns : Unknowns
-    chains : tuple of ElementChain
-        By robot.
-    poses : tuple of (ndarray, ndarray)
-        By robot, positions (N, 3) and rotations (N, 3, 3) of the nodes, the latter in beam axes.
-    positions : ndarray, shape (N, 3)
-        Of the nodes of all robots [m].
-    parameters : ndarray, shape (N, 4)
-        Euler parameters of the nodes of all robots.
-    frames : ndarray, shape (N, 7, 6)
-        See `NodePoses`.
-    measured : tuple of Measurement
-        By robot, lengths and angles of the tendons.
-    """
+    """A configuration of the scene, with the poses that follow from its unknowns. Its arrays are never changed."""
 
     unknowns: Unknowns
-    chains: tuple[ElementChain, ...]
+    chains: tuple[ElementChain, ...]  # By robot
+    # By robot, positions (N, 3) and rotations (N, 3, 3) of the nodes, the latter in beam axes
     poses: tuple[tuple[Array, Array], ...]
-    positions: Array
-    parameters: Array
-    frames: Array
-    measured: tuple[Measurement, ...]
+    positions: Array  # (N, 3): Of the nodes of all robots [m]
+    parameters: Array  # (N, 4): Euler parameters of the nodes of all robots
+    frames: Array  # (N, 7, 6): See `NodePoses`
+    measured: tuple[Measurement, ...]  # By robot, lengths and angles of the tendons
 
     @property
     def twists(self) -> tuple[Array, ...]:
@@ -79,20 +57,11 @@ class Configuration(NamedTuple):
 
 
 class Move(NamedTuple):
-    """Configuration after a step.
-
-    Attributes
-    ----------
-    configuration : Configuration
-    fraction : float
-        Fraction of the step that was taken [1].
-    turn : float
-        Of the element that turns most in the whole step [rad].
-    """
+    """Configuration after a step."""
 
     configuration: Configuration
-    fraction: float
-    turn: float
+    fraction: float  # Fraction of the step that was taken [1]
+    turn: float  # Of the element that turns most in the whole step [rad]
 
 
 class ConfigurationSpace:
@@ -258,3 +227,56 @@ class ConfigurationSpace:
         """Largest rotation of any beam node from one configuration to another [rad]."""
         cosine = np.abs((a.parameters * b.parameters) @ _ONES4).min()
         return 2.0 * acos(min(float(cosine), 1.0))
+
+
+class SolverState(NamedTuple):
+    """The complete state at the beginning of a step. Its arrays are never changed."""
+
+    configuration: Configuration  # Of the whole scene
+    base_tension: ByRobot  # (m,): By robot, tension of every tendon at the base [N]
+    # (m, g): By robot, mobilisation of the friction in [-1, 1]; in a solved state that of `friction`
+    mobilisation: ByRobot
+    friction: tuple[FrictionState, ...]  # By robot, history at the end of the last solved (sub)step
+    prescribed: ByRobot  # (m,): By robot, prescribed displacement [m], nan of tendons driven by tension
+    # (6,): Concentrated loads that acted, force [N] and moment [N m] in their own frames
+    loads: tuple[Array, ...] = ()
+    time: float = 0.0  # At which it was solved [s]
+    # Sign of the determinant of the last tangent, 0 where it is unknown or unrelated to stability
+    tangent_sign: int = 0
+
+    @property
+    def inputs(self) -> ByRobot:
+        """By robot, what every tendon is driven by: displacement [m] where prescribed, else tension [N]."""
+        return tuple(
+            np.where(np.isnan(given), tension, given)
+            for given, tension in zip(self.prescribed, self.base_tension, strict=True)
+        )
+
+    def stored(self) -> StoredState:
+        """The state as its unknowns alone, from which it can be restored."""
+        return StoredState(self.configuration.unknowns, self.base_tension, self.mobilisation, self.friction)
+
+
+@dataclass(frozen=True)
+class StoredState:
+    """A solved state reduced to its unknowns; small, and can be pickled."""
+
+    unknowns: Unknowns  # Of the configuration
+    base_tension: ByRobot  # As in `SolverState`
+    mobilisation: ByRobot  # as `base_tension`
+    friction: tuple[FrictionState, ...]  # as `base_tension`
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """Inputs, loads and time with which a state has to be in equilibrium."""
+
+    inputs: ByRobot  # (m,): By robot, tension [N] or displacement [m] of every tendon at the base
+    # (6,): Concentrated loads, force [N] and moment [N m] in their own frames; they are already in the scene
+    loads: tuple[Array, ...] = ()
+    time: float = 0.0  # Time that user functions see [s]
+
+    @property
+    def load_size(self) -> float:
+        """Largest component of a force, for the scale of the residual [N]."""
+        return max((float(np.max(np.abs(load[:3]))) for load in self.loads), default=0.0)

@@ -1,16 +1,19 @@
-"""Exudyn's static solver kernel: residual and Jacobian of a scene in its current state."""
+"""Exudyn's solver kernel: the residual and Jacobian of a scene, and the reactions of its clamps."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.hooks import SceneHooks
-from tdcr_fe.solve.equations.contact import ContactStates
-from tdcr_fe.solve.equations.triangle_contact import TriangleContact
+from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.native.hooks import SceneHooks
+from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target, Unknowns
+from tdcr_fe.solve.equations.contact import ContactStates, TriangleContact
+from tdcr_fe.solve.equations.layout import SceneLayout
 
 Array = NDArray[np.float64]
 
@@ -118,3 +121,52 @@ def _initialised(
     if states.size:
         data.SetDataCoordinates(states)
     return kernel
+
+
+class Residual(NamedTuple):
+    """Residual of a state under a target."""
+
+    state: SolverState
+    target: Target
+    forces: tuple[TendonForces, ...]  # By robot
+    unbalanced: Array  # Reduced residual; zero at clamped bases, whose joints provide the reactions
+    on_bases: tuple[Array, ...]  # (6,): By clamped robot, the wrench on its base
+    raw: Array  # Exudyn's residual
+    size: float  # Largest residual over its scale, prescribed displacements included [1]
+
+
+class ClampReactions(NamedTuple):
+    """Multipliers of the joints of clamped bases that balance the wrenches on these bases."""
+
+    joints: Mapping[int, NDArray[np.int_]]  # By clamped robot, the numbers of its joint's multipliers
+    # By clamped robot, from the wrench on its base to the joint's multipliers that cause it, shape (6, 6)
+    influence: Mapping[int, Array]
+
+    @classmethod
+    def of(cls, kernel: StaticKernel, layout: SceneLayout) -> ClampReactions:
+        """Compute the influence of the multipliers from Exudyn's Jacobian of the scene's current configuration.
+
+        The same Jacobian gives further couplings between nodes, which the layout keeps.
+        """
+        configuration = layout.space.from_scene()
+        layout.space.write(configuration)
+        j = kernel.jacobian()
+        layout.reduction.tangent(j, configuration.frames, search_couplings=True)
+        found = {}
+        for i, joint in layout.clamps.items():
+            node = layout.space.slices[i].start
+            rows = layout.reduction.node_rows(j, configuration.frames, node, joint)
+            found[i] = np.asarray(np.linalg.inv(rows), dtype=float)
+        return cls(layout.clamps, found)
+
+    def balance(self, residual: Residual) -> Configuration:
+        """The configuration of a state in equilibrium with the reactions of its clamps."""
+        configuration = residual.state.configuration
+        if not self.joints:
+            return configuration
+        old = configuration.unknowns
+        multipliers = old.multipliers.copy()
+        for (i, joint), acting in zip(self.joints.items(), residual.on_bases, strict=True):
+            multipliers[joint] -= self.influence[i] @ acting
+        unknowns = Unknowns(old.coordinates, multipliers, old.twists, old.bases)
+        return configuration._replace(unknowns=unknowns)

@@ -1,61 +1,272 @@
-"""What a scene consists of, and how its unknowns map to those of the solver."""
+"""Layout of the unknowns of a scene: which there are, their order, their scales, and the limits of bays."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.actuation import TendonActuation
+from tdcr_fe.elements.backbone import BackboneMesh
+from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.native.actuation import TendonActuation
+from tdcr_fe.scene.mesh import of_backbone
 from tdcr_fe.solve.equations.band import BandLayout
-from tdcr_fe.solve.equations.buckling import buckling_shortening
 from tdcr_fe.solve.equations.configuration import ConfigurationSpace
-from tdcr_fe.solve.equations.numbering import Numbering
 from tdcr_fe.solve.equations.reduction import BodyFrameReduction, RobotNodes
-from tdcr_fe.solve.equations.scales import ResidualScales
+
+Array = NDArray[np.float64]
+
+
+def buckling_shortening(robot: TendonActuation) -> Array:
+    """By how much every element is shortened where its bay buckles [m], shape (E,).
+
+    The load is ``pi^2 EI / a^2`` with the smallest bending stiffness EI of the bay and its length a, twice that of a
+    last bay without a disk at its end, as in `tdcr_fe.solve.mesh.bay_loads`. Infinite where tendons follow the
+    backbone, which do not compress bays.
+
+    Parameters
+    ----------
+    robot
+        Assembled in a scene.
+    """
+    mesh = robot.mesh
+    if robot.section is not None and robot.section.tendons is not None:
+        return np.full(len(mesh.lengths), np.inf)
+    ends = robot.model.hole_nodes[1:]
+    bays = np.searchsorted(ends, np.arange(len(mesh.lengths)), side="right")
+    free = np.bincount(bays, mesh.lengths)
+    if ends[-1] < len(mesh.lengths):
+        free[-1] *= 2.0
+    # An element that stands for the stiffness of the base is no part of a bay.
+    bending = np.where(of_backbone(mesh), mesh.stiffness[:, 4:].min(axis=1), np.inf)
+    softest = np.full(len(free), np.inf)
+    np.minimum.at(softest, bays, bending)
+    return np.asarray(mesh.lengths * np.pi**2 * (softest / free**2)[bays] / mesh.stiffness[:, 0])
+
+
+@dataclass(frozen=True)
+class ResidualScales:
+    """Scales of the residuals."""
+
+    # By unknown: forces by one, moments by a lever of a fiftieth of the length, gaps in joints by the length
+    weights: Array
+    nodes: int  # Number of beam nodes
+    forces: int  # Number of unknowns whose residual is a force or moment; gaps follow
+    length: float  # Of the longest backbone [m]
+    # EI / L^2 of the softest robot, the smallest scale of forces [N]; a base that gives way is no part of it
+    elastic_force: float
+
+    @classmethod
+    def of(cls, robots: Sequence[TendonActuation], reduction: BodyFrameReduction) -> ResidualScales:
+        """Scales of a scene."""
+        length = max(float(r.mesh.arc_lengths[-1]) for r in robots)
+        nodes = np.tile(np.repeat((1.0, 50.0 / length), 3), reduction.nodes)
+        other = np.ones(len(reduction.other_coordinates))
+        gaps = np.full(len(reduction.other_multipliers), 1.0 / length)
+        elastic = min(_elastic_force(r.mesh) for r in robots)
+        return cls(
+            np.concatenate((nodes, other, gaps)), reduction.nodes, len(nodes) + len(other), length, elastic
+        )
+
+    def relative_residual(self, unbalanced: Array, base_tension: Sequence[Array], load_size: float) -> float:
+        """Largest unbalanced force, moment or gap over its scale [1].
+
+        Parameters
+        ----------
+        unbalanced
+            Reduced residual.
+        base_tension
+            By robot [N].
+        load_size
+            Size of the applied loads [N].
+        """
+        size = np.abs(unbalanced * self.weights)
+        largest = max([max(t.tolist(), default=0.0) for t in base_tension])
+        scale = largest + self.elastic_force + load_size
+        if size.size == self.forces:
+            return float(size.max()) / scale
+        return max(float(size[: self.forces].max()) / scale, float(size[self.forces :].max()))
+
+    def displacement_error(self, forces: TendonForces, displacement: Array, which: NDArray[np.int_]) -> float:
+        """Largest deviation from prescribed tendon displacements over the length [1].
+
+        Taut: the displacement is met. Slack: the base has let out more than the tendon needs.
+
+        Parameters
+        ----------
+        forces
+            Of the robot.
+        displacement
+            Of every tendon [m], shape (m,).
+        which
+            The tendons whose displacement is prescribed.
+        """
+        gap = (forces.field.base_slip - displacement)[which]
+        error = np.where(forces.base_tension[which] > 0.0, np.abs(gap), np.maximum(-gap, 0.0))
+        return float(np.max(error)) / self.length
+
+    def step_size(self, step: Array) -> float:
+        """Largest displacement over the length, or rotation, of any node in a step [1]."""
+        largest = np.abs(step[: 6 * self.nodes].reshape(-1, 6)).max(axis=0).tolist()
+        return max(max(largest[:3]) / self.length, *largest[3:])
+
+
+def _elastic_force(mesh: BackboneMesh) -> float:
+    """Smallest EI of the backbone over the square of its length [N], without the element that stands for the base."""
+    length = float(mesh.arc_lengths[-1])
+    bending = mesh.stiffness[of_backbone(mesh), 5]
+    return float(np.min(bending)) / length**2
+
+
+class RobotUnknowns(NamedTuple):
+    """Positions of one robot's unknowns."""
+
+    robot: int  # Its number
+    nodes: slice  # Body-frame increments of its nodes
+    driven: NDArray[np.int_]  # Its tendons whose displacement is prescribed
+    tensions: slice  # Their tensions at the base
+    frictional: NDArray[np.bool_]  # (m, g): Which of its mobilisations are unknowns
+    mobilisations: slice  # Where these are
+    # (m,): Whose holes have adhesion, which may hold them under tension while they are slack at the base
+    adhesive: NDArray[np.bool_]
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether friction acts in this robot."""
+        return self.mobilisations.stop > self.mobilisations.start
+
+    def may_be_tense(self, base_tension: Array) -> NDArray[np.bool_]:
+        """Which tendons are under tension somewhere, or may be, at tensions at the base [N], shape (m,)."""
+        return (base_tension > 0.0) | self.adhesive
+
+
+class Numbering(NamedTuple):
+    """Order of all unknowns of a scene."""
+
+    robots: tuple[RobotUnknowns, ...]
+    reduced: int  # Unknowns of the reduced scene
+    linear: int  # Unknowns that equilibrium is linear in at fixed friction: the former and the tensions
+    total: int  # All, mobilisations included
+
+    @classmethod
+    def of(cls, robots: Sequence[TendonActuation], nodes: Sequence[slice], reduced: int) -> Numbering:
+        """Number the unknowns of a scene.
+
+        Parameters
+        ----------
+        robots
+            All robots.
+        nodes
+            By robot, its nodes among those of all robots.
+        reduced
+            Unknowns of the reduced scene.
+        """
+        driven = [np.flatnonzero(r.by_displacement) for r in robots]
+        linear = reduced + sum(d.size for d in driven)
+        parts, tension, hole = [], reduced, linear
+        for i, (robot, own) in enumerate(zip(robots, nodes, strict=True)):
+            frictional = robot.law.frictional
+            tensions = slice(tension, tension + driven[i].size)
+            holes = slice(hole, hole + (int(np.count_nonzero(frictional)) if robot.law.has_friction else 0))
+            inside = slice(6 * own.start, 6 * own.stop)
+            adhesive = np.any(robot.law.parameters.adhesion > 0.0, axis=1)
+            parts.append(RobotUnknowns(i, inside, driven[i], tensions, frictional, holes, adhesive))
+            tension, hole = tensions.stop, holes.stop
+        return cls(tuple(parts), reduced, linear, hole)
+
+    def without_friction(self) -> Numbering:
+        """The same with no mobilisation among the unknowns."""
+        none = slice(self.linear, self.linear)
+        robots = tuple([part._replace(mobilisations=none) for part in self.robots])
+        return Numbering(robots, self.reduced, self.linear, self.linear)
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether friction acts anywhere."""
+        return self.total > self.linear
+
+    def at_frictional_holes(self, by_robot: Sequence[Array]) -> Array:
+        """Values at the holes whose mobilisations are unknowns, of all robots one after the other, shape (k,).
+
+        Parameters
+        ----------
+        by_robot
+            At all holes, shape (m, g).
+        """
+        parts = [by_robot[p.robot][p.frictional] for p in self.robots if p.has_friction]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def with_frictional_holes(self, by_robot: Sequence[Array], values: Array) -> tuple[Array, ...]:
+        """The inverse of `at_frictional_holes`: values at all holes with those at the frictional ones replaced.
+
+        Parameters
+        ----------
+        by_robot
+            At all holes, shape (m, g); unchanged.
+        values
+            At the frictional ones, of all robots one after the other, shape (k,).
+        """
+        found, first = list(by_robot), 0
+        for part in self.robots:
+            if not part.has_friction:
+                continue
+            last = first + int(np.count_nonzero(part.frictional))
+            new = by_robot[part.robot].copy()
+            new[part.frictional] = values[first:last]
+            found[part.robot], first = new, last
+        return tuple(found)
+
+    @property
+    def any_driven(self) -> bool:
+        """Whether the displacement of any tendon is prescribed."""
+        return self.linear > self.reduced
+
+    def same_unknowns(self, other: Numbering) -> bool:
+        """Whether another numbering has the same unknowns in the same order."""
+        return (self.reduced, self.linear, self.total) == (other.reduced, other.linear, other.total) and all(
+            np.array_equal(a.driven, b.driven) for a, b in zip(self.robots, other.robots, strict=True)
+        )
+
+
+def zero_bases(rows: Array, clamped: Sequence[slice]) -> None:
+    """Set the rows of clamped bases to zero, in place.
+
+    Parameters
+    ----------
+    rows
+        Shape (n,) or (n, k), beginning with the unknowns of the reduced scene.
+    clamped
+        Unknowns of clamped bases.
+    """
+    for base in clamped:
+        rows[base] = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class SceneLayout:
-    """Map from the unknowns of Exudyn's scene to those of the solver.
+    """Map from the unknowns of Exudyn's scene to those of the solver."""
 
-    Attributes
-    ----------
-    clamps : dict
-        By robot whose base is clamped to ground, the numbers of the joint's multipliers.
-    reduction : BodyFrameReduction
-    space : ConfigurationSpace
-    clamped : tuple of slice
-        Unknowns of the clamped bases, in the order of ``clamps``.
-    scales : ResidualScales
-    turning : tuple of int
-        Numbers of the loads that change with the configuration of the node they act on.
-    user_loads : bool
-        Whether functions of the user may change loads while a load step is solved.
-    no_others : bool
-        Whether no objects but the robots resist motion.
-    band : BandLayout or None
-        Order of the unknowns of a banded tangent, where it is that of one robot alone and is faster than a full one.
-    buckling : tuple of ndarray, shape (E,)
-        By robot, shortening of every element at which its bay buckles [m].
-    numberings : dict of Numbering
-        Those computed so far, by which tendons are driven by displacement.
-    """
-
+    # By robot whose base is clamped to ground, the numbers of the joint's multipliers
     clamps: dict[int, NDArray[np.int_]]
     reduction: BodyFrameReduction
     space: ConfigurationSpace
-    clamped: tuple[slice, ...]
+    clamped: tuple[slice, ...]  # Unknowns of the clamped bases, in the order of ``clamps``
     scales: ResidualScales
-    turning: tuple[int, ...]
-    user_loads: bool
-    no_others: bool
+    turning: tuple[
+        int, ...
+    ]  # Numbers of the loads that change with the configuration of the node they act on
+    user_loads: bool  # Whether functions of the user may change loads while a load step is solved
+    no_others: bool  # Whether no objects but the robots resist motion
+    # Order of the unknowns of a banded tangent, where it is that of one robot alone and is faster than a full
+    # one
     band: BandLayout | None
+    # (E,): By robot, shortening of every element at which its bay buckles [m]
     buckling: tuple[NDArray[np.float64], ...]
+    # Those computed so far, by which tendons are driven by displacement
     numberings: dict[tuple[bytes, ...], Numbering] = field(default_factory=dict)
 
     @classmethod

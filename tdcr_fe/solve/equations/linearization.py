@@ -3,44 +3,225 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from math import isfinite
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgetrf, dgetrs
 
 from tdcr_fe.elements.backbone import ElementChain
 from tdcr_fe.elements.complementarity import positive_definite_near, solve_nonnegative
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.solve.equations.factors import BorderedFactors, Factors
-from tdcr_fe.solve.equations.numbering import Numbering, zero_bases
-from tdcr_fe.solve.equations.solved_step import SolvedStep
+from tdcr_fe.solve.equations.configuration import SolverState, Target
+from tdcr_fe.solve.equations.layout import Numbering, zero_bases
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-class Linearization(NamedTuple):
-    """Equilibrium at fixed friction, linearised and factorised.
+class Factors(Protocol):
+    """What a factorised matrix can do."""
 
-    Attributes
-    ----------
-    factorisation : Factors
-        Of the tangent; `BorderedFactors` where any tendon has a prescribed displacement.
-    chains : tuple of ElementChain
-        The elements in whose frames its steps are.
-    numbering : Numbering
-        Of the unknowns.
-    forces : tuple of TendonForces
-        By robot, where it was linearised.
-    solved : SolvedStep or None
-        The step that ended here, where the next one may be predicted from it.
+    def solve(self, right: Array) -> Array:
+        """Solution for one or several right sides, shape (n,) or (n, k)."""
+        ...
+
+    @property
+    def sign(self) -> int:
+        """Sign of the determinant; it changes where an equilibrium loses its stability."""
+        ...
+
+
+class DenseFactors(NamedTuple):
+    """LU factors of a full matrix."""
+
+    lu: Array  # Of the transposed matrix
+    pivots: NDArray[np.int_]
+
+    @classmethod
+    def of(cls, matrix: Array) -> DenseFactors:
+        """Factorise, overwriting the matrix.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The matrix is singular.
+        """
+        lu, pivots, info = dgetrf(matrix.T, overwrite_a=True)
+        if info != 0 or not isfinite(lu[-1, -1]):
+            raise np.linalg.LinAlgError("singular matrix")
+        return cls(lu, pivots)
+
+    def solve(self, right: Array) -> Array:
+        """See `Factors.solve`."""
+        solution: Array = dgetrs(self.lu, self.pivots, right, trans=1)[0]
+        return solution
+
+    @property
+    def sign(self) -> int:
+        """See `Factors.sign`."""
+        # The parity of row exchanges and negative pivots.
+        turned = np.count_nonzero((self.pivots != np.arange(len(self.pivots))) ^ (self.lu.diagonal() < 0.0))
+        return 1 if turned % 2 == 0 else -1
+
+
+class BorderedFactors(NamedTuple):
+    """Factors of a tangent with the tensions of tendons with prescribed displacement as further unknowns.
+
+    The matrix is ``[[K, C], [R, D]]``. The rows of slack tendons are those of the identity, so another set of slack
+    tendons takes the factors of a small matrix only.
     """
 
-    factorisation: Factors
-    chains: tuple[ElementChain, ...]
-    numbering: Numbering
-    forces: tuple[TendonForces, ...]
-    solved: SolvedStep | None = None
+    inner: Factors  # Of ``K``, at fixed tensions
+    columns: Array  # (n, k): ``K^-1 C``
+    rows: Array  # (k, n): ``R``: change of the displacements at the base [m]
+    # (k, k): ``D - R K^-1 C``: change of these displacements by the tensions, with the robot in equilibrium
+    # [m/N]
+    schur: Array
+    slack: Flags  # (k,)
+    border: DenseFactors  # Of ``schur`` with the rows of slack tendons replaced
+
+    @classmethod
+    def of(cls, inner: Factors, columns: Array, rows: Array, own: Array, slack: Flags) -> BorderedFactors:
+        """From the factors of ``K``, and from ``C``, ``R``, the diagonal of ``D``, and which tendons are slack.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The matrix is singular.
+        """
+        response = inner.solve(columns)
+        schur = np.diag(own) - rows @ response
+        return cls(inner, response, rows, schur, slack, _border(schur, slack))
+
+    def with_slack(self, slack: Flags) -> BorderedFactors:
+        """The factors with another set of slack tendons; raises as `of`."""
+        if np.array_equal(slack, self.slack):
+            return self
+        return self._replace(slack=slack, border=_border(self.schur, slack))
+
+    def solve(self, right: Array) -> Array:
+        """See `Factors.solve`."""
+        n = self.rows.shape[1]
+        start = self.inner.solve(right[:n])
+        given = right[n:][self.slack]
+        rest = right[n:] - self.rows @ start
+        rest[self.slack] = given
+        change = self.border.solve(rest)
+        # Without round-off: a tendon with any tension counts as taut.
+        change[self.slack] = given
+        return self.at_tensions(start, change)
+
+    def at_tensions(self, start: Array, change: Array) -> Array:
+        """The solution from that at fixed tensions, and the change of the tensions."""
+        n = len(start)
+        solution = np.empty((n + len(change), *start.shape[1:]), order="F")
+        np.subtract(start, self.columns @ change, out=solution[:n])
+        solution[n:] = change
+        return solution
+
+    @property
+    def sign(self) -> int:
+        """See `Factors.sign`."""
+        return self.inner.sign * self.border.sign
+
+
+def _border(schur: Array, slack: Flags) -> DenseFactors:
+    """Factors of a small matrix with rows of the identity for slack tendons."""
+    return DenseFactors.of(np.where(slack[:, None], np.eye(len(slack)), schur))
+
+
+class SolvedStep(NamedTuple):
+    """A solved step in which nothing but the inputs of tendons changed, and friction kept its state."""
+
+    loading: Array  # Change of the inputs of all tendons [N, m]
+    start: Array  # Unknowns at its ends, see `unknowns`
+    end: Array  # as `start`
+    slope: Array | None  # Their derivative at its start, times its length; None where it is unknown
+
+    @classmethod
+    def of(
+        cls,
+        before: SolverState,
+        after: SolverState,
+        changes: tuple[Array, ...],
+        numbering: Numbering,
+        slope: Array | None = None,
+    ) -> SolvedStep | None:
+        """The step between two solutions under the same loads; None where friction changed in a tendon under tension.
+
+        Parameters
+        ----------
+        before, after
+            The solutions.
+        changes
+            By robot, changes of the inputs, see `input_changes`.
+        numbering
+            Of the unknowns.
+        slope
+            See `SolvedStep`.
+        """
+        if not _friction_kept(before, after):
+            return None
+        return cls(np.concatenate(changes), unknowns(before, numbering), unknowns(after, numbering), slope)
+
+    def curvature(self, length: float, slope: Array) -> Array:
+        """What a cubic polynomial adds to the linear change of the unknowns in a further step.
+
+        The polynomial has the unknowns and slopes of both ends of this step; without the slope at its start it is
+        quadratic (E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I (1993), sec. II.6).
+
+        Parameters
+        ----------
+        length
+            Of this step over that of the further one [1].
+        slope
+            Linear change of the unknowns in the further one.
+        """
+        # x(t) = end + slope t + b t^2 + c t^3 is start at t = -length, with the slope of this step.
+        mean = (self.end - self.start) / length
+        quadratic = (slope - mean) / length
+        if self.slope is None:
+            return quadratic
+        cubic = (slope + self.slope / length - 2.0 * mean) / length**2
+        return np.asarray(quadratic + (length + 1.0) * cubic)
+
+
+def unknowns(state: SolverState, numbering: Numbering) -> Array:
+    """Twists of all elements, then tensions of tendons with prescribed displacement, of all robots."""
+    parts = [twists.reshape(-1) for twists in state.configuration.twists]
+    parts += [state.base_tension[p.robot][p.driven] for p in numbering.robots if p.driven.size]
+    return np.concatenate(parts)
+
+
+def input_changes(before: SolverState, target: Target) -> tuple[Array, ...]:
+    """By robot, changes of tensions [N] and displacements [m] from a state to a target."""
+    return tuple([new - old for old, new in zip(before.inputs, target.inputs, strict=True)])
+
+
+def same_loads(before: SolverState, target: Target) -> bool:
+    """Whether a target has the loads of a state."""
+    return all(bool((a == b).all()) for a, b in zip(before.loads, target.loads, strict=True))
+
+
+def _friction_kept(before: SolverState, after: SolverState) -> bool:
+    """Whether no mobilisation of a tendon under tension changed."""
+    for old, new, tension in zip(before.mobilisation, after.mobilisation, before.base_tension, strict=True):
+        changed = old != new
+        if changed.any() and changed[tension > 0.0].any():
+            return False
+    return True
+
+
+class Linearization(NamedTuple):
+    """Equilibrium at fixed friction, linearised and factorised."""
+
+    factorisation: Factors  # Of the tangent; `BorderedFactors` where any tendon has a prescribed displacement
+    chains: tuple[ElementChain, ...]  # The elements in whose frames its steps are
+    numbering: Numbering  # Of the unknowns
+    forces: tuple[TendonForces, ...]  # By robot, where it was linearised
+    solved: SolvedStep | None = None  # The step that ended here, where the next one may be predicted from it
 
     @property
     def slack(self) -> tuple[Flags, ...]:

@@ -16,20 +16,15 @@ import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.actuation import TendonActuation
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.elements.native.actuation import TendonActuation
+from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.solve.equations.band import BandFactors
-from tdcr_fe.solve.equations.clamp_reactions import ClampReactions
-from tdcr_fe.solve.equations.configuration import Configuration
-from tdcr_fe.solve.equations.factors import BorderedFactors, DenseFactors, Factors
-from tdcr_fe.solve.equations.kernel import StaticKernel
-from tdcr_fe.solve.equations.layout import SceneLayout
-from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.numbering import Numbering, zero_bases
+from tdcr_fe.solve.equations.configuration import Configuration, SolverState, StoredState, Target
+from tdcr_fe.solve.equations.kernel import ClampReactions, Residual, StaticKernel
+from tdcr_fe.solve.equations.layout import Numbering, SceneLayout, zero_bases
+from tdcr_fe.solve.equations.linearization import BorderedFactors, DenseFactors, Factors, Linearization
 from tdcr_fe.solve.equations.reduction import SceneTangent
-from tdcr_fe.solve.equations.residual import Residual
-from tdcr_fe.solve.equations.state import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.tangent import (
     add_couplings,
     add_damping,

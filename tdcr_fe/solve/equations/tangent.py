@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import NodeStiffness
-from tdcr_fe.solve.equations.numbering import Numbering, zero_bases
+from tdcr_fe.solve.equations.kernel import Residual
+from tdcr_fe.solve.equations.layout import Numbering, zero_bases
 from tdcr_fe.solve.equations.reduction import SceneTangent
-from tdcr_fe.solve.equations.residual import Residual
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -13,10 +13,9 @@ from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.equations.state import SolverState
+from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.load_steps.load_path import LoadStepReport, StepFailed
-from tdcr_fe.solve.load_steps.ramp import Ramp
+from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Ramp, StepFailed
 from tdcr_fe.solve.sensitivities.parameters import parameters
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import Simulation
@@ -28,40 +27,22 @@ _UNKNOWN = np.zeros((6, 0)), np.zeros((0, 0))
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A solved trial step.
+    """A solved trial step."""
 
-    Attributes
-    ----------
-    step : LoadStep
-        With all inputs.
-    actuation : Actuation
-        The same, resolved.
-    report : LoadStepReport
-    state : SolverState
-        At its end.
-    tip, tangent : ndarray, shape (3,)
-        Position [m] and unit tangent of the tip.
-    tensions, displacements : ndarray, shape (m,)
-        At the base [N, m].
-    motion : ndarray, shape (6, m)
-        Of the tip (position and world rotation vector) by the tension of each tendon [m/N, rad/N]; empty where it was
-        not differentiated.
-    inputs_by_tension : ndarray, shape (m, m)
-        Derivative of the inputs by the tensions; empty where it was not differentiated.
-    exact : bool
-        Whether the derivatives are those of the whole path; else of a path without reversals within substeps.
-    """
-
-    step: LoadStep
-    actuation: Actuation
+    step: LoadStep  # With all inputs
+    actuation: Actuation  # The same, resolved
     report: LoadStepReport
-    state: SolverState
-    tip: Array
-    tangent: Array
-    tensions: Array
-    displacements: Array
+    state: SolverState  # At its end
+    tip: Array  # (3,): Position [m] and unit tangent of the tip
+    tangent: Array  # as `tip`
+    tensions: Array  # (m,): At the base [N, m]
+    displacements: Array  # as `tensions`
+    # (6, m): Of the tip (position and world rotation vector) by the tension of each tendon [m/N, rad/N]; empty
+    # where it was not differentiated
     motion: Array
+    # (m, m): Derivative of the inputs by the tensions; empty where it was not differentiated
     inputs_by_tension: Array
+    # Whether the derivatives are those of the whole path; else of a path without reversals within substeps
     exact: bool
 
     @property

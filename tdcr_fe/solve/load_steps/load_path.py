@@ -1,82 +1,178 @@
-"""Path of a load step: its accepted substeps, how far it is solved, the report on it, and its failure."""
+"""A load step: how inputs and loads grow in it, its accepted substeps, the report on it, and its failure."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.native.hooks import PointLoadItem
+from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.state import SolverState, StoredState
-from tdcr_fe.solve.friction_path.equilibrium import Equilibrium
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.friction_path.response import Equilibrium
 from tdcr_fe.solve.newton.newton import NewtonResult
+
+Array = NDArray[np.float64]
+
+
+#: Gives tension [N] or displacement [m] of every tendon at a load factor and a time [s].
+InputRamp = Callable[[float, float], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class LoadRamp:
+    """Change of one concentrated load, six values: force [N] and moment [N m]."""
+
+    item: PointLoadItem
+    start: Array  # (6,)
+    end: Array  # as `start`
+
+    def at(self, load_factor: float) -> Array:
+        """The load at a load factor."""
+        return _between(self.start, self.end, load_factor)
+
+
+@dataclass(frozen=True, eq=False)
+class Ramp:
+    """Change of inputs, loads and time in a load step."""
+
+    inputs: tuple[InputRamp, ...]  # By robot, see `InputRamp`
+    loads: tuple[LoadRamp, ...]
+    start_time: float  # [s]
+    end_time: float  # as `start_time`
+    before_increment: Callable[[float], None] | None = None  # Called with the time [s] before every solve
+    user_loads: bool = False  # Whether user functions may change loads within the step
+    user_inputs: bool = False  # Whether user functions set tendon inputs over time
+
+    @classmethod
+    def of(
+        cls,
+        system: SceneSystem,
+        state: SolverState,
+        start_time: float,
+        end_time: float,
+        before_increment: Callable[[float], None] | None = None,
+        user_loads: bool = False,
+    ) -> Ramp:
+        """Ramp from the inputs and loads of a state to those that were set.
+
+        Parameters
+        ----------
+        system
+            The scene.
+        state
+            At the beginning.
+        start_time, end_time
+            [s].
+        before_increment, user_loads
+            See `Ramp`.
+        """
+        return cls(
+            tuple(_input_ramp(system, state, i) for i in range(len(system.robots))),
+            tuple(
+                LoadRamp(item, before, item.value)
+                for item, before in zip(system.hooks.point_loads, state.loads, strict=True)
+            ),
+            start_time,
+            end_time,
+            before_increment,
+            user_loads,
+            any(callable(robot.inputs) for robot in system.robots),
+        )
+
+    @property
+    def nonlinear(self) -> bool:
+        """Whether inputs or loads may be other than linear in the load factor."""
+        return self.user_loads or self.user_inputs
+
+    @property
+    def loads_change(self) -> bool:
+        """Whether any load changes in this load step, as far as known."""
+        return self.user_loads or any(bool((load.start != load.end).any()) for load in self.loads)
+
+    @property
+    def changes_beyond_inputs(self) -> bool:
+        """Whether anything but the tendons' inputs may change: loads, or what depends on time."""
+        return self.loads_change or self.user_inputs or self.before_increment is not None
+
+    def apply(self, system: SceneSystem, load_factor: float) -> Target:
+        """Apply loads and time at a load factor in [0, 1] to the scene, and return the target."""
+        time = self.start_time + load_factor * (self.end_time - self.start_time)
+        system.mbs.systemData.SetTime(time)
+        if self.before_increment is not None:
+            self.before_increment(time)
+        loads = tuple(load.at(load_factor) for load in self.loads)
+        for load, value in zip(self.loads, loads, strict=True):
+            load.item.set(value[:3], value[3:])
+        return Target(tuple(ramp(load_factor, time) for ramp in self.inputs), loads, time)
+
+    def set_end(self) -> None:
+        """Set the loads in the scene to their full values, whether or not the step was solved."""
+        for load in self.loads:
+            load.item.set(load.end[:3], load.end[3:])
+
+
+def _between(start: Array, end: Array, load_factor: float) -> Array:
+    return end if load_factor == 1.0 else start + load_factor * (end - start)
+
+
+def _input_ramp(system: SceneSystem, state: SolverState, i: int) -> InputRamp:
+    """Ramp of the inputs of a robot: linear from those of a state, or the user's function of time."""
+    robot = system.robots[i]
+    if callable(robot.inputs):
+        return lambda load_factor, time: robot.input_values(time)
+    start, driven = state.base_tension[i], robot.by_displacement
+    if np.any(driven):
+        prescribed = state.prescribed[i]
+        if np.any(np.isnan(prescribed[driven])):
+            # From tension to displacement: the ramp begins at the current displacement of the tendon.
+            slip = system.forces(state, state.time)[i].field.base_slip
+            prescribed = np.where(np.isnan(prescribed), slip, prescribed)
+        start = np.where(driven, prescribed, start)
+    goal = robot.input_values()
+    return lambda load_factor, time: _between(start, goal, load_factor)
 
 
 @dataclass(frozen=True)
 class Increment:
-    """End of an accepted substep.
+    """End of an accepted substep."""
 
-    Attributes
-    ----------
-    load_factor : float
-        Fraction of the load step, in [0, 1] [1]; 0 where weight acts on a robot that was never loaded.
-    state : StoredState
-        The solved state, history committed.
-    """
-
+    # Fraction of the load step, in [0, 1] [1]; 0 where weight acts on a robot that was never loaded
     load_factor: float
-    state: StoredState
+    state: StoredState  # The solved state, history committed
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
-    """A solved part of a load step.
+class SolvedPath:
+    """A solved part of a load step."""
 
-    Attributes
-    ----------
-    state : SolverState
-        At its end.
-    forces : tuple of TendonForces
-        By robot, in that state; empty if the scene was last evaluated in another state.
-    linearization : Linearization or None
-        The last one of the last substep; None if that substep needed no iteration.
-    increments : tuple of (float, SolverState)
-        Load factor and state at the end of every substep.
-    iterations : int
-        Of the accepted substeps.
-    rejected : int
-        Iterations of attempts that were not accepted.
-    residual : float
-        Relative residual at the end [1].
-    snapped : bool
-        Whether the robot jumped to another equilibrium.
-    presliding_factor : float
-        Largest factor on the presliding distance that a substep needed [1].
-    refinement_error : float
-        Estimated displacement of a node by what is not resolved of the path, over the length, where it is beyond the
-        tolerance; else 0 [1].
-    end : Equilibrium or None
-        The state at its end with its linearisation, where friction needed it.
-    located : bool
-        Whether any substep was solved with the reversals located in it, so that its history is not that of the one
-        before.
-    unstable : bool
-        Whether the state at its end is known to be unstable; this is examined in scenes with contact.
-    """
-
-    state: SolverState
+    state: SolverState  # At its end
+    # By robot, in that state; empty if the scene was last evaluated in another state
     forces: tuple[TendonForces, ...] = ()
+    # The last one of the last substep; None if that substep needed no iteration
     linearization: Linearization | None = None
-    increments: tuple[tuple[float, SolverState], ...] = ()
-    iterations: int = 0
-    rejected: int = 0
-    residual: float = 0.0
-    snapped: bool = False
-    presliding_factor: float = 1.0
+    increments: tuple[
+        tuple[float, SolverState], ...
+    ] = ()  # Load factor and state at the end of every substep
+    iterations: int = 0  # Of the accepted substeps
+    rejected: int = 0  # Iterations of attempts that were not accepted
+    residual: float = 0.0  # Relative residual at the end [1]
+    snapped: bool = False  # Whether the robot jumped to another equilibrium
+    presliding_factor: float = 1.0  # Largest factor on the presliding distance that a substep needed [1]
+    # Estimated displacement of a node by what is not resolved of the path, over the length, where it is beyond
+    # the tolerance; else 0 [1]
     refinement_error: float = 0.0
-    end: Equilibrium | None = None
+    end: Equilibrium | None = None  # The state at its end with its linearisation, where friction needed it
+    # Whether any substep was solved with the reversals located in it, so that its history is not that of the
+    # one before
     located: bool = False
+    # Whether the state at its end is known to be unstable; this is examined in scenes with contact
     unstable: bool = False
 
     @property
@@ -84,9 +180,9 @@ class Path:
         """Number of accepted substeps."""
         return len(self.increments)
 
-    def then(self, other: Path) -> Path:
+    def then(self, other: SolvedPath) -> SolvedPath:
         """Join another part that begins where this one ends."""
-        return Path(
+        return SolvedPath(
             other.state,
             other.forces,
             other.linearization,
@@ -103,9 +199,9 @@ class Path:
         )
 
 
-def one_substep(result: NewtonResult, load_factor: float) -> Path:
+def one_substep(result: NewtonResult, load_factor: float) -> SolvedPath:
     """A converged solve as one substep."""
-    return Path(
+    return SolvedPath(
         result.state,
         result.forces,
         result.linearization,
@@ -116,30 +212,18 @@ def one_substep(result: NewtonResult, load_factor: float) -> Path:
     )
 
 
-class Progress(NamedTuple):
-    """How far a load step has been solved.
+class StepProgress(NamedTuple):
+    """How far a load step has been solved."""
 
-    Attributes
-    ----------
-    path : Path
-        Of the accepted substeps.
-    load_factor : float
-        At its end [1].
-    error : float
-        Largest displacement of a node that reversals left out of account may cause, over the length [1].
-    equilibrium : Equilibrium or None
-        The state at its end with its linearisation, where known.
-    rescues_left : float
-        So many more smallest substeps may be solved by a rescue (`SubstepSolver.rescue`).
-    """
-
-    path: Path
-    load_factor: float = 0.0
+    path: SolvedPath  # Of the accepted substeps
+    load_factor: float = 0.0  # At its end [1]
+    # Largest displacement of a node that reversals left out of account may cause, over the length [1]
     error: float = 0.0
-    equilibrium: Equilibrium | None = None
+    equilibrium: Equilibrium | None = None  # The state at its end with its linearisation, where known
+    # So many more smallest substeps may be solved by a rescue (`SubstepSolver.rescue`)
     rescues_left: float = math.inf
 
-    def with_rejected(self, iterations: int) -> Progress:
+    def with_rejected(self, iterations: int) -> StepProgress:
         """The same after an attempt that was not accepted."""
         if iterations == 0:
             return self
@@ -181,7 +265,7 @@ class LoadStepReport:
     unstable: bool = False
 
     @classmethod
-    def of(cls, path: Path) -> LoadStepReport:
+    def of(cls, path: SolvedPath) -> LoadStepReport:
         """Report on a load step that was solved along a path."""
         return cls(
             path.iterations,

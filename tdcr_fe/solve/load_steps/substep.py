@@ -8,14 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.equations.free_motion import freely_moving
-from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.solved_step import SolvedStep, input_changes, same_loads
-from tdcr_fe.solve.equations.state import SolverState, Target
+from tdcr_fe.solve.equations.configuration import SolverState, Target
+from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, input_changes, same_loads
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.load_steps.load_path import Path, StepFailed, one_substep
-from tdcr_fe.solve.load_steps.ramp import Ramp
-from tdcr_fe.solve.newton.contact_stability import unstable_motion
+from tdcr_fe.solve.load_steps.load_path import Ramp, SolvedPath, StepFailed, one_substep
+from tdcr_fe.solve.newton.contact_stability import freely_moving, unstable_motion
 from tdcr_fe.solve.newton.convergence import NewtonStatus
 from tdcr_fe.solve.newton.newton import NewtonResult, newton, under_inputs
 from tdcr_fe.solve.newton.prediction import predict
@@ -59,18 +56,10 @@ def _along(motion: Array, before: SolverState, after: SolverState) -> float:
 
 @dataclass(frozen=True, eq=False)
 class SubstepSolver:
-    """Solves substeps of one load step of a scene.
-
-    Attributes
-    ----------
-    system : SceneSystem
-    ramp : Ramp
-        The load step.
-    settings : SolverSettings
-    """
+    """Solves substeps of one load step of a scene."""
 
     system: SceneSystem
-    ramp: Ramp
+    ramp: Ramp  # The load step
     settings: SolverSettings
 
     def solve(
@@ -197,7 +186,7 @@ class SubstepSolver:
                 return True
         return False
 
-    def rescue(self, state: SolverState, start: float, end: float, failed: NewtonResult) -> Path:
+    def rescue(self, state: SolverState, start: float, end: float, failed: NewtonResult) -> SolvedPath:
         """For a smallest substep that does not converge: try snap-through, then a larger presliding distance."""
         spent = 0
         guess = self._pushed(state, failed) if failed.status is NewtonStatus.UNSTABLE else state

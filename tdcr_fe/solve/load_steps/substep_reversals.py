@@ -1,24 +1,39 @@
-"""Slip reversals in a converged substep: it is accepted, solved again with them, or divided.
+"""Slip reversals within a substep: states solved within it, and what is done with the reversals found.
 
-Documentation: page "Theory", section "Finding reversals".
+Through states within a substep the slips are interpolated better than between both ends alone. Documentation: page
+"Theory", sections "Finding reversals" and "Solving with reversals".
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil
 from typing import NamedTuple
 
-from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.numbering import Numbering
-from tdcr_fe.solve.equations.state import SolverState
-from tdcr_fe.solve.friction_path.equilibrium import Equilibrium, near_enough
-from tdcr_fe.solve.friction_path.reversals import History, Reversals, find_reversals
-from tdcr_fe.solve.friction_path.steady_slip import slips_steadily
-from tdcr_fe.solve.load_steps.known_states import KnownStates, Span
-from tdcr_fe.solve.load_steps.load_path import Progress
-from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates, with_history_of
-from tdcr_fe.solve.newton.newton import NewtonResult
+import numpy as np
+from numpy.typing import NDArray
 
+from tdcr_fe.solve.equations.configuration import SolverState
+from tdcr_fe.solve.equations.layout import Numbering
+from tdcr_fe.solve.equations.linearization import Linearization
+from tdcr_fe.solve.friction_path.path import FrictionPath
+from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons, near_enough
+from tdcr_fe.solve.friction_path.reversals import InterpolationPoint, Reversals, SlipHistory, find_reversals
+from tdcr_fe.solve.friction_path.steady import slips_steadily
+from tdcr_fe.solve.load_steps.load_path import StepProgress
+from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates, with_history_of
+from tdcr_fe.solve.newton.newton import NewtonResult, newton
+from tdcr_fe.solve.newton.prediction import moved_elements
+
+Array = NDArray[np.float64]
+
+#: Most intervals into which a substep is divided at first by states within it.
+MOST_INTERVALS_AT_FIRST = 4
+#: Largest difference between a tension of a state within a substep and that of the followed path, over the largest
+#: tension, with which the state is kept where more states are solved; else it is solved again, on the path [1].
+NEAR_PATH = 0.01
 #: Largest error of a substep as a fraction of what is left of the path tolerance, within the load step and at its end;
 #: and as a fraction of all of it, where little is left [1].
 SHARE, LAST_SHARE, LEAST_SHARE = 0.3, 0.6, 0.03
@@ -28,53 +43,289 @@ MOST_CORRECTIONS = 6
 MOST_INTERVALS = 16
 
 
-class Attempt(NamedTuple):
-    """A converged substep, and what slip reversals within it change.
+def solve_within(
+    solver: SubstepSolver,
+    points: Sequence[InterpolationPoint],
+    taut: TautTendons,
+    path: FrictionPath,
+    factor: float,
+    load_factor: float,
+) -> Equilibrium | None:
+    """Solve a state within a substep, at the mobilisations of the followed path; None where that fails.
 
-    Attributes
+    Whether the path leads there exactly does not matter: in any equilibrium slips, angles and their derivatives belong
+    to its own tensions.
+
+    Parameters
     ----------
-    result : NewtonResult
-    error : float
-        Largest displacement of a node that reversals may cause, over the length [1].
-    division : float
-        Where it is to be divided, as a fraction of it; 1 where it is good enough, 0 where forces have to balance first.
-    start, end : Equilibrium or None
-        At its ends, where they were needed.
-    rejected : int
-        Iterations of former solutions of the substep.
-    located : bool
-        Whether `result` has the reversals located in it.
-    within : tuple of (float, SolverState)
-        Load factors and states that were solved within it.
+    solver
+        Of the load step.
+    points
+        The states known so far, by load factor.
+    taut
+        The tendons whose slips are followed.
+    path
+        The followed path.
+    factor
+        Load factor within the substep [1].
+    load_factor
+        Of the load step [1].
     """
+    system = solver.system
+    guess = _interpolated(solver, points, taut, path, factor)
+    if guess is None:
+        return None
+    target = solver.ramp.apply(system, load_factor)
+    result = newton(system, guess, target, solver.settings, friction_fixed=True)
+    if not result.converged:
+        return None
+    if result.linearization is not None:
+        line = result.linearization._replace(numbering=system.numbering())
+        found = Equilibrium.of(result.state, result.forces, line)
+        if found.exact:
+            return found
+    return Equilibrium.at(system, result.state, target)
+
+
+def _interpolated(
+    solver: SubstepSolver,
+    points: Sequence[InterpolationPoint],
+    taut: TautTendons,
+    path: FrictionPath,
+    factor: float,
+) -> SolverState | None:
+    """The state at a load factor within the substep, by interpolation; None where an element turns by too much.
+
+    Twists of the elements by a cubic along the line between the tensions of the states on both sides, beside it linear
+    in the tensions: as slips are interpolated (`tdcr_fe.solve.friction_path.slips`). Mobilisations and
+    tensions at the base are those of the path.
+    """
+    unknowns, tension = path.at(factor)
+    last = next(i for i, at in enumerate(points) if at.factor >= factor)
+    first, then = points[last - 1], points[last]
+    length = then.factor - first.factor
+    x = (factor - first.factor) / length
+    ends = [taut.tensions(at.state) for at in (first, then)]
+    change, off_line = ends[1] - ends[0], tension - ends[0] - x * (ends[1] - ends[0])
+    slopes = [twist_change(at, change, length) for at in (first, then)]
+    whole = twists(then.state) - twists(first.state)
+    defect = whole - 0.5 * (slopes[0] + slopes[1])
+    step = x * slopes[0] + x * x * (0.5 * (slopes[1] - slopes[0]) + (3.0 - 2.0 * x) * defect)
+    step += (1.0 - x) * twist_change(first, off_line, 0.0) + x * twist_change(then, off_line, 0.0)
+    state = first.state.state
+    configuration = moved_elements(solver.system, state, step, solver.settings.max_turn)
+    if configuration is None:
+        return None
+    return _with_path_unknowns(first.state, taut, unknowns)._replace(configuration=configuration)
+
+
+def _with_path_unknowns(at: Equilibrium, taut: TautTendons, unknowns: Array) -> SolverState:
+    """A state with other mobilisations, and other tensions at the base of tendons driven by displacement."""
+    state, numbering, k = at.state, at.numbering, len(taut.holes)
+    mobilised = at.mobilisation.copy()
+    mobilised[taut.holes] = unknowns[:k]
+    tensions = list(state.base_tension)
+    for part in numbering.robots:
+        if part.driven.size:
+            tensions[part.robot] = tensions[part.robot].copy()
+            tensions[part.robot][part.driven] = 0.0
+    for own, robot in zip(taut.tendons, taut.robots, strict=True):
+        driven = own.which[own.driven]
+        tensions[robot][driven] = unknowns[k : k + len(driven)]
+        k += len(driven)
+    mobilisation = numbering.with_frictional_holes(state.mobilisation, mobilised)
+    return state._replace(mobilisation=mobilisation, base_tension=tuple(tensions))
+
+
+def twists(at: Equilibrium) -> Array:
+    """Twists of all elements: translations [m] and rotations [rad], six values each."""
+    return np.concatenate([own.reshape(-1) for own in at.state.configuration.twists])
+
+
+def twist_change(at: InterpolationPoint, tension: Array, load: float) -> Array:
+    """Change of the twists of all elements by one of the tensions and of the loads, to first order.
+
+    Parameters
+    ----------
+    at
+        Where it is linearised.
+    tension
+        Change of the tensions of the segments [N], shape (q,).
+    load
+        Part of the change of the loads in the substep [1].
+    """
+    line, response = at.state.linearization, at.state.response
+    assert response is not None
+    nodes = response.nodes @ tension
+    if at.load is not None and load:
+        nodes = nodes + load * at.load.nodes
+    return np.concatenate(
+        [
+            chain.changes(nodes[part.nodes].reshape(-1, 6)).reshape(-1)
+            for chain, part in zip(line.chains, line.numbering.robots, strict=True)
+        ]
+    )
+
+
+class Span(NamedTuple):
+    """Load factors of the load step at the ends of a substep [1]."""
+
+    start: float
+    end: float
+
+    def load_factor(self, fraction: float) -> float:
+        """Load factor of the load step at a fraction of the substep [1]."""
+        return self.start + fraction * (self.end - self.start)
+
+
+class KnownStates(NamedTuple):
+    """States of a substep, from its start to its end."""
+
+    span: Span  # The substep
+    taut: TautTendons  # The tendons under tension in any of the states
+    points: tuple[InterpolationPoint, ...]  # The states, by load factor
+
+    @classmethod
+    def of(
+        cls,
+        solver: SubstepSolver,
+        states: Sequence[tuple[float, Equilibrium]],
+        span: Span,
+        before: KnownStates | None = None,
+    ) -> KnownStates | None:
+        """States with their responses to tensions and loads; None where no friction acts in the substep.
+
+        Parameters
+        ----------
+        solver
+            Of the load step.
+        states
+            With their fractions of the substep [1].
+        span
+            The substep.
+        before
+            States of the same substep, of which some are kept.
+        """
+        taut = TautTendons.of([state for _, state in states])
+        if not taut.holes.size:
+            return None
+        ramp, system = solver.ramp, solver.system
+        ready = [(x, at.with_response(system.layout.clamped, taut.numbers)) for x, at in states]
+        if not ramp.changes_beyond_inputs:
+            return cls(span, taut, tuple([InterpolationPoint(x, at) for x, at in ready]))
+        # What is left of the change of the loads, seen from every state; from the last one, back to the start.
+        closing = ramp.apply(system, span.end)
+        known = {} if before is None else {id(point.state): point for point in before.points[:-1]}
+        points = [
+            known[id(at)]
+            if id(at) in known
+            else InterpolationPoint(x, at, at.load_response(system, closing).times(1.0 / (1.0 - x)))
+            for x, at in ready[:-1]
+        ]
+        opening = ramp.apply(system, span.start)
+        end = ready[-1][1]
+        last = InterpolationPoint(1.0, end, end.load_response(system, opening).times(-1.0))
+        return cls(span, taut, (*points, last))
+
+    @property
+    def start(self) -> Equilibrium:
+        """The state at the start of the substep."""
+        return self.points[0].state
+
+    @property
+    def end(self) -> Equilibrium:
+        """The state at its end."""
+        return self.points[-1].state
+
+    @property
+    def within(self) -> tuple[tuple[float, SolverState], ...]:
+        """States within the substep with their load factors in the load step."""
+        return tuple([(self.span.load_factor(at.factor), at.state.state) for at in self.points[1:-1]])
+
+    @property
+    def before_end(self) -> list[tuple[float, Equilibrium]]:
+        """All states but the last, with their fractions of the substep."""
+        return [(at.factor, at.state) for at in self.points[:-1]]
+
+    def refined(
+        self, solver: SubstepSolver, found: Reversals, allowed: float, most: int
+    ) -> list[tuple[float, Equilibrium]]:
+        """States before the end with new ones between them; empty where there are to be no more of them.
+
+        The number of intervals is doubled, and chosen at first by an error that falls with their cube. States that were
+        solved far from the path that is known now are solved again: the interpolation is linear in the tensions, so the
+        error that they leave would not fall with the number of states.
+
+        Parameters
+        ----------
+        solver
+            Of the load step.
+        found
+            The reversals, with the path on which states are solved.
+        allowed
+            Displacement of a node that is allowed, over the length [1].
+        most
+            Largest number of intervals.
+        """
+        intervals = len(self.points) - 1
+        count = 2
+        if intervals == 1:
+            by_error = max(2, ceil(float(np.cbrt(found.error / allowed))))
+            count = min(MOST_INTERVALS_AT_FIRST, most, by_error)
+        if found.path is None or count < 2 or intervals * count > most:
+            return []
+        states = [(at.factor, at.state) for at in self.points[:-1] if self._is_near(at, found.path)]
+        fractions = {
+            first + (last - first) * i / count
+            for first, last in pairwise(at.factor for at in self.points)
+            for i in range(count)
+        }
+        for x in sorted(fractions - {x for x, _ in states}):
+            state = solve_within(solver, self.points, self.taut, found.path, x, self.span.load_factor(x))
+            if state is None:
+                return []
+            states.append((x, state))
+        return sorted(states, key=lambda at: at[0])
+
+    def _is_near(self, at: InterpolationPoint, path: FrictionPath) -> bool:
+        """Whether a state's tensions are near those of a followed path, which begins at the first state."""
+        tension = self.taut.tensions(at.state)
+        off = np.abs(path.at(at.factor)[1] - tension)
+        return at.factor == 0.0 or bool(off.max() <= NEAR_PATH * tension.max())
+
+
+class Attempt(NamedTuple):
+    """A converged substep, and what slip reversals within it change."""
 
     result: NewtonResult
-    error: float = 0.0
+    error: float = 0.0  # Largest displacement of a node that reversals may cause, over the length [1]
+    # Where it is to be divided, as a fraction of it; 1 where it is good enough, 0 where forces have to balance
+    # first
     division: float = 1.0
-    start: Equilibrium | None = None
-    end: Equilibrium | None = None
-    rejected: int = 0
-    located: bool = False
-    within: tuple[tuple[float, SolverState], ...] = ()
+    start: Equilibrium | None = None  # At its ends, where they were needed
+    end: Equilibrium | None = None  # as `start`
+    rejected: int = 0  # Iterations of former solutions of the substep
+    located: bool = False  # Whether `result` has the reversals located in it
+    within: tuple[tuple[float, SolverState], ...] = ()  # Load factors and states that were solved within it
 
 
 @dataclass(frozen=True, eq=False)
 class SubstepReversals:
-    """Examines converged substeps of a load step for slip reversals.
+    """Examines converged substeps of a load step for slip reversals."""
 
-    Attributes
-    ----------
-    solver : SubstepSolver
-        Of the load step.
-    divide : bool
-        Whether substeps always end where slips reverse. Else a substep may be solved with the reversals located in it.
-    """
-
-    solver: SubstepSolver
+    solver: SubstepSolver  # Of the load step
+    # Whether substeps always end where slips reverse. Else a substep may be solved with the reversals located
+    # in it.
     divide: bool = False
 
     def attempt(
-        self, now: Progress, goal: float, result: NewtonResult, line: Linearization | None, *, predicted: bool
+        self,
+        now: StepProgress,
+        goal: float,
+        result: NewtonResult,
+        line: Linearization | None,
+        *,
+        predicted: bool,
     ) -> Attempt:
         """A converged substep: as it is, solved again with its reversals, or to be divided.
 
@@ -111,7 +362,7 @@ class SubstepReversals:
             end = self._linearised(result.state, goal)
         return self._examined(now, Attempt(result, start=start, end=end), Span(now.load_factor, goal))
 
-    def _is_steady(self, now: Progress, goal: float, result: NewtonResult, line: Linearization) -> bool:
+    def _is_steady(self, now: StepProgress, goal: float, result: NewtonResult, line: Linearization) -> bool:
         """Whether a substep is a whole load step without change of the loads in which all holes slip steadily."""
         ramp, system = self.solver.ramp, self.solver.system
         if now.load_factor != 0.0 or goal != 1.0 or ramp.loads_change or ramp.nonlinear:
@@ -119,7 +370,7 @@ class SubstepReversals:
         clamped, presliding = system.layout.clamped, self.solver.settings.presliding
         return slips_steadily(now.path.state, result, line, clamped, presliding)
 
-    def _examined(self, now: Progress, attempt: Attempt, span: Span) -> Attempt:
+    def _examined(self, now: StepProgress, attempt: Attempt, span: Span) -> Attempt:
         """A substep with exact linearisations at both ends: accepted, solved again with its reversals, or divided."""
         start, end = attempt.start, attempt.end
         assert start is not None and end is not None
@@ -160,21 +411,6 @@ class SubstepReversals:
         """A substep solved with the reversals located in it, again until the path to the solution has the same ones.
 
         Where they are uncertain, the slips are interpolated through more states within the substep.
-
-        Parameters
-        ----------
-        attempt
-            The substep solved as a whole.
-        before
-            State at its start.
-        known
-            The solved states.
-        found
-            The reversals.
-        allowed
-            Displacement of a node that is allowed, over the length [1].
-        most
-            Largest number of intervals between solved states.
         """
         division = found.division
         for _ in range(MOST_CORRECTIONS):
@@ -217,7 +453,7 @@ class SubstepReversals:
         return attempt
 
     def _corrected(
-        self, before: SolverState, result: NewtonResult, history: History, known: KnownStates
+        self, before: SolverState, result: NewtonResult, history: SlipHistory, known: KnownStates
     ) -> NewtonResult:
         """A substep solved again, with the mobilisations counted from where the slips reversed."""
         end = known.end
@@ -225,12 +461,12 @@ class SubstepReversals:
         return self.solver.solve(guess, known.span.end, end.linearization, before)
 
     def _ends_as_followed(
-        self, result: NewtonResult, history: History, known: KnownStates, allowed: float
+        self, result: NewtonResult, history: SlipHistory, known: KnownStates, allowed: float
     ) -> bool:
         """Whether a substep solved again ends where the path led, and not in another solution with its history."""
         return history.distance(result.state, known.end.numbering) <= allowed * self.solver.system.length
 
-    def _start(self, now: Progress, numbering: Numbering) -> Equilibrium:
+    def _start(self, now: StepProgress, numbering: Numbering) -> Equilibrium:
         """The state at the beginning of a substep, linearised exactly."""
         start = now.equilibrium
         if start is None or not start.numbering.same_unknowns(numbering):

@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.solve.equations.configuration import Configuration, Unknowns
-from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.numbering import Numbering
-from tdcr_fe.solve.equations.solved_step import SolvedStep, same_loads, unknowns
-from tdcr_fe.solve.equations.state import SolverState, Target
+from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target, Unknowns
+from tdcr_fe.solve.equations.layout import Numbering
+from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, same_loads, unknowns
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.newton.friction_step import mobilisations, slip_changes
+from tdcr_fe.solve.newton.steps import mobilisations, slip_changes
 
 Array = NDArray[np.float64]
 
@@ -34,21 +32,13 @@ MOST_CURVED = 0.5
 
 
 class Prediction(NamedTuple):
-    """A predicted solution.
+    """A predicted solution."""
 
-    Attributes
-    ----------
-    state : SolverState
-        The state at the beginning of the step with predicted unknowns.
-    slope : ndarray
-        Derivative of the unknowns at the beginning of the step, times its length, see `SolvedStep`.
-    slips : ndarray, shape (k,)
-        That of the slips [m].
-    """
-
-    state: SolverState
-    slope: Array
-    slips: Array
+    state: SolverState  # The state at the beginning of the step with predicted unknowns
+    slope: (
+        Array  # Derivative of the unknowns at the beginning of the step, times its length, see `SolvedStep`
+    )
+    slips: Array  # (k,): That of the slips [m]
 
 
 def predict(

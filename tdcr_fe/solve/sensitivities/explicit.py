@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.robot_model import RobotModel, RobotPoint, SectionStack, elastic_gradient
-from tdcr_fe.solve.sensitivities.cable_derivatives import CableDerivatives
-from tdcr_fe.solve.sensitivities.cable_variation import HoleDisturbance
-from tdcr_fe.solve.sensitivities.neighbours import Inherited, ParameterModels
-from tdcr_fe.solve.sensitivities.stencils import RELATIVE_STEP
+from tdcr_fe.solve.sensitivities.cables import CableDerivatives, HoleDisturbance
+from tdcr_fe.solve.sensitivities.differences import RELATIVE_STEP, Inherited, ParameterModels
 
 Array = NDArray[np.float64]
 
@@ -111,17 +109,7 @@ class ExplicitDerivatives:
         return found._replace(wrenches=found.wrenches + flat)
 
     def _section_gradient(self, point: RobotPoint, released: Array, time: Array) -> Array | None:
-        """Derivatives of the energy's gradient by the twists, shape (E, 6, P); None where there are none.
-
-        Parameters
-        ----------
-        point
-            Where.
-        released
-            Released lengths of tendons that follow the backbone are entered here.
-        time
-            Derivatives of the time, shape (P,).
-        """
+        """Derivatives of the energy's gradient by the twists, shape (E, 6, P); None where there are none."""
         creeps = self.present.robot.backbone.creep_rate != 0.0 and bool(time.any())
         if not (len(self._elastic.parameters) or self._section_stack is not None or creeps):
             return None

@@ -7,12 +7,11 @@ from numpy.typing import NDArray
 
 from tdcr_fe.model.sensitivities import LocalResponse
 from tdcr_fe.scene.handle import TDCR
-from tdcr_fe.solve.equations.numbering import Numbering
-from tdcr_fe.solve.equations.state import SolverState, Target
+from tdcr_fe.solve.equations.configuration import SolverState, Target
+from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint
-from tdcr_fe.solve.simulation import Simulation
-from tdcr_fe.solve.threads import one_thread
+from tdcr_fe.solve.simulation import Simulation, one_thread
 
 Array = NDArray[np.float64]
 

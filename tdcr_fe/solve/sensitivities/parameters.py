@@ -11,14 +11,76 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from tdcr_fe.effects import EFFECTS, Experiment, effect
+from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.routing import Routing, TurnedRouting
+from tdcr_fe.model.routing import PointsRouting, Routing, TurnedRouting
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.sensitivities.arc_lengths import shortest_part, with_disk_at, with_length
 
 #: Components of a load of the current step, in the order of its six values.
 LOAD_COMPONENTS = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
+
+
+def with_arc_lengths(experiment: Experiment, new: Callable[[float], float]) -> Experiment:
+    """The experiment with every arc length moved: disks, ends, loads, patches, holes of listed points."""
+    robot = experiment.robot
+
+    def routing(old: Routing) -> Routing:
+        if isinstance(old, TurnedRouting):
+            return replace(old, base=routing(old.base))
+        if isinstance(old, PointsRouting):
+            return replace(old, arc_lengths=tuple(new(s) for s in old.arc_lengths))
+        return old
+
+    backbone = replace(
+        robot.backbone,
+        length=new(robot.backbone.length),
+        taper=tuple((new(s), r) for s, r in robot.backbone.taper),
+        patches=tuple(replace(p, start=new(p.start), end=new(p.end)) for p in robot.backbone.patches),
+    )
+    tendons = tuple(
+        replace(
+            t,
+            routing=routing(t.routing),
+            end=None if t.end is None else new(t.end),
+            tight_holes=tuple(replace(x, at=new(x.at)) for x in t.tight_holes),
+        )
+        for t in robot.tendons
+    )
+    disks = replace(robot.disks, positions=tuple(new(s) for s in robot.disks.positions))
+    steps = tuple(
+        replace(s, loads={name: replace(load, at=new(load.at)) for name, load in s.loads.items()})
+        for s in experiment.steps
+    )
+    springs = tuple(replace(x, at=new(x.at)) for x in robot.springs)
+    moved = replace(robot, backbone=backbone, disks=disks, tendons=tendons, springs=springs)
+    return replace(experiment, robot=moved, steps=steps)
+
+
+def with_length(experiment: Experiment, length: float) -> Experiment:
+    """The experiment with a backbone of another length, all arc lengths in proportion."""
+    ratio = length / experiment.robot.backbone.length
+    return with_arc_lengths(experiment, lambda s: s * ratio)
+
+
+def with_disk_at(experiment: Experiment, present: float, new: float) -> Experiment:
+    """The experiment with a disk at another arc length [m]; tendons anchored at it and loads on it move with it."""
+    return with_arc_lengths(experiment, lambda s: new if abs(s - present) < 1e-9 else s)
+
+
+def shortest_part(robot: Robot) -> float:
+    """Shortest distance between disks and ends of patches [m], to which changes of arc lengths are small.
+
+    Stiffness goes with the inverse of an element's length, so that a difference step in proportion to the whole
+    backbone has an error that grows with the square of the number of elements.
+    """
+    patches = [s for patch in robot.backbone.patches for s in (patch.start, patch.end)]
+    gaps = np.diff(sorted([0.0, *robot.disks.positions, *patches, robot.backbone.length]))
+    return float(gaps[gaps > ARC_TOLERANCE].min())
+
+
 #: Stiffnesses of the backbone that follow from moduli and radius where they are not declared.
 _DERIVED = {
     "bending_stiffness": "EI",
@@ -32,48 +94,27 @@ _SIZES = {"rad": 1.0, "deg": 57.0, "m/s^2": 10.0, "N": 1.0, "N m": 1e-2, "kg": 1
 
 @dataclass(frozen=True, eq=False)
 class ModelParameter:
-    """A number that the description of robot, model or steps depends on.
-
-    Attributes
-    ----------
-    name : str
-    value : float
-        Present value, at which `apply` changes nothing.
-    size : float
-        A typical value, in proportion to which difference steps are chosen.
-    apply : callable
-        From an experiment and a value to the experiment with that value. Raises ValueError where it is impossible.
-    approximate : bool
-        Whether a derivative will do that leaves out in which order inputs change within a load step that only the
-        neighbours divide, as for choosing candidates; with friction there is no other.
-    """
+    """A number that the description of robot, model or steps depends on."""
 
     name: str
-    value: float
-    size: float
+    value: float  # Present value, at which `apply` changes nothing
+    size: float  # A typical value, in proportion to which difference steps are chosen
+    # From an experiment and a value to the experiment with that value. Raises ValueError where it is
+    # impossible.
     apply: Callable[[Experiment, float], Experiment]
+    # Whether a derivative will do that leaves out in which order inputs change within a load step that only the
+    # neighbours divide, as for choosing candidates; with friction there is no other
     approximate: bool = False
 
 
 @dataclass(frozen=True)
 class StepInput:
-    """An input at the end of every load step, everything before the step unchanged.
-
-    Attributes
-    ----------
-    name : str
-    tendon : int
-        Number of a tendon whose tension or displacement is meant, -1 where a load is meant.
-    load : str
-        Name of the load; empty where a tendon is meant.
-    component : int
-        Of the load's six values.
-    """
+    """An input at the end of every load step, everything before the step unchanged."""
 
     name: str
-    tendon: int = -1
-    load: str = ""
-    component: int = 0
+    tendon: int = -1  # Number of a tendon whose tension or displacement is meant, -1 where a load is meant
+    load: str = ""  # Name of the load; empty where a tendon is meant
+    component: int = 0  # Of the load's six values
 
 
 Parameter = ModelParameter | StepInput

@@ -18,25 +18,26 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements.friction import FrictionState
-from tdcr_fe.elements.hooks import SceneHooks
+from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.sensitivities import Sensitivities, Sensitivity
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.scene.mesh import elements_of_bays
+from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.robot_model import RobotModel, RobotPoint, load_wrench
-from tdcr_fe.solve.equations.state import SolverState
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.load_steps.ramp import Ramp
-from tdcr_fe.solve.sensitivities.explicit import ExplicitDerivatives
-from tdcr_fe.solve.sensitivities.input_derivatives import InputDerivatives, InputValues
-from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint, TendonChange
-from tdcr_fe.solve.sensitivities.neighbours import (
+from tdcr_fe.solve.load_steps.load_path import Ramp
+from tdcr_fe.solve.sensitivities.differences import (
     Inherited,
+    InputDerivatives,
+    InputValues,
     ParameterModels,
     load_positions,
     neighbours,
 )
+from tdcr_fe.solve.sensitivities.explicit import ExplicitDerivatives
+from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint, TendonChange
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, parameters
 from tdcr_fe.solve.simulation import Simulation
 
@@ -45,28 +46,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Derivative:
-    """Derivative of the state at the end of a substep, on which the next one depends; parameters are the last axis.
+    """Derivative of the state at the end of a substep, on which the next one depends; parameters are the last axis."""
 
-    Attributes
-    ----------
-    slip, mobilisation, slip_rate : ndarray, shape (m, g, P)
-        Of the history.
-    base_tension, base_slip, inputs : ndarray, shape (m, P)
-        Tension and slip at the base plate, and prescribed tension or displacement [N, m].
-    loads : ndarray, shape (L, 6, P)
-        Of the concentrated loads.
-    time : ndarray, shape (P,)
-        [s].
-    """
-
-    slip: Array
-    mobilisation: Array
-    slip_rate: Array
+    slip: Array  # (m, g, P): Of the history
+    mobilisation: Array  # as `slip`
+    slip_rate: Array  # as `slip`
+    # (m, P): Tension and slip at the base plate, and prescribed tension or displacement [N, m]
     base_tension: Array
-    base_slip: Array
-    inputs: Array
-    loads: Array
-    time: Array
+    base_slip: Array  # as `base_tension`
+    inputs: Array  # (m, P): Tension and slip at the base plate, and prescribed tension or displacement [N, m]
+    loads: Array  # (L, 6, P): Of the concentrated loads
+    time: Array  # (P,): [s]
 
     @classmethod
     def unloaded(cls, released: Array, operator: Array, loads: int) -> Derivative:
@@ -95,20 +85,11 @@ class Derivative:
 
 
 class _Carried(NamedTuple):
-    """What one substep hands on to the next.
-
-    Attributes
-    ----------
-    derivative : Derivative
-    mobilisation : ndarray, shape (m, g)
-        Of the holes, also of those without friction at the present values.
-    slip : ndarray, shape (m, g)
-        Slips to which these belong [m].
-    """
+    """What one substep hands on to the next."""
 
     derivative: Derivative
-    mobilisation: Array
-    slip: Array
+    mobilisation: Array  # (m, g): Of the holes, also of those without friction at the present values
+    slip: Array  # (m, g): Slips to which these belong [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,29 +114,15 @@ class NodeLoad:
 
 @dataclass(frozen=True, eq=False)
 class SensitivityHistory:
-    """Derivatives along the load steps of a robot.
+    """Derivatives along the load steps of a robot."""
 
-    Attributes
-    ----------
-    handle : TDCR
-        The robot in its scene.
-    presliding : float
-        [m].
-    parameters : tuple of Parameter
-    explicit : ExplicitDerivatives
-    inputs : InputDerivatives
-    loads : tuple of NodeLoad
-        All concentrated loads of the scene.
-    steps : list
-        What has been computed, by load step. Cleared, the history begins anew.
-    """
-
-    handle: TDCR
-    presliding: float
+    handle: TDCR  # The robot in its scene
+    presliding: float  # [m]
     parameters: tuple[Parameter, ...]
     explicit: ExplicitDerivatives
     inputs: InputDerivatives
-    loads: tuple[NodeLoad, ...]
+    loads: tuple[NodeLoad, ...]  # All concentrated loads of the scene
+    # What has been computed, by load step. Cleared, the history begins anew.
     steps: list[_StepValues] = field(default_factory=list)
 
     @classmethod

@@ -1,0 +1,394 @@
+"""One robot in Exudyn's scene: its actuation, its friction history, and the item that applies its forces.
+
+The forces of tendons and inside the sections act through one object of Exudyn on all nodes of the backbone, with its
+own Jacobian, so that every solver of Exudyn sees them; the springs between the holes are drawn and carry no force. The
+quasi-static solver evaluates the same `ForceModel` directly. Both commit to the same history.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.backbone import BackboneMesh
+from tdcr_fe.elements.forces import ForceModel, TendonForces
+from tdcr_fe.elements.friction import FrictionState, TendonLaw
+from tdcr_fe.elements.native.condensation import ElasticTendons, stretch
+from tdcr_fe.elements.native.coordinates import NodeCoordinates
+from tdcr_fe.elements.native.history import HistoryNodes, RobotHistory
+from tdcr_fe.elements.native.items import Clamp, Connectors, SystemReference, show_shifts
+from tdcr_fe.elements.native.iterated import IteratedBackbone
+from tdcr_fe.elements.native.motors import Motor, wound
+from tdcr_fe.elements.native.scene_forces import Holes, Inputs, SceneForces, values_at
+from tdcr_fe.elements.section import SectionForces
+from tdcr_fe.elements.tendons import CableGeometry
+
+Array = NDArray[np.float64]
+
+
+class TendonActuation:
+    """Actuation, friction history and items of one robot in a scene.
+
+    Parameters
+    ----------
+    name
+        Of the robot.
+    system
+        The system that contains the robot.
+    nodes
+        Exudyn's numbers of the backbone nodes, base first.
+    model
+        Computes its forces.
+    connectors
+        The items of the robot.
+    history
+        Where its history is kept.
+    has_mass
+        Whether anything of the robot has a mass.
+    inextensible_stiffness
+        EA used for an inextensible tendon whose displacement is prescribed in Exudyn's own solvers, where the
+        tension is not an unknown [N].
+    clamp
+        The joint that fixes the base to ground; None where the base is free or on another body.
+
+    Attributes
+    ----------
+    by_displacement : ndarray of bool, shape (m,)
+        Which tendons have their displacement prescribed; the others their tension.
+    inputs : ndarray, shape (m,), or callable
+        Tensions [N] and displacements [m] at the base, as set or over time.
+    connected : bool
+        Whether Exudyn's item applies the forces; see `disconnect`.
+    holes : "present", "stuck" or "sliding"
+        What the Jacobian of Exudyn's item assumes of holes with friction: the derivative of the forces, but that all
+        stick in linearised systems; or that all stick, or that all slide on.
+    motors : tuple of Motor
+        Wind tendons; see `add_motor`. Their angles follow the coordinates of the nodes in those of Exudyn's item.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        system: SystemReference,
+        nodes: Sequence[Any],
+        model: ForceModel,
+        connectors: Connectors,
+        history: HistoryNodes,
+        has_mass: bool,
+        inextensible_stiffness: float = 1e5,
+        clamp: Clamp | None = None,
+    ) -> None:
+        self.name = name
+        self.system = system
+        self.nodes = list(nodes)
+        self.model = model
+        self.connectors = connectors
+        self.has_mass = has_mass
+        self.inextensible_stiffness = inextensible_stiffness
+        self.clamp = clamp
+        m = model.law.shape[0]
+        self.count = m
+        self.by_displacement: NDArray[np.bool_] = np.zeros(m, dtype=bool)
+        self.inputs: Inputs = np.zeros(m)
+        self.history_nodes = history
+        self.connected = True
+        self.holes: Holes = "present"
+        self.motors: tuple[Motor, ...] = ()
+        self._node_coordinates = NodeCoordinates(system, self.nodes)
+        self._scene_forces = SceneForces(self._node_coordinates, model)
+        self._backbone = IteratedBackbone(system, self._node_coordinates)
+        self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
+        self._no_jacobian = _container(np.zeros((7 * len(self.nodes),) * 2))
+        self._force_function: Any = 0
+
+    @property
+    def mbs(self) -> exu.MainSystem:
+        """The system that contains the robot."""
+        return self.system.mbs
+
+    @property
+    def mesh(self) -> BackboneMesh:
+        """The backbone."""
+        return self.model.mesh
+
+    @property
+    def geometry(self) -> CableGeometry | None:
+        """The tendons as cables; None where they follow the backbone."""
+        return self.model.geometry
+
+    @property
+    def law(self) -> TendonLaw:
+        """How tension passes along the tendons."""
+        return self.model.law
+
+    @property
+    def section(self) -> SectionForces | None:
+        """Forces inside the section; None where there are none."""
+        return self.model.section
+
+    # ------------------------------------------------------------------ configuration
+
+    @property
+    def coordinates(self) -> NDArray[np.int_]:
+        """Exudyn's ODE2 coordinate numbers of all nodes, shape (N, 7); needs an assembled system."""
+        return self._node_coordinates.numbers
+
+    def forget_coordinates(self) -> None:
+        """Read the nodes' coordinate numbers from Exudyn again, after another `Assemble`."""
+        self._node_coordinates.forget()
+        self._scene_forces.forget()
+        self._solved = None
+        self.history_nodes.forget_coordinates()
+
+    def scene_poses(self) -> tuple[Array, Array, Array]:
+        """Current positions (N, 3), rotations (N, 3, 3) in beam axes and Euler parameters (N, 4) in the scene."""
+        return self._node_coordinates.poses(self._node_coordinates.displacements())
+
+    # ------------------------------------------------------------------ history
+
+    @property
+    def history(self) -> RobotHistory:
+        """Committed history, as it is in the scene's current configuration."""
+        return self.history_nodes.read()
+
+    @property
+    def state(self) -> FrictionState:
+        """Committed friction history."""
+        return self.history.friction
+
+    @property
+    def base_tension(self) -> Array:
+        """Tension at the base in the last solved state [N], shape (m,)."""
+        return self.history.base_tension
+
+    @property
+    def prescribed(self) -> Array:
+        """Displacement prescribed in the last solved state [m], nan of tendons driven by tension; shape (m,)."""
+        return self.history.prescribed
+
+    def store(
+        self, friction: FrictionState, prescribed: Array, forces: TendonForces, everything: Array
+    ) -> None:
+        """Keep the history of a state solved elsewhere, as that of the current and of the initial configuration.
+
+        Parameters
+        ----------
+        friction
+            Its friction history.
+        prescribed
+            See `prescribed`.
+        forces
+            Its forces.
+        everything
+            Its coordinates, of the whole scene.
+        """
+        history = RobotHistory(
+            friction,
+            forces.base_tension,
+            prescribed,
+            stretch(
+                self.law, forces.field.tension, forces.measured.shape.lengths, self.inextensible_stiffness
+            ),
+        )
+        kept = self.history_nodes.write(history, forces.field.tension, forces.field.base_slip, initial=True)
+        self._solved = everything[self.coordinates], kept, forces
+
+    def reset(self) -> None:
+        """Reset the history to that of a robot that was never loaded."""
+        self.history_nodes.reset()
+
+    def friction_without_stretch(self) -> FrictionState:
+        """Friction history for a solver in which inextensible tendons do not stretch.
+
+        The slips of tendons that Exudyn's solvers drove by displacement are counted anew from the present
+        configuration, in which nothing has slipped since the history was committed.
+        """
+        history = self.history
+        stretched = ~np.isnan(history.prescribed) & (self.law.parameters.compliance == 0.0)
+        if not np.any(stretched & np.any(history.stretch != 0.0, axis=1)):
+            return history.friction
+        slip = self.current_forces().field.slip
+        return replace(history.friction, slip=np.where(stretched[:, None], slip, history.friction.slip))
+
+    # ------------------------------------------------------------------ forces
+
+    def input_values(self, t: float = 0.0, configuration: Any = exu.ConfigurationType.Current) -> Array:
+        """Tensions [N] and displacements [m] at the base, at time t, with what the motors have wound in the scene."""
+        values = values_at(self.inputs, t)
+        if not self.motors:
+            return values
+        data = self.mbs.systemData.GetODE2Coordinates(configuration, copy=False)
+        angles = np.array([data[self.mbs.GetNodeODE2Index(motor.node)] for motor in self.motors])
+        return wound(self.motors, values, angles, self.by_displacement)
+
+    def add_motor(self, motor: Motor) -> None:
+        """Let a motor wind a tendon, before ``mbs.Assemble()``; the tendon is then driven by displacement."""
+        self.motors = (*self.motors, motor)
+        self.by_displacement = self.by_displacement.copy()
+        self.by_displacement[motor.tendon] = True
+        nodes = [int(node) for node in (*self.nodes, *(motor.node for motor in self.motors))]
+        self.mbs.SetObjectParameter(self.connectors.forces, "nodeNumbers", nodes)
+
+    def current_forces(self) -> TendonForces:
+        """Forces in the scene's current configuration at the tensions and mobilisations of the history."""
+        history, coordinates = self.history, self._node_coordinates.displacements()
+        if self._solved is not None:
+            before, of, forces = self._solved
+            if of is history and np.array_equal(before, coordinates):
+                return forces
+        positions, rotations, _ = self._node_coordinates.poses(coordinates)
+        measured, friction = self.model.measure(positions, rotations), history.friction
+        forces = self.model.at_mobilisation(
+            measured, history.base_tension, friction.mobilisation, friction, friction.time
+        )
+        self._solved = coordinates, history, forces
+        return forces
+
+    @property
+    def displacements(self) -> Array:
+        """Tendon pulled in at the base [m], shape (m,): zero in the unloaded shape, just taut or with its pretension.
+
+        For a tendon driven by displacement this is the prescribed value, which a slack tendon does not follow.
+        """
+        prescribed = self.prescribed
+        return np.where(np.isnan(prescribed), self.current_forces().field.base_slip, prescribed)
+
+    # ------------------------------------------------------------------ Exudyn's own solvers
+
+    def forces_on_coordinates(self, displacements: Sequence[float], t: float) -> Array:
+        """Generalised forces of tendons and section on the coordinates of nodes and motors, shape (7 N + k,).
+
+        Parameters
+        ----------
+        displacements
+            Coordinates of the nodes, without reference values, then angles of the motors [rad], shape (7 N + k,).
+        t
+            Time [s].
+        """
+        if self.motors:
+            nodes, inputs = self._wound(displacements, t)
+            return self._scene_forces.generalized_with_motors(nodes, t, inputs, self._elastic(), self.motors)
+        return self._scene_forces.generalized(np.array(displacements), t, self.inputs, self._elastic())
+
+    def jacobian_on_coordinates(
+        self, displacements: Sequence[float], t: float, by_position: float, by_velocity: float
+    ) -> exu.MatrixContainer:
+        """Jacobian of the left-hand side, minus the forces, by the coordinates of the nodes.
+
+        Parameters
+        ----------
+        displacements, t
+            As in `forces_on_coordinates`.
+        by_position, by_velocity
+            Factors that Exudyn gives to derivatives by positions and velocities.
+
+        Raises
+        ------
+        ValueError
+            In a dynamic solver, where nothing of the robot has a mass.
+        """
+        if by_velocity != 0.0 and not self.has_mass:
+            raise ValueError(
+                f"robot {self.name!r} has no mass, so that its motion is not defined: give its backbone a density, its "
+                "disks a mass, or a tip mass; at rest, mbs.SolveTDCR solves it without"
+            )
+        if not self.connected:
+            return self._no_jacobian
+        if self.motors:
+            nodes, inputs = self._wound(displacements, t)
+            tangent = self._scene_forces.tangent_with_motors(nodes, t, inputs, self._elastic(), self.motors)
+        else:
+            nodes, tendons = np.array(displacements), self._elastic()
+            holes = self._assumed_holes(by_position, by_velocity)
+            tangent = self._scene_forces.tangent(nodes, t, self.inputs, tendons, holes)
+        # Both factors together are those of an iteration in time; derivatives for linearised systems are exact.
+        if by_velocity != 0.0 and by_position != 0.0:
+            excess = self._backbone.excess_tangent(self.mesh, nodes)
+            if excess is not None:
+                tangent[: nodes.size, : nodes.size] -= excess
+        tangent *= -by_position
+        return _container(tangent)
+
+    def _assumed_holes(self, by_position: float, by_velocity: float) -> Holes:
+        """What a Jacobian assumes of the holes; factors as in `jacobian_on_coordinates`.
+
+        Solvers ask with a negative factor, ``mbs.ComputeLinearizedSystem`` and ``mbs.ComputeODE2Eigenvalues`` with a
+        positive one: they want small vibrations, in which no hole slips beyond its presliding.
+        """
+        if self.holes == "present" and by_position > 0.0 and by_velocity == 0.0:
+            return "stuck"
+        return self.holes
+
+    def forces_by_inputs(self, stuck: bool) -> Array:
+        """Change of the generalised forces on the coordinates of the nodes with the inputs, shape (7 N, m).
+
+        In the scene's current configuration, at the tensions and mobilisations of the history: by tension [N] or by
+        displacement [m], as every tendon is driven.
+
+        Parameters
+        ----------
+        stuck
+            Whether every hole with friction sticks; else every one slides on.
+        """
+        return self._scene_forces.by_inputs(self._elastic(), stuck)
+
+    def _wound(self, displacements: Sequence[float], t: float) -> tuple[Array, Array]:
+        """Coordinates of the nodes, and inputs with what the motors have wound."""
+        moved, count = np.array(displacements), len(self.motors)
+        values = values_at(self.inputs, t)
+        return moved[:-count], wound(self.motors, values, moved[-count:], self.by_displacement)
+
+    def _elastic(self) -> ElasticTendons:
+        """The tendons as Exudyn's own solvers take them, with the history of the scene."""
+        return ElasticTendons(self.model, self.by_displacement, self.history, self.inextensible_stiffness)
+
+    def commit_scene(self, t: float) -> None:
+        """Commit the scene's current state, solved at time t [s], to the friction history."""
+        coordinates = self._node_coordinates.displacements().reshape(-1)
+        inputs = self.input_values(t) if self.motors else self.inputs
+        end = self._scene_forces.step_end(coordinates, t, inputs, self._elastic())
+        driven = self.by_displacement
+        stretched = stretch(self.law, end.tension, end.lengths, self.inextensible_stiffness)
+        history = RobotHistory(
+            end.friction,
+            end.base_tension,
+            np.where(driven, end.values, np.nan),
+            np.where(driven[:, None], self.history.stretch, stretched),
+        )
+        self.history_nodes.write(history, end.tension, end.base_slip)
+        self._show_shifts(end.offsets)
+
+    def attach(self, force_function: Callable[..., Any], jacobian_function: Callable[..., Any]) -> None:
+        """Give Exudyn's item its user functions."""
+        self._force_function = force_function
+        self.mbs.SetObjectParameter(self.connectors.forces, "forceUserFunction", force_function)
+        self.mbs.SetObjectParameter(self.connectors.forces, "jacobianUserFunction", jacobian_function)
+
+    def disconnect(self) -> None:
+        """Take the forces off Exudyn's item, for a solver that computes them itself."""
+        if self.connected:
+            self.connected = False
+            self.mbs.SetObjectParameter(self.connectors.forces, "forceUserFunction", 0)
+
+    def connect(self) -> None:
+        """Let Exudyn's item apply the forces again."""
+        if not self.connected:
+            self.connected = True
+            self.mbs.SetObjectParameter(self.connectors.forces, "forceUserFunction", self._force_function)
+            self._show_shifts(self.current_forces().measured.offsets)
+
+    def _show_shifts(self, offsets: Array | None) -> None:
+        """Draw the tendons where they lie in their holes."""
+        show_shifts(self.mbs, self.connectors, float(self.mesh.lengths[0]), offsets)
+
+
+def _container(matrix: Array) -> exu.MatrixContainer:
+    """A matrix for Exudyn: dense, because friction couples nearly all coordinates of a robot."""
+    container = exu.MatrixContainer()
+    container.SetWithDenseMatrix(matrix, useDenseMatrix=True)
+    return container

@@ -1,0 +1,186 @@
+"""Tangent of a robot's forces for Exudyn's own solvers: stuck holes and driven tendons are condensed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.forces import ForceModel, Measurement, TendonForces
+from tdcr_fe.elements.friction import TendonLaw
+from tdcr_fe.elements.native.history import RobotHistory
+
+Array = NDArray[np.float64]
+
+
+class ElasticTendons(NamedTuple):
+    """Tendons of a robot, those that are inextensible and driven by displacement with an elasticity.
+
+    In Exudyn's own solvers the tension is not an unknown, so every driven tendon must be elastic.
+    """
+
+    model: ForceModel  # With the tendons as they are
+    driven: NDArray[np.bool_]  # (m,): Which tendons have their displacement prescribed
+    history: RobotHistory  # At the beginning of the step
+    stiffness: float  # EA used for an inextensible tendon [N]
+
+    def law(self) -> TendonLaw:
+        """How tension passes along these tendons."""
+        law = self.model.law
+        parameters = law.parameters
+        inextensible = self.driven & (parameters.compliance == 0.0)
+        if not np.any(inextensible):
+            return law
+        return law.with_parameters(
+            compliance=np.where(inextensible, 1.0 / self.stiffness, parameters.compliance),
+            lengths=parameters.lengths + np.where(inextensible[:, None], self.history.stretch, 0.0),
+        )
+
+    def forces(self, measured: Measurement, values: Array, near: Array, t: float) -> TendonForces:
+        """Forces where the tension of tendons driven by displacement follows from their elasticity.
+
+        Parameters
+        ----------
+        measured
+            The configuration.
+        values
+            Inputs, tensions [N] and displacements [m] at the base, shape (m,).
+        near
+            Tensions at the base from which those of driven tendons are sought [N], shape (m,).
+        t
+            Time [s].
+        """
+        driven, state = self.driven, self.history.friction
+        if not np.any(driven):
+            return self.model.after(measured, values, state, t)
+        soft = self.law()
+        tension = np.where(driven, near, values)
+        for _ in range(60):
+            forces = self.model.after(measured, tension, state, t, soft)
+            change = (values - forces.field.base_slip) / forces.base_slip_by_base()
+            new = np.where(driven, np.maximum(tension + change, 0.0), tension)
+            moved = np.max(np.abs(new - tension))
+            tension = new
+            if moved <= 1e-12 * (1.0 + np.max(new)):
+                break
+        forces = self.model.after(measured, tension, state, t, soft)
+        pulled = driven & (tension > 0.0)
+        slope = np.where(pulled, -1.0 / forces.base_slip_by_base(), 0.0)
+        return forces._replace(base_response=slope[:, None] * forces.base_slip_by_holes())
+
+    def at_rest(self, measured: Measurement) -> TendonForces:
+        """Forces in a configuration at the tensions and mobilisations of the history."""
+        history, friction = self.history, self.history.friction
+        model = replace(self.model, law=self.law())
+        return model.at_mobilisation(
+            measured, history.base_tension, friction.mobilisation, friction, friction.time
+        )
+
+
+def stretch(law: TendonLaw, tension: Array, lengths: Array, stiffness: float) -> Array:
+    """Stretch, see `RobotHistory`, with which tendons of their own elasticity take over at these tensions [m], (m, n).
+
+    Parameters
+    ----------
+    law
+        Of the tendons as they are.
+    tension, lengths
+        Of the segments [N, m], shape (m, n).
+    stiffness
+        EA used for an inextensible tendon [N].
+    """
+    relative = tension / stiffness
+    stretched = -lengths * relative / (1.0 + relative)
+    parameters = law.parameters
+    stretched = np.where(parameters.mask, stretched, 0.0)
+    return np.where(parameters.compliance[:, None] == 0.0, stretched, 0.0)
+
+
+class Condensed(NamedTuple):
+    """Linear equations of the tensions at the base and the mobilisations, beside those of the nodes."""
+
+    driven: NDArray[np.int_]  # (d,): Tendons that are driven by displacement and taut
+    matrix: Array  # (d + h, d + h): By tensions at the base and mobilisations
+    by_nodes: Array  # (d + h, 6 N)
+    by_base: Array  # (d + h, m): By the tensions at the base of the other tendons, which are given
+    # (6 N, d + h): Change of the forces on the nodes with tensions at the base and mobilisations
+    columns: Array
+
+    @classmethod
+    def of(cls, forces: TendonForces, driven: NDArray[np.bool_], stuck: bool, size: int) -> Condensed:
+        """See `add_condensed`; ``size`` is 6 N."""
+        law = forces.model.law
+        which = np.flatnonzero(driven)
+        holes = int(np.count_nonzero(law.frictional)) if stuck and law.has_friction else 0
+        count = len(which) + holes
+        matrix, by_nodes = np.zeros((count, count)), np.zeros((count, size))
+        columns, by_base = np.zeros((size, count)), np.zeros((count, len(driven)))
+        first = slice(0, len(which))
+        if len(which):
+            matrix[first, first] = np.diag(forces.base_slip_by_base()[which])
+            by_nodes[first] = forces.base_slip_rows()[which]
+            columns[:, first] = forces.base_tension_columns()[:, which]
+        if holes:
+            rest = slice(len(which), count)
+            slip_by_nodes, slip_by_base, slip_by_mobilisation = forces.slip_rows()
+            matrix[first, rest] = forces.base_slip_by_mobilisation()[which]
+            matrix[rest, first] = slip_by_base[:, which]
+            matrix[rest, rest] = slip_by_mobilisation - law.presliding * np.eye(holes)
+            by_nodes[rest] = slip_by_nodes
+            by_base[rest] = slip_by_base
+            columns[:, rest] = forces.mobilisation_columns()
+        return cls(which, matrix, by_nodes, by_base, columns)
+
+
+def forces_by_inputs(
+    forces: TendonForces, by_displacement: NDArray[np.bool_], stuck: bool, size: int
+) -> Array:
+    """Change of the forces on the nodes with the inputs of the tendons, shape (6 N, m).
+
+    Parameters
+    ----------
+    forces
+        As in `add_condensed`.
+    by_displacement
+        Which tendons are driven by displacement, shape (m,); the others by tension. A slack one does not act.
+    stuck
+        As in `add_condensed`.
+    size
+        6 N.
+    """
+    taut = by_displacement & (forces.base_tension > 0.0)
+    condensed = Condensed.of(forces, taut, stuck, size)
+    given = -condensed.by_base
+    found: Array = np.zeros((size, len(taut)))
+    found[:, ~by_displacement] = forces.base_tension_columns()[:, ~by_displacement]
+    given[:, by_displacement] = 0.0
+    given[np.arange(len(condensed.driven)), condensed.driven] = 1.0
+    if len(given):
+        found += condensed.columns @ np.linalg.solve(condensed.matrix, given)
+    return found
+
+
+def add_condensed(k: Array, forces: TendonForces, driven: NDArray[np.bool_], stuck: bool) -> None:
+    """Add the change of tensions at the base and of mobilisations with the nodes to a tangent.
+
+    Without it the tangent is that at fixed tensions at the base and fixed mobilisations. The mobilisation of a hole
+    that sticks follows its slip, ``ds = du / delta``; a tendon that is driven by displacement keeps its displacement.
+    Both are linear equations beside those of the nodes, and are eliminated.
+
+    Parameters
+    ----------
+    k
+        By body-frame increments of the nodes, changed in place, shape (6 N, 6 N).
+    forces
+        At the mobilisations of a solved state; tendons that are driven by displacement are elastic.
+    driven
+        Which tendons are driven by displacement and taut, shape (m,).
+    stuck
+        Whether every frictional hole sticks; where not, every one slides on in its direction, or is at rest without
+        resistance.
+    """
+    condensed = Condensed.of(forces, driven, stuck, len(k))
+    if len(condensed.matrix):
+        k -= condensed.columns @ np.linalg.solve(condensed.matrix, condensed.by_nodes)

@@ -1,0 +1,144 @@
+"""Coordinates of Exudyn's nodes, the poses that follow from them, and generalised forces on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.backbone import NodeStiffness
+from tdcr_fe.elements.native.items import SystemReference
+from tdcr_fe.elements.poses import euler_rate_matrix, rotation_of_euler_parameters
+
+Array = NDArray[np.float64]
+
+
+class NodeCoordinates:
+    """Coordinates of the nodes of one backbone.
+
+    Parameters
+    ----------
+    system
+        The system.
+    nodes
+        Exudyn's numbers of the nodes, base first.
+    """
+
+    def __init__(self, system: SystemReference, nodes: Sequence[Any]) -> None:
+        self._system, self._nodes = system, nodes
+        self._numbers: NDArray[np.int_] | None = None
+        self._reference: Array | None = None
+
+    @property
+    def numbers(self) -> NDArray[np.int_]:
+        """Exudyn's ODE2 coordinate numbers of all nodes, shape (N, 7); needs an assembled system."""
+        if self._numbers is None:
+            first = np.array([self._system.mbs.GetNodeODE2Index(n) for n in self._nodes])
+            self._numbers = first[:, None] + np.arange(7)
+        return self._numbers
+
+    def forget(self) -> None:
+        """Read numbers and reference values from Exudyn again, after another `Assemble`."""
+        self._numbers = None
+        self._reference = None
+
+    @property
+    def reference(self) -> Array:
+        """Reference values of the coordinates, shape (N, 7).
+
+        Exudyn's own `GetODE2CoordinatesTotal` frees memory wrongly in 1.13.6 (beyond about 100 coordinates the
+        process aborts), so the sum of reference and displacement is formed here.
+        """
+        if self._reference is None:
+            data = self._system.mbs.systemData
+            everything = np.array(data.GetODE2Coordinates(exu.ConfigurationType.Reference))
+            self._reference = everything[self.numbers]
+        return self._reference
+
+    def displacements(self) -> Array:
+        """Current coordinates in the scene, without reference values, shape (N, 7)."""
+        data = self._system.mbs.systemData
+        moved: Array = data.GetODE2Coordinates(exu.ConfigurationType.Current, copy=False)
+        return moved[self.numbers]
+
+    def poses(self, displacements: Array) -> tuple[Array, Array, Array]:
+        """Positions (N, 3), rotations (N, 3, 3) in beam axes and Euler parameters (N, 4) of coordinates, (N, 7)."""
+        q = displacements + self.reference
+        e = q[:, 3:]
+        return q[:, :3], rotation_of_euler_parameters(e), e
+
+
+def twists_by_coordinates(rotations: Array, parameters: Array) -> Array:
+    """From rates of the coordinates of nodes to body-frame twists, shape (N, 6, 7).
+
+    Parameters
+    ----------
+    rotations, parameters
+        Rotation matrices (N, 3, 3) and Euler parameters (N, 4) of the nodes.
+    """
+    found = np.zeros((len(parameters), 6, 7))
+    found[:, :3, :3] = rotations.swapaxes(1, 2)
+    found[:, 3:, 3:] = 4.0 * euler_rate_matrix(parameters).swapaxes(1, 2)
+    return found
+
+
+def generalized_forces(wrenches: Array, rotations: Array, parameters: Array) -> Array:
+    """Generalised forces on the coordinates of nodes, shape (7 N,).
+
+    Parameters
+    ----------
+    wrenches
+        ``[f, m]`` on every node in its own frame [N, N m], shape (N, 6).
+    rotations, parameters
+        As in `twists_by_coordinates`.
+    """
+    found = np.empty((len(wrenches), 7))
+    found[:, :3] = (rotations @ wrenches[:, :3, None])[:, :, 0]
+    found[:, 3:] = 4.0 * (euler_rate_matrix(parameters) @ wrenches[:, 3:, None])[:, :, 0]
+    return found.reshape(-1)
+
+
+def add_neighbours(k: Array, stiffness: NodeStiffness, nodes: NDArray[np.int_]) -> None:
+    """Add the blocks of neighbours in a row of nodes to a matrix by body-frame increments, shape (6 N, 6 N)."""
+    blocks = k.reshape(len(k) // 6, 6, len(k) // 6, 6)
+    near, far = nodes[:-1], nodes[1:]
+    blocks[nodes, :, nodes, :] += stiffness.itself
+    blocks[near, :, far, :] += stiffness.after
+    blocks[far, :, near, :] += stiffness.after.swapaxes(1, 2)
+
+
+def generalized_tangent(k: Array, moments: Array, to_twist: Array) -> Array:
+    """Derivative of `generalized_forces` by the coordinates, shape (7 N, 7 N).
+
+    Parameters
+    ----------
+    k
+        ``H^T J H`` of this derivative ``J``, where ``H`` takes body-frame increments to coordinates; shape (6 N, 6 N).
+    moments
+        On every node in its own frame [N m], shape (N, 3). Along the Euler parameters themselves, which no increment
+        moves, the derivative follows from them alone, because the forces are linear in these parameters.
+    to_twist
+        See `twists_by_coordinates`.
+    """
+    n = len(to_twist)
+    blocks = k.reshape(n, 6, n, 6)
+    right = blocks.transpose(0, 2, 1, 3) @ to_twist[None]
+    found = to_twist.swapaxes(1, 2)[:, None] @ right
+    # Sum over the axes of the moment of a constant antisymmetric matrix: G(de)^T m as a matrix times de.
+    own = (moments @ _LINEAR).reshape(n, 4, 4)
+    tangent = 0.25 * to_twist[:, 3:, 3:].swapaxes(1, 2) @ to_twist[:, 3:, 3:]
+    every = np.arange(n)
+    found[every, every, 3:, 3:] += own - tangent.swapaxes(1, 2) @ own @ tangent
+    return found.transpose(0, 2, 1, 3).reshape(7 * n, 7 * n)
+
+
+#: ``(m @ _LINEAR).reshape(4, 4) @ e`` is ``4 H(e) m``, with ``H`` of `euler_rate_matrix`.
+_LINEAR: Array = np.stack(
+    [
+        4.0 * np.stack([euler_rate_matrix(unit)[:, axis] for unit in np.eye(4)], axis=1).ravel()
+        for axis in range(3)
+    ]
+)

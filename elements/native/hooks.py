@@ -1,0 +1,377 @@
+"""What all robots of a system share: their registry, the commit after every step, and the user's own functions.
+
+The forces act through items of their own (`tdcr_fe.elements.native.actuation`), so only one of Exudyn's system-wide
+functions is occupied, ``PostStep``. A function of the user that is set there, before or after the robots, is called
+from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import exudyn as exu
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.backbone import BackboneMesh
+from tdcr_fe.elements.native.actuation import TendonActuation
+from tdcr_fe.elements.native.items import RecordedItems, SystemReference, item_counts
+from tdcr_fe.elements.native.material_damping import MaterialDamping
+
+#: A step is tiny where it is shorter than this part of the one that was asked for [1].
+TINY = 0.01
+#: So many tiny steps in a row end a run; after a sudden change a few of them are taken.
+MOST = 50
+#: Relative tolerance of Newton's method that round-off hardly ever prevents [1].
+SAFE_TOLERANCE = 1e-7
+#: Key of the hooks in ``mbs.variables``.
+KEY = "tdcr_fe.hooks"
+
+
+#: Round-off of the forces of an element, over its axial stiffness times the length of the backbone [1].
+ROUND_OFF = 200.0 * float(np.finfo(float).eps)
+
+
+def round_off(mesh: BackboneMesh) -> float:
+    """Round-off of the generalised forces in the stiffest element of a backbone [N]."""
+    return ROUND_OFF * float(mesh.arc_lengths[-1]) * float(np.max(mesh.stiffness[:, 0] / mesh.lengths))
+
+
+class StepSizes:
+    """Sizes of the steps of the run under way."""
+
+    def __init__(self) -> None:
+        self._last = 0.0
+        self._tiny = 0
+
+    def check(self, mbs: exu.MainSystem, t: float, meshes: Sequence[BackboneMesh]) -> None:
+        """See a step that ended at a time [s].
+
+        Parameters
+        ----------
+        mbs
+            The system.
+        t
+            [s].
+        meshes
+            The backbones of its robots.
+
+        Raises
+        ------
+        RuntimeError
+            One of many tiny steps in a row, with tolerances below round-off; names what sets others.
+        """
+        size, self._last = t - self._last, t
+        solver, settings = mbs.sys.get("dynamicSolver"), mbs.sys.get("simulationSettings")
+        # Of a solver that ran before, as beside a static one, the time is another.
+        running = solver is not None and settings is not None and solver.it.currentTime == t
+        if not (running and meshes and 0.0 < size < TINY * _asked(settings)):
+            self._tiny = 0
+            return
+        self._tiny += 1
+        newton = settings.timeIntegration.newton
+        limit = max(round_off(mesh) for mesh in meshes)
+        if self._tiny < MOST or newton.relativeTolerance > SAFE_TOLERANCE or newton.absoluteTolerance > limit:
+            return
+        self._tiny = 0
+        raise RuntimeError(
+            f"{MOST} steps in a row were shorter than a hundredth of the step that was asked for, because Newton's "
+            f"tolerances (relative {newton.relativeTolerance:g}, absolute {newton.absoluteTolerance:g}) lie below the "
+            f"round-off of the backbone's forces ({limit:.1g} N); use arm.recommended_settings(end_time, step_size)"
+        )
+
+
+def _asked(settings: exu.SimulationSettings) -> float:
+    """Step size that settings ask for in time [s]."""
+    integration = settings.timeIntegration
+    return float(integration.endTime - integration.startTime) / max(1, int(integration.numberOfSteps))
+
+
+class PointLoadItem(Protocol):
+    """A concentrated load that a solver ramps from its last applied value to the value set since."""
+
+    #: Force [N] and moment [N m] in the last solved state, shape (6,).
+    applied: NDArray[np.float64]
+
+    @property
+    def numbers(self) -> tuple[int, int]:
+        """Numbers of its two loads of Exudyn."""
+        ...
+
+    @property
+    def nApplied(self) -> Any:
+        """Number of the data node of `applied`."""
+        ...
+
+    @property
+    def value(self) -> NDArray[np.float64]:
+        """Force [N] and moment [N m] as set, shape (6,)."""
+        ...
+
+    def set(self, force: NDArray[np.float64], moment: NDArray[np.float64]) -> None:
+        """Set force [N] and moment [N m], each of shape (3,)."""
+        ...
+
+    def keep(self) -> None:
+        """Make the last applied value that of the initial configuration, too."""
+        ...
+
+
+class StepObserver(Protocol):
+    """What is to see every solved step before its history is committed."""
+
+    #: Number of the data node in which it keeps what it has seen.
+    node: Any
+
+    def observe(self, t: float) -> None:
+        """See the step that ended at a time [s]."""
+        ...
+
+
+@dataclass(eq=False)
+class RobotInScene:
+    """One robot of a system, and what was added to it."""
+
+    actuation: TendonActuation
+    items: RecordedItems  # Items that must keep their numbers
+    point_loads: list[PointLoadItem] = field(default_factory=list)  # The concentrated loads on it
+    # What sees every step of Exudyn's own solvers before the history is committed
+    observers: list[StepObserver] = field(default_factory=list)
+
+    def add_load(self, load: PointLoadItem) -> None:
+        """Add a concentrated load."""
+        self.point_loads.append(load)
+        self.items = self.items.joined(
+            RecordedItems.of(self.actuation.mbs, [], [load.nApplied], load.numbers)
+        )
+
+    def add_observer(self, observer: StepObserver) -> None:
+        """Let an observer see every step."""
+        self.observers.append(observer)
+        self.items = self.items.joined(RecordedItems.of(self.actuation.mbs, [], [observer.node]))
+
+
+class SceneHooks:
+    """Robots of one system, and the functions that Exudyn calls for them.
+
+    Parameters
+    ----------
+    mbs
+        The system.
+
+    Attributes
+    ----------
+    system : SystemReference
+        Shared by all items of the robots.
+    robots : list of RobotInScene
+    """
+
+    def __init__(self, mbs: exu.MainSystem) -> None:
+        self.system = SystemReference(mbs)
+        self.robots: list[RobotInScene] = []
+        #: How many items there were when their numbers were last checked.
+        self._counts = item_counts(mbs)
+        self._step_sizes = StepSizes()
+        self._users_post_step: Callable[..., Any] | None = None
+        # One bound method: each access to the attribute makes another.
+        self._own_post_step = self._after_step
+
+    @classmethod
+    def of(cls, mbs: exu.MainSystem) -> SceneHooks:
+        """The hooks of a system, created at the first call."""
+        if KEY not in mbs.variables:
+            mbs.variables[KEY] = cls(mbs)
+        hooks = mbs.variables[KEY]
+        assert isinstance(hooks, cls)
+        hooks.system.bind(mbs)
+        hooks._check_items()
+        hooks.adopt(mbs)
+        return hooks
+
+    @property
+    def actuations(self) -> list[TendonActuation]:
+        """The robots in the system."""
+        return [robot.actuation for robot in self.robots]
+
+    @property
+    def point_loads(self) -> list[PointLoadItem]:
+        """The concentrated loads on all robots."""
+        return [load for robot in self.robots for load in robot.point_loads]
+
+    def robot(self, actuation: TendonActuation) -> RobotInScene:
+        """The robot of an actuation."""
+        return next(each for each in self.robots if each.actuation is actuation)
+
+    @staticmethod
+    def has(mbs: exu.MainSystem, actuation: TendonActuation) -> bool:
+        """Whether a robot is known to a system; installs nothing."""
+        hooks = mbs.variables.get(KEY)
+        if not isinstance(hooks, SceneHooks):
+            return False
+        hooks._check_counts()
+        return any(each is actuation for each in hooks.actuations)
+
+    def _check_counts(self) -> None:
+        """`_check_items` where items were added or deleted since."""
+        if item_counts(self.system.mbs) != self._counts:
+            self._check_items()
+
+    def _check_items(self) -> None:
+        """Forget robots whose items were deleted, or removed by ``mbs.Reset()``, which leaves ``mbs.variables``."""
+        mbs = self.system.mbs
+        changed = [robot for robot in self.robots if not robot.items.unchanged(mbs)]
+        present = [robot for robot in changed if not robot.items.removed(mbs)]
+        if present:
+            raise ValueError(
+                f"robot {present[0].actuation.name!r}: its items have other numbers in the system than when it was "
+                "made, because items were deleted; delete items before CreateTDCR, or build the system again"
+            )
+        if changed:
+            self.robots = [robot for robot in self.robots if robot not in changed]
+        self._counts = item_counts(mbs)
+
+    def add(self, actuation: TendonActuation, damping: MaterialDamping | None = None) -> None:
+        """Add a robot, and give its force items the functions that Exudyn calls.
+
+        Parameters
+        ----------
+        actuation
+            Tendons, friction and section forces of the robot.
+        damping
+            Of the material of its backbone; None where there is none.
+        """
+
+        def forces(t: float, q: Sequence[float], q_t: Sequence[float]) -> Any:
+            self._check_counts()
+            self.adopt(self.system.mbs)
+            return actuation.forces_on_coordinates(q, t)
+
+        def jacobian(t: float, q: Sequence[float], q_t: Sequence[float], factors: tuple[float, float]) -> Any:
+            return actuation.jacobian_on_coordinates(q, t, *factors)
+
+        actuation.attach(*user_functions(forces, jacobian))
+        if damping is not None:
+            self._attach_damping(actuation, damping)
+        nodes = (actuation.nodes[0], actuation.nodes[-1], *actuation.history_nodes.nodes[-1:])
+        items = RecordedItems.of(self.system.mbs, [actuation.connectors.forces], nodes)
+        self.robots.append(RobotInScene(actuation, items))
+
+    def _attach_damping(self, actuation: TendonActuation, damping: MaterialDamping) -> None:
+        """Give the item of the material damping its functions; the stiffness is the present one of the robot."""
+
+        def forces(t: float, q: Sequence[float], q_t: Sequence[float]) -> Any:
+            return damping.forces(actuation.mesh.twist_stiffness, np.array(q), np.array(q_t))
+
+        def jacobian(t: float, q: Sequence[float], q_t: Sequence[float], factors: tuple[float, float]) -> Any:
+            return damping.jacobian(actuation.mesh.twist_stiffness, np.array(q), np.array(q_t), *factors)
+
+        of_force, of_jacobian = user_functions(forces, jacobian)
+        mbs = self.system.mbs
+        mbs.SetObjectParameter(damping.item, "forceUserFunction", of_force)
+        mbs.SetObjectParameter(damping.item, "jacobianUserFunction", of_jacobian)
+
+    def adopt(self, mbs: exu.MainSystem) -> None:
+        """Install the function after every step; one that the user has set since is called from it."""
+        present = _function(mbs.GetPostStepUserFunction())
+        if present is self._own_post_step:
+            return
+        # None is there before the first call, and where the user has taken all functions away.
+        self._users_post_step = present
+        mbs.SetPostStepUserFunction(self._own_post_step)
+
+    def user_function(self, kind: str) -> Callable[..., Any] | None:
+        """The user's own function of a kind ("PreStep", "PreNewtonResidual", "SystemJacobian", "PostStep"), or None."""
+        mbs = self.system.mbs
+        if kind == "PostStep":
+            self.adopt(mbs)
+            return self._users_post_step
+        return _function(getattr(mbs, f"Get{kind}UserFunction")())
+
+    @contextmanager
+    def without_post_step(self) -> Iterator[None]:
+        """Disable the function after every step: Exudyn's solvers call it when they are initialised."""
+        mbs = self.system.mbs
+        self.adopt(mbs)
+        mbs.SetPostStepUserFunction(0)
+        try:
+            yield
+        finally:
+            mbs.SetPostStepUserFunction(self._own_post_step)
+
+    def refuse_motors(self, function: str) -> None:
+        """Refuse a scene with motors, which only Exudyn's own solvers turn.
+
+        Raises
+        ------
+        ValueError
+            Names the function and the robot.
+        """
+        for actuation in self.actuations:
+            if actuation.motors:
+                raise ValueError(
+                    f"{function}: a tendon of robot {actuation.name!r} is wound by a motor (add_motor); "
+                    "mbs.SolveDynamic solves such scenes"
+                )
+
+    def user_jacobian(self, t: float) -> np.ndarray | None:
+        """The user's own part of the system Jacobian, dense, or None."""
+        user = self.user_function("SystemJacobian")
+        if user is None:
+            return None
+        return np.asarray(user(self.system.mbs, t, 1.0, 0.0, 1.0).Convert2DenseMatrix(), dtype=float)
+
+    def _after_step(self, mbs: exu.MainSystem, t: float) -> bool:
+        self._check_counts()
+        self._step_sizes.check(mbs, t, [robot.actuation.mesh for robot in self.robots])
+        for robot in self.robots:
+            for observer in robot.observers:
+                observer.observe(t)
+            robot.actuation.commit_scene(t)
+            for load in robot.point_loads:
+                load.applied = load.value
+        return True if self._users_post_step is None else bool(self._users_post_step(mbs, t))
+
+
+def user_functions(
+    forces: Callable[[float, Sequence[float], Sequence[float]], Any],
+    jacobian: Callable[[float, Sequence[float], Sequence[float], tuple[float, float]], Any],
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """User functions of an object of Exudyn for its forces and their Jacobian.
+
+    An iteration that diverges may overflow, without a warning: the solver sees the result and takes a smaller step.
+
+    Parameters
+    ----------
+    forces
+        Of time, coordinates and velocities.
+    jacobian
+        Of the same, and the factors that Exudyn gives to derivatives by positions and velocities.
+    """
+
+    def of_force(mbs: exu.MainSystem, t: float, item: int, q: Sequence[float], q_t: Sequence[float]) -> Any:
+        with np.errstate(all="ignore"):
+            return forces(t, q, q_t)
+
+    def of_jacobian(
+        mbs: exu.MainSystem,
+        t: float,
+        item: int,
+        q: Sequence[float],
+        q_t: Sequence[float],
+        by_position: float,
+        by_velocity: float,
+    ) -> Any:
+        with np.errstate(all="ignore"):
+            return jacobian(t, q, q_t, (by_position, by_velocity))
+
+    return of_force, of_jacobian
+
+
+def _function(present: Any) -> Callable[..., Any] | None:
+    """The return value of one of Exudyn's getters, as a Python function or None."""
+    if isinstance(present, dict):
+        present = present.get("function")
+    return present if callable(present) else None

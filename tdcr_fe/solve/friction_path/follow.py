@@ -1,0 +1,460 @@
+"""The friction path through a substep: rates are integrated from event to event.
+
+A mobilisation is an elastic-plastic function of the slip at its hole. A substep solved as a whole is exact where every
+slip is monotone: changes from stick to slip cost nothing. Only a slip that reverses within the substep makes the result
+depend on how it was reached: the mobilisation then counts from the slip where it reversed, not from that at the start.
+
+The slips are known as functions of load factor, mobilisations and tensions at the base (`InterpolatedSlips`). Their
+rates are integrated segment by segment. A path segment ends at an event: a hole begins to slip, its slip reverses, a
+tendon driven by displacement becomes slack or taut; or where the rates are no longer linear. Complements that should be
+constant drift by the errors of the path segments. Wherever the slips are evaluated anew, one Newton step on the free
+unknowns takes the drift away (the projection of a constrained integration; E. Hairer, G. Wanner, Solving Ordinary
+Differential Equations II (1996), sec. VII.2). Documentation: page "Theory", section "Finding reversals", which also has
+a table of what the constants below change.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.compiled import compilable, compiled_as, is_compiled, run_compiled
+from tdcr_fe.elements.complementarity import largest, largest_magnitude, smallest
+from tdcr_fe.solve.friction_path.path import (
+    FrictionPath,
+    PathSegment,
+    PathSegments,
+    empty_path,
+    end_of_segment,
+    set_segment,
+)
+from tdcr_fe.solve.friction_path.rates import (
+    Bounds,
+    PathUnknowns,
+    Rates,
+    SlipState,
+    columns_of,
+    constant_rates,
+    distance_to_bound,
+    distance_to_curved_bound,
+    distance_to_reversal,
+    distance_to_tautness,
+    extrapolated,
+    factorised,
+    fixed_by_slack,
+    left_branch,
+    linear_rates,
+    sides,
+    solve_rates,
+    solved_transposed,
+    some_columns,
+    tension_columns,
+    with_changed,
+)
+from tdcr_fe.solve.friction_path.slips import complement_rates, slips_at
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Index = NDArray[np.int_]
+
+#: Longest path segment, over which rates are taken as linear in the load factor; and the longest where the cubes of the
+#: load factor in the slips are below `OVERSHOOT` of the presliding distance [1].
+LONGEST_SEGMENT, LONGEST_SMOOTH_SEGMENT = 0.12, 0.5
+#: Where the next event is nearer than this, rates are taken as constant up to it [1].
+CONSTANT_RATES_SEGMENT = 0.02
+#: Derivatives of the slips are used again up to this change of the tensions, over the largest [1], and up to a change
+#: of the load factor of `CONSTANT_RATES_SEGMENT`.
+REUSED_TENSION_CHANGE = 0.02
+#: Fraction of these two limits within which derivatives may still show that a slip reverses [1]. With all of them, the
+#: largest error of twenty random robots was twice as large (documentation, page "Theory").
+REUSED_FOR_REVERSAL = 0.25
+#: Shortest path segment: events nearer to each other are taken one after the other over it [1].
+SHORTEST_SEGMENT = 1e-5
+#: Derivatives of the rates are differences over this fraction of the longest path segment, or over that in which a
+#: mobilisation changes by so much, if it is shorter [1].
+SLOPE_SEGMENT, SLOPE_CHANGE = 0.5, 0.5
+#: Slip beyond a reversal that was not foreseen, over the presliding distance, which is left as it is; where it is more,
+#: the path segment is shortened [1].
+OVERSHOOT = 1e-4
+#: By which fraction of itself a path segment is shortened at most at once [1], and how often in succession.
+MOST_SHORTENED, MOST_SHORTENINGS = 0.75, 4
+#: Round-off of load factors [1].
+ROUND_OFF = 1e-12
+
+
+class FreeUnknowns(NamedTuple):
+    """Unknowns inside their bounds at the end of a path segment, as they would be without the bounds."""
+
+    which: Index  # (f,): Their numbers
+    values: Array  # (f,): [1, N]
+
+
+class Constraints(NamedTuple):
+    """The complements that stay constant along a path; the arrays are changed on the way."""
+
+    free: Flags  # (n,): Unknowns inside their bounds
+    complement: Array  # (n,): What their complements are to be [m]
+    at_bound: Flags  # (n,): Which of them were at a bound before the last correction
+
+
+@compilable
+def no_free_unknowns() -> FreeUnknowns:
+    """No unknowns inside their bounds."""
+    return FreeUnknowns(np.zeros(0, dtype=np.int64), np.zeros(0))
+
+
+@compilable
+def no_constraints(count: int) -> Constraints:
+    """At the start of a path with so many unknowns."""
+    return Constraints(np.zeros(count, dtype=np.bool_), np.zeros(count), np.zeros(count, dtype=np.bool_))
+
+
+@compilable
+def fraction_inside(unclipped: FreeUnknowns, start: Array, bounds: Bounds) -> float:
+    """Fraction of a path segment over which unknowns that begin it at given values are inside their bounds [1]."""
+    which = unclipped.which
+    if not which.size:
+        return 1.0
+    moved = unclipped.values - start[which]
+    room = np.where(moved > 0.0, bounds.upper[which], bounds.lower[which]) - start[which]
+    return smallest(np.where(np.abs(moved) > np.abs(room), room / moved, 1.0))
+
+
+@compilable
+def set_free(
+    constraints: Constraints, free: Flags, z: Array, state: SlipState, unknowns: PathUnknowns
+) -> None:
+    """From a state on, the complements of these unknowns are constant: those newly free keep the present value."""
+    new = (free & ~constraints.free).nonzero()[0]
+    if new.size:
+        constraints.complement[new] = state.slip[new] - state.derivatives.elastic_slip[new] * z[new]
+        # A tendon under tension has no slack.
+        constraints.complement[unknowns.holes :] = 0.0
+    constraints.free[:] = free
+
+
+@compilable
+def projected(
+    constraints: Constraints, z: Array, state: SlipState, unknowns: PathUnknowns
+) -> tuple[Array, SlipState, FreeUnknowns]:
+    """Unknowns without drift.
+
+    A free unknown that came to its bound too early is moved back once only: else its way there might never end.
+
+    Parameters
+    ----------
+    kept
+        The complements that are constant.
+    z
+        Unknowns, shape (n,).
+    state
+        Slips there, newly evaluated.
+    unknowns
+        Of the path.
+
+    Returns
+    -------
+    unknowns : ndarray, shape (n,)
+    state : SlipState
+        Slips there.
+    unclipped : Unclipped
+        What the free unknowns would be without bounds.
+    """
+    free = constraints.free.nonzero()[0]
+    if not free.size:
+        return z, state, no_free_unknowns()
+    here, bounds = z[free], unknowns.bounds
+    drift = state.slip[free] - state.derivatives.elastic_slip[free] * here - constraints.complement[free]
+    columns = columns_of(state.derivatives, free)
+    change = solved_transposed(factorised(some_columns(columns, free)), drift)
+    unclipped = FreeUnknowns(free, here + change)
+    at_bound = sides(bounds, z)[free] != 0.0
+    change = np.where(at_bound & constraints.at_bound[free], 0.0, change)
+    constraints.at_bound[free] = at_bound
+    moved = np.minimum(np.maximum(here + change, bounds.lower[free]), bounds.upper[free])
+    new = z.copy()
+    new[free] = moved
+    return new, with_changed(state, free, columns, moved - here), unclipped
+
+
+class Slips(Protocol):
+    """Slips as functions of load factor, mobilisations and tensions, as `slip_model.InterpolatedSlips`."""
+
+    @property
+    def presliding(self) -> float:
+        """Presliding distance [m]."""
+        ...
+
+    @property
+    def breakpoints(self) -> Array:
+        """Load factors up to which the slips are smooth, ascending; the last one is 1 [1]."""
+        ...
+
+    @property
+    def cubic_coefficient(self) -> float:
+        """Largest coefficient of the cube of the load factor in the slips [m]."""
+        ...
+
+    @property
+    def compilable(self) -> bool:
+        """Whether compiled functions take them."""
+        ...
+
+    def at(self, factor: float, z: Array, tension: Array) -> SlipState:
+        """Slips and derivatives at a load factor, unknowns, and about these tensions of the segments."""
+        ...
+
+    def branches(self, z: Array, tension: Array) -> Flags:
+        """Flags that change where the derivatives of the tensions jump; none where they never do."""
+        ...
+
+    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """Load factor from here to where these flags change at constant rates [1]."""
+        ...
+
+    def complement_rates(
+        self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
+    ) -> tuple[bool, Array]:
+        """Rates of the complements at given rates of the unknowns [m]; and whether derivatives have not jumped."""
+        ...
+
+
+class _Evaluation(NamedTuple):
+    """Where the derivatives of the slips were evaluated."""
+
+    factor: float  # Load factor [1]
+    tension: Array  # (q,): Of the segments [N]
+    largest: float  # Largest tension [N]
+
+
+class _LastReversals(NamedTuple):
+    """Where slips reversed last, see `FrictionPath`; the arrays are filled on the way."""
+
+    slip: Array
+    mobilisation: Array
+    factor: Array
+
+
+def follow_friction(slips: Slips, mobilisation: Array, base_tension: Array, tension: Array) -> FrictionPath:
+    """Follow the friction states through a substep.
+
+    Parameters
+    ----------
+    slips
+        In the substep.
+    mobilisation
+        Of the frictional holes at its start [1], shape (k,).
+    base_tension
+        Tensions at the base there of tendons driven by displacement [N], shape (c,).
+    tension
+        Of the segments there [N], shape (q,).
+    """
+    unknowns = PathUnknowns.of(slips.presliding, len(mobilisation), base_tension, tension)
+    z = np.append(mobilisation, base_tension)
+    given = slips, unknowns, z, tension, slips.breakpoints, _longest_segment(slips)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        fast = slips.compilable and is_compiled()
+        found = run_compiled(_integrated, *given) if fast else _integrated(*given)
+    end, last, path, count, complete = found
+    return FrictionPath(
+        end, last.slip, last.mobilisation, last.factor, complete, path.first(count), unknowns.bounds
+    )
+
+
+def _integrated(
+    slips: Slips, unknowns: PathUnknowns, z: Array, tension: Array, breakpoints: Array, longest: float
+) -> tuple[Array, _LastReversals, PathSegments, int, bool]:
+    """Integrate the friction states."""
+    holes, most, factor, count, passed = unknowns.holes, 50 + 6 * len(z), 0.0, 0, 0
+    path, constraints = empty_path(most, len(z), len(tension)), no_constraints(len(z))
+    last = _LastReversals(np.zeros(holes), z[:holes].copy(), np.zeros(holes))
+    state = evaluated(slips, factor, z, tension)
+    tension, start_slip, unclipped = state.tension, state.slip, no_free_unknowns()
+    evaluation, known, shortenings = _Evaluation(factor, tension, largest(tension)), True, 0
+    for _ in range(most):
+        if not known:
+            state = evaluated(slips, factor, z, tension)
+            tension, known = state.tension, True
+            evaluation = _Evaluation(factor, tension, largest(tension))
+            z, state, unclipped = projected(constraints, z, state, unknowns)
+        side, slack = sides(unknowns.bounds, z), np.maximum(-state.slip[holes:], 0.0)
+        fixed = fixed_by_slack(unknowns, slack)
+        rates = solve_rates(state.derivatives, side, fixed, unknowns.scale, unknowns.tolerance)
+        if not (rates.found and isfinite(rates.complement.dot(rates.complement))):
+            break
+        turned = ((rates.side == 0.0) & (side != 0.0))[:holes].nonzero()[0]
+        if turned.size and not _is_near(evaluation, factor, tension, REUSED_FOR_REVERSAL):
+            known = False
+            continue
+        if turned.size and count > 0 and shortenings < MOST_SHORTENINGS:
+            # Slips that reverse here may have done so before.
+            fraction = _fraction_before_reversal(state, path, count - 1, turned, side, unclipped, unknowns)
+            if fraction < 1.0:
+                path.length[count - 1] *= fraction
+                factor, z, tension = end_of_segment(path, count - 1, unknowns.bounds)
+                known, shortenings = False, shortenings + 1
+                continue
+        if turned.size:
+            last.slip[turned], last.mobilisation[turned] = (state.slip - start_slip)[turned], side[turned]
+            last.factor[turned] = factor
+        shortenings = 0
+        set_free(constraints, rates.side == 0.0, z, state, unknowns)
+        if factor >= breakpoints[passed] - ROUND_OFF:
+            passed += 1
+            if passed == len(breakpoints):
+                return z, last, path, count, True
+        left = breakpoints[passed] - factor
+        finite, curved, segment = _next_segment(
+            slips, unknowns, factor, z, state, rates, slack, min(left, longest)
+        )
+        if not finite:
+            break
+        set_segment(path, count, segment)
+        factor, z, tension = end_of_segment(path, count, unknowns.bounds)
+        count += 1
+        reused = not curved and factor < breakpoints[passed] - ROUND_OFF
+        known = reused and _is_near(evaluation, factor, tension, 1.0)
+        known = known and not left_branch(state.derivatives, branches_of(slips, z, tension))
+        if known:
+            state = extrapolated(state, segment.length, tension, rates.rate, rates.complement)
+            unclipped = no_free_unknowns()
+    return z, last, path, count, False
+
+
+@compilable
+def _is_near(evaluation: _Evaluation, factor: float, tension: Array, fraction: float) -> bool:
+    """Whether another load factor and other tensions are within a fraction of the limits of reuse."""
+    if factor - evaluation.factor > fraction * CONSTANT_RATES_SEGMENT:
+        return False
+    limit = fraction * REUSED_TENSION_CHANGE * evaluation.largest
+    return bool(largest_magnitude(tension - evaluation.tension) <= limit)
+
+
+@compilable
+def _next_segment(
+    slips: Slips,
+    unknowns: PathUnknowns,
+    factor: float,
+    z: Array,
+    state: SlipState,
+    rates: Rates,
+    slack: Array,
+    longest: float,
+) -> tuple[bool, bool, PathSegment]:
+    """Whether numbers are finite, whether rates change within the path segment, and that up to the next event."""
+    holes, bounds, free = unknowns.holes, unknowns.bounds, rates.free
+    event = distance_to_bound(rates, z, bounds)
+    curved, finite, linear = event > CONSTANT_RATES_SEGMENT, True, constant_rates(rates)
+    tension_rate = state.derivatives.tension_by_load
+    if free.size:
+        tension_rate = tension_rate + rates.rate[free].dot(tension_columns(state.derivatives, free))
+    if curved:
+        curved, slope = _slope(slips, factor, z, state, rates, tension_rate, longest, holes)
+        if curved:
+            linear, finite = linear_rates(rates, slope), isfinite(slope.dot(slope))
+            event = distance_to_curved_bound(linear, free, z, bounds)
+            event = min(event, distance_to_reversal(linear, unknowns.tolerance, holes))
+        else:
+            longest = min(longest, CONSTANT_RATES_SEGMENT)
+    if slack.size:
+        event = min(event, distance_to_tautness(linear, slack, holes))
+    event = min(event, distance_to_branch_change(slips, z, linear.rate, state.tension, tension_rate))
+    length = min(longest, max(SHORTEST_SEGMENT, event))
+    return finite, curved, PathSegment(factor, length, z, linear, state.tension, tension_rate)
+
+
+@compilable
+def _slope(
+    slips: Slips,
+    factor: float,
+    z: Array,
+    state: SlipState,
+    rates: Rates,
+    tension_rate: Array,
+    longest: float,
+    holes: int,
+) -> tuple[bool, Array]:
+    """Derivative by the load factor of the rates of the complements at constant rates of the unknowns [m].
+
+    And before it, whether there is one: not where the rates jump. Parameters are those of `_next_segment`.
+    """
+    fastest = largest_magnitude(rates.rate[:holes])
+    length = min(SLOPE_SEGMENT * LONGEST_SEGMENT, longest, SLOPE_CHANGE / max(fastest, SLOPE_CHANGE))
+    there, tension = z + length * rates.rate, state.tension + length * tension_rate
+    smooth, ahead = complement_rates_of(slips, factor + length, there, tension, rates.rate, state)
+    return smooth, (ahead - rates.complement) / length
+
+
+@compilable
+def _fraction_before_reversal(
+    state: SlipState,
+    path: PathSegments,
+    i: int,
+    turned: Index,
+    side: Array,
+    unclipped: FreeUnknowns,
+    unknowns: PathUnknowns,
+) -> float:
+    """Fraction of a path segment over which slips kept their direction [1].
+
+    1 where the slip after their reversals makes no difference. Rates are taken as linear between those at both ends
+    of the path segment. Slips also reverse where a free unknown of another hole comes to its bound within it.
+    """
+    length, negligible = path.length[i], OVERSHOOT * unknowns.presliding
+    # The rates just before its end, where nothing had turned or come to a bound.
+    free, rate = (path.rates.side[i] == 0.0).nonzero()[0], state.derivatives.by_load
+    if free.size:
+        columns = columns_of(state.derivatives, free)
+        of_free = solved_transposed(factorised(some_columns(columns, free)), rate[free])
+        rate = rate - of_free.dot(columns)
+    complement, direction = path.rates.complement[i][turned], side[turned]
+    before = np.maximum(direction * complement, 0.0)
+    after = np.maximum(-direction * rate[turned], 0.0)
+    passed = after / np.maximum(before + after, 1e-300)
+    # Unknowns that only came to their bound at the end have no rate before it.
+    matters = (0.5 * after * passed * length > negligible) & (path.rates.side[i][turned] != 0.0)
+    fraction = 1.0 - largest(np.where(matters, passed, 0.0))
+    inside = fraction_inside(unclipped, path.unknowns[i], unknowns.bounds)
+    if (1.0 - inside) * length * largest_magnitude(complement) > negligible:
+        fraction = min(fraction, inside)
+    return max(fraction, 1.0 - MOST_SHORTENED)
+
+
+def _longest_segment(slips: Slips) -> float:
+    """Largest part of a substep over which slip rates are taken as linear in the load factor [1]."""
+    smooth = float(np.cbrt(OVERSHOOT * slips.presliding / max(slips.cubic_coefficient, 1e-300)))
+    return min(LONGEST_SMOOTH_SEGMENT, max(LONGEST_SEGMENT, smooth))
+
+
+# Compiled functions know the interpolated slips, and no others.
+
+
+@compiled_as(slips_at)
+def evaluated(slips: Slips, factor: float, z: Array, tension: Array) -> SlipState:
+    """See `Slips.at`."""
+    return slips.at(factor, z, tension)
+
+
+@compiled_as(complement_rates)
+def complement_rates_of(
+    slips: Slips, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
+) -> tuple[bool, Array]:
+    """See `Slips.complement_rates`."""
+    return slips.complement_rates(factor, z, tension, rate, near)
+
+
+@compiled_as(lambda slips, z, tension: np.zeros(0, dtype=np.bool_))
+def branches_of(slips: Slips, z: Array, tension: Array) -> Flags:
+    """See `Slips.branches`."""
+    return slips.branches(z, tension)
+
+
+@compiled_as(lambda slips, z, rate, tension, tension_rate: np.inf)
+def distance_to_branch_change(
+    slips: Slips, z: Array, rate: Array, tension: Array, tension_rate: Array
+) -> float:
+    """See `Slips.distance_to_branch_change`."""
+    return slips.distance_to_branch_change(z, rate, tension, tension_rate)

@@ -1,0 +1,464 @@
+"""Rates of mobilisations, slips and tensions at one load factor, and the distance to the next event.
+
+The unknowns ``z`` are the mobilisations of holes [1], in [-1, 1], and the tensions at the base of tendons driven by
+displacement [N], from 0 on. To each belongs a complement ``w`` [m]: of a hole its plastic slip, which is the slip less
+its elastic part (presliding distance times mobilisation); of a tendon minus its slack. Inside the bounds of ``z`` the
+complement is constant, at the upper bound it can only grow, at the lower one only fall. Its derivative by the load
+factor is ``load - matrix z'``. Documentation: page "Theory", section "Finding reversals".
+
+Small systems of equations are solved by LAPACK. Compiled functions (`tdcr_fe.compiled`) cannot call it one part at a
+time and take the inverse.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dgetrf, dgetrs
+
+from tdcr_fe.compiled import compilable, compiled_as
+from tdcr_fe.elements.complementarity import MOST_IDLE_BLOCKS, exchanged, largest, smallest
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int_]
+Flags = NDArray[np.bool_]
+
+#: Distance from a bound that is round-off, over the size of the unknown [1].
+NEAR_BOUND = 1e-12
+#: Upper bound of tensions, beyond all that occur [N].
+UNBOUNDED = 1e100
+#: Slip rates below this fraction of the presliding distance per substep are zero [1].
+RATE_TOLERANCE = 1e-4
+#: Smallest tension by which those at the base are scaled to lengths [N].
+LEAST_SCALE = 1e-3
+
+
+class SmallFactors(NamedTuple):
+    """A factorised matrix."""
+
+    lu: Array  # (n, n): LU factors of the transposed matrix; the inverse in compiled functions
+    pivots: NDArray[np.int32]  # (n,): Rows exchanged; not used with the inverse
+    singular: bool
+
+
+def _inverse(matrix: Array) -> SmallFactors:
+    inverse: Any = np.linalg.inv(matrix.T).T
+    return SmallFactors(inverse, np.zeros(0, dtype=np.int32), False)
+
+
+@compiled_as(_inverse)
+def factorised(matrix: Array) -> SmallFactors:
+    """Factors of a matrix whose rows lie in memory one after the other; it is overwritten."""
+    # LAPACK has matrices column by column: it takes the transposed one without a copy.
+    lu, pivots, singular = dgetrf(matrix.T, overwrite_a=True)
+    return SmallFactors(lu, pivots, singular != 0)
+
+
+@compiled_as(lambda: SmallFactors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False))
+def no_factors() -> SmallFactors:
+    """Of a matrix without rows."""
+    return _NO_FACTORS
+
+
+@compiled_as(lambda factors, right: factors.lu.dot(right))
+def solved(factors: SmallFactors, right: Array) -> Array:
+    """Solution ``x`` of ``matrix x = right``, shape (n,)."""
+    found: Array = dgetrs(factors.lu, factors.pivots, right, trans=1)[0]
+    return found
+
+
+@compiled_as(lambda factors, rows: rows.dot(factors.lu.T))
+def solved_rows(factors: SmallFactors, rows: Array) -> Array:
+    """The same for every row of an array, shape (i, n)."""
+    found: Array = dgetrs(factors.lu, factors.pivots, rows.T, trans=1)[0].T
+    return found
+
+
+@compiled_as(lambda factors, right: right.dot(factors.lu))
+def solved_transposed(factors: SmallFactors, right: Array) -> Array:
+    """Solution ``x`` of ``x matrix = right``, shape (n,)."""
+    found: Array = dgetrs(factors.lu, factors.pivots, right)[0]
+    return found
+
+
+@compiled_as(lambda matrix, which: matrix[which])
+def some_rows(matrix: Array, which: Index) -> Array:
+    """Some rows of a matrix."""
+    return matrix.take(which, axis=0)
+
+
+@compiled_as(lambda matrix, which: np.ascontiguousarray(matrix[:, which]))
+def some_columns(matrix: Array, which: Index) -> Array:
+    """Some columns of a matrix, as a matrix whose rows lie in memory one after the other."""
+    return matrix.take(which, axis=1)
+
+
+_NO_FACTORS = SmallFactors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False)
+
+
+class Bounds(NamedTuple):
+    """Bounds of the unknowns."""
+
+    lower: Array  # (n,): -1 and 1 of mobilisations [1]; 0 and a number beyond all that occur of tensions [N]
+    upper: Array  # as `lower`
+    near_lower: Array  # (n,): Values beyond which an unknown counts as at its bound: round-off away from it
+    near_upper: Array  # as `near_lower`
+
+    @classmethod
+    def of(cls, lower: Array, upper: Array, round_off: Array) -> Bounds:
+        """Bounds, and the distance from them that counts as none, shape (n,) each."""
+        return cls(lower, upper, lower + round_off, upper - round_off)
+
+
+@compilable
+def sides(bounds: Bounds, z: Array) -> Array:
+    """1 at the upper bounds, -1 at the lower ones, 0 inside, shape (n,)."""
+    at_upper = (z >= bounds.near_upper).astype(np.float64)
+    at_upper -= z <= bounds.near_lower
+    return at_upper
+
+
+@compilable
+def bounded(bounds: Bounds, z: Array) -> Array:
+    """The nearest unknowns within the bounds, shape (n,)."""
+    return np.minimum(np.maximum(z, bounds.lower), bounds.upper)
+
+
+class PathUnknowns(NamedTuple):
+    """The unknowns of a path: mobilisations of holes, then tensions at the base of tendons driven by displacement."""
+
+    holes: int  # Number of mobilisations
+    presliding: float  # Presliding distance [m]
+    tolerance: float  # Rates of slip below it are zero [m]
+    bounds: Bounds
+    scale: Array  # (n,): From the unknowns to lengths [m, m/N]
+
+    @classmethod
+    def of(cls, presliding: float, holes: int, base_tension: Array, tension: Array) -> PathUnknowns:
+        """Those of a substep.
+
+        Parameters
+        ----------
+        presliding
+            Presliding distance [m].
+        holes
+            Number of frictional holes.
+        base_tension
+            Unknown tensions at the base at its start [N], shape (c,).
+        tension
+            Of the segments there [N], shape (q,).
+        """
+        at_holes, count = np.full(holes, presliding), len(base_tension)
+        at_base = np.full(count, presliding / max(LEAST_SCALE, float(tension.max())))
+        return cls(
+            holes,
+            presliding,
+            RATE_TOLERANCE * presliding,
+            _bounds(holes, base_tension),
+            np.append(at_holes, at_base),
+        )
+
+
+@compilable
+def fixed_by_slack(unknowns: PathUnknowns, slack: Array) -> Flags:
+    """Which unknowns stay at their bounds because their tendon has slack, shape (n,), or (0,) where there are none.
+
+    Parameters
+    ----------
+    unknowns
+        Of the path.
+    slack
+        Of the tendons driven by displacement [m], shape (c,).
+    """
+    if not slack.size or largest(slack) <= unknowns.tolerance:
+        return np.zeros(0, dtype=np.bool_)
+    fixed = np.zeros(len(unknowns.scale), dtype=np.bool_)
+    fixed[unknowns.holes :] = slack > unknowns.tolerance
+    return fixed
+
+
+def _bounds(holes: int, base_tension: Array) -> Bounds:
+    """Bounds of the mobilisations, then those of the tensions."""
+    one, count = np.ones(holes), len(base_tension)
+    round_off = np.full(count, NEAR_BOUND * max(1.0, float(base_tension.max(initial=0.0))))
+    return Bounds.of(
+        np.append(-one, np.zeros(count)),
+        np.append(one, np.full(count, UNBOUNDED)),
+        np.append(np.full(holes, NEAR_BOUND), round_off),
+    )
+
+
+class SlipDerivatives(NamedTuple):
+    """Derivatives of the slips at a load factor; those by an unknown are computed when first used."""
+
+    # (n,): Derivatives of the slips, and of minus the slack, by the load factor at fixed unknowns [m]
+    by_load: Array
+    # (n,): Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions
+    elastic_slip: Array
+    # (i,): Flags that change where the derivatives of the tensions jump; none where they never do
+    branches: Flags
+    tension_by_load: Array  # (q,): Derivatives of the tensions of the segments by the load factor [N]
+    direct: Array  # (n, q): Derivatives of the tensions by the unknowns at fixed turning angles [N, 1]
+    by_tension: Array  # (n, q): Derivatives of the slips by the tensions of the segments [m/N]
+    # Of the identity less the derivatives of the tensions by themselves through the turning angles
+    turning: SmallFactors
+    missing: Flags  # (n,): Unknowns whose derivatives were not used yet
+    # (n, n): Row by row, minus the derivatives of the complements by one of the unknowns, see `columns_of`
+    columns: Array
+    tensions: Array  # (n, q): Derivatives of the tensions by the unknowns [N, 1]
+
+
+class SlipState(NamedTuple):
+    """Slips at a load factor, and their derivatives there or nearby."""
+
+    tension: Array  # (q,): Of the segments [N]
+    slip: Array  # (n,): At the frictional holes, then minus the slack [m]
+    derivatives: SlipDerivatives
+
+
+@compilable
+def columns_of(derivatives: SlipDerivatives, which: Index) -> Array:
+    """Minus the derivatives of the complements by some of the unknowns, in ascending order, shape (i, n).
+
+    One unknown a row. For a hole presliding distance times identity, minus the derivatives of the slips by its
+    mobilisation [m]; for a tendon minus those by its tension [m/N].
+    """
+    new = which[derivatives.missing[which]]
+    if new.size:
+        columns, n = derivatives.columns, len(derivatives.missing)
+        tensions = solved_rows(derivatives.turning, some_rows(derivatives.direct, new))
+        columns[new] = -tensions.dot(derivatives.by_tension.T)
+        diagonal = columns.reshape(-1)[:: n + 1]
+        diagonal[new] += derivatives.elastic_slip[new]
+        derivatives.tensions[new] = tensions
+        derivatives.missing[new] = False
+    return some_rows(derivatives.columns, which)
+
+
+@compilable
+def tension_columns(derivatives: SlipDerivatives, which: Index) -> Array:
+    """Derivatives of the tensions of the segments by some unknowns, which `columns_of` has computed [N, 1], (i, q)."""
+    return some_rows(derivatives.tensions, which)
+
+
+@compilable
+def extrapolated(
+    state: SlipState, length: float, tension: Array, rate: Array, complement: Array
+) -> SlipState:
+    """The state a little further on, with the same derivatives.
+
+    Parameters
+    ----------
+    state
+        The state here.
+    length
+        By how much the load factor is larger [1].
+    tension
+        Of the segments there [N], shape (q,).
+    rate
+        Rates of all unknowns [1, N], shape (n,).
+    complement
+        Rates of their complements [m], shape (n,).
+    """
+    moved = state.slip + length * (complement + state.derivatives.elastic_slip * rate)
+    return SlipState(tension, moved, state.derivatives)
+
+
+@compilable
+def with_changed(state: SlipState, which: Index, columns: Array, change: Array) -> SlipState:
+    """The state at the same load factor with some of the unknowns changed a little, with the same derivatives.
+
+    Parameters
+    ----------
+    state
+        The state before.
+    which
+        Numbers of the unknowns.
+    columns
+        Their `columns_of`.
+    change
+        Their changes [1, N], shape (i,).
+    """
+    by = state.derivatives
+    slip = state.slip - change.dot(columns)
+    slip[which] += by.elastic_slip[which] * change
+    return SlipState(state.tension + change.dot(tension_columns(by, which)), slip, by)
+
+
+@compilable
+def left_branch(derivatives: SlipDerivatives, branches: Flags) -> bool:
+    """Whether the derivatives jump between where they were evaluated and a state with these branches of the law."""
+    return branches.size > 0 and bool((derivatives.branches != branches).any())
+
+
+class LinearRates(NamedTuple):
+    """Derivatives by the load factor that are linear in it, from one load factor on."""
+
+    side: Array  # (n,): 1 or -1 where an unknown stays at its bound, 0 where it is free
+    rate: Array  # (n,): Rates of the unknowns [1, N], and the derivatives of these; zero at bounds
+    rate_change: Array  # as `rate`
+    # (n,): Rates of the complements [m], and the derivatives of these; zero up to round-off where unknowns are
+    # free
+    complement: Array
+    complement_change: Array  # as `complement`
+
+
+class Rates(NamedTuple):
+    """Rates at one load factor that satisfy the conditions of complementarity."""
+
+    found: bool  # Whether there are such; the rest means nothing where not
+    side: Array  # As in `LinearRates`
+    rate: Array  # as `side`
+    complement: Array  # as `side`
+    free: Index  # (f,): Unknowns inside their bounds
+    columns: Array  # (f, n): Of the matrix, for these, one a row
+    factors: SmallFactors  # Of the matrix of the free unknowns, transposed
+
+
+@compilable
+def constant_rates(rates: Rates) -> LinearRates:
+    """The rates with derivatives that are zero."""
+    still = np.zeros(len(rates.rate))
+    return LinearRates(rates.side, rates.rate, still, rates.complement, still)
+
+
+@compilable
+def linear_rates(rates: Rates, slope: Array) -> LinearRates:
+    """The rates with their derivatives.
+
+    Parameters
+    ----------
+    rates
+        The rates.
+    slope
+        Derivative of ``load - matrix z'`` by the load factor at constant ``z'`` [m], shape (n,).
+    """
+    change, complement_change = np.zeros(len(slope)), slope
+    if rates.free.size:
+        of_free = solved_transposed(rates.factors, slope[rates.free])
+        change[rates.free] = of_free
+        complement_change = slope - of_free.dot(rates.columns)
+    return LinearRates(rates.side, rates.rate, change, rates.complement, complement_change)
+
+
+@compilable
+def solve_rates(
+    derivatives: SlipDerivatives, side: Array, fixed: Flags, scale: Array, tolerance: float
+) -> Rates:
+    """Rates at a load factor.
+
+    A complementarity problem: an unknown at its bound stays there while its complement moves in the direction of the
+    bound, or leaves it. Block principal pivoting as in `tdcr_fe.elements.complementarity.solve_box`.
+
+    Parameters
+    ----------
+    derivatives
+        Of the slips at this load factor.
+    side
+        At which bounds the unknowns are, see `sides`, shape (n,).
+    fixed
+        Which unknowns stay at their bounds in any case, because the tendon has slack, shape (n,), or (0,) for none.
+    scale
+        From the unknowns to lengths [m, m/N], shape (n,).
+    tolerance
+        Rates of the complements, and of the unknowns as lengths, below it are zero [m].
+    """
+    count, load = len(side), derivatives.by_load
+    active, back, pivoted = side, np.zeros(count), False
+    fewest, idle_left = count + 1, MOST_IDLE_BLOCKS
+    for _ in range(30 + 10 * count):
+        free = (active == 0.0).nonzero()[0]
+        rate, complement = np.zeros(count), load
+        columns, factors = derivatives.columns[:0], no_factors()
+        if free.size:
+            columns = columns_of(derivatives, free)
+            factors = factorised(some_columns(columns, free))
+            if factors.singular:
+                return Rates(False, active, rate, complement, free, columns, factors)
+            of_free = solved_transposed(factors, load[free])
+            rate[free] = of_free
+            complement = load - of_free.dot(columns)
+        violated = active * complement < -tolerance
+        if fixed.size:
+            violated &= ~fixed
+        if pivoted:
+            # Those that left their bounds must move inward.
+            outward = side * scale * rate > tolerance
+            violated |= outward
+            back = np.where(outward, side, 0.0)
+        number = int(np.count_nonzero(violated))
+        if number == 0:
+            return Rates(True, active, rate, complement, free, columns, factors)
+        violated, fewest, idle_left = exchanged(violated, number, fewest, idle_left)
+        active, pivoted = np.where(violated, back, active), True
+    return Rates(False, active, rate, complement, free, columns, factors)
+
+
+@compilable
+def distance_to_bound(rates: Rates, z: Array, bounds: Bounds) -> float:
+    """Load factor from here to where a free unknown reaches a bound, at constant rates [1]; infinite if none does."""
+    free = rates.free
+    if not free.size:
+        return np.inf
+    rate = rates.rate[free]
+    bound = np.where(rate > 0.0, bounds.upper[free], bounds.lower[free])
+    return smallest(np.abs((bound - z[free]) / rate))
+
+
+@compilable
+def distance_to_curved_bound(rates: LinearRates, free: Index, z: Array, bounds: Bounds) -> float:
+    """As `distance_to_bound`, at rates that are linear in the load factor [1]."""
+    if not free.size:
+        return np.inf
+    # z + a h + b h^2 / 2 meets a bound: the root at which it is crossed outward.
+    here, outward, gap = z[free], np.empty((2, free.size)), np.empty((2, free.size))
+    gap[0], gap[1] = bounds.upper[free] - here, here - bounds.lower[free]
+    outward[0] = rates.rate[free]
+    outward[1] = -outward[0]
+    change = 2.0 * rates.rate_change[free] * gap
+    change[1] *= -1.0
+    discriminant = outward * outward + change
+    speed = outward + np.sqrt(np.maximum(discriminant, 0.0))
+    ahead = (discriminant >= 0.0) & (speed > 0.0)
+    return 2.0 * smallest(np.where(ahead, gap / speed, np.inf))
+
+
+@compilable
+def distance_to_reversal(rates: LinearRates, tolerance: float, holes: int) -> float:
+    """Load factor from here to where the slip of a hole at its bound reverses [1]; infinite if none does.
+
+    Parameters
+    ----------
+    rates
+        From here on.
+    tolerance
+        Rates of slip below it are zero [m].
+    holes
+        Number of holes, which are the first unknowns.
+    """
+    side = rates.side[:holes]
+    fall = -side * rates.complement_change[:holes]
+    rate = np.maximum(side * rates.complement[:holes] + tolerance, 0.0)
+    return smallest(np.where(fall > 0.0, rate / fall, np.inf)) if holes else np.inf
+
+
+@compilable
+def distance_to_tautness(rates: LinearRates, slack: Array, holes: int) -> float:
+    """Load factor from here to where the slack of a tendon vanishes [1]; infinite if none does.
+
+    Parameters
+    ----------
+    rates
+        From here on.
+    slack
+        Of the tendons [m], shape (n - holes,).
+    holes
+        Number of holes, which are the first unknowns.
+    """
+    closing, change = rates.complement[holes:], 2.0 * rates.complement_change[holes:]
+    discriminant = closing * closing + change * slack
+    speed = closing + np.sqrt(np.maximum(discriminant, 0.0))
+    ahead = (discriminant >= 0.0) & (speed > 0.0) & (slack > 0.0)
+    return 2.0 * smallest(np.where(ahead, slack / speed, np.inf))

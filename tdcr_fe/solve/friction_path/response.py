@@ -1,0 +1,328 @@
+"""Solved states with their linearisation, and their response to the tensions of segments and to loads.
+
+By their tensions the segments depend on each other only through the robot's stiffness, which changes slowly along a
+load step. By mobilisations they would depend on the tensions themselves, and on every hole before them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.solve.equations.configuration import SolverState, Target
+from tdcr_fe.solve.equations.layout import Numbering
+from tdcr_fe.solve.equations.linearization import BorderedFactors, Linearization
+from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.friction_path.slips import SlipData
+from tdcr_fe.solve.friction_path.transfer import TendonsInSubstep
+from tdcr_fe.solve.newton.steps import mobilisations
+
+Array = NDArray[np.float64]
+#: By robot, numbers of some of its tendons.
+Tendons = Sequence[NDArray[np.int_]]
+Index = NDArray[np.int_]
+
+#: Largest turn of an element since the last linearisation with which that is as good as a new one [rad]. With four
+#: times as much, one of twenty random robots ended 1.5e-5 of the length off (documentation, page "Theory").
+EXACT_TURN = 1e-5
+#: Relative residual below which forces balance [1].
+BALANCED = 1e-3
+
+
+class LoadResponse(NamedTuple):
+    """Change of segments and turning angles by a change of the loads at fixed tensions."""
+
+    nodes: Array  # (reduced,): Change of the unknowns of the reduced scene
+    lengths: Array  # (q,): [m]
+    angles: Array  # (r,): [rad]
+
+    @classmethod
+    def zero(cls, response: TensionResponse) -> LoadResponse:
+        """Where no load changes, beside a response to tensions."""
+        return cls(*(np.zeros(len(x)) for x in (response.nodes, response.flexibility, response.angles)))
+
+    def times(self, factor: float) -> LoadResponse:
+        """The response to a change that is larger by a factor."""
+        return LoadResponse(factor * self.nodes, factor * self.lengths, factor * self.angles)
+
+
+class TensionResponse(NamedTuple):
+    """Derivatives by the tensions of q segments; with r turning angles, padded ones included. All others are slack."""
+
+    tendons: Tendons  # Whose segments and angles these are
+    nodes: Array  # (reduced, q): Of the unknowns of the reduced scene
+    flexibility: Array  # (q, q): Minus those of the lengths; symmetric [m/N]
+    angles: Array  # (r, q): Of the turning angles [rad/N]
+    # (q, r): Derivatives of the tensions by the turning angles at fixed mobilisations and tensions at the base
+    # [N/rad]
+    by_angle: Array
+
+    @classmethod
+    def of(
+        cls,
+        linear: Linearization,
+        forces: Sequence[TendonForces],
+        clamped: Sequence[slice],
+        tendons: Tendons,
+    ) -> TensionResponse:
+        """From the tangent, in which tensions change with the turning angles.
+
+        Parameters
+        ----------
+        linear
+            Equilibrium, linearised at fixed mobilisations.
+        forces
+            By robot.
+        clamped
+            Unknowns of clamped bases.
+        tendons
+            By robot, the tendons; all others have no tension.
+        """
+        lengths, angles, by_angle = _segments(linear, forces, tendons)
+        right = np.asfortranarray(lengths.T)
+        for base in clamped:
+            right[base] = 0.0
+        moved = _inner(linear, right)
+        turned = angles @ moved
+        # A given tension is the sum of one that is put on, and of what the angles add to it.
+        put_on = np.linalg.inv(np.eye(len(lengths)) + by_angle @ turned)
+        return cls(tendons, moved @ put_on, -(lengths @ moved) @ put_on, turned @ put_on, by_angle)
+
+    def to_load(
+        self, linear: Linearization, forces: Sequence[TendonForces], unbalanced: Array
+    ) -> LoadResponse:
+        """Response to a change of the loads.
+
+        Parameters
+        ----------
+        linear, forces
+            As in `of`.
+        unbalanced
+            Residual that the change causes, shape (reduced,).
+        """
+        lengths, angles, _ = _segments(linear, forces, self.tendons)
+        moved = _inner(linear, -unbalanced)
+        turned = angles @ moved
+        added = self.by_angle @ turned
+        return LoadResponse(
+            moved - self.nodes @ added,
+            lengths @ moved + self.flexibility @ added,
+            turned - self.angles @ added,
+        )
+
+
+def _inner(linear: Linearization, right: Array) -> Array:
+    """Solve at fixed tensions at the base; there may be nothing to solve for."""
+    if right.size == 0:
+        return right
+    factors = linear.factorisation
+    return (factors.inner if isinstance(factors, BorderedFactors) else factors).solve(right)
+
+
+def _segments(
+    linear: Linearization, forces: Sequence[TendonForces], tendons: Tendons
+) -> tuple[Array, Array, Array]:
+    """Derivatives of lengths and angles by the reduced unknowns, and of the tensions by the angles."""
+    reduced = linear.numbering.reduced
+    tables: tuple[list[Array], list[Array]] = [], []
+    blocks = []
+    for part, which in zip(linear.numbering.robots, tendons, strict=True):
+        own = forces[part.robot]
+        shape = own.measured.shape
+        for table, rows in zip(tables, (shape.d_lengths, shape.d_angles), strict=True):
+            full = np.zeros((len(which) * rows.shape[1], reduced))
+            inside = slice(part.nodes.start, part.nodes.stop)
+            columns = own.model.columns
+            full[:, inside if columns is None else inside.start + columns] = rows[which].reshape(
+                len(full), rows.shape[-1]
+            )
+            table.append(full)
+        blocks += list(own.field.d_angle[which])
+    lengths, angles = (t[0] if len(t) == 1 else np.concatenate(t) for t in tables)
+    by_angle = np.zeros((len(lengths), len(angles)))
+    row = column = 0
+    for block in blocks:
+        by_angle[row : row + block.shape[0], column : column + block.shape[1]] = block
+        row, column = row + block.shape[0], column + block.shape[1]
+    return lengths, angles, by_angle
+
+
+class Equilibrium(NamedTuple):
+    """A solved state with its linearisation."""
+
+    state: SolverState
+    forces: tuple[TendonForces, ...]  # By robot
+    linearization: Linearization
+    response: TensionResponse | None = None  # To the tensions of some tendons, where it was needed
+    exact: bool = False  # Whether it is linearised in this very state, or so near that it makes no difference
+    balanced: bool = True  # Whether forces balance: not where weight acts on a robot that was never loaded
+
+    @classmethod
+    def of(
+        cls,
+        state: SolverState,
+        forces: tuple[TendonForces, ...],
+        linearization: Linearization,
+    ) -> Equilibrium:
+        """With a linearisation in this state, or near it."""
+        return cls(state, forces, linearization, exact=near_enough(state, linearization))
+
+    @classmethod
+    def at(cls, system: SceneSystem, state: SolverState, target: Target) -> Equilibrium:
+        """Linearise in a solved state under its own target, which is in the scene."""
+        numbering = system.numbering()
+        residual = system.residual(state, target, numbering)
+        linearization = system.linearize(residual, numbering)
+        return cls(state, residual.forces, linearization, exact=True, balanced=residual.size < BALANCED)
+
+    @property
+    def numbering(self) -> Numbering:
+        """Of the unknowns."""
+        return self.linearization.numbering
+
+    @property
+    def slips(self) -> Array:
+        """Slips of the frictional holes [m], shape (k,)."""
+        return self.numbering.at_frictional_holes([own.field.slip for own in self.forces])
+
+    @property
+    def mobilisation(self) -> Array:
+        """Of the frictional holes [1], shape (k,)."""
+        return mobilisations(self.numbering, self.state)
+
+    def with_response(self, clamped: Sequence[slice], tendons: Tendons) -> Equilibrium:
+        """The same with the response to the tensions of some tendons; all others are slack."""
+        if self.response is not None and all(
+            np.array_equal(a, b) for a, b in zip(self.response.tendons, tendons, strict=True)
+        ):
+            return self
+        response = TensionResponse.of(self.linearization, self.forces, clamped, tendons)
+        return self._replace(response=response)
+
+    def load_response(self, system: SceneSystem, other: Target) -> LoadResponse:
+        """Response to the change to another target's loads, which are in the scene, at fixed tensions."""
+        assert self.response is not None
+        unbalanced = system.unbalanced(self.state, other, self.forces)
+        return self.response.to_load(self.linearization, self.forces, unbalanced)
+
+
+def near_enough(state: SolverState, linearization: Linearization) -> bool:
+    """Whether a linearisation is in a state, or so near to it that it makes no difference."""
+    return linearization.turn_since(state.configuration.twists) <= EXACT_TURN
+
+
+class TautTendons(NamedTuple):
+    """Tendons under tension at either end of a substep.
+
+    All other tendons transmit nothing; their holes are left out of the friction path.
+    """
+
+    tendons: tuple[TendonsInSubstep, ...]  # By robot that has any of them
+    robots: tuple[int, ...]  # Numbers of these robots
+    numbers: tuple[Index, ...]  # By robot, all of them, numbers of the tendons under tension
+    holes: Index  # (k,): Numbers of their frictional holes, among those of all tendons
+
+    @classmethod
+    def of(cls, states: Sequence[Equilibrium]) -> TautTendons:
+        """Tendons under tension in any of some states.
+
+        Parameters
+        ----------
+        states
+            Solved states of a substep, from its start to its end.
+        """
+        start, end = states[0], states[-1]
+        tendons, robots, numbers, holes = [], [], [], []
+        hole = 0
+        for part in end.numbering.robots:
+            law = end.forces[part.robot].model.law
+            tension = np.array([at.state.base_tension[part.robot] for at in (start, end)])
+            taut = [np.any(at.forces[part.robot].field.tension > 0.0, axis=1) for at in states]
+            which = np.flatnonzero(np.any(taut, axis=0))
+            acting = part.frictional if part.has_friction else np.zeros_like(part.frictional)
+            if which.size:
+                driven = np.flatnonzero(np.isin(which, part.driven))
+                tendons.append(TendonsInSubstep(law, which, acting[which], driven, tension[:, which]))
+                robots.append(part.robot)
+            numbers.append(which)
+            order = hole + np.cumsum(acting.reshape(-1)).reshape(acting.shape) - 1
+            holes.append(order[which][acting[which]])
+            hole += int(np.count_nonzero(acting))
+        return cls(tuple(tendons), tuple(robots), tuple(numbers), np.concatenate(holes))
+
+    @property
+    def unknown(self) -> int:
+        """Number of unknown tensions at the base."""
+        return sum(len(own.driven) for own in self.tendons)
+
+    def base_tensions(self, end: int) -> Array:
+        """Tensions at the base of tendons driven by displacement, at the start (0) or the end (1) [N], shape (c,)."""
+        return np.concatenate([own.tension[end, own.driven] for own in self.tendons])
+
+    def tensions(self, at: Equilibrium) -> Array:
+        """Tensions of their segments in a state [N], shape (q,)."""
+        return self._joined([own.field.tension for own in at.forces])
+
+    def slip_data(
+        self, at: Equilibrium, targets: tuple[Target, Target], factor: float, load: LoadResponse | None
+    ) -> SlipData:
+        """Slips and turning angles in a state, and their derivatives, see `SlipData`.
+
+        Parameters
+        ----------
+        at
+            The state, with its response to the tensions.
+        targets
+            Inputs and loads at both ends of the substep.
+        factor
+            Load factor of the state within the substep [1].
+        load
+            Response to the change of the loads in the substep; None where no load changes.
+        """
+        forces, response = at.forces, at.response
+        assert response is not None
+        flexibility, turning = response.flexibility, response.angles
+        if load is None:
+            load = LoadResponse.zero(response)
+        values, by_tension, by_load = [], [], []
+        bases: list[tuple[Array, Array, Array]] = []
+        segment = 0
+        for own, robot in zip(self.tendons, self.robots, strict=True):
+            field, count, here = forces[robot].field, len(own.which), slice(segment, segment + own.segments)
+            by_length = field.released_d_length[own.which].reshape(-1, 1)
+            released = -by_length * flexibility[here]
+            stretched = field.released_d_tension[own.which].reshape(-1)
+            released[np.arange(own.segments), np.arange(here.start, here.stop)] += stretched
+            both = np.column_stack((released, by_length[:, 0] * load.lengths[here]))
+            both = both.reshape(count, own.law.shape[1], -1)
+            slips = (own.law.slip_operator @ both)[own.frictional]
+            values.append(field.slip[own.which][own.frictional])
+            by_tension.append(slips[:, :-1])
+            by_load.append(slips[:, -1])
+            driven = own.which[own.driven]
+            pulled = -both[own.driven].sum(axis=1)
+            first, last = (target.inputs[robot][driven] for target in targets)
+            minus_slack = first + factor * (last - first) - field.base_slip[driven]
+            bases.append((minus_slack, pulled[:, :-1], pulled[:, -1] + last - first))
+            segment = here.stop
+        return SlipData(
+            factor,
+            self.tensions(at),
+            np.concatenate(
+                [
+                    *values,
+                    *(b[0] for b in bases),
+                    self._joined([f.measured.shape.angles for f in forces]),
+                ]
+            ),
+            np.concatenate([*by_tension, *(b[1] for b in bases), turning]),
+            np.concatenate([*by_load, *(b[2] for b in bases), load.angles]),
+        )
+
+    def _joined(self, by_robot: list[Array]) -> Array:
+        """Values of these tendons, of all robots one after the other."""
+        return np.concatenate([x[n].reshape(-1) for x, n in zip(by_robot, self.numbers, strict=True)])

@@ -1,0 +1,352 @@
+"""Slips within a substep as functions of load factor, mobilisations, and unknown tensions at the base.
+
+With the configuration eliminated they are smooth functions of the load factor and of the tensions of all segments.
+They are interpolated between the ends of the substep or states solved within it. Along the straight line between the
+tensions of two states they are cubic (Hermite's polynomial through values and rates), and beside it linear in the
+tensions, with derivatives that change linearly from one state to the other. How the tensions follow from mobilisations
+and angles is not interpolated: it is the law of friction itself (`tdcr_fe.solve.friction_path.transfer`).
+Documentation: page "Theory", section "Slips as functions of the tensions".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.compiled import compilable
+from tdcr_fe.elements.complementarity import largest, largest_magnitude
+from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, factorised, left_branch, solved
+from tdcr_fe.solve.friction_path.transfer import CapstanTransfer, LawTransfer, branches_at, tensions_at
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+#: Newton's method for tensions and turning angles that agree ends with the correction of an error below this fraction
+#: of the largest tension: what it leaves is about the square of that [1].
+NEAR_TENSION = 3e-3
+#: And after so many corrections, with tensions that do not agree; it is then far from any solved state.
+MOST_CORRECTIONS = 6
+
+
+class SlipData(NamedTuple):
+    """Slips and turning angles in one solved state, with their derivatives."""
+
+    factor: float  # Load factor within the substep [1]
+    tension: Array  # (q,): Of the segments [N]
+    # (k + c + r,): Slips at the frictional holes [m], minus the slack of tendons whose tension at the base is
+    # unknown [m], turning angles [rad]
+    values: Array
+    by_tension: Array  # (k + c + r, q): Their derivatives by the tensions of the segments [m/N, rad/N]
+    by_load: Array  # (k + c + r,): Those by the load factor at fixed tensions [m, rad]
+
+
+class LinePoint(NamedTuple):
+    """Values on the straight line between the tensions of two states, at one load factor."""
+
+    tension: Array  # (q,): Of the segments, on the line [N]
+    values: Array  # (k + c + r,): As in `SlipData` [m, rad]
+    by_tension: Array  # (k + c + r, q): Their derivatives by the tensions [m/N, rad/N]
+    # (k + c + r,): Their derivatives by the load factor where the tensions stay as they are, on the line [m,
+    # rad]
+    fixed_rates: Array
+    # (k + c + r, q): Derivatives of these by tensions off the line, times the length of the interval [m/N,
+    # rad/N]
+    rate_by_tension: Array
+    length: float  # Of the interval between both states [1]
+
+
+class Intervals(NamedTuple):
+    """Values between solved states as polynomials of the load factor, in each of the ``s`` intervals between them."""
+
+    start: Array  # (s,): Load factor where each begins, and by how much it grows in it [1]
+    length: Array  # as `start`
+    # (s, q): Tensions of the segments at its start, and their derivative by the load factor along the straight
+    # line [N]
+    tension: Array
+    tension_rate: Array  # as `tension`
+    # (s, 4, k + c + r): Of the values along this line: cubic polynomials of the fraction of the interval,
+    # lowest power first [m, rad]
+    coefficients: Array
+    # (s, k + c + r, q): Derivatives by the tensions at its start, and their change up to its end [m/N, rad/N]
+    by_tension: Array
+    by_tension_change: Array  # as `by_tension`
+    # (s, k + c + r): Rates of the values by these derivatives and the rates of the tensions along the straight
+    # line [m, rad]
+    along: Array
+    along_change: Array  # as `along`
+    # Part ``p`` of that change by which the derivatives leave their straight line: ``x + p x (1 - x)`` in place
+    # of the fraction ``x`` of the interval [1]
+    parabola: float
+
+    @classmethod
+    def between(cls, states: Sequence[SlipData], defect_factor: float) -> Intervals:
+        """Between states, by load factor; see `tdcr_fe.solve.friction_path.slips.SlipModel` for the factor."""
+        every = [_interval(first, last, defect_factor) for first, last in pairwise(states)]
+        arrays = [np.array(own) for own in zip(*every, strict=True)]
+        return cls._make([*arrays, defect_factor - 1.0])
+
+    @property
+    def defect(self) -> Array:
+        """Change of the values beyond that by the mean of their rates at both ends of the first one [m, rad], (m,)."""
+        return np.asarray(-0.5 * self.coefficients[0, 3])
+
+    def error_off_line(self, factors: Array, tensions: Array, count: int) -> Array:
+        """Largest error of the first values by a parabola in their derivatives, at tensions off the line [m].
+
+        The parabola is taken to be as large as the change of the derivatives in the first interval.
+
+        Parameters
+        ----------
+        factors
+            Load factors within the first interval [1], shape (p,).
+        tensions
+            Of the segments there [N], shape (p, q).
+        count
+            Number of values.
+        """
+        x = (factors - self.start[0]) / self.length[0]
+        off = tensions - self.tension[0] - (factors - self.start[0])[:, None] * self.tension_rate[0]
+        change = (x * (1.0 - x))[:, None] * (off @ self.by_tension_change[0, :count].T)
+        return np.asarray(np.abs(change).max(axis=0))
+
+
+def _interval(first: SlipData, last: SlipData, defect_factor: float) -> tuple[float | Array, ...]:
+    """What `Intervals` has of one interval."""
+    length, change = last.factor - first.factor, last.tension - first.tension
+    slopes = [length * at.by_load + at.by_tension @ change for at in (first, last)]
+    # What the trapezoidal rule leaves out: the integral of the parabola in the rates.
+    defect = defect_factor * (last.values - first.values - 0.5 * (slopes[0] + slopes[1]))
+    square = 0.5 * (slopes[1] - slopes[0]) + 3.0 * defect
+    rate, by_tension_change = change / length, last.by_tension - first.by_tension
+    coefficients = np.array((first.values, slopes[0], square, -2.0 * defect))
+    along, along_change = first.by_tension @ rate, by_tension_change @ rate
+    start = first.factor, length, first.tension, rate
+    return *start, coefficients, first.by_tension, by_tension_change, along, along_change
+
+
+@compilable
+def point_on_line(intervals: Intervals, factor: float) -> LinePoint:
+    """Tensions on the straight line at a load factor, the values there, their rates and derivatives."""
+    i, last = 0, len(intervals.start) - 1
+    while i < last and intervals.start[i + 1] <= factor:
+        i += 1
+    length, moved = intervals.length[i], factor - intervals.start[i]
+    x = moved / length
+    powers = np.array([[1.0, x, x * x, x * x * x], [0.0, 1.0, 2.0 * x, 3.0 * x * x]])
+    polynomials = powers.dot(intervals.coefficients[i])
+    weight = x + intervals.parabola * x * (1.0 - x)
+    change = intervals.by_tension_change[i]
+    by_tension = weight * change
+    by_tension += intervals.by_tension[i]
+    line = intervals.tension[i] + moved * intervals.tension_rate[i]
+    rates = polynomials[1] / length - intervals.along[i] - weight * intervals.along_change[i]
+    return LinePoint(line, polynomials[0], by_tension, rates, change, length)
+
+
+@compilable
+def rates_at_fixed_tensions(at: LinePoint, off: Array) -> Array:
+    """Rates of the values where the tensions stay as they are, at tensions off the straight line [m, rad].
+
+    Parameters
+    ----------
+    at
+        The point on the line at this load factor.
+    off
+        By how much the tensions exceed those on the line [N], shape (q,).
+    """
+    return at.fixed_rates + at.rate_by_tension.dot(off) / at.length
+
+
+class InterpolatedSlips(NamedTuple):
+    """Slips as functions of load factor and unknowns, as arrays."""
+
+    transfer: CapstanTransfer | LawTransfer  # How tension passes along the tendons
+    intervals: Intervals  # Slips and turning angles between solved states
+    # (n,): Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions
+    elastic_slip: Array
+    identity: Array  # (q, q)
+    presliding: float  # Presliding distance [m]
+
+    @property
+    def compilable(self) -> bool:
+        """Whether compiled functions take them."""
+        return isinstance(self.transfer, CapstanTransfer)
+
+    @property
+    def breakpoints(self) -> Array:
+        """Load factors up to which the slips are smooth, ascending; the last one is 1 [1]."""
+        start = self.intervals.start
+        return np.append(start[1:], 1.0)
+
+    @property
+    def cubic_coefficient(self) -> float:
+        """Largest coefficient of the cube of the load factor in the slips [m]."""
+        holes = np.count_nonzero(self.elastic_slip)
+        cubes = np.abs(self.intervals.coefficients[:, 3, :holes]).max(axis=1) / self.intervals.length**3
+        return float(cubes.max())
+
+    def at(self, factor: float, z: Array, tension: Array) -> SlipState:
+        """See `slips_at`."""
+        return slips_at(self, factor, z, tension)
+
+    def complement_rates(
+        self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
+    ) -> tuple[bool, Array]:
+        """See `complement_rates`."""
+        return complement_rates(self, factor, z, tension, rate, near)
+
+    def branches(self, z: Array, tension: Array) -> Flags:
+        """Flags that change where the derivatives of the tensions jump; none where they never do."""
+        return self.transfer.branches(z, tension)
+
+    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """Load factor from here to where these flags change at constant rates [1]; see `LawTransfer`."""
+        return self.transfer.distance_to_branch_change(z, rate, tension, tension_rate)
+
+
+@compilable
+def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) -> SlipState:
+    """Slips and their derivatives.
+
+    Parameters
+    ----------
+    slips
+        In the substep.
+    factor
+        Load factor within the substep [1].
+    z
+        Mobilisations [1], then unknown tensions at the base [N], shape (n,).
+    tension
+        Of the segments, about [N], shape (q,).
+    """
+    n, line = len(z), point_on_line(slips.intervals, factor)
+    by_tension, turning = line.by_tension[:n], line.by_tension[n:]
+    for _ in range(MOST_CORRECTIONS):
+        angles = np.maximum(line.values[n:] + turning.dot(tension - line.tension), 0.0)
+        passed = tensions_at(slips.transfer, factor, z, angles)
+        factors = factorised(slips.identity - passed.by_angle.dot(turning))
+        excess = passed.tension - tension
+        tension = tension + solved(factors, excess)
+        if largest_magnitude(excess) <= NEAR_TENSION * largest(tension):
+            break
+    off = tension - line.tension
+    rate = rates_at_fixed_tensions(line, off)
+    slip = line.values[:n] + by_tension.dot(off)
+    tension_by_load = solved(factors, passed.by_angle.dot(rate[n:]) + passed.by_load)
+    derivatives = SlipDerivatives(
+        rate[:n] + by_tension.dot(tension_by_load),
+        slips.elastic_slip,
+        branches_at(slips.transfer, z, passed.tension),
+        tension_by_load,
+        passed.by_unknown,
+        by_tension,
+        factors,
+        np.ones(n, dtype=np.bool_),
+        np.empty((n, n)),
+        np.empty(by_tension.shape),
+    )
+    return SlipState(tension, slip, derivatives)
+
+
+@compilable
+def complement_rates(
+    slips: InterpolatedSlips, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
+) -> tuple[bool, Array]:
+    """Rates of the complements at given rates of the unknowns [m], shape (n,).
+
+    Parameters
+    ----------
+    slips, factor, z, tension
+        As of `slips_at`.
+    rate
+        Of the unknowns [1, N], shape (n,).
+    near
+        Slips at a load factor nearby, whose factorised derivatives of the tensions are used.
+
+    Returns
+    -------
+    smooth : bool
+        False where derivatives have jumped since the load factor nearby; the rates then mean nothing.
+    rates : ndarray, shape (n,)
+    """
+    n, line, factors = len(z), point_on_line(slips.intervals, factor), near.derivatives.turning
+    turning = line.by_tension[n:]
+    angles = np.maximum(line.values[n:] + turning.dot(tension - line.tension), 0.0)
+    passed = tensions_at(slips.transfer, factor, z, angles)
+    if left_branch(near.derivatives, branches_at(slips.transfer, z, passed.tension)):
+        return False, rate
+    off = tension + solved(factors, passed.tension - tension) - line.tension
+    own = rates_at_fixed_tensions(line, off)
+    direct = passed.by_angle.dot(own[n:]) + passed.by_load + rate.dot(passed.by_unknown)
+    tension_rate = solved(factors, direct)
+    # The factors are those of the state nearby: one correction with the turning here.
+    left = direct - tension_rate + passed.by_angle.dot(turning.dot(tension_rate))
+    tension_rate = tension_rate + solved(factors, left)
+    return True, own[:n] + line.by_tension[:n].dot(tension_rate) - slips.elastic_slip * rate
+
+
+class SlipModel:
+    """The slips in a substep between solved states, and what is uncertain in them.
+
+    Parameters
+    ----------
+    transfer
+        How tension passes along the tendons.
+    states
+        Slips in both ends of the substep, and in states within it, by load factor.
+    holes, unknown
+        Numbers of frictional holes and of unknown tensions at the base.
+    presliding
+        Presliding distance [m].
+    defect_factor
+        Factor on the parabola in the rates of the slips along the line between the tensions of two states, which leads
+        from the values in the first to those in the second; other than 1 to see what is uncertain in it [1].
+
+    Attributes
+    ----------
+    slips : InterpolatedSlips
+    """
+
+    def __init__(
+        self,
+        transfer: CapstanTransfer | LawTransfer,
+        states: Sequence[SlipData],
+        holes: int,
+        unknown: int,
+        presliding: float,
+        defect_factor: float = 1.0,
+    ) -> None:
+        self._states, self._transfer, self._unknown = states, transfer, unknown
+        self.presliding, self.holes = presliding, holes
+        elastic_slip = np.append(np.full(holes, presliding), np.zeros(unknown))
+        intervals, identity = Intervals.between(states, defect_factor), np.eye(len(states[0].tension))
+        self.slips = InterpolatedSlips(transfer, intervals, elastic_slip, identity, presliding)
+
+    @property
+    def defect(self) -> Array:
+        """Change of the slips beyond that by the mean of their rates at both ends of the first interval [m], (k,)."""
+        return self.slips.intervals.defect[: self.holes]
+
+    def error_off_line(self, factors: Array, tensions: Array) -> Array:
+        """Largest error of the slips by tensions off the straight line [m], shape (k,).
+
+        Parameters
+        ----------
+        factors
+            Load factors within the first interval [1], shape (p,).
+        tensions
+            Of the segments there [N], shape (p, q).
+        """
+        return self.slips.intervals.error_off_line(factors, tensions, self.holes)
+
+    def with_defect_factor(self, factor: float) -> SlipModel:
+        """The same with another factor on the parabola in the rates."""
+        return SlipModel(self._transfer, self._states, self.holes, self._unknown, self.presliding, factor)
+
+    def through_every_other_state(self) -> SlipModel:
+        """The same without every other state within the substep, of which there is an odd number."""
+        return SlipModel(self._transfer, self._states[::2], self.holes, self._unknown, self.presliding)

@@ -1,0 +1,285 @@
+"""How tension passes along all tendons of a substep: by the Capstan equation, or by any other law.
+
+Tensions of all segments, of all tendons one after the other, as functions of mobilisations, turning angles and tensions
+at the base. `LawTransfer` asks `tdcr_fe.elements.friction.TendonLaw` for them; `CapstanTransfer` writes out the most
+frequent law for flat arrays of all tendons at once, and takes a third of the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.compiled import compilable, compiled_as
+from tdcr_fe.elements.friction import TendonLaw
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int_]
+Flags = NDArray[np.bool_]
+
+
+class TendonsInSubstep(NamedTuple):
+    """Tendons of one robot that are under tension at either end of a substep."""
+
+    law: TendonLaw
+    which: Index  # Their numbers, shape (m,)
+    frictional: NDArray[np.bool_]  # (m, g): Which of their mobilisations are unknowns
+    driven: Index  # Which of them are driven by displacement; their tensions at the base are unknown
+    tension: Array  # (2, m): At the base, at both ends [N]
+
+    @property
+    def segments(self) -> int:
+        """Number of segments, padded ones included."""
+        return len(self.which) * self.law.shape[1]
+
+    @property
+    def angles(self) -> int:
+        """Number of turning angles, padded ones included."""
+        return len(self.which) * (self.law.shape[1] - 1)
+
+    @property
+    def holes(self) -> int:
+        """Number of frictional mobilisations."""
+        return int(np.count_nonzero(self.frictional))
+
+
+class Tensions(NamedTuple):
+    """Tensions of the segments at given unknowns and turning angles, and their derivatives."""
+
+    tension: Array  # (q,): [N]
+    by_angle: Array  # (q, r): By the turning angles [N/rad]
+    by_unknown: Array  # (k + c, q): By the mobilisations [N], and by unknown tensions at the base [1]
+    by_load: Array  # (q,): By the load factor, through the given tensions at the base [N]
+
+
+class CapstanTransfer(NamedTuple):
+    """Constant coefficients without adhesion: ``T = T_base exp(-sum of s mu theta)``."""
+
+    holes: int  # Numbers of mobilisations and of unknown tensions at the base
+    unknown: int  # as `holes`
+    holes_before: Array  # (q, r): Ones where a hole comes before a segment, on the way from the base
+    friction: Array  # (r,): Coefficients of friction of the holes [1]
+    incidence: Array  # (k, r): From the mobilisations to the holes
+    # (k, q): Ones where the hole of a mobilisation comes before a segment; no rows where any acts at several
+    # holes
+    behind: Array
+    at_hole: Index  # (k,): The hole of each mobilisation; none where any acts at several
+    # (q,): Tension at the base of the segment's tendon at the start of the substep, and its change in it [N];
+    # zero where they are unknown
+    base_tension: Array
+    base_change: Array  # as `base_tension`
+    base_of_segment: (
+        Array  # (c, q): Ones where an unknown tension is that at the base of the segment's tendon
+    )
+
+    @classmethod
+    def of(cls, tendons: Sequence[TendonsInSubstep]) -> CapstanTransfer:
+        """For some tendons, by robot."""
+        q, r, k = (sum(getattr(t, name) for t in tendons) for name in ("segments", "angles", "holes"))
+        c = sum(len(t.driven) for t in tendons)
+        holes_before, friction, incidence = np.zeros((q, r)), np.zeros(r), np.zeros((k, r))
+        base_tension, base_of_segment = np.zeros((2, q)), np.zeros((c, q))
+        segment = angle = hole = base = 0
+        for own in tendons:
+            n = own.law.shape[1]
+            at_holes, before = own.law.law.hole_incidence(n), np.tri(n, n - 1, -1)
+            given = own.tension.copy()
+            given[:, own.driven] = 0.0
+            for i, tendon in enumerate(own.which):
+                segments, angles = slice(segment, segment + n), slice(angle, angle + n - 1)
+                holes_before[segments, angles] = before
+                friction[angles] = own.law.parameters.friction[tendon]
+                rows = at_holes[:, own.frictional[i]].T
+                incidence[hole : hole + len(rows), angles] = rows
+                base_tension[:, segments] = given[:, i, None]
+                if i in own.driven:
+                    base_of_segment[base, segments] = 1.0
+                    base += 1
+                segment, angle, hole = segments.stop, angles.stop, hole + len(rows)
+        single = bool(((incidence != 0.0).sum(axis=1) == 1).all())
+        at_hole = incidence.argmax(axis=1) if single else np.zeros(0, dtype=int)
+        behind = np.ascontiguousarray(holes_before.T[at_hole])
+        first, last = base_tension
+        return cls(
+            k, c, holes_before, friction, incidence, behind, at_hole, first, last - first, base_of_segment
+        )
+
+    def at(self, factor: float, z: Array, angles: Array) -> Tensions:
+        """See `capstan_tensions`."""
+        return capstan_tensions(self, factor, z, angles)
+
+    def branches(self, z: Array, tension: Array) -> Flags:
+        """See `LawTransfer.branches`."""
+        return no_branches(self, z, tension)
+
+    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """See `LawTransfer.distance_to_branch_change`."""
+        return np.inf
+
+
+@compilable
+def capstan_tensions(transfer: CapstanTransfer, factor: float, z: Array, angles: Array) -> Tensions:
+    """Tensions of the segments by Capstan's equation, and their derivatives.
+
+    Parameters
+    ----------
+    transfer
+        How tension passes along the tendons.
+    factor
+        Load factor within the substep [1].
+    z
+        Mobilisations, then unknown tensions at the base [N], shape (k + c,).
+    angles
+        Turning angles [rad], shape (r,).
+    """
+    holes = transfer.holes
+    # Friction times mobilisation, and Capstan's exponent at full mobilisation.
+    acting = z[:holes].dot(transfer.incidence) * transfer.friction
+    exponent = transfer.friction * angles
+    ratio = np.exp(-transfer.holes_before.dot(acting * angles))
+    base = transfer.base_tension + factor * transfer.base_change
+    if transfer.unknown:
+        base = base + z[holes:].dot(transfer.base_of_segment)
+    tension = base * ratio
+    negative = -tension
+    by_angle = acting * transfer.holes_before
+    by_angle *= negative.reshape(-1, 1)
+    by_unknown = np.empty((len(z), len(tension)))
+    if transfer.at_hole.size:
+        by_unknown[:holes] = exponent[transfer.at_hole].reshape(-1, 1) * transfer.behind
+    else:
+        by_unknown[:holes] = (exponent * transfer.incidence).dot(transfer.holes_before.T)
+    by_unknown[:holes] *= negative
+    if transfer.unknown:
+        by_unknown[holes:] = transfer.base_of_segment * ratio
+    return Tensions(tension, by_angle, by_unknown, ratio * transfer.base_change)
+
+
+@compilable
+def no_branches(transfer: CapstanTransfer, z: Array, tension: Array) -> Flags:
+    """Flags that change where derivatives jump: none, Capstan's equation is smooth."""
+    return np.zeros(0, dtype=np.bool_)
+
+
+@compiled_as(capstan_tensions)
+def tensions_at(transfer: CapstanTransfer | LawTransfer, factor: float, z: Array, angles: Array) -> Tensions:
+    """As `capstan_tensions`, by any law; compiled functions know Capstan's equation only."""
+    return transfer.at(factor, z, angles)
+
+
+@compiled_as(no_branches)
+def branches_at(transfer: CapstanTransfer | LawTransfer, z: Array, tension: Array) -> Flags:
+    """As `no_branches`, by any law."""
+    return transfer.branches(z, tension)
+
+
+class LawTransfer:
+    """Any law that has no slip rates, as with adhesion.
+
+    Parameters
+    ----------
+    tendons
+        By robot.
+    """
+
+    def __init__(self, tendons: Sequence[TendonsInSubstep]) -> None:
+        self._holes = sum(t.holes for t in tendons)
+        self._unknown = sum(len(t.driven) for t in tendons)
+        self._size = sum(t.segments for t in tendons), sum(t.angles for t in tendons)
+        self._positions: list[_Positions] = []
+        segment = angle = hole = 0
+        base, before = self._holes, []
+        for own in tendons:
+            self._positions.append(_Positions.of(own, segment, angle, hole, base))
+            tendon, group = np.nonzero(own.frictional)
+            before.append(segment + tendon * own.law.shape[1] + (group if own.law.each_hole else 0))
+            segment, angle, hole = segment + own.segments, angle + own.angles, hole + own.holes
+            base += len(own.driven)
+        #: Segment before the hole, or the first one, of every mobilisation.
+        self._before: Index = np.concatenate(before)
+
+    def branches(self, z: Array, tension: Array) -> Flags:
+        """Which holes hold tension back, and which segments are under tension, shape (k + q,).
+
+        Adhesion holds tension behind a hole that is released even where there is none before it, and takes at most
+        what there is where it is pulled: there the derivatives jump.
+        """
+        return np.concatenate((z[: self._holes] < 0.0, tension > 0.0))
+
+    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """Part of the substep to where these change at constant rates; segments that become taut are not foreseen.
+
+        Parameters
+        ----------
+        z, rate
+            Unknowns and their rates, shape (k + c,).
+        tension, tension_rate
+            Of the segments [N], shape (q,).
+        """
+        here, pace = z[: self._holes], rate[: self._holes]
+        crossing = (here * pace < 0.0) & (tension[self._before] <= 0.0)
+        falling = (tension > 0.0) & (tension_rate < 0.0)
+        to_zero = np.concatenate(
+            (-here[crossing] / pace[crossing], -tension[falling] / tension_rate[falling])
+        )
+        return float(to_zero.min(initial=np.inf))
+
+    def at(self, factor: float, z: Array, angles: Array) -> Tensions:
+        """As of `CapstanTransfer`."""
+        q, r = self._size
+        found = Tensions(
+            np.zeros(q), np.zeros((q, r)), np.zeros((self._holes + self._unknown, q)), np.zeros(q)
+        )
+        for at in self._positions:
+            own, which, (m, n) = at.tendons, at.tendons.which, at.tendons.law.shape
+            change = own.tension[1] - own.tension[0]
+            tension = own.tension[0] + factor * change
+            tension[own.driven] = z[at.base]
+            change[own.driven] = 0.0
+            values = np.zeros(m), np.zeros((m, n)), np.zeros((m, n - 1)), np.zeros((m, own.law.groups))
+            mobilisation = np.zeros(own.frictional.shape)
+            mobilisation[own.frictional] = z[at.holes]
+            values[0][which], values[3][which] = tension, mobilisation
+            values[2][which] = angles[at.angles]
+            field = own.law.field(*values)
+            by = field.derivatives
+            by_base = by.d_base[which]
+            found.tension[at.segments] = field.tension[which]
+            found.by_angle[at.segments[:, :, None], at.angles[:, None, :]] = by.d_angle[which]
+            tendon, group = np.nonzero(own.frictional)
+            by_hole = by.by_mobilisation[which][tendon, :, group]
+            found.by_unknown[at.holes[:, None], at.segments[tendon]] = by_hole
+            found.by_unknown[at.base[:, None], at.segments[own.driven]] = by_base[own.driven]
+            found.by_load[at.segments] = by_base * change[:, None]
+        return found
+
+
+class _Positions(NamedTuple):
+    """Where the numbers of one robot's tendons stand in the arrays of a `LawTransfer`."""
+
+    tendons: TendonsInSubstep
+    segments: Index  # (m, n)
+    angles: Index  # (m, n-1)
+    holes: Index  # (k,): Frictional mobilisations
+    base: Index  # (c,): Unknown tensions at the base
+
+    @classmethod
+    def of(cls, tendons: TendonsInSubstep, segment: int, angle: int, hole: int, base: int) -> _Positions:
+        """Those of tendons whose first numbers are given."""
+        m, n = len(tendons.which), tendons.law.shape[1]
+        return cls(
+            tendons,
+            segment + np.arange(m * n).reshape(m, n),
+            angle + np.arange(m * (n - 1)).reshape(m, n - 1),
+            hole + np.arange(tendons.holes),
+            base + np.arange(len(tendons.driven)),
+        )
+
+
+def tension_transfer(tendons: Sequence[TendonsInSubstep]) -> CapstanTransfer | LawTransfer:
+    """The transfer of tension of some tendons."""
+    adhesive = any(np.any(t.law.parameters.adhesion[t.which] > 0.0) and t.law.has_friction for t in tendons)
+    return LawTransfer(tendons) if adhesive else CapstanTransfer.of(tendons)

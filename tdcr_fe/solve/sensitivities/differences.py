@@ -1,0 +1,393 @@
+"""Derivatives by differences: rules for the steps, models beside the present one, and changes of the inputs.
+
+What follows from a parameter by explicit formulas is differentiated by such quotients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import Experiment
+from tdcr_fe.model.loading import Actuation, LoadStep, resolve
+from tdcr_fe.solve.equations.robot_model import RobotModel
+from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, StepInput
+from tdcr_fe.solve.simulation import Simulation
+
+Array = NDArray[np.float64]
+
+#: Difference steps: central, or to one side where the other is impossible; offsets and weights in units of the step.
+_RULES = (
+    ((1.0, -1.0), (0.5, -0.5), 0.0),
+    ((1.0, 2.0), (2.0, -0.5), -1.5),
+    ((-1.0, -2.0), (-2.0, 0.5), 1.5),
+)
+#: Difference step over the size of a parameter [1].
+RELATIVE_STEP = 1e-5
+
+
+class StructureChanged(ValueError):
+    """A parameter changes the mesh or the number of load steps, so that results cannot be compared."""
+
+
+class NoDerivative(ValueError):
+    """There is no derivative by a parameter.
+
+    Attributes
+    ----------
+    parameter, reason : str
+    """
+
+    def __init__(self, parameter: Parameter, reason: object) -> None:
+        value = f" at {parameter.value:g}" if isinstance(parameter, ModelParameter) else ""
+        super().__init__(f"sensitivities: no derivative by {parameter.name}{value}: {reason}")
+        self.parameter, self.reason = parameter.name, str(reason)
+
+
+@dataclass(frozen=True, eq=False)
+class Stencil:
+    """Experiments at neighbouring values, and the weights with which they give a derivative."""
+
+    weights: np.ndarray  # (k,): Of the neighbours
+    base_weight: float  # Of the present experiment
+    experiments: tuple[Experiment, ...]  # The neighbours
+
+
+def stencil(
+    experiment: Experiment, parameter: ModelParameter, fits: Callable[[Experiment], None] | None = None
+) -> Stencil:
+    """Neighbours of an experiment by a parameter: on both sides, or on one where the other is impossible.
+
+    Parameters
+    ----------
+    experiment
+        The present one.
+    parameter
+        What is changed.
+    fits
+        Raises `StructureChanged` where an experiment cannot be compared with the present one.
+
+    Raises
+    ------
+    NoDerivative
+        There are no such neighbours.
+    """
+    step = RELATIVE_STEP * parameter.size
+    reason: ValueError | None = None
+    for offsets, weights, base in _RULES:
+        try:
+            found = tuple(parameter.apply(experiment, parameter.value + step * x) for x in offsets)
+            for each in found:
+                if fits is not None:
+                    fits(each)
+        except ValueError as error:
+            if not isinstance(reason, StructureChanged):
+                reason = error
+            continue
+        return Stencil(np.array(weights) / step, base / step, found)
+    raise NoDerivative(parameter, reason) from reason
+
+
+@dataclass(frozen=True, eq=False)
+class Tabulated:
+    """Neighbours of an experiment that were made beforehand, as `ModelParameter.apply`; can be sent to a process."""
+
+    value: float  # Present value, and the difference step
+    step: float  # as `value`
+    experiments: Mapping[int, Experiment]  # By offset from the present value, in difference steps
+    refused: str = ""  # Why there are no others
+
+    def __call__(self, experiment: Experiment, value: float) -> Experiment:
+        """The neighbour with a value; ValueError where it was not made."""
+        offset = round((value - self.value) / self.step)
+        if offset not in self.experiments:
+            raise ValueError(self.refused or f"no neighbour at {value:g}")
+        return self.experiments[offset]
+
+
+def tabulated(parameter: ModelParameter, experiment: Experiment) -> ModelParameter:
+    """A parameter whose neighbours are made now: on both sides, or two on the side where that is possible."""
+    step = RELATIVE_STEP * parameter.size
+    found: dict[int, Experiment] = {}
+    refused = ""
+    for offset in (1, -1, 2, -2):
+        if abs(offset) == 2 and ((-1 in found and 1 in found) or offset // 2 not in found):
+            continue
+        try:
+            found[offset] = parameter.apply(experiment, parameter.value + step * offset)
+        except ValueError as error:
+            refused = str(error)
+    return replace(parameter, apply=Tabulated(parameter.value, step, found, refused))
+
+
+def same_structure(present: Sequence[LoadStep], other: Sequence[LoadStep]) -> bool:
+    """Whether two loading sequences name the same inputs and loads in the same number of steps."""
+    return len(present) == len(other) and all(
+        set(a.tensions) == set(b.tensions)
+        and set(a.displacements) == set(b.displacements)
+        and {n: x.frame for n, x in a.loads.items()} == {n: x.frame for n, x in b.loads.items()}
+        for a, b in zip(present, other, strict=True)
+    )
+
+
+class Inherited(NamedTuple):
+    """Derivatives of what an increment inherits, and of its times."""
+
+    slip: Array  # (m, g, P): Of the history [m, m/s]
+    slip_rate: Array  # as `slip`
+    time: Array  # (P,): Of the time at its end, and of its duration [s]
+    elapsed: Array  # as `time`
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """Models at neighbouring values of one parameter."""
+
+    number: int  # Of the parameter
+    stencil: Stencil
+    models: tuple[RobotModel, ...]  # Of the stencil's experiments
+
+
+def neighbours(
+    experiment: Experiment, present: RobotModel, chosen: Sequence[Parameter], presliding: float
+) -> tuple[Neighbours, ...]:
+    """Models at neighbouring values of all parameters of the description.
+
+    Parameters
+    ----------
+    experiment
+        The present one, with a number of elements for every bay.
+    present
+        Its model.
+    chosen
+        Parameters; inputs of the current step have no neighbours.
+    presliding
+        Presliding distance [m].
+
+    Raises
+    ------
+    ValueError
+        A parameter changes the mesh or the tendons' holes, so that there is no derivative.
+    """
+    counts = experiment.model.elements_per_bay
+    found = []
+    for number, parameter in enumerate(chosen):
+        if not isinstance(parameter, ModelParameter):
+            continue
+        models: dict[int, RobotModel] = {}
+
+        def build(each: Experiment, models: dict[int, RobotModel] = models) -> None:
+            """Build and keep the model of a neighbour."""
+            same_steps = each.steps is experiment.steps
+            model = RobotModel.of(
+                each.robot,
+                replace(each.model, elements_per_bay=counts),
+                load_positions(each),
+                presliding,
+                present if same_steps else None,
+            )
+            _check_structure(present, model)
+            models[id(each)] = model
+
+        at = stencil(experiment, parameter, build)
+        found.append(Neighbours(number, at, tuple(models[id(e)] for e in at.experiments)))
+    return tuple(found)
+
+
+def load_positions(experiment: Experiment) -> list[float]:
+    """Arc lengths of all loads [m], ascending."""
+    return sorted({float(load.at) for step in experiment.steps for load in step.loads.values()})
+
+
+def _check_structure(present: RobotModel, other: RobotModel) -> None:
+    """Refuse a model of another mesh, or with other holes."""
+    a, b = present.forces, other.forces
+    if a.mesh.arc_lengths.size != b.mesh.arc_lengths.size or not np.array_equal(present.rigid, other.rigid):
+        raise StructureChanged("the mesh has other nodes there")
+    if a.law.shape != b.law.shape or not np.array_equal(a.law.parameters.mask, b.law.parameters.mask):
+        raise StructureChanged("the tendons have other holes there")
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterModels:
+    """Models of a robot at the present values of its parameters, and at neighbouring values of each."""
+
+    present: RobotModel  # At the present values
+    neighbours: tuple[Neighbours, ...]  # By parameter of the description; inputs of the load steps have none
+    count: int  # Number of parameters P, inputs included
+
+    def where(self, differs: Callable[[RobotModel, RobotModel], bool]) -> Stacked:
+        """The models of the parameters by which something differs from the present model."""
+        return Stacked.of(
+            self.present, [x for x in self.neighbours if any(differs(self.present, m) for m in x.models)]
+        )
+
+
+class Stacked(NamedTuple):
+    """Models of some parameters, the present model first."""
+
+    models: list[RobotModel]
+    parameters: NDArray[np.int_]  # (P',): Numbers of the parameters
+    weights: Array  # (P', S): Of the models in each derivative
+
+    @classmethod
+    def of(cls, present: RobotModel, chosen: Sequence[Neighbours]) -> Stacked:
+        """The models of all chosen parameters."""
+        models = [present]
+        weights = np.zeros((len(chosen), 1 + sum(len(x.models) for x in chosen)))
+        for row, each in enumerate(chosen):
+            weights[row, 0] = each.stencil.base_weight
+            weights[row, len(models) : len(models) + len(each.models)] = each.stencil.weights
+            models += each.models
+        numbers = np.array([x.number for x in chosen], dtype=int)
+        return cls(models, numbers, weights)
+
+    def derivative(self, values: Array) -> Array:
+        """Derivatives from values of all models, (S, ...) to (..., P')."""
+        found = self.weights @ values.reshape(len(values), -1)
+        return np.moveaxis(found.reshape(len(found), *values.shape[1:]), 0, -1)
+
+
+class InputValues(NamedTuple):
+    """Derivatives of inputs (m, P), loads (L, 6, P) and time (P,) at one load factor."""
+
+    tendons: Array
+    loads: Array
+    time: Array
+
+
+@dataclass(frozen=True, eq=False)
+class InputDerivatives:
+    """Derivatives of inputs and loads at the ends of all steps."""
+
+    tendons: Array  # (steps, m, P): Of tensions [N] and displacements [m]
+    loads: Array  # (steps, L, 6, P): Of the concentrated loads, in the order of the simulation
+    times: Array  # (steps, P): Of the times [s]
+    restarts: NDArray[np.bool_]  # (P,): Whose derivatives begin anew with every step
+    each_step: bool = True  # Whether there is one entry for every step; else the first one holds for all
+
+    def at(self, number: int) -> InputValues:
+        """Derivatives at the end of a step, by its number from 0."""
+        k = number if self.each_step else 0
+        return InputValues(self.tendons[k], self.loads[k], self.times[k])
+
+    @classmethod
+    def of_inputs(cls, tendons: int, loads: Sequence[str], chosen: Sequence[Parameter]) -> InputDerivatives:
+        """Where no parameter but the inputs of the current step changes inputs.
+
+        Parameters
+        ----------
+        tendons
+            Their number.
+        loads
+            Names of the concentrated loads in the scene, empty for those of other robots.
+        chosen
+            All parameters.
+        """
+        count = len(chosen)
+        found = cls(
+            np.zeros((1, tendons, count)),
+            np.zeros((1, len(loads), 6, count)),
+            np.zeros((1, count)),
+            np.array([isinstance(p, StepInput) for p in chosen], dtype=bool),
+            each_step=False,
+        )
+        for number, parameter in enumerate(chosen):
+            if isinstance(parameter, StepInput) and parameter.tendon >= 0:
+                found.tendons[0, parameter.tendon, number] = 1.0
+            elif isinstance(parameter, StepInput):
+                found.loads[0, loads.index(parameter.load), parameter.component, number] = 1.0
+        return found
+
+    @classmethod
+    def of(
+        cls,
+        experiment: Experiment,
+        simulation: Simulation,
+        chosen: Sequence[Parameter],
+        found: Sequence[Neighbours],
+        frictional: bool,
+    ) -> InputDerivatives:
+        """Derivatives by all parameters; see `neighbours`. ``frictional``: whether any hole has friction.
+
+        Raises
+        ------
+        NoDerivative
+            A parameter divides the load steps in another way.
+        """
+        steps, m = len(experiment.steps), len(experiment.robot.tendons)
+        keys = list(simulation.loads)
+        tendons = np.zeros((steps, m, len(chosen)))
+        loads = np.zeros((steps, len(keys), 6, len(chosen)))
+        times = np.zeros((steps, len(chosen)))
+        present = resolve(experiment.robot, experiment.steps)
+        for each in found:
+            weights = (each.stencil.base_weight, *each.stencil.weights)
+            others = each.stencil.experiments
+            if all(e.steps is experiment.steps for e in others):
+                continue
+            parameter = chosen[each.number]
+            ordered = frictional and isinstance(parameter, ModelParameter) and not parameter.approximate
+            try:
+                actions = [present, *(_actions_like(experiment, present, e, ordered) for e in others)]
+            except StructureChanged as error:
+                raise NoDerivative(parameter, error) from error
+            for weight, sequence in zip(weights, actions, strict=True):
+                for k, (action, same) in enumerate(zip(sequence, present, strict=True)):
+                    tendons[k, :, each.number] += weight * action.values
+                    times[k, each.number] += weight * action.time
+                    for name, load in action.loads.items():
+                        at = keys.index(simulation.load_key(name, same.loads[name]))
+                        loads[k, at, :, each.number] += weight * np.array([*load.force, *load.moment])
+        restarts = np.array([isinstance(p, StepInput) for p in chosen], dtype=bool)
+        for number, parameter in enumerate(chosen):
+            if not isinstance(parameter, StepInput):
+                continue
+            if parameter.tendon >= 0:
+                tendons[:, parameter.tendon, number] = 1.0
+            for k, action in enumerate(present):
+                if parameter.load in action.loads:
+                    at = keys.index(simulation.load_key(parameter.load, action.loads[parameter.load]))
+                    loads[k, at, parameter.component, number] = 1.0
+        return cls(tendons, loads, times, restarts)
+
+
+def _actions_like(
+    present: Experiment, own: Sequence[Actuation], other: Experiment, ordered: bool
+) -> list[Actuation]:
+    """Inputs of an experiment at the ends of the steps of another, which effects may have divided differently.
+
+    ``ordered``: whether the results depend on the order in which inputs change within a step.
+    """
+    actions = resolve(other.robot, other.steps)
+    if same_structure(present.steps, other.steps):
+        if [k for k, _ in present.step_ends] == [k for k, _ in other.step_ends]:
+            return actions
+        # A simulation does not know how effects divided its steps; a neighbour divided likewise has nearly its inputs.
+        if present.ends is None and _nearly_same(own, actions):
+            return actions
+    # Where only the neighbour is divided, its parts begin and end where the change of the parameter takes them.
+    if ordered:
+        raise StructureChanged(
+            "it divides the load steps, and friction depends on the order of the inputs within them; at a value of its "
+            "own there is a derivative (effect_parameter)"
+        )
+    whole = [j for j, (_, factor) in enumerate(other.step_ends) if factor == 1.0]
+    if present.ends is not None or len(whole) != len(present.steps):
+        raise StructureChanged("the load steps are divided differently there")
+    return [actions[j] for j in whole]
+
+
+def _nearly_same(a: Sequence[Actuation], b: Sequence[Actuation]) -> bool:
+    """Whether all inputs of two sequences differ by less than a thousandth of the largest one of their kind."""
+    first, second = np.array([x.values for x in a]), np.array([x.values for x in b])
+    driven = np.array([x.by_displacement for x in a])
+    return all(
+        float(np.max(np.abs(first - second)[kind], initial=0.0))
+        <= 1e-3 * float(np.max(np.abs(first)[kind], initial=0.0))
+        for kind in (driven, ~driven)
+    )

@@ -1,0 +1,203 @@
+"""Arguments of `CreateTDCR`, also by Exudyn's names, and inputs of the handle: what they do, and what is refused."""
+
+from __future__ import annotations
+
+import exudyn as exu
+import exudyn.graphics as graphics
+import exudyn.itemInterface as eii
+import numpy as np
+import pytest
+from native_solvers import dynamic_settings, static_settings
+from robots import LENGTH, distance, paper, scene, three
+from scipy.spatial.transform import Rotation
+
+from tdcr_fe.model.loading import Model
+from tdcr_fe.native import register
+from tdcr_fe.scene import CreateTDCR
+from tdcr_fe.solve.statics import SolveTDCR
+
+register()
+MODEL = Model(friction="per-hole", elements_per_bay=1)
+TURN = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+HEAVY = [0.0, 0.0, -9.81]
+
+
+def bent(mbs, handle):
+    """Shape after a pull."""
+    mbs.Assemble()
+    handle.set_tensions([0.5, 0.1, 0.0])
+    SolveTDCR(mbs)
+    return handle.shape()[0]
+
+
+def test_exudyns_names_give_the_same_robot():
+    pose = {"basePosition": [0.1, 0.2, 0.0], "baseRotationMatrix": TURN}
+    _keep, mbs, handle = scene(three(0.0), assemble=False, gravity=tuple(HEAVY), **pose)
+    keep = exu.SystemContainer()
+    other = keep.AddSystem()
+    made = CreateTDCR(
+        other,
+        three(0.0),
+        MODEL,
+        referencePosition=[0.1, 0.2, 0.0],
+        referenceRotationMatrix=TURN,
+        gravity=HEAVY,
+        color=[1.0, 0.0, 0.0, 1.0],
+        graphicsDataList=[graphics.Brick([0.1, 0.2, -0.02], [0.05, 0.05, 0.01])],
+        returnDict=True,
+    )
+    assert np.array_equal(bent(mbs, handle), bent(other, made["tdcr"]))
+    assert made["nodeNumbers"] == made["tdcr"].nNodes and made["diskNumbers"] == made["tdcr"].bDisks
+    ground = other.GetObject(other.GetObjectNumber("three.ground"), addGraphicsData=True)
+    assert len(ground["VgraphicsData"]) == 2
+    assert list(other.GetObject(made["beamNumbers"][0])["Vcolor"]) == pytest.approx([1.0, 0.0, 0.0, 1.0])
+
+
+ORIGIN = [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        (
+            {"basePosition": ORIGIN, "referencePosition": ORIGIN},
+            ValueError,
+            "basePosition and referencePosition",
+        ),
+        (
+            {"baseRotationMatrix": TURN, "referenceRotationMatrix": TURN},
+            ValueError,
+            "baseRotationMatrix and referenceRotationMatrix",
+        ),
+        (
+            {"gravity": HEAVY, "model": Model(gravity=tuple(HEAVY))},
+            ValueError,
+            "by the argument and by the model",
+        ),
+        ({"color": [2.0, 0.0, 0.0, 1.0]}, ValueError, "four numbers from 0 to 1"),
+        ({"loadPositions": [0.3]}, ValueError, "0 to 0.25 m"),
+        ({"baseRotationMatrix": 2.0 * np.eye(3)}, ValueError, "must be a rotation"),
+        ({"baseRotationMatrix": np.diag([1.0, 1.0, -1.0])}, ValueError, "reflection"),
+        ({"graphicsDataList": graphics.Sphere(radius=0.1)}, TypeError, "is of type dict; expected a list of"),
+        ({"graphicsDataList": [0.1]}, TypeError, "is of type float; expected a list of graphics"),
+        ({"show": "no"}, TypeError, "show is 'no'; expected True or False"),
+        (
+            {"referencePosition": [0.0, 1.0]},
+            TypeError,
+            "referencePosition is of type list; expected 3 numbers",
+        ),
+    ],
+)
+def test_wrong_arguments_are_refused_before_anything_is_added(given, error, message):
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    with pytest.raises(error, match=message):
+        CreateTDCR(mbs, three(0.0), **given)
+    assert mbs.systemData.NumberOfNodes() == 0
+
+
+def test_graphics_need_a_base_on_ground():
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
+    with pytest.raises(ValueError, match="graphicsDataList is drawn on the base"):
+        CreateTDCR(mbs, three(0.0), baseMarker=marker, graphicsDataList=[graphics.Sphere(radius=0.1)])
+
+
+def test_handles_print_in_a_line_and_are_told_apart():
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    arms = [CreateTDCR(mbs, three(0.0), name=name) for name in ("left", "right")]
+    assert repr(arms[0]) == "<TDCR 'left': 13 disks, tendons t1, t2, t3; nodes 0 to 26>"
+    assert arms.index(arms[1]) == 1 and len(set(arms)) == 2
+
+
+# ---------------------------------------------------------------- base marker
+
+
+def carrier(position, rotation):
+    """A free body with a rigid marker at a pose."""
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    node = mbs.AddNode(eii.NodeRigidBodyEP(referenceCoordinates=[0.1, 0.2, 0.3, 1, 0, 0, 0]))
+    inertia = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+    body = mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=1.0, inertia=inertia))
+    frame = exu.HT(rotation=rotation, translation=np.array(position) - [0.1, 0.2, 0.3])
+    return keep, mbs, mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body, localHT=frame))
+
+
+def test_the_pose_of_the_base_is_that_of_its_marker():
+    turn = Rotation.from_euler("xyz", [0.3, -0.4, 1.0]).as_matrix()
+    _keep, mbs, marker = carrier([0.5, 0.0, 0.1], turn)
+    handle = CreateTDCR(mbs, paper(), MODEL, baseMarker=marker)
+    mbs.Assemble()
+    assert distance(handle.tip_position, [0.5, 0.0, 0.1] + turn @ [0.0, 0.0, LENGTH]) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"basePosition": ORIGIN}, "basePosition .* differs from that of baseMarker"),
+        ({"baseRotationMatrix": np.eye(3)}, "baseRotationMatrix differs from the axes of baseMarker"),
+    ],
+)
+def test_a_base_pose_other_than_that_of_the_marker_is_refused(given, words):
+    _keep, mbs, marker = carrier([0.5, 0.0, 0.1], Rotation.from_euler("x", 0.3).as_matrix())
+    with pytest.raises(ValueError, match=words):
+        CreateTDCR(mbs, paper(), MODEL, baseMarker=marker, **given)
+
+
+# ---------------------------------------------------------------- inputs
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda h: h.set_tensions({"x": 1.0}), "no tendon 'x'"),
+        (lambda h: h.set_tensions([1.0, 2.0]), "2 values for 3 tendons"),
+        (lambda h: h.set_tensions({"t1": -1.0}), "tension >= 0"),
+        (lambda h: h.set_displacements({"t1": float("nan")}), "finite"),
+    ],
+)
+def test_wrong_inputs_are_named(call, words):
+    _keep, _, handle = scene(three())
+    with pytest.raises(ValueError, match=words):
+        call(handle)
+
+
+def test_a_tension_set_after_inputs_over_time_leaves_the_other_tendons_as_they_are():
+    """In version 0.1 the tensions of t2 and t3 were set to zero."""
+    _keep, mbs, handle = scene(three(0.0), friction="none")
+    handle.set_inputs_over_time(lambda t: [0.2 * t, 0.5 * t, 0.1 * t])
+    assert mbs.SolveStatic(static_settings(20))
+    handle.set_tensions({"t1": 0.3})
+    mbs.SolveTDCR()
+    assert [handle.tensions()[t][0] for t in ("t1", "t2", "t3")] == pytest.approx([0.3, 0.5, 0.1])
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ([1.0], r"returned \[1.0\]; must be a number for each of 3 tendons"),
+        ([0.1, -0.5, 0.1], r"returned -0.5 for tendon 't2'; must be finite, a tension >= 0"),
+        ([0.1, 0.1, float("nan")], "returned nan for tendon 't3'"),
+        ("fast", "must return a number for each of 3 tendons"),
+    ],
+)
+@pytest.mark.parametrize("solver", ["SolveTDCR", "SolveStatic", "SolveDynamic"])
+def test_wrong_inputs_over_time_are_refused_by_every_solver(solver, values, words):
+    """In version 0.1 one value acted on three tendons, and -0.5 N pushed."""
+    _keep, mbs, handle = scene(three(0.3))
+    handle.set_inputs_over_time(lambda t: values)
+    settings = {"SolveStatic": [static_settings(5)], "SolveDynamic": [dynamic_settings(0.01, 1e-3)]}
+    with pytest.raises((ValueError, RuntimeError), match=words):
+        getattr(mbs, solver)(*settings.get(solver, []))
+
+
+def test_round_off_below_zero_tension_is_zero():
+    _keep, mbs, handle = scene(three(0.3))
+    handle.set_inputs_over_time(lambda t: [-1e-16, 0.1 * t, 0.0])
+    mbs.SolveTDCR()
+    assert handle.tensions()["t1"][0] == 0.0
+    with pytest.raises(TypeError, match="needs a function of the time"):
+        handle.set_inputs_over_time([1.0, 0.0, 0.0])
