@@ -148,8 +148,8 @@ def _check_stiffness(table: pd.DataFrame, robot: Robot, elastic: list[list[str]]
             & (table["load_N"].diff() == 0.0)
         )
         what = "loaded offset" if "loaded" in column else "offset"
-        for k in np.flatnonzero(falls):
-            elastic[k].append(f"{what} falls although the tension rises")
+        for row in np.flatnonzero(falls):
+            elastic[row].append(f"{what} falls although the tension rises")
 
 
 def _check_first_segment(table: pd.DataFrame, robot: Robot, elastic: list[list[str]]) -> None:
