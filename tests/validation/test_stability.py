@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.model.robot import Disks
 from tdcr_fe.solve.simulate import Simulation
 from tdcr_fe.solve.stability import stability, strain_tangent
 from tdcr_fe.validation.paper.cases import MODELS, paper_case
