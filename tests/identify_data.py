@@ -5,22 +5,19 @@ from dataclasses import replace
 import numpy as np
 
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
-from tdcr_fe.identify.conclude import conclude
-from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.forward import ForwardModel, Task, run_settings, simulate_experiment
 from tdcr_fe.identify.identification import _declared, _prepare
+from tdcr_fe.identify.judge import conclude
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.identify.settings import IdentifySettings
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
 
 LENGTH = 0.2

@@ -9,9 +9,8 @@ from identify_data import FRICTIONAL, GRAVITY, ROBOT, concluded, measured, probl
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import effect, with_effects
-from tdcr_fe.identify.corrected import corrected_files, observation_effects
-from tdcr_fe.identify.divide import divide_steps
-from tdcr_fe.identify.replay import corrected_motion
+from tdcr_fe.identify.corrected import corrected_files, corrected_motion, observation_effects
+from tdcr_fe.identify.load_steps import divide_steps
 from tdcr_fe.identify.report import write_report
 from tdcr_fe.io.toml import read_robot, read_scenario
 

@@ -9,15 +9,14 @@ from identify_data import MODEL, ROBOT, measured, problem_of, searching, state_o
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.candidates import propose
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.search import MANY_EFFECTS, _worthwhile, forward_selection
 from tdcr_fe.identify.search_state import without
-from tdcr_fe.identify.selection import MANY_EFFECTS, _worthwhile, forward_selection
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.model.loading import LoadStep, SolverSettings
 from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
 
 SIGMA = 1e-4

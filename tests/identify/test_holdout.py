@@ -8,7 +8,7 @@ from identify_data import GRAVITY, measured
 
 from tdcr_fe.cli import main
 from tdcr_fe.identify import IdentifySettings, identify
-from tdcr_fe.identify.holdout import held_out_branches
+from tdcr_fe.identify.load_steps import held_out_branches
 from tdcr_fe.io.measured import write_measured
 from tdcr_fe.io.problems import InputError
 

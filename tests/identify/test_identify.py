@@ -22,18 +22,16 @@ from tdcr_fe.cli import main
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.identify import NotSolved, fitting, identification, identify
 from tdcr_fe.identify.candidates import FIRST
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.holdout import blocks, choose_held_out
+from tdcr_fe.identify.forward import ForwardModel, run_settings
+from tdcr_fe.identify.load_steps import blocks, choose_held_out
 from tdcr_fe.identify.noise import chi_square_z_score, estimate_sigma, is_noise, outliers, structure
 from tdcr_fe.identify.problem import refine
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.sentences import summary
-from tdcr_fe.identify.simulate_run import run_settings
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import StiffnessPatch
-from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.solve.simulate import simulate
 
 # ------------------------------------------------------------------------------------------------ the pieces

@@ -8,14 +8,13 @@ from identify_data import LENGTH, MODEL, ROBOT, concluded, problem_of, state_of
 
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.input_scatter import find_input_scatter
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.noise import find_input_scatter
 from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, SolverSettings
 
 SIGMA = 1e-4
 PULLS = [(a, b) for a in (0.0, 0.3, 0.6, 0.9, 1.2) for b in (0.0, 0.3, 0.6, 0.9, 1.2) if a or b]

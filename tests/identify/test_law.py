@@ -15,15 +15,15 @@ from tdcr_fe.identify import identification, identify
 from tdcr_fe.identify.corrected import corrected_files
 from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.fitting import fit
-from tdcr_fe.identify.law import (
+from tdcr_fe.identify.law_fit import TOLERANCE, LawSearch, balance, law_action
+from tdcr_fe.identify.law_search import (
     _beside_the_effects,
     _explains_more,
     _without_unnecessary,
     find_law,
+    search_law,
     sentence,
 )
-from tdcr_fe.identify.law_fit import TOLERANCE, balance, law_action
-from tdcr_fe.identify.law_search import Budget, LawSearch, search_law
 from tdcr_fe.identify.law_state import COMPONENTS, action_response, last_direction, run_with_action
 from tdcr_fe.identify.law_terms import (
     ABOUT_X,
@@ -39,9 +39,10 @@ from tdcr_fe.identify.law_terms import (
 )
 from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.report import render
+from tdcr_fe.identify.search import search_effects
 from tdcr_fe.identify.search_state import SearchState
-from tdcr_fe.identify.selection import search_effects
 from tdcr_fe.identify.sentences import headline, summary
+from tdcr_fe.identify.settings import Budget
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep

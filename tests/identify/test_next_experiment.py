@@ -9,15 +9,14 @@ from identify_data import LENGTH, measured, problem_of, searching, state_of
 
 from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify import fitting
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.next_experiment import candidate_sequences, choose_next, leading_rivals
-from tdcr_fe.identify.outcome import IdentificationResult
 from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.sentences import next_sentence
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.loading_table import read_loading
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, SolverSettings
 
 SEARCH = searching()
 #: A stiffer backbone, where the tip forces were applied but nothing was read: a gain below one looks the same.

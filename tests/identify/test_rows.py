@@ -8,19 +8,28 @@ import pytest
 from identify_data import FRICTIONAL, MODEL, ROBOT, concluded, problem_of, searching, state_of
 
 from tdcr_fe.effects import Experiment, effect, with_effects
-from tdcr_fe.identify import identify, rows
+from tdcr_fe.identify import identify
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.load_steps import blocks, inputs
+from tdcr_fe.identify.long_data import (
+    IN_BRANCH,
+    LONG,
+    PER_INPUT,
+    PIECE,
+    SEARCHED,
+    _simplified,
+    choose_rows,
+    fit_to_all_rows,
+    problem_of_rows,
+)
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.report import write_report
-from tdcr_fe.identify.rows import IN_BRANCH, LONG, PIECE, SEARCHED, choose_rows, problem_of_rows
 from tdcr_fe.identify.search_state import fitted_model
 from tdcr_fe.identify.sentences import sentences
-from tdcr_fe.identify.settings import IdentifySettings
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
-from tdcr_fe.identify.time_limit import ALL_STEPS, CEILING, SMALLER_MODELS
+from tdcr_fe.identify.settings import ALL_STEPS, CEILING, SMALLER_MODELS, IdentifySettings
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, SolverSettings
 
 SIGMA = 1e-4
 
@@ -79,7 +88,7 @@ def test_more_inputs_take_more_rows(chosen):
     data = replace(data, robot=replace(ROBOT, tendons=tendons), steps=steps)
     found = choose_rows(data, range(12 * 20, 24 * 20))
     pulled = {n for k in found.steps if k < 12 * 20 for n, v in steps[k].tensions.items() if v > 0.0}
-    assert SEARCHED < len(found.steps) <= rows.PER_INPUT * 7 and pulled == {t.name for t in tendons}
+    assert SEARCHED < len(found.steps) <= PER_INPUT * 7 and pulled == {t.name for t in tendons}
 
 
 def test_the_turning_point_of_every_chosen_branch_stays(chosen):
@@ -146,8 +155,8 @@ def test_friction_has_the_same_history_on_the_chosen_steps_of_a_branch():
     model = FRICTIONAL
     robot = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.2) for t in ROBOT.tendons))
     data = replace(long_data(4), robot=robot, model=model)
-    table = rows.inputs(data)
-    kept = [k for b in rows.blocks(data) for k in rows._simplified(table, b)]
+    table = inputs(data)
+    kept = [k for b in blocks(data) for k in _simplified(table, b)]
     assert len(kept) == 4 * IN_BRANCH
 
     def tips(steps):
@@ -207,7 +216,7 @@ def test_a_final_fit_that_the_time_does_not_suffice_for_loses_nothing(searched, 
     """Without any time no simulation of all load steps ends; with some, nothing further begins after the first."""
     problem, chosen, state = searched
     search = searching(deadline=0.0)
-    state = rows.fit_to_all_rows(search, state, replace(problem, deadline=hard))
+    state = fit_to_all_rows(search, state, replace(problem, deadline=hard))
     result = concluded(state, search, rows=chosen)
     assert [e.name for e in result.effects] == ["gravity", "precurvature"]
     assert set(result.not_tried) == missed

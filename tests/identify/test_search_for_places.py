@@ -9,8 +9,7 @@ from tdcr_fe.effects import EffectAtPlace, effect
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.candidates import first_order_local_scores, local_scores_beside
 from tdcr_fe.identify.fitting import Race, fit
-from tdcr_fe.identify.local_search import better_places, search_places
-from tdcr_fe.identify.saturated import saturated_pairs
+from tdcr_fe.identify.places import better_places, saturated_pairs, search_places
 
 
 def test_a_spring_moves_to_the_place_where_it_explains_most():

@@ -16,15 +16,15 @@ from identify_data import (
 )
 
 from tdcr_fe.effects import EFFECTS, effect
-from tdcr_fe.identify import IdentifySettings, fitting, identify, time_limit
+from tdcr_fe.identify import IdentifySettings, fitting, identify, settings
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.screening import screen
+from tdcr_fe.identify.search import search_effects
 from tdcr_fe.identify.search_state import cut_short
-from tdcr_fe.identify.selection import search_effects
 from tdcr_fe.identify.sentences import headline, sentences
-from tdcr_fe.identify.time_limit import (
+from tdcr_fe.identify.settings import (
     A_LAW,
     CEILING,
     EXCHANGES,
@@ -57,11 +57,11 @@ class Watch:
         )
 
 
-def identified(monkeypatch, data, jumps, **settings):
+def identified(monkeypatch, data, jumps, **given):
     """What is found where the clock jumps."""
     watch = Watch(jumps)
-    monkeypatch.setattr(time_limit.time, "perf_counter", watch)
-    return identify(data, IdentifySettings(time_limit=watch.LIMIT, **settings), watch.report)
+    monkeypatch.setattr(settings.time, "perf_counter", watch)
+    return identify(data, IdentifySettings(time_limit=watch.LIMIT, **given), watch.report)
 
 
 @pytest.mark.integration

@@ -8,7 +8,7 @@ from identify_data import FRICTIONAL, ROBOT, measured, problem_of, searching, st
 
 from tdcr_fe.identify.candidates import SECOND_LOOK, _has_a_chance, fit_proposals, propose
 from tdcr_fe.identify.fitting import Race
-from tdcr_fe.identify.local_search import place_ahead
+from tdcr_fe.identify.places import place_ahead
 
 
 def test_a_strong_effect_whose_score_is_low_is_fitted_and_found():

@@ -10,14 +10,12 @@ from identify_data import GRAVITY, LENGTH, MODEL, ROBOT, measured, problem_of
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import Experiment, effect, with_effects
-from tdcr_fe.identify.divide import divide_steps
 from tdcr_fe.identify.fitting import fit
-from tdcr_fe.identify.holdout import blocks, held_out_branches
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.load_steps import blocks, divide_steps, held_out_branches
 from tdcr_fe.io.measured import join_measured, write_measured
 from tdcr_fe.io.problems import InputError
-from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, SolverSettings
 from tdcr_fe.solve.sensitivities.differences import tabulated
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter
 

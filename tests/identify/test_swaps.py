@@ -6,9 +6,8 @@ from identify_data import GRAVITY, ROBOT, measured, problem_of, searching, state
 
 from tdcr_fe.effects import effect
 from tdcr_fe.identify.fitting import fit
+from tdcr_fe.identify.search import swap_effects, with_intermediate_models
 from tdcr_fe.identify.search_state import without
-from tdcr_fe.identify.selection import with_intermediate_models
-from tdcr_fe.identify.swaps import swap_effects
 
 
 def test_effects_that_an_exchange_makes_unnecessary_are_dropped():

@@ -15,9 +15,9 @@ from interrupts import start_python
 from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS, Experiment, effect
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.added_effects import separating_experiments
 from tdcr_fe.identify.candidates import identifiable
-from tdcr_fe.identify.information import mostly_estimated_noise, unknown_noise, unusable_data
+from tdcr_fe.identify.criteria import mostly_estimated_noise, unknown_noise, unusable_data
+from tdcr_fe.identify.judge import separating_experiments
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import headline, sentences

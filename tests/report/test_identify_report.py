@@ -13,13 +13,10 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.effects.base import Observation
 from tdcr_fe.identify import figures
-from tdcr_fe.identify.corrected import corrected_files, effects_block
-from tdcr_fe.identify.found_law import FoundLaw
-from tdcr_fe.identify.misfit import Misfit, Noise
-from tdcr_fe.identify.remarks import largest_strain, remarks
-from tdcr_fe.identify.replay import corrected_motion, markers, replay
+from tdcr_fe.identify.corrected import corrected_files, corrected_motion, effects_block, markers, replay
 from tdcr_fe.identify.report import LEVELS, render
-from tdcr_fe.identify.sentences import headline, summary
+from tdcr_fe.identify.result import FoundLaw, Misfit, Noise
+from tdcr_fe.identify.sentences import headline, largest_strain, remarks, summary
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.result_folder import read_motion
 from tdcr_fe.io.toml import read_scenario
