@@ -14,6 +14,7 @@ from tdcr_fe import __version__
 
 sys.path.insert(0, str(Path(__file__).parent))
 from draw_pictures import draw_missing, draw_moving_robot
+from generate import write_generated
 
 project = "tdcr-fe"
 author = "the maintainers of tdcr-fe"
@@ -46,7 +47,7 @@ add_module_names = False
 toc_object_entries = False
 default_role = "code"
 
-# The examples are run here, once: `tests/test_docs.py` runs them only as slow tests.
+# Run by the build, unless it is told `-D plot_gallery=0`; `tests/test_docs.py` runs them as integration tests.
 EXAMPLES_IN_ORDER = (
     "first_robot",
     "routings",
@@ -101,7 +102,7 @@ html_static_path = ["_static"]
 html_extra_path = ["_generated/pages"]
 (Path(__file__).parent / "_generated" / "pages").mkdir(
     parents=True, exist_ok=True
-)  # filled by _draw_pictures
+)  # filled by _write_generated
 html_css_files = ["page.css"]
 html_show_sourcelink = False
 html_theme_options = {"navigation_with_keys": True}
@@ -147,9 +148,12 @@ def _need_no_network(app: Sphinx, exception: Exception | None) -> None:
             raise ExtensionError(f"these need a network: {sorted(found)}")
 
 
-def _draw_pictures(app: Sphinx) -> None:
-    """Draw what the pages show, unless it is there already: `_generated` is not in the repository."""
-    if app.builder.format == "html":
+def _write_generated(app: Sphinx) -> None:
+    """Write what the pages take from the program; draw missing pictures, but none with `-D plot_gallery=0`."""
+    write_generated(Path(app.srcdir) / "_generated")
+    if app.config.plot_gallery in ("0", "False", False):
+        app.config.suppress_warnings.append("image.not_readable")
+    elif app.builder.format == "html":
         draw_moving_robot(Path(app.srcdir) / "_generated")
         draw_missing(Path(app.srcdir) / "_generated" / "pictures")
 
@@ -186,9 +190,9 @@ def _one_attribute_a_line(
 
 
 def setup(app: Sphinx) -> None:
-    """Prepare docstrings for Napoleon, draw the moving picture, copy MathJax, and find what needs a network."""
+    """Prepare docstrings for Napoleon, write what is generated, copy MathJax, and find what needs a network."""
     app.connect("autodoc-process-docstring", _one_attribute_a_line, priority=100)
     app.connect("autodoc-process-docstring", _no_type_in_a_property, priority=100)
-    app.connect("builder-inited", _draw_pictures)
+    app.connect("builder-inited", _write_generated)
     app.connect("build-finished", _copy_mathjax)
     app.connect("build-finished", _need_no_network)

@@ -53,28 +53,15 @@ _HALF_SKEW = 0.5 * skew(np.eye(3)).reshape(3, 9)
 
 @dataclass(frozen=True)
 class BackboneMesh:
-    """Nodes and elements along the backbone.
+    """Nodes and elements along the backbone."""
 
-    Attributes
-    ----------
-    arc_lengths : ndarray, shape (N,)
-        Of the nodes, ascending, base first [m].
-    stiffness : ndarray, shape (N-1, 6)
-        Of every element, in beam axes: axial, shear, shear [N], torsion, bending, bending [N m^2]. Shear includes the
-        residual flexibility of bending.
-    mass_per_length : ndarray, shape (N-1,)
-        Of every element [kg/m].
-    rotary_inertia : ndarray, shape (N-1, 3)
-        Per length, about the beam's axes [kg m].
-    precurvature : ndarray, shape (N-1, 3)
-        Curvature of every element in the unloaded state, in beam axes [1/m].
-    """
-
-    arc_lengths: Array
+    arc_lengths: Array  # (N,): Of the nodes, ascending, base first [m]
+    # (N-1, 6): Of every element, in beam axes: axial, shear, shear [N], torsion, bending, bending [N m^2].
+    # Shear includes the residual flexibility of bending.
     stiffness: Array
-    mass_per_length: Array
-    rotary_inertia: Array
-    precurvature: Array
+    mass_per_length: Array  # (N-1,): Of every element [kg/m]
+    rotary_inertia: Array  # (N-1, 3): Per length, about the beam's axes [kg m]
+    precurvature: Array  # (N-1, 3): Curvature of every element in the unloaded state, in beam axes [1/m]
 
     @property
     def lengths(self) -> Array:
@@ -199,37 +186,20 @@ def reference_poses(mesh: BackboneMesh, position: Array, rotation: Array) -> tup
 
 
 class NodeStiffness(NamedTuple):
-    """Blocks of a symmetric matrix by body-frame increments of nodes in a row; only neighbours are coupled.
+    """Blocks of a symmetric matrix by body-frame increments of nodes in a row; only neighbours are coupled."""
 
-    Attributes
-    ----------
-    itself : ndarray, shape (N, 6, 6)
-        Of every node.
-    after : ndarray, shape (N-1, 6, 6)
-        Of every node by the next one; the transposed block is that of the next one by it.
-    """
-
-    itself: Array
+    itself: Array  # (N, 6, 6): Of every node
+    # (N-1, 6, 6): Of every node by the next one; the transposed block is that of the next one by it
     after: Array
 
 
 class NodePoses(NamedTuple):
-    """Poses of the nodes of one backbone, in beam axes.
+    """Poses of the nodes of one backbone, in beam axes."""
 
-    Attributes
-    ----------
-    positions : ndarray, shape (N, 3)
-        [m].
-    rotations : ndarray, shape (N, 3, 3)
-    parameters : ndarray, shape (N, 4)
-        Euler parameters.
-    frames : ndarray, shape (N, 7, 6)
-        From body-frame increments of the nodes to their coordinates: position, then Euler parameters.
-    """
-
-    positions: Array
-    rotations: Array
-    parameters: Array
+    positions: Array  # (N, 3): [m]
+    rotations: Array  # (N, 3, 3)
+    parameters: Array  # (N, 4): Euler parameters
+    # (N, 7, 6): From body-frame increments of the nodes to their coordinates: position, then Euler parameters
     frames: Array
 
 
@@ -376,17 +346,7 @@ class ElementChain:
         return powers, _strain_matrices(powers, self._coefficients)
 
     def _pose_terms(self, wrenches: Array, beyond: Array, b: Array, inner: Array) -> NodeStiffness:
-        """Wrenches times second derivatives of the poses.
-
-        Parameters
-        ----------
-        wrenches, beyond
-            On the nodes, and their distal sums, shapes (N, 6) and (N, 2, 3).
-        b
-            Change of the twists by the increments of both nodes, shape (E, 6, 12).
-        inner
-            Second derivative by the twists, shape (E, 6, 6).
-        """
+        """Wrenches times second derivatives of the poses."""
         half = beyond.reshape(-1, 3).dot(_HALF_SKEW).reshape(-1, 2, 3, 3)
         # Half the coadjoint map, from the change of a twist to that of the wrench beyond it, is [[0, f], [f, m]]; here
         # after the transposed map that takes twists of an element's first node to its second.

@@ -14,30 +14,14 @@ Array = NDArray[np.float64]
 
 
 class HoleSlopes(NamedTuple):
-    """Derivatives of the tension ``T_k+1`` behind each hole, at fixed arguments of the other holes.
+    """Derivatives of the tension ``T_k+1`` behind each hole, at fixed arguments of the other holes."""
 
-    Attributes
-    ----------
-    by_tension : ndarray, shape (m, n-1)
-        By the tension ``T_k`` before the hole [1].
-    by_mobilisation : ndarray, shape (m, n-1)
-        By ``s_k`` [N].
-    by_angle : ndarray, shape (m, n-1)
-        By ``theta_k`` [N/rad].
-    by_coefficient : callable
-        Gives the derivative by ``mu_k`` [N], shape (m, n-1).
-    chain : callable
-        Gives ``dT_k / dT_j`` of all pairs of segments, shape (m, n, n).
-    by_base : ndarray, shape (m, n)
-        By the tension at the base: its first column [1].
-    """
-
-    by_tension: Array
-    by_mobilisation: Array
-    by_angle: Array
-    by_coefficient: Callable[[], Array]
-    chain: Callable[[], Array]
-    by_base: Array
+    by_tension: Array  # (m, n-1): By the tension ``T_k`` before the hole [1]
+    by_mobilisation: Array  # (m, n-1): By ``s_k`` [N]
+    by_angle: Array  # (m, n-1): By ``theta_k`` [N/rad]
+    by_coefficient: Callable[[], Array]  # Gives the derivative by ``mu_k`` [N], shape (m, n-1)
+    chain: Callable[[], Array]  # Gives ``dT_k / dT_j`` of all pairs of segments, shape (m, n, n)
+    by_base: Array  # (m, n): By the tension at the base: its first column [1]
 
 
 #: Gives the derivatives, which are formed on demand.
@@ -155,63 +139,34 @@ def capstan_with_adhesion(
 
 
 class TensionDerivatives(NamedTuple):
-    """Derivatives of the tensions along all tendons.
+    """Derivatives of the tensions along all tendons."""
 
-    Attributes
-    ----------
-    d_length : ndarray, shape (m, n, n)
-        By the segments' lengths [N/m].
-    d_angle : ndarray, shape (m, n, n-1)
-        By the turning angles [N/rad].
-    d_base : ndarray, shape (m, n)
-        By the tension at the base [1].
-    by_mobilisation : ndarray, shape (m, n, g)
-        By the mobilisations, where these are independent unknowns [N].
-    """
-
-    d_length: Array
-    d_angle: Array
-    d_base: Array
-    by_mobilisation: Array
+    d_length: Array  # (m, n, n): By the segments' lengths [N/m]
+    d_angle: Array  # (m, n, n-1): By the turning angles [N/rad]
+    d_base: Array  # (m, n): By the tension at the base [1]
+    by_mobilisation: Array  # (m, n, g): By the mobilisations, where these are independent unknowns [N]
 
 
 @dataclass(slots=True, eq=False)
 class TensionField:
-    """Tensions along all tendons, and their derivatives, which are computed when first used.
+    """Tensions along all tendons, and their derivatives, which are computed when first used."""
 
-    Attributes
-    ----------
-    tension : ndarray, shape (m, n)
-        [N].
-    released_length : ndarray, shape (m, n)
-        Released length of each segment, ``L / (1 + T0/EA) - l / (1 + T/EA)`` with the pretension ``T0`` [m].
-    slip, mobilisation : ndarray, shape (m, g)
-        As they would be committed.
-    released_d_length, released_d_tension : ndarray, shape (m, n)
-        Of the released lengths, with respect to its own length [1] and its own tension [m/N].
-    slip_rate : ndarray, shape (m, g), or None
-        Rate of the slips [m/s]; None where no friction law depends on it.
-    time : float
-        [s].
-    depends_on_length : bool
-        Whether the tensions change with the segments' lengths; where not, `d_length` is zero.
-    derive : callable
-        Gives `derivatives`.
-    at_holes : callable or None
-        Gives the derivatives hole by hole, see `tdcr_fe.elements.capstan.HoleSlopes`; None where the tension behind a
-        hole depends on more than that before it, its angle and its mobilisation.
-    """
-
-    tension: Array
+    tension: Array  # (m, n): [N]
+    # (m, n): Released length of each segment, ``L / (1 + T0/EA) - l / (1 + T/EA)`` with the pretension ``T0``
+    # [m]
     released_length: Array
-    slip: Array
-    mobilisation: Array
+    slip: Array  # (m, g): As they would be committed
+    mobilisation: Array  # as `slip`
+    # (m, n): Of the released lengths, with respect to its own length [1] and its own tension [m/N]
     released_d_length: Array
-    released_d_tension: Array
-    slip_rate: Array | None
-    time: float
+    released_d_tension: Array  # as `released_d_length`
+    slip_rate: Array | None  # (m, g): Rate of the slips [m/s]; None where no friction law depends on it
+    time: float  # [s]
+    # Whether the tensions change with the segments' lengths; where not, `d_length` is zero
     depends_on_length: bool
-    derive: Callable[[], TensionDerivatives]
+    derive: Callable[[], TensionDerivatives]  # Gives `derivatives`
+    # Gives the derivatives hole by hole, see `tdcr_fe.elements.capstan.HoleSlopes`; None where the tension
+    # behind a hole depends on more than that before it, its angle and its mobilisation
     at_holes: Slopes | None = None
     _derivatives: TensionDerivatives | None = field(default=None, init=False)
     _hole_slopes: HoleSlopes | None = field(default=None, init=False)

@@ -95,27 +95,13 @@ def evaluate_laws(
 
 
 class Linearisation(NamedTuple):
-    """Tensions for given coefficients, and the coefficients that the laws return at those tensions.
+    """Tensions for given coefficients, and the coefficients that the laws return at those tensions."""
 
-    Attributes
-    ----------
-    tension : ndarray, shape (m, n)
-        [N].
-    slopes : callable
-        Of the tensions for given coefficients.
-    law : Coefficients
-        Coefficients that the laws return at these tensions.
-    by_tension : ndarray, shape (m, n-1, n)
-        Of the laws' coefficients by the tensions [1/N].
-    by_coefficient : ndarray, shape (m, n, n-1)
-        Of the tensions by the coefficients [N].
-    """
-
-    tension: Array
-    slopes: Slopes
-    law: Coefficients
-    by_tension: Array
-    by_coefficient: Array
+    tension: Array  # (m, n): [N]
+    slopes: Slopes  # Of the tensions for given coefficients
+    law: Coefficients  # Coefficients that the laws return at these tensions
+    by_tension: Array  # (m, n-1, n): Of the laws' coefficients by the tensions [1/N]
+    by_coefficient: Array  # (m, n, n-1): Of the tensions by the coefficients [N]
 
     @property
     def matrix(self) -> Array:

@@ -25,21 +25,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GroundSprings:
-    """Linear springs from nodes to ground.
+    """Linear springs from nodes to ground."""
 
-    Attributes
-    ----------
-    nodes : ndarray of int, shape (q,)
-        Of the backbone; a node may occur several times.
-    stiffness : ndarray, shape (q, 3, 3)
-        In world axes [N/m].
-    rest : ndarray, shape (q, 3)
-        Positions without force [m].
-    """
-
-    nodes: NDArray[np.int_]
-    stiffness: Array
-    rest: Array
+    nodes: NDArray[np.int_]  # (q,): Of the backbone; a node may occur several times
+    stiffness: Array  # (q, 3, 3): In world axes [N/m]
+    rest: Array  # (q, 3): Positions without force [m]
 
     def forces(self, positions: Array, rotations: Array) -> Array:
         """Forces on the nodes in their own frames [N], shape (q, 3), from the poses of all nodes."""
@@ -53,52 +43,27 @@ class GroundSprings:
 
 
 class Measurement(NamedTuple):
-    """Geometry of the tendons and elements of a robot in one configuration.
+    """Geometry of the tendons and elements of a robot in one configuration."""
 
-    Attributes
-    ----------
-    twists : ndarray, shape (E, 6)
-        Relative twists of the elements; empty where no section force acts.
-    shape : CableShape
-        Lengths and angles of the tendons.
-    offsets : ndarray, shape (m, n+1, 3), or None
-        Where the tendons lie in their holes, in the frames of the disks [m]; None where they cannot shift.
-    poses : tuple of ndarray, or None
-        Positions and rotations of all nodes; None where there are no springs to ground.
-    """
-
-    twists: Array
-    shape: CableShape
+    twists: Array  # (E, 6): Relative twists of the elements; empty where no section force acts
+    shape: CableShape  # Lengths and angles of the tendons
+    # (m, n+1, 3): Where the tendons lie in their holes, in the frames of the disks [m]; None where they cannot
+    # shift
     offsets: Array | None
+    # Positions and rotations of all nodes; None where there are no springs to ground
     poses: tuple[Array, Array] | None = None
 
 
 @dataclass(frozen=True)
 class ForceModel:
-    """Mesh, tendons and laws from which the forces of a robot are computed.
+    """Mesh, tendons and laws from which the forces of a robot are computed."""
 
-    Attributes
-    ----------
-    mesh : BackboneMesh
-        The backbone.
-    hole_nodes : ndarray of int
-        Which backbone nodes carry holes, ascending.
-    geometry : CableGeometry or None
-        The tendons as cables; None where they follow the backbone.
-    law : TendonLaw
-        How tension passes along them.
-    section : SectionForces or None
-        Forces inside the section; None where there are none.
-    springs : GroundSprings or None
-        From single nodes to ground.
-    """
-
-    mesh: BackboneMesh
-    hole_nodes: NDArray[np.int_]
-    geometry: CableGeometry | None
-    law: TendonLaw
-    section: SectionForces | None
-    springs: GroundSprings | None = None
+    mesh: BackboneMesh  # The backbone
+    hole_nodes: NDArray[np.int_]  # Which backbone nodes carry holes, ascending
+    geometry: CableGeometry | None  # The tendons as cables; None where they follow the backbone
+    law: TendonLaw  # How tension passes along them
+    section: SectionForces | None  # Forces inside the section; None where there are none
+    springs: GroundSprings | None = None  # From single nodes to ground
 
     @cached_property
     def columns(self) -> NDArray[np.int_] | None:
@@ -213,25 +178,15 @@ class TendonForces(NamedTuple):
     """Tensions and section forces in one configuration, with their derivatives.
 
     Derivatives are by body-frame increments ``[v, w]`` of the nodes.
-
-    Attributes
-    ----------
-    model : ForceModel
-    measured : Measurement
-        The configuration.
-    base_tension : ndarray, shape (m,)
-        Tension at the base [N].
-    field : TensionField
-        Tensions along the tendons.
-    base_response : ndarray, shape (m, W), or None
-        Change of the tensions at the base with the nodes that carry holes, of tendons whose base displacement is
-        prescribed through their own elasticity [N/m, N]; None where the tensions at the base are given or unknowns.
     """
 
     model: ForceModel
-    measured: Measurement
-    base_tension: Array
-    field: TensionField
+    measured: Measurement  # The configuration
+    base_tension: Array  # (m,): Tension at the base [N]
+    field: TensionField  # Tensions along the tendons
+    # (m, W): Change of the tensions at the base with the nodes that carry holes, of tendons whose base
+    # displacement is prescribed through their own elasticity [N/m, N]; None where the tensions at the base are
+    # given or unknowns
     base_response: Array | None = None
 
     # ------------------------------------------------------------------ slips

@@ -45,24 +45,13 @@ MOBILISATION_TOLERANCE, MOST_ITERATIONS = 1e-10, 20
 
 @dataclass(frozen=True)
 class FrictionState:
-    """History, committed at the end of a (sub)step.
+    """History, committed at the end of a (sub)step."""
 
-    Attributes
-    ----------
-    slip : ndarray, shape (m, g)
-        Slip that drives each mobilisation [m].
-    mobilisation : ndarray, shape (m, g)
-        Part of the available friction that acts, in [-1, 1].
-    slip_rate : ndarray, shape (m, g), or None
-        Slip rate over the last step of nonzero duration [m/s]; None is zero.
-    time : float
-        Time at which it was committed [s].
-    """
-
-    slip: Array
-    mobilisation: Array
+    slip: Array  # (m, g): Slip that drives each mobilisation [m]
+    mobilisation: Array  # (m, g): Part of the available friction that acts, in [-1, 1]
+    # (m, g): Slip rate over the last step of nonzero duration [m/s]; None is zero
     slip_rate: Array | None = None
-    time: float = 0.0
+    time: float = 0.0  # Time at which it was committed [s]
 
 
 class TendonLaw:
@@ -364,15 +353,6 @@ class TendonLaw:
         """A field with the consistent tangent of the return mapping: its derivatives include the mobilisations' change.
 
         They are formed when first used.
-
-        Parameters
-        ----------
-        field
-            With the mobilisations fixed.
-        trial
-            Trial mobilisations [1], shape (m, g): those within [-1, 1] change with the configuration.
-        presliding
-            Presliding distance [m].
         """
 
         def derive() -> TensionDerivatives:

@@ -15,33 +15,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TendonParameters:
-    """Parameters of all tendons of one robot; shorter tendons are padded at the end.
+    """Parameters of all tendons of one robot; shorter tendons are padded at the end."""
 
-    Attributes
-    ----------
-    lengths : ndarray, shape (m, n)
-        Length of every segment in the unloaded state, zero where padded [m].
-    mask : ndarray of bool, shape (m, n)
-        Which segments exist.
-    friction : ndarray, shape (m, n-1)
-        Friction coefficient at every hole, zero at and beyond the anchor [1].
-    adhesion : ndarray, shape (m, n-1)
-        Tension drop at every hole that does not grow with the tension [N].
-    compliance : ndarray, shape (m,)
-        ``1 / EA`` of the tendon, zero where inextensible [1/N].
-    pretension : ndarray, shape (m,)
-        Tension in the unloaded state where the displacement at the base is zero [N].
-    laws : tuple of CoefficientLaw or None
-        Law of each tendon's coefficients of friction, used instead of ``friction``; None, or an empty tuple, where
-        the coefficients are constant.
-    """
-
-    lengths: Array
-    mask: NDArray[np.bool_]
-    friction: Array
-    adhesion: Array
-    compliance: Array
-    pretension: Array
+    lengths: Array  # (m, n): Length of every segment in the unloaded state, zero where padded [m]
+    mask: NDArray[np.bool_]  # (m, n): Which segments exist
+    friction: Array  # (m, n-1): Friction coefficient at every hole, zero at and beyond the anchor [1]
+    adhesion: Array  # (m, n-1): Tension drop at every hole that does not grow with the tension [N]
+    compliance: Array  # (m,): ``1 / EA`` of the tendon, zero where inextensible [1/N]
+    pretension: Array  # (m,): Tension in the unloaded state where the displacement at the base is zero [N]
+    # Law of each tendon's coefficients of friction, used instead of ``friction``; None, or an empty tuple,
+    # where the coefficients are constant
     laws: tuple[CoefficientLaw | None, ...] = ()
 
     @property

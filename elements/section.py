@@ -38,19 +38,13 @@ def gauss_arc_lengths(nodes: Array) -> Array:
 
 @dataclass(frozen=True)
 class ContinuousTendons:
-    """Tendons that follow the backbone.
+    """Tendons that follow the backbone."""
 
-    Attributes
-    ----------
-    offset, slope : ndarray, shape (m, E, 4, 3)
-        Position and derivative of position along arc length, in beam axes, at `gauss_arc_lengths` [m, 1].
-    weight : ndarray, shape (m, E)
-        One where the tendon runs along the element, zero beyond its end.
-    """
-
+    # (m, E, 4, 3): Position and derivative of position along arc length, in beam axes, at `gauss_arc_lengths`
+    # [m, 1]
     offset: Array
-    slope: Array
-    weight: Array
+    slope: Array  # as `offset`
+    weight: Array  # (m, E): One where the tendon runs along the element, zero beyond its end
 
     def evaluate(self, twists: Array, lengths: Array) -> tuple[Array, Array]:
         """Length of every tendon and its gradient.
@@ -91,23 +85,12 @@ class SuperelasticSection:
 
     ``M(k) = EI [r k + (1 - r) (k - w (softplus((k - kc)/w) - softplus(-kc/w)))]`` with ``w = kc / 40``; the
     slope falls from EI to r EI over about a tenth of ``kc``.
-
-    Attributes
-    ----------
-    bending_stiffness : ndarray, shape (E,)
-        EI of every element [N m^2].
-    threshold : ndarray, shape (E,)
-        Curvature kc where the plateau begins [1/m].
-    ratio : float
-        Slope beyond it over the slope before it [1].
-    precurvature : ndarray, shape (E, 3)
-        Of the elements in the unloaded state, in beam axes [1/m].
     """
 
-    bending_stiffness: Array
-    threshold: Array
-    ratio: float
-    precurvature: Array
+    bending_stiffness: Array  # (E,): EI of every element [N m^2]
+    threshold: Array  # (E,): Curvature kc where the plateau begins [1/m]
+    ratio: float  # Slope beyond it over the slope before it [1]
+    precurvature: Array  # (E, 3): Of the elements in the unloaded state, in beam axes [1/m]
 
     def gradient(self, twists: Array, lengths: Array) -> Array:
         """Gradient of the energy beyond linear elasticity with respect to the twists, shape (..., E, 6)."""
@@ -130,25 +113,14 @@ class NonlinearSection:
     axis and the curvature ``k``. Integrated over a round section of radius ``R``, the energy per length is
     ``EA (n^2/2 + b n^3/3 + c n^4/4) + EI k^2 (1/2 + b n + 3/2 c n^2 + c R^2 k^2 / 8)``, with
     ``int x^4 dA = I R^2 / 2``. The parts with 1/2 are those of the linear section.
-
-    Attributes
-    ----------
-    axial_stiffness, bending_stiffness : ndarray, shape (E,)
-        EA [N] and EI [N m^2] of every element, zero in rigid inserts.
-    radius : ndarray, shape (E,)
-        R of the round section with these stiffnesses, ``2 sqrt(EI / EA)`` [m].
-    quadratic, cubic : ndarray, shape (E,)
-        b and c [1].
-    precurvature : ndarray, shape (E, 3)
-        Of the elements in the unloaded state, in beam axes [1/m].
     """
 
-    axial_stiffness: Array
-    bending_stiffness: Array
-    radius: Array
-    quadratic: Array
-    cubic: Array
-    precurvature: Array
+    axial_stiffness: Array  # (E,): EA [N] and EI [N m^2] of every element, zero in rigid inserts
+    bending_stiffness: Array  # as `axial_stiffness`
+    radius: Array  # (E,): R of the round section with these stiffnesses, ``2 sqrt(EI / EA)`` [m]
+    quadratic: Array  # (E,): b and c [1]
+    cubic: Array  # as `quadratic`
+    precurvature: Array  # (E, 3): Of the elements in the unloaded state, in beam axes [1/m]
 
     def strain(self, twists: Array, lengths: Array) -> tuple[Array, Array]:
         """Stretch of the axis, shape (..., E) [1], and curvature beyond the unloaded one, (..., E, 2) [1/m]."""
@@ -201,18 +173,9 @@ class NonlinearSection:
 
 @dataclass(frozen=True)
 class SectionForces:
-    """Section forces of one backbone: classical tendons, superelastic softening and nonlinear fibres.
+    """Section forces of one backbone: classical tendons, superelastic softening and nonlinear fibres."""
 
-    Attributes
-    ----------
-    lengths : ndarray, shape (E,)
-        Of the elements [m].
-    tendons : ContinuousTendons or None
-    superelastic : SuperelasticSection or None
-    nonlinear : NonlinearSection or None
-    """
-
-    lengths: Array
+    lengths: Array  # (E,): Of the elements [m]
     tendons: ContinuousTendons | None = None
     superelastic: SuperelasticSection | None = None
     nonlinear: NonlinearSection | None = None

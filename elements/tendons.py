@@ -393,17 +393,7 @@ class CableGeometry:
 
 
 def _turns(lines: CableLines, inverse: Array, bend: Array, chord: Array) -> Array:
-    """Derivatives of the angles, see `CableShape.turns`.
-
-    Parameters
-    ----------
-    lines
-        The straight segments.
-    inverse
-        One over their lengths [1/m], shape (m, n).
-    bend, chord
-        Differences of neighbouring unit vectors (m, n-1, 3) and their squared lengths (m, n-1).
-    """
+    """Derivatives of the angles, see `CableShape.turns`."""
     square = chord * (1.0 - 0.25 * chord)
     # One over the sine; a straight tendon turns in no defined direction, so its derivative is set to zero.
     weight = np.sqrt(np.abs(square)) / (square + 1e-24)

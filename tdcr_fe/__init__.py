@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tdcr_fe.identify import IdentificationResult as IdentificationResult
     from tdcr_fe.identify import IdentifySettings as IdentifySettings
     from tdcr_fe.identify import identify as identify
-    from tdcr_fe.io.json_schema import json_schema as json_schema
+    from tdcr_fe.io.keys import json_schema as json_schema
     from tdcr_fe.io.measured import read_measured as read_measured
     from tdcr_fe.io.problems import InputError as InputError
     from tdcr_fe.io.tables import write_results as write_results
@@ -84,7 +84,7 @@ _PUBLIC = {
     "tdcr_fe.identify": ("IdentificationResult", "IdentifySettings", "identify"),
     "tdcr_fe.io.measured": ("read_measured",),
     "tdcr_fe.io.tables": ("write_results",),
-    "tdcr_fe.io.json_schema": ("json_schema",),
+    "tdcr_fe.io.keys": ("json_schema",),
     "tdcr_fe.io.problems": ("InputError",),
     "tdcr_fe.io.toml": ("read_model", "read_robot", "read_scenario"),
     "tdcr_fe.io.write_toml": ("model_to_toml", "robot_to_toml", "scenario_to_toml"),

@@ -4,9 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from tdcr_fe.effects import EFFECTS, Experiment, with_effects
+from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
+from tdcr_fe.identify.forward import ForwardModel, Task, run_settings, simulate_experiment
+from tdcr_fe.identify.identification import _declared, _prepare
+from tdcr_fe.identify.judge import conclude
+from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import Backbone
@@ -25,6 +30,9 @@ ROBOT = Robot(
     name="small",
 )
 MODEL = Model(friction="none", elements_per_bay=1)
+FRICTIONAL = replace(MODEL, friction="per-hole")
+#: Gravity that is not declared.
+GRAVITY = {"gravity": {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}}
 
 
 def sequence():
@@ -69,3 +77,36 @@ def measured(truth=None, sigma=1e-4, seed=0, robot=None, given=True, model=MODEL
     ]
     declared = ROBOT if robot is None or model is MODEL else robot
     return MeasuredData("small", declared, model, ids, steps, ("",) * len(ids), tuple(readings))
+
+
+def problem_of(data, held=(), sigma=1e-4, forward=None):
+    """The problem of fitting all readings but those of some steps, with the given sigma."""
+    held_out = np.array([r.step in held for r in data.readings])
+    return FitProblem.of(data, np.full(held_out.size, sigma), held_out, forward or ForwardModel())
+
+
+def state_of(problem):
+    """A search that has only evaluated the declared model."""
+    return SearchState.start(problem, evaluate(problem, (), {}))
+
+
+def begun(data):
+    """The state with which the search of `identify` begins: held-out steps chosen, mesh and path fine enough."""
+    prepared = _prepare(data, IdentifySettings(), ForwardModel())
+    return _declared(prepared.searched, prepared.run)
+
+
+def searching(deadline=np.inf, laws=False, **settings):
+    """A search that reports nothing."""
+    return Search(IdentifySettings(**settings), lambda text, share: None, deadline, laws)
+
+
+def with_model(state, values):
+    """The same with a model of effects at given values as the best one."""
+    best = evaluate(state.problem, tuple(effect(name) for name in values), values)
+    return replace(state.with_fit(best), best=best)
+
+
+def concluded(state, search=None, sigma_estimated=False, **rest):
+    """The result of a search that ended in a state."""
+    return conclude(search or searching(), state, sigma_estimated, 0.0, **rest)

@@ -51,7 +51,7 @@ class LinearSlips:
         derivatives = SlipDerivatives(
             load,
             self._elastic_slip,
-            self.regimes(z, tension),
+            self.branches(z, tension),
             still,
             np.zeros((n, len(still))),
             np.zeros((n, len(still))),
@@ -67,12 +67,12 @@ class LinearSlips:
         return np.diag(self._elastic_slip) - self._by_unknowns(x)
 
     @staticmethod
-    def regimes(z, tension):
+    def branches(z, tension):
         """As of `tdcr_fe.solve.friction_path.slips.InterpolatedSlips`: derivatives do not jump."""
         return np.zeros(0, dtype=bool)
 
     @staticmethod
-    def distance_to_regime_change(z, rate, tension, tension_rate):
+    def distance_to_branch_change(z, rate, tension, tension_rate):
         """As of `tdcr_fe.solve.friction_path.slips.InterpolatedSlips`."""
         return np.inf
 

@@ -13,7 +13,7 @@ from tdcr_fe.scene import TDCR
 
 
 def static_settings(steps: int = 50) -> exu.SimulationSettings:
-    """As docs/native_solvers.md advises."""
+    """As docs/scenes.md advises."""
     s = exu.SimulationSettings()
     s.staticSolver.numberOfLoadSteps = steps
     s.staticSolver.newton.relativeTolerance = 1e-7
@@ -25,7 +25,7 @@ def static_settings(steps: int = 50) -> exu.SimulationSettings:
 
 
 def dynamic_settings(end: float, step: float) -> exu.SimulationSettings:
-    """As docs/native_solvers.md advises."""
+    """As docs/scenes.md advises."""
     s = exu.SimulationSettings()
     s.timeIntegration.endTime = end
     s.timeIntegration.numberOfSteps = round(end / step)

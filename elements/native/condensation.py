@@ -19,23 +19,12 @@ class ElasticTendons(NamedTuple):
     """Tendons of a robot, those that are inextensible and driven by displacement with an elasticity.
 
     In Exudyn's own solvers the tension is not an unknown, so every driven tendon must be elastic.
-
-    Attributes
-    ----------
-    model : ForceModel
-        With the tendons as they are.
-    driven : ndarray of bool, shape (m,)
-        Which tendons have their displacement prescribed.
-    history : RobotHistory
-        At the beginning of the step.
-    stiffness : float
-        EA used for an inextensible tendon [N].
     """
 
-    model: ForceModel
-    driven: NDArray[np.bool_]
-    history: RobotHistory
-    stiffness: float
+    model: ForceModel  # With the tendons as they are
+    driven: NDArray[np.bool_]  # (m,): Which tendons have their displacement prescribed
+    history: RobotHistory  # At the beginning of the step
+    stiffness: float  # EA used for an inextensible tendon [N]
 
     def law(self) -> TendonLaw:
         """How tension passes along these tendons."""
@@ -110,25 +99,13 @@ def stretch(law: TendonLaw, tension: Array, lengths: Array, stiffness: float) ->
 
 
 class Condensed(NamedTuple):
-    """Linear equations of the tensions at the base and the mobilisations, beside those of the nodes.
+    """Linear equations of the tensions at the base and the mobilisations, beside those of the nodes."""
 
-    Attributes
-    ----------
-    driven : ndarray of int, shape (d,)
-        Tendons that are driven by displacement and taut.
-    matrix : ndarray, shape (d + h, d + h)
-        By tensions at the base and mobilisations.
-    by_nodes : ndarray, shape (d + h, 6 N)
-    by_base : ndarray, shape (d + h, m)
-        By the tensions at the base of the other tendons, which are given.
-    columns : ndarray, shape (6 N, d + h)
-        Change of the forces on the nodes with tensions at the base and mobilisations.
-    """
-
-    driven: NDArray[np.int_]
-    matrix: Array
-    by_nodes: Array
-    by_base: Array
+    driven: NDArray[np.int_]  # (d,): Tendons that are driven by displacement and taut
+    matrix: Array  # (d + h, d + h): By tensions at the base and mobilisations
+    by_nodes: Array  # (d + h, 6 N)
+    by_base: Array  # (d + h, m): By the tensions at the base of the other tendons, which are given
+    # (6 N, d + h): Change of the forces on the nodes with tensions at the base and mobilisations
     columns: Array
 
     @classmethod

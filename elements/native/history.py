@@ -25,23 +25,13 @@ _CURRENT, _INITIAL = exu.ConfigurationType.Current, exu.ConfigurationType.Initia
 
 @dataclass(frozen=True, eq=False)
 class RobotHistory:
-    """History of all tendons of one robot.
-
-    Attributes
-    ----------
-    friction : FrictionState
-    base_tension : ndarray, shape (m,)
-        Tension at the base in the last solved state [N].
-    prescribed : ndarray, shape (m,)
-        Displacement prescribed there [m], nan of tendons driven by tension.
-    stretch : ndarray, shape (m, n)
-        Length by which the segments of inextensible tendons, given an elasticity of their own in Exudyn's solvers, are
-        longer than they are, so that nothing moves where a state is handed over to these solvers [m].
-    """
+    """History of all tendons of one robot."""
 
     friction: FrictionState
-    base_tension: Array
-    prescribed: Array
+    base_tension: Array  # (m,): Tension at the base in the last solved state [N]
+    prescribed: Array  # (m,): Displacement prescribed there [m], nan of tendons driven by tension
+    # (m, n): Length by which the segments of inextensible tendons, given an elasticity of their own in Exudyn's
+    # solvers, are longer than they are, so that nothing moves where a state is handed over to these solvers [m]
     stretch: Array
 
     @classmethod

@@ -133,22 +133,12 @@ class StepObserver(Protocol):
 
 @dataclass(eq=False)
 class RobotInScene:
-    """One robot of a system, and what was added to it.
-
-    Attributes
-    ----------
-    actuation : TendonActuation
-    items : RecordedItems
-        Items that must keep their numbers.
-    point_loads : list of PointLoadItem
-        The concentrated loads on it.
-    observers : list of StepObserver
-        What sees every step of Exudyn's own solvers before the history is committed.
-    """
+    """One robot of a system, and what was added to it."""
 
     actuation: TendonActuation
-    items: RecordedItems
-    point_loads: list[PointLoadItem] = field(default_factory=list)
+    items: RecordedItems  # Items that must keep their numbers
+    point_loads: list[PointLoadItem] = field(default_factory=list)  # The concentrated loads on it
+    # What sees every step of Exudyn's own solvers before the history is committed
     observers: list[StepObserver] = field(default_factory=list)
 
     def add_load(self, load: PointLoadItem) -> None:
@@ -230,13 +220,7 @@ class SceneHooks:
             self._check_items()
 
     def _check_items(self) -> None:
-        """Forget robots whose items were deleted, or removed by ``mbs.Reset()``, which leaves ``mbs.variables``.
-
-        Raises
-        ------
-        ValueError
-            Items were deleted, so that those of a robot have other numbers.
-        """
+        """Forget robots whose items were deleted, or removed by ``mbs.Reset()``, which leaves ``mbs.variables``."""
         mbs = self.system.mbs
         changed = [robot for robot in self.robots if not robot.items.unchanged(mbs)]
         present = [robot for robot in changed if not robot.items.removed(mbs)]

@@ -53,17 +53,11 @@ class SystemReference:
 
 @dataclass(frozen=True)
 class RecordedItems:
-    """Names of some objects, nodes and loads, by their numbers.
+    """Names of some objects, nodes and loads, by their numbers."""
 
-    Attributes
-    ----------
-    objects, nodes, loads : tuple of (int, str)
-        Number and name of each.
-    """
-
-    objects: tuple[tuple[int, str], ...]
-    nodes: tuple[tuple[int, str], ...]
-    loads: tuple[tuple[int, str], ...] = ()
+    objects: tuple[tuple[int, str], ...]  # Number and name of each
+    nodes: tuple[tuple[int, str], ...]  # as `objects`
+    loads: tuple[tuple[int, str], ...] = ()  # as `objects`
 
     @classmethod
     def of(
@@ -108,26 +102,14 @@ def item_counts(mbs: exu.MainSystem) -> tuple[int, int, int]:
 
 @dataclass
 class Connectors:
-    """Exudyn's numbers of the objects of a robot.
+    """Exudyn's numbers of the objects of a robot."""
 
-    Attributes
-    ----------
-    forces : object
-        The object that applies the forces of tendons and inside the sections.
-    springs : list of list
-        By tendon, the spring-damper of every segment, which is only drawn.
-    hole_markers : list of list
-        By tendon, markers of its holes, base plate first; they are moved where tendons shift inside their holes.
-    beams : list
-        The beam elements, base first.
-    others : list
-        All other objects of the robot, none of which resists a motion of the backbone: disks, masses, base joint.
-    """
-
-    forces: Any
-    springs: list[list[Any]]
+    forces: Any  # The object that applies the forces of tendons and inside the sections
+    springs: list[list[Any]]  # By tendon, the spring-damper of every segment, which is only drawn
+    # By tendon, markers of its holes, base plate first; they are moved where tendons shift inside their holes
     hole_markers: list[list[Any]] = field(default_factory=list)
-    beams: list[Any] = field(default_factory=list)
+    beams: list[Any] = field(default_factory=list)  # The beam elements, base first
+    # All other objects of the robot, none of which resists a motion of the backbone: disks, masses, base joint
     others: list[Any] = field(default_factory=list)
 
     @property
@@ -139,19 +121,11 @@ class Connectors:
 
 @dataclass(frozen=True)
 class Clamp:
-    """A base plate fixed to ground by a joint.
+    """A base plate fixed to ground by a joint."""
 
-    Attributes
-    ----------
-    joint : object
-        Exudyn's number of the joint, which blocks all six motions.
-    position, rotation : ndarray
-        Pose to which it fixes the base node, the rotation in beam axes; shapes (3,) and (3, 3).
-    """
-
-    joint: Any
-    position: Array
-    rotation: Array
+    joint: Any  # Exudyn's number of the joint, which blocks all six motions
+    position: Array  # Pose to which it fixes the base node, the rotation in beam axes; shapes (3,) and (3, 3)
+    rotation: Array  # as `position`
 
 
 def show_shifts(

@@ -86,23 +86,14 @@ class IteratedBackbone:
 
 
 class Limits(NamedTuple):
-    """What is excessive in an iterate.
+    """What is excessive in an iterate."""
 
-    Attributes
-    ----------
-    mesh : BackboneMesh
-        The backbone.
-    force : float
-        Change of an axial or shear force since the beginning of the step whose geometric stiffness is of the order of
-        the bending stiffness: ``EI / h^2``, where ``h`` is the length of an element, or that of a twentieth of the
-        backbone if it is shorter [N].
-    square : ndarray, shape (E,)
-        Change of the squared length of the elements by such an axial force [m^2].
-    """
-
-    mesh: BackboneMesh
+    mesh: BackboneMesh  # The backbone
+    # Change of an axial or shear force since the beginning of the step whose geometric stiffness is of the
+    # order of the bending stiffness: ``EI / h^2``, where ``h`` is the length of an element, or that of a
+    # twentieth of the backbone if it is shorter [N]
     force: float
-    square: Array
+    square: Array  # (E,): Change of the squared length of the elements by such an axial force [m^2]
 
     @classmethod
     def of(cls, mesh: BackboneMesh) -> Limits:
@@ -141,26 +132,13 @@ def constant_wrench_tangent(wrenches: Array, twists: Array, rotations: Array, pa
     return generalized_tangent(k, of_nodes[:, 3:], twists_by_coordinates(rotations, parameters))
 
 
-class Iterate(NamedTuple):
-    """An evaluation in an iteration of a solver, and for what.
+class IteratedTwists(NamedTuple):
+    """An evaluation in an iteration of a solver, and for what."""
 
-    Attributes
-    ----------
-    coordinates : ndarray, shape (7 N,)
-        Of the nodes, without reference values.
-    time : float
-        At the end of the step [s].
-    state : FrictionState
-        History at its beginning.
-    base_tension : ndarray, shape (m,)
-        [N].
-    pull : Pull
-    """
-
-    coordinates: Array
-    time: float
-    state: FrictionState
-    base_tension: Array
+    coordinates: Array  # (7 N,): Of the nodes, without reference values
+    time: float  # At the end of the step [s]
+    state: FrictionState  # History at its beginning
+    base_tension: Array  # (m,): [N]
     pull: Pull
 
     def of_step(self, time: float, state: FrictionState, base_tension: Array) -> bool:
@@ -173,20 +151,11 @@ class Iterate(NamedTuple):
 
 
 class PastStep(NamedTuple):
-    """A step that was solved, from which the next one is predicted.
+    """A step that was solved, from which the next one is predicted."""
 
-    Attributes
-    ----------
-    end : FrictionState
-        History at its end.
-    rate : ndarray, shape (g, m)
-        Change of the mobilisations per time, unlimited [1/s].
-    expected : ndarray, shape (g, m)
-        The same in the step after it: half of the change of the rate since the step before goes on [1/s].
-    """
-
-    end: FrictionState
-    rate: Array
+    end: FrictionState  # History at its end
+    rate: Array  # (g, m): Change of the mobilisations per time, unlimited [1/s]
+    # (g, m): The same in the step after it: half of the change of the rate since the step before goes on [1/s]
     expected: Array
 
     @classmethod
@@ -225,8 +194,8 @@ class IteratedTendons:
 
     def __init__(self, tendons: StraightTendons) -> None:
         self._tendons = tendons
-        self._last: Iterate | None = None
-        self._before: Iterate | None = None
+        self._last: IteratedTwists | None = None
+        self._before: IteratedTwists | None = None
         self._past: PastStep | None = None
         #: History at the beginning of the step in which the tangent was last evaluated.
         self._linearised: FrictionState | None = None
@@ -243,15 +212,7 @@ class IteratedTendons:
         *,
         by_law: bool,
     ) -> Pull:
-        """The last evaluation if it was for the same, else a new one.
-
-        Parameters
-        ----------
-        coordinates, reference, time, state, base_tension
-            As in `forces`.
-        by_law
-            Whether an evaluation for predicted holes, which begins an iteration, does not serve.
-        """
+        """The last evaluation if it was for the same, else a new one."""
         last = self._last
         same = last if last is not None and last.of_step(time, state, base_tension) else None
         prediction = None
@@ -263,7 +224,7 @@ class IteratedTendons:
             prediction = predicted_holes(self._past, state, time)
         there = coordinates.reshape(-1, 7) + reference
         pull = self._tendons.pull(there, base_tension, state, prediction)
-        self._last, self._before = Iterate(coordinates, time, state, base_tension, pull), same
+        self._last, self._before = IteratedTwists(coordinates, time, state, base_tension, pull), same
         return pull
 
     def forces(

@@ -31,28 +31,14 @@ _STEP = 1e-5
 
 
 class Motion(NamedTuple):
-    """Elements of a backbone in motion.
+    """Elements of a backbone in motion."""
 
-    Attributes
-    ----------
-    rotations, parameters : ndarray
-        Of the nodes, shapes (N, 3, 3) and (N, 4).
-    velocities : ndarray, shape (N, 6)
-        Twists ``[v, w]`` of the nodes in their own frames.
-    twists : ndarray, shape (E, 6)
-        Of the elements, length times strain.
-    by_nodes : ndarray, shape (E, 6, 12)
-        Change of the twists by increments of both nodes.
-    rates : ndarray, shape (E, 6)
-        Of the twists [m/s, rad/s].
-    """
-
-    rotations: Array
-    parameters: Array
-    velocities: Array
-    twists: Array
-    by_nodes: Array
-    rates: Array
+    rotations: Array  # Of the nodes, shapes (N, 3, 3) and (N, 4)
+    parameters: Array  # as `rotations`
+    velocities: Array  # (N, 6): Twists ``[v, w]`` of the nodes in their own frames
+    twists: Array  # (E, 6): Of the elements, length times strain
+    by_nodes: Array  # (E, 6, 12): Change of the twists by increments of both nodes
+    rates: Array  # (E, 6): Of the twists [m/s, rad/s]
 
     @property
     def of_both_nodes(self) -> Array:

@@ -15,21 +15,11 @@ Array = NDArray[np.float64]
 
 
 class Motor(NamedTuple):
-    """A motor that winds a tendon on a drum.
+    """A motor that winds a tendon on a drum."""
 
-    Attributes
-    ----------
-    tendon : int
-        Number of the tendon.
-    node : object
-        Exudyn's node of its angle [rad].
-    radius : float
-        Of the drum [m]: a positive angle pulls the tendon in.
-    """
-
-    tendon: int
-    node: Any
-    radius: float
+    tendon: int  # Number of the tendon
+    node: Any  # Exudyn's node of its angle [rad]
+    radius: float  # Of the drum [m]: a positive angle pulls the tendon in
 
 
 def wound(motors: Sequence[Motor], values: Array, angles: Array, driven: NDArray[np.bool_]) -> Array:

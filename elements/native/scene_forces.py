@@ -37,58 +37,28 @@ def values_at(inputs: Inputs, t: float) -> Array:
 
 
 class Evaluation(NamedTuple):
-    """Forces evaluated in a scene, and for what.
+    """Forces evaluated in a scene, and for what."""
 
-    Attributes
-    ----------
-    coordinates : ndarray, shape (7 N,)
-        Of the nodes, as displacements.
-    time : float
-        [s].
-    inputs : ndarray or callable
-        As set.
-    tendons : ElasticTendons
-        With the history at the beginning of the step.
-    values : ndarray, shape (m,)
-        Inputs at that time.
-    rotations, parameters : ndarray
-        Of the nodes, shapes (N, 3, 3) and (N, 4).
-    forces : TendonForces
-    """
-
-    coordinates: Array
-    time: float
-    inputs: Inputs
-    tendons: ElasticTendons
-    values: Array
-    rotations: Array
-    parameters: Array
+    coordinates: Array  # (7 N,): Of the nodes, as displacements
+    time: float  # [s]
+    inputs: Inputs  # As set
+    tendons: ElasticTendons  # With the history at the beginning of the step
+    values: Array  # (m,): Inputs at that time
+    rotations: Array  # Of the nodes, shapes (N, 3, 3) and (N, 4)
+    parameters: Array  # as `rotations`
     forces: TendonForces
 
 
 class StepEnd(NamedTuple):
-    """What a solved step leaves to the history, and to what is drawn.
-
-    Attributes
-    ----------
-    friction : FrictionState
-    values, base_tension : ndarray, shape (m,)
-        Inputs at the end of the step, and tensions at the base [N].
-    tension, lengths : ndarray, shape (m, n)
-        Of the segments [N, m].
-    base_slip : ndarray, shape (m,)
-        Tendon pulled in at the base plate [m].
-    offsets : ndarray, shape (m, n+1, 3), or None
-        Of the tendons in their holes [m]; None where they cannot shift.
-    """
+    """What a solved step leaves to the history, and to what is drawn."""
 
     friction: FrictionState
-    values: Array
-    base_tension: Array
-    tension: Array
-    lengths: Array
-    base_slip: Array
-    offsets: Array | None
+    values: Array  # (m,): Inputs at the end of the step, and tensions at the base [N]
+    base_tension: Array  # as `values`
+    tension: Array  # (m, n): Of the segments [N, m]
+    lengths: Array  # as `tension`
+    base_slip: Array  # (m,): Tendon pulled in at the base plate [m]
+    offsets: Array | None  # (m, n+1, 3): Of the tendons in their holes [m]; None where they cannot shift
 
 
 class SceneForces:

@@ -37,18 +37,13 @@ _TURNED: Array = np.eye(9) - np.outer(_EYE9, _EYE9)
 
 
 class HolePrediction(NamedTuple):
-    """Which holes stick and which slide at the end of a step, assumed before it is solved.
+    """Which holes stick and which slide at the end of a step, assumed before it is solved."""
 
-    Attributes
-    ----------
-    sticks : ndarray of bool, shape (g, m)
-        Friction variables that follow the slip linearly, however far it is; the others are constant.
-    mobilisation : ndarray, shape (g, m)
-        At the beginning of the step where it sticks, else that with which it slides.
-    """
-
+    # (g, m): Friction variables that follow the slip linearly, however far it is; the others are constant
     sticks: NDArray[np.bool_]
-    mobilisation: Array
+    mobilisation: (
+        Array  # (g, m): At the beginning of the step where it sticks, else that with which it slides
+    )
 
     @classmethod
     def of(cls, start: Array, reached: Array) -> HolePrediction:
@@ -58,53 +53,26 @@ class HolePrediction(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """Tendons in one configuration: hole or segment first, then tendon.
+    """Tendons in one configuration: hole or segment first, then tendon."""
 
-    Attributes
-    ----------
-    rate : ndarray, shape (n+1, 4, 3)
-        From moments in the frames of the nodes to forces on their Euler parameters.
-    frames : ndarray, shape (n+1, 3, 3)
-        Transposed rotations of the nodes.
-    directions : ndarray, shape (n, m, 3)
-        Unit vectors of the segments from base to anchor, zero where padded.
-    lengths, inverse : ndarray, shape (n, m)
-        Of the segments [m], and one over them [1/m]; zero where padded.
-    bend, chord : ndarray, shapes (n-1, m, 3) and (n-1, m)
-        Differences of neighbouring directions, and their squared lengths.
-    angles : ndarray, shape (n-1, m)
-        By which the tendons turn at the holes [rad].
-    trial : ndarray, shape (g, m)
-        Mobilisations before they are limited to [-1, 1].
-    mobilisation : ndarray, shape (n-1, m)
-        Of the holes.
-    tension : ndarray, shape (n, m)
-        At these mobilisations [N].
-    local : ndarray, shape (n+1, m, 3)
-        Forces on the holes in the frames of the nodes [N].
-    moments : ndarray, shape (n+1, 3)
-        On the nodes that carry holes, in their own frames [N m].
-    forces : ndarray, shape (n+1, 7)
-        Generalised forces on these nodes.
-    prediction : HolePrediction or None
-        Where the forces are those of holes that stick and slide as predicted; None where they are those of the law of
-        friction.
-    """
-
-    rate: Array
-    frames: Array
-    directions: Array
-    lengths: Array
-    inverse: Array
-    bend: Array
-    chord: Array
-    angles: Array
-    trial: Array
-    mobilisation: Array
-    tension: Array
-    local: Array
-    moments: Array
-    forces: Array
+    rate: Array  # (n+1, 4, 3): From moments in the frames of the nodes to forces on their Euler parameters
+    frames: Array  # (n+1, 3, 3): Transposed rotations of the nodes
+    directions: Array  # (n, m, 3): Unit vectors of the segments from base to anchor, zero where padded
+    lengths: Array  # (n, m): Of the segments [m], and one over them [1/m]; zero where padded
+    inverse: Array  # as `lengths`
+    bend: Array  # (n-1, m, 3) and (n-1, m): Differences of neighbouring directions, and their squared lengths
+    chord: (
+        Array  # (n-1, m, 3) and (n-1, m): Differences of neighbouring directions, and their squared lengths
+    )
+    angles: Array  # (n-1, m): By which the tendons turn at the holes [rad]
+    trial: Array  # (g, m): Mobilisations before they are limited to [-1, 1]
+    mobilisation: Array  # (n-1, m): Of the holes
+    tension: Array  # (n, m): At these mobilisations [N]
+    local: Array  # (n+1, m, 3): Forces on the holes in the frames of the nodes [N]
+    moments: Array  # (n+1, 3): On the nodes that carry holes, in their own frames [N m]
+    forces: Array  # (n+1, 7): Generalised forces on these nodes
+    # Where the forces are those of holes that stick and slide as predicted; None where they are those of the
+    # law of friction
     prediction: HolePrediction | None = None
 
     def slopes(self, before: Pull | None) -> Array:
@@ -282,17 +250,7 @@ class StraightTendons:
     def _predicted(
         self, prediction: HolePrediction, trial: Array, limited: Array, change: Array
     ) -> tuple[HolePrediction | None, Array, Array | None]:
-        """The prediction, or None where it is not to be used; mobilisations; and by what the tensions are multiplied.
-
-        Parameters
-        ----------
-        prediction
-            See `pull`.
-        trial, limited
-            Mobilisations before and after they are limited, shape (g, m).
-        change
-            Of the logarithm of the tension with the mobilisations of the holes, shape (n-1, m).
-        """
+        """The prediction, or None where it is not to be used; mobilisations; factors on the tensions."""
         sticks, mobilisation = prediction
         if (np.where(sticks, trial, mobilisation) == limited).all():
             return None, limited, None
@@ -320,17 +278,7 @@ class StraightTendons:
         return rows
 
     def _add_geometric(self, blocks: Array, pull: Pull, segments: Array) -> None:
-        """Add the derivative at fixed tensions, see `tdcr_fe.elements.tendons.CableLines.stiffness`.
-
-        Parameters
-        ----------
-        blocks
-            Changed in place, shape (n+1, 7, n+1, 7).
-        pull
-            The configuration.
-        segments
-            See `_segments`.
-        """
+        """Add the derivative at fixed tensions, see `tdcr_fe.elements.tendons.CableLines.stiffness`."""
         n, m = pull.tension.shape
         weighted = segments * (pull.tension * pull.inverse)[:, :, None, None]
         np.negative(weighted[:, :, :3], out=weighted[:, :, :3])

@@ -20,7 +20,7 @@ from tdcr_fe.commands.common import (
 )
 
 if TYPE_CHECKING:
-    from tdcr_fe.identify.outcome import IdentificationResult
+    from tdcr_fe.identify.result import IdentificationResult
     from tdcr_fe.identify.settings import IdentifySettings
     from tdcr_fe.io.measured import MeasuredData
 
@@ -113,11 +113,10 @@ def _minutes(text: str) -> float:
 
 def run(args: argparse.Namespace) -> int:
     """Identify what the model of a folder of measured data lacks."""
-    from tdcr_fe.identify.files import write_result
     from tdcr_fe.identify.identification import NotSolved
+    from tdcr_fe.identify.report import write_result
     from tdcr_fe.identify.sentences import summary
-    from tdcr_fe.identify.settings import IdentifySettings
-    from tdcr_fe.identify.time_limit import GRACE_OF_TABLES, clock
+    from tdcr_fe.identify.settings import GRACE_OF_TABLES, IdentifySettings, clock
     from tdcr_fe.io.atomic import check_output_folder
     from tdcr_fe.io.measured import join_measured, read_measured
     from tdcr_fe.io.own_effects import read_own_effects

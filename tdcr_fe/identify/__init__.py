@@ -7,7 +7,7 @@ from types import ModuleType
 from typing import Any
 
 from tdcr_fe.identify.identification import NotSolved, identify
-from tdcr_fe.identify.outcome import IdentificationResult
+from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.settings import IdentifySettings
 
 __all__ = ["IdentificationResult", "IdentifySettings", "NotSolved", "identify"]

@@ -8,17 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from tdcr_fe.effects import Effect, EffectAtPlace, Experiment
+from tdcr_fe.effects import Effect, EffectAtPlace, Experiment, PlaceEffect
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.criteria import (
-    noise_cost,
-    rank,
-    reduced_chi_square,
-    required_drop,
-    residual_is_noise,
-)
-from tdcr_fe.identify.findings import Candidate
+from tdcr_fe.identify.criteria import noise_cost, rank, reduced_chi_square, required_drop, residual_is_noise
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
+from tdcr_fe.identify.result import Candidate
 from tdcr_fe.identify.screening import Score, screen
 from tdcr_fe.identify.search_state import (
     Names,
@@ -28,34 +22,41 @@ from tdcr_fe.identify.search_state import (
     mean_cost,
     with_note_on_differences,
 )
-from tdcr_fe.identify.time_limit import OutOfTime
-from tdcr_fe.identify.unlisted import local_candidates, strong_candidates
+from tdcr_fe.identify.settings import OutOfTime
+from tdcr_fe.model.loading import resolve
 
 #: Two effects are tried together where that promises a criterion smaller by this share than the first of them alone.
 PROMISE = 0.1
+
 
 #: So many more candidates than are fitted are evaluated at their predicted values, where strong effects differ from the
 #: prediction.
 SECOND_LOOK = 4
 
+
 #: So many that promise most go first. Where one of them leaves noise, those are not tried whose predicted cost is more
 #: than so many times that at which a fit is of interest, or that take off less than this share of what that one does.
 FIRST, HOPELESS, LITTLE_BESIDE_NOISE = 2, 10.0, 0.15
+
 
 #: The best of them is fitted to the end at once where its cost is at most so many times that of noise: the error of a
 #: path that is not its own may be larger than noise.
 NEARLY = 4.0
 
+
 #: Where it leaves less than this share of the misfit, those are not tried that take off less than this share.
 LITTLE = 0.05
+
 
 #: Fits whose BIC differs by less than this share and this constant may change order on substeps of their own, see
 #: `fitting.NEAR_PATH` [1].
 PATH_SHARE, PATH_MARGIN = 0.03, 20.0
 
+
 #: Local causes that saturate are simulated where no other one leaves less than this share of the misfit to first order,
 #: nor the best model.
 SOLVED = 0.1
+
 
 #: The first of them is tried so many times as strong as its probe points, which show only itself [1].
 STRENGTHS = (1.0, 8.0, 64.0)
@@ -527,3 +528,28 @@ def with_screened(state: SearchState, scores: Sequence[Score]) -> SearchState:
         why = {(score.effect.name, name): reason for name, reason in score.differenced.items()}
         state = with_note_on_differences(state, why)
     return replace(state, problem=replace(state.problem, scales=scales))
+
+
+def local_candidates(problem: FitProblem, fit: Fit) -> list[list[Effect]]:
+    """Effects at every place of the robot, each kind from the base on, without the kinds that the model has."""
+    robot = problem.with_effects(fit.effects, fit.values).robot
+    return [
+        [e.at(place) for place in e.places(robot)]
+        for e in problem.catalogue
+        if isinstance(e, PlaceEffect) and e.name not in {x.listed for x in fit.effects}
+    ]
+
+
+def strong_candidates(problem: FitProblem, fit: Fit) -> list[EffectAtPlace]:
+    """Local causes that saturate, at two places along every tendon that is driven."""
+    data = problem.data
+    driven = np.ptp([a.values for a in resolve(data.robot, data.steps)], axis=0) > 0.0
+    found: list[EffectAtPlace] = []
+    for e in problem.catalogue:
+        if not isinstance(e, PlaceEffect) or not e.saturates or e.name in {x.listed for x in fit.effects}:
+            continue
+        for i in np.flatnonzero(driven):
+            places = [p for p in e.places(data.robot) if p.get("tendon") == i + 1.0]
+            count = len(places)
+            found += [e.at(places[k]) for k in sorted({count // 4, (3 * count) // 4}) if k < count]
+    return found

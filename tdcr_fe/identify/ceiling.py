@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from tdcr_fe.identify.holdout import blocks, directions, inputs
-from tdcr_fe.identify.misfit import Misfit
+from tdcr_fe.identify.load_steps import blocks, directions, inputs
 from tdcr_fe.identify.problem import Fit, FitProblem
+from tdcr_fe.identify.result import Misfit
 from tdcr_fe.io.measured import MeasuredData
 
 Array = NDArray[np.float64]

@@ -13,9 +13,9 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import gammaln
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.identify.forward import last_parts
 from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
-from tdcr_fe.identify.simulate_run import last_parts
 from tdcr_fe.io.cells import number
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.loading import LoadStep

@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from tdcr_fe.identify.holdout import directions
-from tdcr_fe.identify.outcome import IdentificationResult
+from tdcr_fe.identify.load_steps import directions
+from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.report.environment import shown_unit
 from tdcr_fe.report.style import CORRECTED, DECLARED, HELD_OUT, MEASURED, logarithmic, styled, svg
 

@@ -20,7 +20,7 @@ from scipy.optimize import lsq_linear
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
-from tdcr_fe.identify.time_limit import OutOfTime, clock
+from tdcr_fe.identify.settings import OutOfTime, clock
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ class Race:
     ----------
     lowest : float
     deadline : float
-        Reading of `tdcr_fe.identify.time_limit.clock` [s].
+        Reading of `tdcr_fe.identify.settings.clock` [s].
     left_behind : tuple of float
         A fit is of interest up to the first times the lowest cost, plus the second [1].
     """

@@ -1,8 +1,9 @@
-"""The forward model: simulates many experiments at a time, on several processes, each once."""
+"""The forward model: simulates experiments, many at a time, on several processes, each once."""
 
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
 import pickle
 from collections.abc import Callable, Sequence
@@ -13,17 +14,225 @@ from dataclasses import replace
 from types import TracebackType
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tdcr_fe.effects import Experiment
-from tdcr_fe.identify.run import Run
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.run import Run, RunDerivatives, Trajectory, mesh_nodes
+from tdcr_fe.identify.settings import ending_at
 from tdcr_fe.io.processes import worker_pool
+from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.settings import SolverSettings
 
 if TYPE_CHECKING:
     from tdcr_fe.solve.sensitivities.parameters import Parameter
+    from tdcr_fe.solve.simulate import PathRecord
+
+Array = NDArray[np.float64]
+
+
+#: Smallest fraction of a load step that is tried, without and with a reference path.
+SMALLEST, SMALLEST_ON_REFERENCE = 1.0 / 256.0, 1.0 / 16.0
+
+
+#: Maximum substeps used to resolve path dependence.
+DIVISIONS = 16
+
+
+class Task(NamedTuple):
+    """What is simulated in one run.
+
+    Attributes
+    ----------
+    experiment : Experiment
+    settings : SolverSettings
+    reference : Trajectory or None
+        Path that the run follows.
+    record : bool
+        Whether the run keeps its own path.
+    parameters : tuple of Parameter
+        By which the run is differentiated, see `tdcr_fe.solve.sensitivities.differences.tabulated`.
+    deadline : float
+        Reading of `tdcr_fe.identify.settings.clock` at which the simulation ends [s].
+    """
+
+    experiment: Experiment
+    settings: SolverSettings
+    reference: Trajectory | None = None
+    record: bool = False
+    parameters: tuple[Parameter, ...] = ()
+    deadline: float = math.inf
+
+
+def run_settings(declared: SolverSettings, path_tolerance: float) -> SolverSettings:
+    """Settings of a run.
+
+    Parameters
+    ----------
+    declared
+        The ``[solver]`` table of ``model.toml``. What differs from the default there is used as it is, but for
+        ``mesh_tolerance``: the identification refines its mesh against the noise.
+    path_tolerance
+        Chosen against the noise; used where the table has the default [1].
+    """
+    default = SolverSettings()
+    chosen = {"path_tolerance": path_tolerance, "max_substeps": DIVISIONS, "min_substep": SMALLEST}
+    free = {name: x for name, x in chosen.items() if getattr(declared, name) == getattr(default, name)}
+    return replace(declared, **free, mesh_tolerance=math.inf)  # type: ignore[arg-type]
+
+
+def simulate_experiment(task: Task) -> Run:
+    """Simulate one experiment.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        The simulation was interrupted.
+    OutOfTime
+        The deadline has passed.
+    """
+    if task.experiment.restarts:
+        return _simulate_sequences(task)
+    experiment, settings, reference = task.experiment, task.settings, task.reference
+    ends, last = experiment.step_ends, last_parts(experiment)
+    if reference is not None:
+        reference = _on_own_mesh(reference, experiment)
+    if reference is not None:
+        settings = replace(settings, min_substep=max(settings.min_substep, SMALLEST_ON_REFERENCE))
+    path: PathRecord | None = [] if task.record else None
+    try:
+        result, refused = _differentiated(task, settings, reference, path)
+    except (ValueError, np.linalg.LinAlgError, IndexError) as error:
+        # an impossible robot, or a reference path that does not fit
+        if reference is not None:
+            return simulate_experiment(task._replace(reference=None))
+        return Run.of((), len(last), experiment, str(error))
+    # In a fit, a run that cannot follow its reference path is too far away and costly: it counts as not solved.
+    if not result.converged and reference is not None and not task.record:
+        return simulate_experiment(task._replace(reference=None))
+    ended = [j for j in last if j < len(result.steps)]
+    run = Run.of([result.steps[j] for j in ended], len(last), experiment, result.message)
+    errors = np.zeros(len(last))
+    for step, (k, _) in zip(result.steps, ends, strict=False):
+        errors[k] = max(errors[k], float(step.details.get("refinement_error", 0.0)))
+    run = replace(run, refinement_errors=errors, iterations=sum(s.iterations for s in result.steps))
+    if task.parameters and ended:
+        run = replace(run, derivatives=RunDerivatives.of(result.sensitivities, ended, len(last), refused))
+    return run if path is None else replace(run, trajectory=Trajectory(path, ends, run.s))
+
+
+def _on_own_mesh(reference: Trajectory, experiment: Experiment) -> Trajectory | None:
+    """A reference path on the mesh of an experiment; None where it cannot be taken there."""
+    try:
+        return reference.on_mesh(mesh_nodes(experiment))
+    except ValueError:  # an impossible robot: the simulation says why
+        return None
+
+
+def _simulate_sequences(task: Task) -> Run:
+    """Simulate several loading sequences, each from the unloaded robot, as one run."""
+    experiment, reference = task.experiment, task.reference
+    firsts = (0, *experiment.restarts)
+    count = experiment.step_ends[-1][0] + 1
+    runs: list[Run] = []
+    bounds = zip(firsts, (*experiment.restarts, count), strict=True)
+    for number, ((first, last), part) in enumerate(zip(bounds, experiment.sequences, strict=True)):
+        own = None if reference is None else reference.part(first, last)
+        chosen = tuple(_of_sequence(p, number) for p in task.parameters)
+        run = simulate_experiment(task._replace(experiment=part, reference=own, parameters=chosen))
+        runs.append(run)
+        if run.solved < last - first:
+            break
+    lengths = [b - a for a, b in itertools.pairwise((*firsts, count))]
+    return Run.joined(runs, lengths)
+
+
+def _of_sequence(parameter: Parameter, number: int) -> Parameter:
+    """A parameter of several loading sequences, for one of them."""
+    from tdcr_fe.solve.sensitivities.differences import Tabulated
+    from tdcr_fe.solve.sensitivities.parameters import StepInput
+
+    if isinstance(parameter, StepInput):
+        return parameter
+    table = parameter.apply
+    assert isinstance(table, Tabulated)
+    own = {offset: e.sequences[number] for offset, e in table.experiments.items()}
+    return replace(parameter, apply=replace(table, experiments=own))
+
+
+def last_parts(experiment: Experiment) -> list[int]:
+    """Where effects divide a step, its parts are simulated and the end of the last one is kept: their indices."""
+    ends = experiment.step_ends
+    return [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
+
+
+def solve_commanded_steps(
+    experiment: Experiment,
+    settings: SolverSettings,
+    deadline: float = math.inf,
+    reference: Trajectory | None = None,
+) -> SequenceResult:
+    """Simulate an experiment with all its results, those of a divided step at its end only.
+
+    Parameters
+    ----------
+    experiment, settings
+        What is simulated.
+    deadline
+        Reading of `tdcr_fe.identify.settings.clock` at which the simulation ends [s].
+    reference
+        Path of a run of this experiment, which is repeated; without it the simulation chooses its own substeps.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        The simulation was interrupted.
+    OutOfTime
+        The deadline has passed.
+    """
+    task = Task(experiment, settings, deadline=deadline)
+    along = None if reference is None else _on_own_mesh(reference, experiment)
+    try:
+        result, _ = _differentiated(task, settings, along, None)
+    except IndexError:  # the path does not have all steps
+        result, _ = _differentiated(task, settings, None, None)
+    solved = len(result.steps)
+    return replace(result, steps=tuple(result.steps[j] for j in last_parts(experiment) if j < solved))
+
+
+def _differentiated(
+    task: Task, settings: SolverSettings, reference: Trajectory | None, path: PathRecord | None
+) -> tuple[SequenceResult, dict[str, str]]:
+    """The simulation with all derivatives that there are; and those that there are not, with the reason."""
+    from tdcr_fe.solve.sensitivities.differences import NoDerivative
+    from tdcr_fe.solve.simulate import simulate
+
+    experiment, refused = task.experiment, dict[str, str]()
+    along = None if reference is None else reference.divided(experiment.step_ends)
+    while True:
+        chosen = [p for p in task.parameters if p.name not in refused]
+        try:
+            result = simulate(
+                experiment.robot,
+                experiment.model,
+                experiment.steps,
+                settings,
+                ending_at(task.deadline),
+                reference_path=along,
+                record_path=path,
+                sensitivities=chosen,
+            )
+        except NoDerivative as error:
+            refused[error.parameter] = error.reason
+            continue
+        return result, refused
+
 
 Given = TypeVar("Given")
+
+
 Found = TypeVar("Found")
+
 
 #: Runs kept in memory, with their paths: those without a reference path, which alone are asked for again.
 CACHE = 24
@@ -62,7 +271,7 @@ class ForwardModel:
     processes
         Worker processes; 1 stays in this one.
     settings
-        The ``[solver]`` table of the declared model, see `tdcr_fe.identify.simulate_run.run_settings`.
+        The ``[solver]`` table of the declared model, see `tdcr_fe.identify.forward.run_settings`.
 
     Attributes
     ----------
@@ -115,7 +324,7 @@ class ForwardModel:
         record
             Record trajectories.
         deadline
-            Reading of `tdcr_fe.identify.time_limit.clock` at which simulations end [s].
+            Reading of `tdcr_fe.identify.settings.clock` at which simulations end [s].
 
         Raises
         ------

@@ -8,40 +8,39 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.identify.conclude import conclude
-from tdcr_fe.identify.criteria import residual_is_noise, robust_threshold
+from tdcr_fe.identify.criteria import residual_is_noise, robust_threshold, unusable_data
 from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
-from tdcr_fe.identify.findings import InputScatter, NextExperiment
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.found_law import FoundLaw
-from tdcr_fe.identify.holdout import choose_held_out, held_out_branches
-from tdcr_fe.identify.information import unusable_data
-from tdcr_fe.identify.input_scatter import find_input_scatter
-from tdcr_fe.identify.law import LEAST_ITERATIONS, find_law
+from tdcr_fe.identify.judge import conclude
+from tdcr_fe.identify.law_search import LEAST_ITERATIONS, find_law
+from tdcr_fe.identify.load_steps import choose_held_out, held_out_branches
+from tdcr_fe.identify.long_data import (
+    RowChoice,
+    choose_rows,
+    fit_to_all_rows,
+    friction_explains_little,
+    problem_of_rows,
+    restore_friction,
+    without_friction,
+)
 from tdcr_fe.identify.next_experiment import choose_next
-from tdcr_fe.identify.noise import estimate_sigma
-from tdcr_fe.identify.outcome import IdentificationResult
+from tdcr_fe.identify.noise import estimate_sigma, find_input_scatter
 from tdcr_fe.identify.problem import FitProblem, evaluate, fit_of_run, refine
-from tdcr_fe.identify.rows import RowChoice, choose_rows, fit_to_all_rows, problem_of_rows
+from tdcr_fe.identify.result import FoundLaw, IdentificationResult, InputScatter, NextExperiment
 from tdcr_fe.identify.run import Run
+from tdcr_fe.identify.search import search_effects, with_intermediate_models
 from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short, in_time
-from tdcr_fe.identify.selection import search_effects, with_intermediate_models
-from tdcr_fe.identify.settings import IdentifySettings
-from tdcr_fe.identify.time_limit import (
+from tdcr_fe.identify.settings import (
     A_LAW,
     FAULTS,
     FRICTION,
     FURTHER_EFFECTS,
     INPUT_SCATTER,
     NEXT_EXPERIMENT,
+    IdentifySettings,
     OutOfTime,
     Schedule,
     clock,
-)
-from tdcr_fe.identify.without_friction import (
-    friction_explains_little,
-    restore_friction,
-    without_friction,
 )
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
 from tdcr_fe.io.own_effects import check_on

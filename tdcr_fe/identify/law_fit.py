@@ -8,6 +8,7 @@ three to five runs. A model whose iteration does not converge counts as not solv
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -15,17 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.identify.law_state import ActedRun, ActionResponse, run_with_action
-from tdcr_fe.identify.law_terms import Term
+from tdcr_fe.identify.law_state import COMPONENTS, ActedRun, ActionResponse, action_response, run_with_action
+from tdcr_fe.identify.law_terms import Term, library
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 
 Array = NDArray[np.float64]
 
+
 #: Iterations of the state at most, and the change that ends them: moments over EI/L, forces over EI/L^2 [1].
 ITERATIONS, TOLERANCE = 15, 2e-6
 
+
 #: Iterations over which the rate of convergence is taken.
 RATE_OVER = 3
+
 
 #: Gauss-Newton iterations of a fit at most.
 FIT_ITERATIONS = 8
@@ -266,3 +270,162 @@ def _trial(
     return LawFit(
         base, values, tuple(terms), np.asarray(coefficients, dtype=float), run, cost, held_cost, jacobian
     )
+
+
+#: Repetitions of reading the missing moments at most.
+READINGS = 5
+
+
+#: Terms of a pair must have a smaller cosine than this.
+PARALLEL = 0.999
+
+#: Share of the residual that nonlinearity leaves after one reading; size of missing moments over elastic ones [1].
+CLOSER, PRIOR = 0.1, 0.3
+
+
+@dataclass(frozen=True)
+class LawSearch:
+    """A base of listed effects with the missing moment read from the shapes, ready for laws beside it.
+
+    Attributes
+    ----------
+    problem : FitProblem
+    base : Fit
+    reading : ActedRun
+        Run in which the missing moments act, so that its state is that of the measured shapes.
+    response : ActionResponse
+        Of readings and bays in that state.
+    total : ndarray, shape (n,)
+        What all actions together have to explain, over sigma: residual of that run, and what its action brings.
+    """
+
+    problem: FitProblem
+    base: Fit
+    reading: ActedRun
+    response: ActionResponse
+    total: Array
+
+    @classmethod
+    def of(cls, problem: FitProblem, base: Fit, most_iterations: float = math.inf) -> LawSearch | None:
+        """Beside a fitted model; None where it is not solved with loads at every disk, or one run takes too much."""
+        experiment = problem.with_effects(base.effects, base.values)
+        steps, bays = len(problem.data.steps), len(experiment.robot.bay_edges) - 1
+        zero = np.zeros((steps, bays, COMPONENTS))
+        upright = np.broadcast_to(np.eye(3), (steps, bays, 3, 3))
+        run = run_with_action(problem, experiment, zero, upright)
+        if not run.solved or run.run.iterations > most_iterations:
+            return None
+        response, run = action_response(problem, experiment, run)
+        for _ in range(READINGS):
+            action = missing_action(problem, run, response)
+            following = run_with_action(problem, experiment, action, run.state.rotation, run)
+            if not following.solved or problem.cost(following.residual)[0] > problem.cost(run.residual)[0]:
+                break
+            done = problem.cost(run.residual)[0] < 1.2 * problem.cost(following.residual)[0]
+            response, run = action_response(problem, experiment, following)
+            if done:
+                break
+        total = run.residual + explained(problem, run.action, response)
+        return cls(problem, base, run, response, total)
+
+
+def explained(problem: FitProblem, action: Array, response: ActionResponse) -> Array:
+    """What an action brings to the predictions over sigma to first order, shape (n,)."""
+    return readings_of(problem, action.reshape(len(action), -1, 1), response)[:, 0]
+
+
+def missing_action(problem: FitProblem, run: ActedRun, response: ActionResponse) -> Array:
+    """Missing bending moment of every bay and step, shape (K, n_bays, 5); forces are zero.
+
+    The most probable one, for moments of about `PRIOR` times the elastic ones that vary less from bay to bay, and for
+    readings whose error is sigma plus a share `CLOSER` of the present residual, which nonlinearity leaves.
+    """
+    steps, bays, _ = run.action.shape
+    backbone = run.result.robot.backbone
+    typical = float(np.sqrt(np.mean(np.sum(run.state.curvature[..., :2] ** 2, axis=-1))))
+    size = PRIOR * backbone.EI * max(typical, 1e-3 / backbone.length)
+    difference = np.kron(np.diff(np.eye(bays), axis=0), np.eye(2))
+    precision = (difference.T @ difference / PRIOR**2 + np.eye(2 * bays)) / size**2
+    moments = np.array([COMPONENTS * b + c for b in range(bays) for c in range(2)])
+    total = run.residual + explained(problem, run.action, response)
+    out = np.zeros((steps, COMPONENTS * bays))
+    for k, (mine, rows) in enumerate(response.readings):
+        if mine.size:
+            a = rows[:, moments]
+            variance = 1.0 + CLOSER**2 * float(np.mean(run.residual[mine] ** 2))
+            out[k, moments] = np.linalg.solve(a.T @ a / variance + precision, a.T @ total[mine] / variance)
+    return out.reshape(run.action.shape)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Candidate terms as columns, freed of what the base's parameters can bring.
+
+    Attributes
+    ----------
+    terms : tuple of Term
+    free : ndarray, shape (m, q)
+        Weighted changes of the fitted readings over sigma by a term, of norm one.
+    size : ndarray, shape (q,)
+        Coefficient that belongs to a column of norm one.
+    rest : ndarray, shape (m,)
+        What has to be explained.
+    """
+
+    terms: tuple[Term, ...]
+    free: Array
+    size: Array
+    rest: Array
+
+    @classmethod
+    def of(cls, search: LawSearch) -> Columns:
+        """All terms of the library in the state of the measured shapes."""
+        problem, state = search.problem, search.reading.state
+        terms = library(state)
+        actions = np.stack([t.action(state).reshape(len(state.time), -1) for t in terms], axis=-1)
+        scale = np.max(np.abs(actions), axis=(0, 1))
+        fitted = problem.fitted
+        w = problem.root_weights(search.reading.residual)[fitted]
+        x = readings_of(problem, actions / scale, search.response)[fitted] * w[:, None]
+        r = search.total[fitted] * w
+        known = search.base.jacobian[fitted] * w[:, None]
+        if known.shape[1]:
+            basis = np.linalg.qr(known / np.maximum(np.linalg.norm(known, axis=0), 1e-300))[0]
+            own = np.linalg.norm(x, axis=0)
+            x, r = x - basis @ (basis.T @ x), r - basis @ (basis.T @ r)
+        else:
+            own = np.linalg.norm(x, axis=0)
+        norm = np.linalg.norm(x, axis=0)
+        seen = np.flatnonzero((norm > 1e-3 * own) & (norm > 1.0))
+        return cls(
+            tuple(terms[j] for j in seen), x[:, seen] / norm[seen], 1.0 / (scale[seen] * norm[seen]), r
+        )
+
+    def coefficients(self, which: Sequence[int]) -> Array:
+        """Of some terms together, by least squares, in the terms' units."""
+        found = np.linalg.lstsq(self.free[:, list(which)], self.rest, rcond=1e-10)[0]
+        return np.asarray(found * self.size[list(which)])
+
+    def left(self, which: Sequence[int]) -> float:
+        """Sum of squares that some terms together leave."""
+        x = self.free[:, list(which)]
+        return float(np.sum((self.rest - x @ np.linalg.lstsq(x, self.rest, rcond=1e-10)[0]) ** 2))
+
+    def best_sets(self, number: int, known: Sequence[int]) -> list[tuple[int, ...]]:
+        """Sets of so many terms, the best first: all single terms, all pairs, or one more beside ``known``."""
+        r = self.free.T @ self.rest
+        if number == 1:
+            return [(int(j),) for j in np.argsort(-(r**2))]
+        if number == 2:
+            gram = self.free.T @ self.free
+            determinant = np.maximum(1.0 - gram**2, 1e-6)
+            drop = (r[:, None] ** 2 + r[None, :] ** 2 - 2.0 * gram * r[:, None] * r[None, :]) / determinant
+            drop[np.abs(gram) > PARALLEL] = 0.0
+            rows, columns = np.triu_indices(len(r), 1)
+            order = np.argsort(-drop[rows, columns])[:60]
+            return [(int(rows[i]), int(columns[i])) for i in order]
+        basis = np.linalg.qr(self.free[:, list(known)])[0]
+        x = self.free - basis @ (basis.T @ self.free)
+        norm = np.linalg.norm(x, axis=0)
+        drop = np.where(norm > 0.05, (x.T @ self.rest) / np.maximum(norm, 1e-300), 0.0) ** 2
+        return [(*known, int(j)) for j in np.argsort(-drop) if j not in known]

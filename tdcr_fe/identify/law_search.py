@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,139 +18,36 @@ from numpy.typing import NDArray
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
     HELD_OUT_DROP,
+    bic,
     chi_square_threshold,
     effective_noise,
+    is_improvement,
+    lacks_test,
+    noise_cost,
     residual_is_noise,
 )
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.law_fit import LawFit, fit_law, readings_of
-from tdcr_fe.identify.law_state import (
-    COMPONENTS,
-    ActedRun,
-    ActionResponse,
-    action_response,
-    run_with_action,
-)
-from tdcr_fe.identify.law_terms import Term, library
+from tdcr_fe.identify.fitting import covariance
+from tdcr_fe.identify.law_fit import Columns, LawFit, LawSearch, fit_law
+from tdcr_fe.identify.law_state import action_response, run_with_action
+from tdcr_fe.identify.law_terms import CURVATURE, Term
 from tdcr_fe.identify.problem import Fit, FitProblem
-from tdcr_fe.identify.time_limit import clock
+from tdcr_fe.identify.result import Estimate, FoundLaw, LawTerm
+from tdcr_fe.identify.search_state import Search, SearchState, with_rival
+from tdcr_fe.identify.settings import Budget, OutOfTime
 
 Array = NDArray[np.float64]
+
 
 #: Terms of a law at most, and candidates that are fitted in a round.
 MOST_TERMS, FITTED = 3, 5
 
-#: Repetitions of reading the missing moments at most.
-READINGS = 5
 
-#: Share of the residual that nonlinearity leaves after one reading; size of missing moments over elastic ones [1].
-CLOSER, PRIOR = 0.1, 0.3
+#: Sets of terms whose predictions have a larger cosine than this are the same.
+ALIKE = 0.999999
 
-#: Sets of terms whose predictions have a larger cosine than this are the same; terms of a pair must have a smaller one.
-ALIKE, PARALLEL = 0.999999, 0.999
 
 #: A further term must lower the held-out misfit at least by this factor.
 LOWER = 0.95
-
-
-@dataclass(frozen=True)
-class Budget:
-    """What a search may cost.
-
-    Attributes
-    ----------
-    forward : ForwardModel
-        Which counts the runs.
-    runs, iterations : int
-        Counts at which the budget is spent.
-    deadline : float
-        Reading of `tdcr_fe.identify.time_limit.clock` at which it is spent [s].
-    """
-
-    forward: ForwardModel
-    runs: int
-    iterations: int
-    deadline: float
-
-    @property
-    def spent(self) -> bool:
-        """Whether nothing further may begin."""
-        forward = self.forward
-        return forward.runs >= self.runs or forward.iterations >= self.iterations or clock() > self.deadline
-
-
-@dataclass(frozen=True)
-class LawSearch:
-    """A base of listed effects with the missing moment read from the shapes, ready for laws beside it.
-
-    Attributes
-    ----------
-    problem : FitProblem
-    base : Fit
-    reading : ActedRun
-        Run in which the missing moments act, so that its state is that of the measured shapes.
-    response : ActionResponse
-        Of readings and bays in that state.
-    total : ndarray, shape (n,)
-        What all actions together have to explain, over sigma: residual of that run, and what its action brings.
-    """
-
-    problem: FitProblem
-    base: Fit
-    reading: ActedRun
-    response: ActionResponse
-    total: Array
-
-    @classmethod
-    def of(cls, problem: FitProblem, base: Fit, most_iterations: float = math.inf) -> LawSearch | None:
-        """Beside a fitted model; None where it is not solved with loads at every disk, or one run takes too much."""
-        experiment = problem.with_effects(base.effects, base.values)
-        steps, bays = len(problem.data.steps), len(experiment.robot.bay_edges) - 1
-        zero = np.zeros((steps, bays, COMPONENTS))
-        upright = np.broadcast_to(np.eye(3), (steps, bays, 3, 3))
-        run = run_with_action(problem, experiment, zero, upright)
-        if not run.solved or run.run.iterations > most_iterations:
-            return None
-        response, run = action_response(problem, experiment, run)
-        for _ in range(READINGS):
-            action = missing_action(problem, run, response)
-            following = run_with_action(problem, experiment, action, run.state.rotation, run)
-            if not following.solved or problem.cost(following.residual)[0] > problem.cost(run.residual)[0]:
-                break
-            done = problem.cost(run.residual)[0] < 1.2 * problem.cost(following.residual)[0]
-            response, run = action_response(problem, experiment, following)
-            if done:
-                break
-        total = run.residual + explained(problem, run.action, response)
-        return cls(problem, base, run, response, total)
-
-
-def explained(problem: FitProblem, action: Array, response: ActionResponse) -> Array:
-    """What an action brings to the predictions over sigma to first order, shape (n,)."""
-    return readings_of(problem, action.reshape(len(action), -1, 1), response)[:, 0]
-
-
-def missing_action(problem: FitProblem, run: ActedRun, response: ActionResponse) -> Array:
-    """Missing bending moment of every bay and step, shape (K, n_bays, 5); forces are zero.
-
-    The most probable one, for moments of about `PRIOR` times the elastic ones that vary less from bay to bay, and for
-    readings whose error is sigma plus a share `CLOSER` of the present residual, which nonlinearity leaves.
-    """
-    steps, bays, _ = run.action.shape
-    backbone = run.result.robot.backbone
-    typical = float(np.sqrt(np.mean(np.sum(run.state.curvature[..., :2] ** 2, axis=-1))))
-    size = PRIOR * backbone.EI * max(typical, 1e-3 / backbone.length)
-    difference = np.kron(np.diff(np.eye(bays), axis=0), np.eye(2))
-    precision = (difference.T @ difference / PRIOR**2 + np.eye(2 * bays)) / size**2
-    moments = np.array([COMPONENTS * b + c for b in range(bays) for c in range(2)])
-    total = run.residual + explained(problem, run.action, response)
-    out = np.zeros((steps, COMPONENTS * bays))
-    for k, (mine, rows) in enumerate(response.readings):
-        if mine.size:
-            a = rows[:, moments]
-            variance = 1.0 + CLOSER**2 * float(np.mean(run.residual[mine] ** 2))
-            out[k, moments] = np.linalg.solve(a.T @ a / variance + precision, a.T @ total[mine] / variance)
-    return out.reshape(run.action.shape)
 
 
 @dataclass(frozen=True)
@@ -166,80 +63,6 @@ class LawAhead:
 
     fit: LawFit
     alternatives: tuple[Term, ...]
-
-
-@dataclass(frozen=True)
-class Columns:
-    """Candidate terms as columns, freed of what the base's parameters can bring.
-
-    Attributes
-    ----------
-    terms : tuple of Term
-    free : ndarray, shape (m, q)
-        Weighted changes of the fitted readings over sigma by a term, of norm one.
-    size : ndarray, shape (q,)
-        Coefficient that belongs to a column of norm one.
-    rest : ndarray, shape (m,)
-        What has to be explained.
-    """
-
-    terms: tuple[Term, ...]
-    free: Array
-    size: Array
-    rest: Array
-
-    @classmethod
-    def of(cls, search: LawSearch) -> Columns:
-        """All terms of the library in the state of the measured shapes."""
-        problem, state = search.problem, search.reading.state
-        terms = library(state)
-        actions = np.stack([t.action(state).reshape(len(state.time), -1) for t in terms], axis=-1)
-        scale = np.max(np.abs(actions), axis=(0, 1))
-        fitted = problem.fitted
-        w = problem.root_weights(search.reading.residual)[fitted]
-        x = readings_of(problem, actions / scale, search.response)[fitted] * w[:, None]
-        r = search.total[fitted] * w
-        known = search.base.jacobian[fitted] * w[:, None]
-        if known.shape[1]:
-            basis = np.linalg.qr(known / np.maximum(np.linalg.norm(known, axis=0), 1e-300))[0]
-            own = np.linalg.norm(x, axis=0)
-            x, r = x - basis @ (basis.T @ x), r - basis @ (basis.T @ r)
-        else:
-            own = np.linalg.norm(x, axis=0)
-        norm = np.linalg.norm(x, axis=0)
-        seen = np.flatnonzero((norm > 1e-3 * own) & (norm > 1.0))
-        return cls(
-            tuple(terms[j] for j in seen), x[:, seen] / norm[seen], 1.0 / (scale[seen] * norm[seen]), r
-        )
-
-    def coefficients(self, which: Sequence[int]) -> Array:
-        """Of some terms together, by least squares, in the terms' units."""
-        found = np.linalg.lstsq(self.free[:, list(which)], self.rest, rcond=1e-10)[0]
-        return np.asarray(found * self.size[list(which)])
-
-    def left(self, which: Sequence[int]) -> float:
-        """Sum of squares that some terms together leave."""
-        x = self.free[:, list(which)]
-        return float(np.sum((self.rest - x @ np.linalg.lstsq(x, self.rest, rcond=1e-10)[0]) ** 2))
-
-    def best_sets(self, number: int, known: Sequence[int]) -> list[tuple[int, ...]]:
-        """Sets of so many terms, the best first: all single terms, all pairs, or one more beside ``known``."""
-        r = self.free.T @ self.rest
-        if number == 1:
-            return [(int(j),) for j in np.argsort(-(r**2))]
-        if number == 2:
-            gram = self.free.T @ self.free
-            determinant = np.maximum(1.0 - gram**2, 1e-6)
-            drop = (r[:, None] ** 2 + r[None, :] ** 2 - 2.0 * gram * r[:, None] * r[None, :]) / determinant
-            drop[np.abs(gram) > PARALLEL] = 0.0
-            rows, columns = np.triu_indices(len(r), 1)
-            order = np.argsort(-drop[rows, columns])[:60]
-            return [(int(rows[i]), int(columns[i])) for i in order]
-        basis = np.linalg.qr(self.free[:, list(known)])[0]
-        x = self.free - basis @ (basis.T @ self.free)
-        norm = np.linalg.norm(x, axis=0)
-        drop = np.where(norm > 0.05, (x.T @ self.rest) / np.maximum(norm, 1e-300), 0.0) ** 2
-        return [(*known, int(j)) for j in np.argsort(-drop) if j not in known]
 
 
 def law_bic(problem: FitProblem, fit: LawFit) -> float:
@@ -350,3 +173,309 @@ def _improves(problem: FitProblem, new: LawFit, old: LawFit | Fit, significance:
         return False
     lower = old.held_cost - new.held_cost > HELD_OUT_DROP * level
     return bool(lower and new.held_cost < LOWER * old.held_cost)
+
+
+#: Newton iterations that a search for a law may always take (half a minute without friction, one and a half with), and
+#: how many times its first run must fit into them [1].
+LEAST_ITERATIONS, RUNS = 12_000, 40
+
+
+#: Runs after which no further fit of a law begins.
+MOST_RUNS = 120
+
+
+#: A law is fitted before further effects where it leaves, to first order, at most so many times the cost of noise or
+#: this share of what the best effect leaves: the first order is not exact.
+NEARLY, PROMISE = 4.0, 0.05
+
+
+def law_ahead(search: Search, state: SearchState, iterations: int = LEAST_ITERATIONS) -> SearchState:
+    """Search for a law of one term beside the declared model, where the effects found so far leave more than noise.
+
+    A law that leaves noise is kept. Then one further effect has to explain as much, and no more are tried. The search
+    is made once: after the first round of the search for effects, or after a later one where it takes long. What it
+    may take is counted in iterations, so that what is found does not depend on what else the machine does.
+
+    Parameters
+    ----------
+    search, state
+        After a round of the search for listed effects.
+    iterations
+        Newton iterations that the search may take, such as those of the rounds so far.
+
+    Returns
+    -------
+    SearchState
+        With `SearchState.law_ahead` where there is such a law.
+
+    Raises
+    ------
+    OutOfTime
+        The time limit has passed within a simulation.
+    """
+    problem = state.problem
+    if not search.laws or state.law_sought or search.late or not _may_have_law(search, state):
+        return state
+    budget = _budget(search, problem, iterations)
+    search.report("reading the missing moment from the shapes", 0.4)
+    ready = LawSearch.of(problem, state.declared, iterations / RUNS)
+    if ready is None:
+        return state
+    state = replace(state, law_sought=True)
+    law, others = search_law(
+        ready,
+        search.significance,
+        lambda text: search.report(text, 0.4),
+        budget,
+        most_terms=1,
+        promise=max(NEARLY * noise_cost(problem), PROMISE * state.best.cost),
+    )
+    if law is None or not residual_is_noise(problem, law.as_fit(), search.significance):
+        return state
+    state = state.with_history(f"a law on no list is ahead, and leaves noise: {law.terms[0].key}")
+    return replace(state, law_ahead=LawAhead(law, others))
+
+
+def find_law(
+    search: Search, state: SearchState, iterations: int = LEAST_ITERATIONS
+) -> tuple[FoundLaw | None, SearchState]:
+    """The law on no list that explains more than the listed effects; sought where these leave more than noise.
+
+    The law is sought beside the declared model, the best model, and the best model without each of its effects. It
+    counts only if it explains more than all listed effects together, by the criterion of all models and on the
+    held-out steps. Of the effects beside it those are dropped that it makes unnecessary.
+
+    Parameters
+    ----------
+    search, state
+        What the search for listed effects has ended with.
+    iterations
+        Newton iterations that the search may take, if the time limit allows; the last fit ends after them.
+
+    Returns
+    -------
+    law : FoundLaw or None
+    state : SearchState
+        Where a law was found, its best model has the law, and the listed effects that remain beside it. Where effects
+        and a law explain the data alike, the best model has the effects, and the law is one of their rivals.
+
+    Raises
+    ------
+    OutOfTime
+        The time limit has passed.
+    """
+    best = state.best
+    if state.law_ahead is not None:
+        found, alternatives = _on_its_own_path(state, state.law_ahead.fit), state.law_ahead.alternatives
+    else:
+        if not _may_have_law(search, state):
+            several = bool(state.problem.experiment.restarts)
+            return None, state.with_history(
+                "no search for a law with several data sets"
+            ) if several else state
+        if search.late:
+            raise OutOfTime
+        sought, alternatives, state = _sought(search, state, iterations)
+        if sought is None:
+            return None, state.with_history("no law explains more than the listed effects")
+        found = _on_its_own_path(state, _without_unnecessary(search, state, sought))
+    if not _explains_more(search, state, found, best):
+        return None, _beside_the_effects(search, state, found, best)
+    fit = found.as_fit()
+    formula = " + ".join(f"{t.key}" for t in found.terms)
+    kept = {k: v for k, v in state.rivals.items() if k in fit.names}
+    state = replace(state, best=fit, rivals=kept).with_history(f"law found: {formula}")
+    return _described(state, found, alternatives), state
+
+
+def _budget(search: Search, problem: FitProblem, iterations: int) -> Budget:
+    """So many iterations and `MOST_RUNS` more than were made so far, until the deadline of the search."""
+    forward = problem.forward
+    return Budget(forward, forward.runs + MOST_RUNS, forward.iterations + iterations, search.deadline)
+
+
+def _may_have_law(search: Search, state: SearchState) -> bool:
+    """Whether there is something left for a law, and held-out steps to judge it by."""
+    problem, best = state.problem, state.best
+    if problem.experiment.restarts or not np.any(problem.held_out) or lacks_test(problem, best):
+        return False
+    return best.solved and not residual_is_noise(problem, best, search.significance)
+
+
+def _sought(
+    search: Search, state: SearchState, iterations: int
+) -> tuple[LawFit | None, tuple[Term, ...], SearchState]:
+    """The best law beside any of the bases, with the terms that explain as much; and a history of what was left out."""
+    problem = state.problem
+    budget = _budget(search, problem, iterations)
+    found: LawFit | None = None
+    alternatives: tuple[Term, ...] = ()
+    for base in _bases(state):
+        if budget.spent:
+            why = "out of time" if search.late else "too many runs before it"
+            state = state.with_history(f"no search for a law {_beside(base)}: {why}")
+            continue
+        search.report("reading the missing moment from the shapes", 0.9)
+        ready = LawSearch.of(problem, base, iterations / RUNS)
+        if ready is None:
+            state = state.with_history(f"no search for a law {_beside(base)}: too slow, or not solved")
+            continue
+        law, others = search_law(ready, search.significance, lambda text: search.report(text, 0.92), budget)
+        if law is not None and (found is None or law_bic(problem, law) < law_bic(problem, found)):
+            found, alternatives = law, others
+        if found is not None and residual_is_noise(problem, found.as_fit(), search.significance):
+            break
+    return found, alternatives, state
+
+
+def _without_unnecessary(search: Search, state: SearchState, law: LawFit) -> LawFit:
+    """The law without the listed effects that do not improve fitted and held-out steps beside it."""
+    problem = state.problem
+    for effect in law.base.effects:
+        rest = frozenset(e.name for e in law.base.effects if e is not effect)
+        base = state.fits.get(rest)
+        if base is None or not base.solved or base.jacobian.shape[1] != len(base.free):
+            continue
+        values = {e.name: law.values[e.name] for e in base.effects}
+        base = replace(base, values={**base.values, **values})
+        experiment = problem.with_effects(base.effects, base.values)
+        run = run_with_action(problem, experiment, law.acted.action, law.acted.state.rotation)
+        if not run.solved:
+            continue
+        response, run = action_response(problem, experiment, run)
+        smaller = fit_law(problem, base, run, response, law.terms, law.coefficients)
+        if smaller is not None and not is_improvement(
+            problem, law.as_fit(), smaller.as_fit(), search.significance
+        ):
+            return _without_unnecessary(search, state, smaller)
+    return law
+
+
+def _bases(state: SearchState) -> list[Fit]:
+    """Models beside which a law is sought: the declared one, and the best one whole and without each effect."""
+    best = state.best
+    smaller = [
+        state.fits.get(frozenset(e.name for e in best.effects if e is not gone)) for gone in best.effects
+    ]
+    models = [state.declared, *(f for f in smaller if f is not None and f.effects), best]
+    usable = [f for f in models if f.solved and f.jacobian.shape[1] == len(f.free)]
+    return list({f.names: f for f in usable}.values())
+
+
+def _beside(base: Fit) -> str:
+    return f"beside {' + '.join(base.names)}" if base.effects else "beside the declared model"
+
+
+def _explains_more(search: Search, state: SearchState, law: LawFit, rival: Fit) -> bool:
+    """Whether a law clearly beats the listed effects, overall and on the held-out steps.
+
+    Effects that leave noise are beaten on the held-out steps only by more than chance, others by a share.
+    """
+    problem = state.problem
+    noise = effective_noise(problem, law.as_fit(), search.significance)
+    gain = bic(problem, rival) - law_bic(problem, law)
+    needed = (1.0 - LOWER) * rival.held_cost
+    if residual_is_noise(problem, rival, search.significance):
+        needed = HELD_OUT_DROP * noise
+    return gain > BIC_DIFFERENCE * noise and rival.held_cost - law.held_cost > needed
+
+
+def _beside_the_effects(search: Search, state: SearchState, law: LawFit, best: Fit) -> SearchState:
+    """With the law as a rival of the effects where both explain the data alike."""
+    problem = state.problem
+    formula = " + ".join(t.key for t in law.terms)
+    noise = effective_noise(problem, best, search.significance)
+    # What the data say, without the price for the choice of the terms.
+    if not best.effects or not bic(problem, law.as_fit()) - bic(problem, best) < BIC_DIFFERENCE * noise:
+        return state.with_history("no law explains more than the listed effects")
+    for effect in best.effects:
+        state = with_rival(state, effect.name, f"a law on no list ({formula})")
+    return state.with_history(f"a law on no list explains the data as well: {formula}")
+
+
+def _on_its_own_path(state: SearchState, law: LawFit) -> LawFit:
+    """The same law, simulated without the path of a neighbouring run."""
+    problem = state.problem
+    experiment = problem.with_effects(law.base.effects, law.values)
+    run = run_with_action(problem, experiment, law.acted.action, law.acted.state.rotation)
+    if not run.solved:
+        return law
+    cost, held_cost = problem.cost(run.residual)
+    return replace(law, acted=run, cost=cost, held_cost=held_cost)
+
+
+# ---------------------------------------------------------------------------------------------------- texts
+
+
+def _described(state: SearchState, law: LawFit, alternatives: Sequence[Term]) -> FoundLaw:
+    """The law with its numbers, formula and sentence."""
+    problem, fit = state.problem, law.as_fit()
+    deviation = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))[len(law.base.free) :]
+    experiment = problem.with_effects(law.base.effects, law.values)
+    edges = experiment.robot.bay_edges
+    terms = tuple(
+        LawTerm(
+            product=t.product,
+            coefficient=Estimate(float(c), float(d), t.unit),
+            where=where(t, edges),
+            is_force=t.direction.is_force,
+        )
+        for t, c, d in zip(law.terms, law.coefficients, deviation, strict=True)
+    )
+    return FoundLaw(
+        terms=terms,
+        sentence=" ".join(sentence(t, float(c), edges) for t, c in zip(law.terms, law.coefficients, strict=True)),
+        after_fit=problem.misfit(fit.residual, problem.fitted, len(fit.free)),
+        after_held_out=problem.misfit(fit.residual, problem.held_out),
+        alternatives=tuple(dict.fromkeys(t.key for t in alternatives)),
+        steps=law.acted.steps,
+    )  # fmt: skip
+
+
+def where(term: Term, edges: Array) -> str:
+    """Where a term acts."""
+    if term.bay is None:
+        return "all bays"
+    if term.direction.is_force:
+        return f"disk at s = {edges[term.bay + 1]:.4g} m"
+    return f"bay {term.bay + 1} (s = {edges[term.bay]:.4g} to {edges[term.bay + 1]:.4g} m)"
+
+
+_POWERS = {1: "", 2: "the square of ", 3: "the third power of "}
+
+
+#: What the size of a direction is, in words.
+_SIZES = {
+    "kappa": CURVATURE.name,
+    "kappa_x e_x": "the curvature about x",
+    "kappa_y e_y": "the curvature about y",
+    "e_z x kappa": CURVATURE.name,
+    "m_T": "the moment of the tendons",
+    "sum(sign_i m_Ti)": "the moment of each tendon",
+    "sum(sign_i r_i)": "the lever of each tendon",
+    "m_F": "the bending moment of the loads",
+    "u": "the displacement",
+}
+
+
+def sentence(term: Term, coefficient: float, edges: Array) -> str:
+    """What a term says, in words."""
+    names = [f.name for f in term.factors]
+    own = _SIZES.get(term.direction.symbol)
+    names += [own] if own else []
+    parts = []
+    for name in dict.fromkeys(names):
+        power = names.count(name)
+        parts.append(f"{_POWERS.get(power, f'power {power} of ')}{name}")
+    size = " times ".join(parts) or "a constant"
+    place = where(term, edges)
+    place = {"all bays": "In all bays"}.get(place, ("At the " if term.direction.is_force else "In ") + place)
+    what = "a force" if term.direction.is_force else "a bending moment"
+    pointing = term.direction.name
+    if coefficient < 0.0:
+        pointing = (
+            pointing.replace("along ", "against ", 1)
+            if pointing.startswith("along ")
+            else f"negative {pointing}"
+        )
+    return f"{place}, {what} acts {pointing}, proportional to {size}; the declared model lacks it."

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.identify.forward import SMALLEST_ON_REFERENCE, last_parts, run_settings
 from tdcr_fe.identify.problem import FitProblem
-from tdcr_fe.identify.run import Run
-from tdcr_fe.identify.simulate_run import SMALLEST_ON_REFERENCE, last_parts, run_settings
-from tdcr_fe.identify.time_limit import ending_at
-from tdcr_fe.identify.trajectory import Ends
+from tdcr_fe.identify.run import Ends, Run
+from tdcr_fe.identify.settings import ending_at
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Load, LoadStep, resolve

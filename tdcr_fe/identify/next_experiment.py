@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from tdcr_fe.identify.criteria import BIC_DIFFERENCE, bic, effective_noise
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize_each
-from tdcr_fe.identify.findings import NextExperiment
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.problem import Fit, FitProblem, Readings
+from tdcr_fe.identify.result import NextExperiment
 from tdcr_fe.identify.search_state import Search, SearchState
-from tdcr_fe.identify.time_limit import OutOfTime
+from tdcr_fe.identify.settings import OutOfTime
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep, resolve
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import EFFECTS, Effect, ExcitationRange, Experiment
-from tdcr_fe.identify.divide import divide_steps, join_steps
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.misfit import Misfit
+from tdcr_fe.identify.load_steps import divide_steps, join_steps
 from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.result import Misfit
 from tdcr_fe.identify.run import Run
 from tdcr_fe.io.measured import MeasuredData
 
@@ -105,7 +105,7 @@ class FitProblem:
     catalogue : tuple of Effect
         The candidates, in the order in which several are applied.
     deadline : float
-        Reading of `tdcr_fe.identify.time_limit.clock` at which simulations end with `OutOfTime` [s].
+        Reading of `tdcr_fe.identify.settings.clock` at which simulations end with `OutOfTime` [s].
     """
 
     data: MeasuredData

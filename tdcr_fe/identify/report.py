@@ -1,19 +1,29 @@
-"""The report on an identification: one HTML page, its first screen for readers without statistics."""
+"""The report on an identification, one HTML page, and the folder with all files that ``tdcr-fe identify`` writes.
+
+The first screen is for readers without statistics.
+"""
 
 from __future__ import annotations
 
 import math
 import os
-from typing import Any
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from tdcr_fe.effects import effect
 from tdcr_fe.identify import figures
-from tdcr_fe.identify.corrected import corrected_files, effects_block, observation_effects, scenario_names
-from tdcr_fe.identify.misfit import Misfit
-from tdcr_fe.identify.outcome import IdentificationResult
-from tdcr_fe.identify.remarks import half_width, remarks
-from tdcr_fe.identify.sentences import headline, measure, noise_size, sentences, size
-from tdcr_fe.io.atomic import write_text
+from tdcr_fe.identify.corrected import (
+    corrected_files,
+    corrected_motion,
+    effects_block,
+    observation_effects,
+    scenario_names,
+)
+from tdcr_fe.identify.result import IdentificationResult, Misfit
+from tdcr_fe.identify.sentences import half_width, headline, measure, noise_size, remarks, sentences, size
+from tdcr_fe.identify.settings import TABLES, OutOfTime
+from tdcr_fe.io.atomic import write_json, write_text
 from tdcr_fe.io.summary import versions
 from tdcr_fe.model.channels import channel
 from tdcr_fe.report import page as kit
@@ -295,3 +305,61 @@ def write_report(
 ) -> None:
     """Write the report into a file."""
     write_text(render(result, motion), path)
+
+
+class Written(NamedTuple):
+    """What was written.
+
+    Attributes
+    ----------
+    result : IdentificationResult
+        With the tables among what was not tried, if the time did not suffice for them.
+    names : list of str
+        Files and folders, relative to the output folder.
+    interrupted : bool
+        Whether the identification, or the simulation for the tables, was interrupted.
+    """
+
+    result: IdentificationResult
+    names: list[str]
+    interrupted: bool
+
+
+def write_result(
+    result: IdentificationResult, out: str | os.PathLike[str], deadline: float = math.inf
+) -> Written:
+    """Write all files of an identification into a folder.
+
+    Parameters
+    ----------
+    result
+        What was found.
+    out
+        The folder; it is made where there is none.
+    deadline
+        Reading of `tdcr_fe.identify.settings.clock` at which the simulation of the corrected robot ends; everything
+        else is written [s].
+    """
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    texts = corrected_files(result)
+    next_loading = result.next_loading()
+    if next_loading is not None:
+        texts = {**texts, "next/loading.csv": next_loading}
+    write_json(result.to_json(), folder / "result.json")
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        write_text(text, folder / name)
+    motion, interrupted = None, result.interrupted
+    try:
+        several = bool(result.data.parts)  # the panel shows one loading sequence
+        if not (interrupted or several):
+            motion = corrected_motion(result, folder, deadline)
+    except KeyboardInterrupt:  # the report is written without the 3D panel
+        interrupted = True
+    except OutOfTime:
+        result = replace(result, not_tried=(*result.not_tried, TABLES))
+        write_json(result.to_json(), folder / "result.json")
+    write_report(result, folder / "report.html", motion)
+    names = ["result.json", "report.html", *texts, *([] if motion is None else ["corrected"])]
+    return Written(result, names, interrupted)

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import residual_is_noise, robust_threshold
-from tdcr_fe.identify.findings import Candidate
 from tdcr_fe.identify.problem import Fit, FitProblem, Point, fit_of_run, refine
+from tdcr_fe.identify.result import Candidate
 from tdcr_fe.identify.screening import Score
-from tdcr_fe.identify.settings import IdentifySettings
-from tdcr_fe.identify.time_limit import MAY_EXPLAIN, OutOfTime, clock
+from tdcr_fe.identify.settings import MAY_EXPLAIN, IdentifySettings, OutOfTime, clock
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.law_search import LawAhead
@@ -44,7 +43,7 @@ class Search:
     settings : IdentifySettings
     report : Progress
     deadline : float
-        Reading of `tdcr_fe.identify.time_limit.clock` after which nothing further of the search begins, and fits end
+        Reading of `tdcr_fe.identify.settings.clock` after which nothing further of the search begins, and fits end
         where they are [s].
     laws : bool
         Whether a law on no list is looked for besides the listed effects.

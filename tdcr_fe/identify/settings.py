@@ -1,10 +1,21 @@
-"""Settings of an identification."""
+"""Settings of an identification, and its time limit: when its parts end, and the simulations that end with it.
+
+Every part has two deadlines. After the first nothing further begins, and fits end where they are. At the second
+simulations end under way: they raise `OutOfTime`, and what was complete before remains.
+"""
 
 from __future__ import annotations
 
+import math
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tdcr_fe.effects import EFFECTS, Effect
+
+if TYPE_CHECKING:
+    from tdcr_fe.identify.forward import ForwardModel
 
 
 @dataclass(frozen=True)
@@ -52,3 +63,156 @@ class IdentifySettings:
     def catalogue(self) -> tuple[Effect, ...]:
         """All candidates, in the order in which several are applied."""
         return (*EFFECTS, *self.own_effects)
+
+
+#: Parts of an identification that are left out where its time does not suffice.
+FAULTS = "faults of the data"
+
+
+FURTHER_EFFECTS = "further effects"
+
+
+EXCHANGES = "exchanges of effects"
+
+
+PLACES = "places along the backbone"
+
+
+FRICTION = "the best model with friction"
+
+
+A_LAW = "a law on no list"
+
+
+NEXT_EXPERIMENT = "the next experiment"
+
+
+INPUT_SCATTER = "the scatter of the inputs"
+
+
+ALL_STEPS = "the fit to all load steps"
+
+
+SMALLER_MODELS = "the errors after each effect"
+
+
+CEILING = "the ceiling"
+
+
+TABLES = "the tables of the corrected robot"
+
+
+#: Parts that may explain what is left: where one was not tried, and more than noise is left, the verdict is open.
+MAY_EXPLAIN = frozenset({FURTHER_EFFECTS, EXCHANGES, PLACES, FRICTION, A_LAW})
+
+
+#: From the first deadline of a part to the second, and from the time limit to the end of the simulation that the tables
+#: of the corrected robot take, over the time limit [1].
+GRACE, GRACE_OF_TABLES = 0.1, 0.15
+
+
+#: The final fit to all load steps takes about so many runs over all of them, and so much of the time limit at most [1].
+RUNS_OF_FIT, MOST_OF_FIT = 7, 0.4
+
+
+#: The same for the best model with friction, on the chosen load steps [1].
+RUNS_WITH_FRICTION, MOST_WITH_FRICTION = 12, 0.15
+
+
+class OutOfTime(Exception):
+    """The time limit has passed within a simulation."""
+
+
+class Schedule(NamedTuple):
+    """First deadlines of the parts of an identification, as readings of `clock` [s].
+
+    Attributes
+    ----------
+    search : float
+        Of the search for effects.
+    friction : float
+        Of the best model with friction, where the search runs without.
+    end : float
+        Of everything else but the tables of the corrected robot.
+    grace : float
+        From a first deadline to the second.
+    """
+
+    search: float
+    friction: float
+    end: float
+    grace: float
+
+    @classmethod
+    def of(cls, begun: float, seconds: float, all_steps: float = 0.0, with_friction: float = 0.0) -> Schedule:
+        """Of an identification.
+
+        Parameters
+        ----------
+        begun
+            Reading of `clock` at its begin [s].
+        seconds
+            The time limit.
+        all_steps
+            About how long a run over all load steps takes, where a fit to all of them ends the search [s].
+        with_friction
+            About how long a run with friction over the chosen load steps takes, where the search runs without [s].
+        """
+        end = begun + seconds
+        friction = end - min(RUNS_OF_FIT * all_steps, MOST_OF_FIT * seconds)
+        search = friction - min(RUNS_WITH_FRICTION * with_friction, MOST_WITH_FRICTION * seconds)
+        return cls(search, friction, end, GRACE * seconds)
+
+
+def clock() -> float:
+    """Reading of the clock that deadlines are readings of, the same in all processes [s]."""
+    return time.perf_counter()
+
+
+def ending_at(deadline: float) -> Callable[[Any], None] | None:
+    """Callback for the progress of a simulation, which ends it at a deadline; None where there is no deadline.
+
+    Parameters
+    ----------
+    deadline
+        Reading of `clock` [s].
+
+    Raises
+    ------
+    OutOfTime
+        By the callback.
+    """
+    if math.isinf(deadline):
+        return None
+
+    def check(_: Any) -> None:
+        if clock() > deadline:
+            raise OutOfTime
+
+    return check
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a search may cost.
+
+    Attributes
+    ----------
+    forward : ForwardModel
+        Which counts the runs.
+    runs, iterations : int
+        Counts at which the budget is spent.
+    deadline : float
+        Reading of `tdcr_fe.identify.settings.clock` at which it is spent [s].
+    """
+
+    forward: ForwardModel
+    runs: int
+    iterations: int
+    deadline: float
+
+    @property
+    def spent(self) -> bool:
+        """Whether nothing further may begin."""
+        forward = self.forward
+        return forward.runs >= self.runs or forward.iterations >= self.iterations or clock() > self.deadline

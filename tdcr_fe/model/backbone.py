@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.model.material import NonlinearMaterial, Superelastic
-from tdcr_fe.model.quantity import Quantity
-from tdcr_fe.model.schema import check_fields
+from tdcr_fe.model.schema import Quantity, check_fields
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from tdcr_fe.model.messages import join, meant, shown
 from tdcr_fe.model.routing import hole_count_text
-from tdcr_fe.model.wording import join, meant, shown
 
 if TYPE_CHECKING:
     from tdcr_fe.model.backbone import Backbone

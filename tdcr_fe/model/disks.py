@@ -7,8 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from tdcr_fe.model.quantity import Quantity
-from tdcr_fe.model.schema import check_fields
+from tdcr_fe.model.schema import Quantity, check_fields
 
 DiskCount = Annotated[int, Quantity("disks at equal distances, the last at the tip", ge=1, le=10_000)]
 

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.model.checks import model_contradictions, step_contradictions
-from tdcr_fe.model.quantity import Quantity
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import check_fields
+from tdcr_fe.model.schema import Quantity, check_fields
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import ARC_TOLERANCE, robot_contradictions
 from tdcr_fe.model.disks import Disks
-from tdcr_fe.model.quantity import Quantity
-from tdcr_fe.model.schema import check_fields
+from tdcr_fe.model.schema import Quantity, check_fields
 from tdcr_fe.model.tendon import Tendon
 
 Array = NDArray[np.float64]

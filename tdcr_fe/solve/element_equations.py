@@ -44,36 +44,16 @@ LEAST_SWEEPS, MOST_SWEEPS, SWEEP_CHANGE = 4, 12, 0.01
 
 @dataclass(frozen=True)
 class ElementModel:
-    """Stiffness, weight and bays of the elements of one backbone.
+    """Stiffness, weight and bays of the elements of one backbone."""
 
-    Attributes
-    ----------
-    lengths : ndarray, shape (E,)
-        Of the elements [m].
-    element_stiffness : ndarray, shape (E, 6)
-        Of the finite elements, in beam axes, as in `BackboneMesh.stiffness`.
-    reference_strain : ndarray, shape (E, 6)
-        Of the unloaded elements, in beam axes [1, 1/m].
-    flexible : ndarray of bool, shape (E,)
-        False in rigid inserts, which have no error.
-    section : SectionForces or None
-        Tendons that follow the backbone, and nonlinear material.
-    weight : ndarray, shape (E, 3)
-        Own weight of the elements per length, world axes [N/m].
-    bays : ndarray of int, shape (E,)
-        Number of the bay that an element lies in, from 0.
-    buckling_lengths : ndarray, shape (B,)
-        Length ``a`` of the load ``pi^2 EI / a^2`` at which a bay buckles [m].
-    """
-
-    lengths: Array
-    element_stiffness: Array
-    reference_strain: Array
-    flexible: NDArray[np.bool_]
-    section: SectionForces | None
-    weight: Array
-    bays: NDArray[np.int_]
-    buckling_lengths: Array
+    lengths: Array  # (E,): Of the elements [m]
+    element_stiffness: Array  # (E, 6): Of the finite elements, in beam axes, as in `BackboneMesh.stiffness`
+    reference_strain: Array  # (E, 6): Of the unloaded elements, in beam axes [1, 1/m]
+    flexible: NDArray[np.bool_]  # (E,): False in rigid inserts, which have no error
+    section: SectionForces | None  # Tendons that follow the backbone, and nonlinear material
+    weight: Array  # (E, 3): Own weight of the elements per length, world axes [N/m]
+    bays: NDArray[np.int_]  # (E,): Number of the bay that an element lies in, from 0
+    buckling_lengths: Array  # (B,): Length ``a`` of the load ``pi^2 EI / a^2`` at which a bay buckles [m]
 
     @classmethod
     def of(cls, handle: TDCR) -> ElementModel:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.elements.poses import coefficients, cross, exp_matrix, inverse_tangent_se3
 from tdcr_fe.model.loading import Model
-from tdcr_fe.model.wording import steps_named
+from tdcr_fe.model.messages import steps_named
 from tdcr_fe.scene import TDCR
 from tdcr_fe.solve.element_equations import ElementModel, exact_elements, force_gradient, stiffness_times
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState
@@ -45,28 +45,16 @@ NEAR_BUCKLING = 0.5
 
 @dataclass(frozen=True)
 class SolvedState:
-    """Quantities of a solved state that the estimate needs.
+    """Quantities of a solved state that the estimate needs."""
 
-    Attributes
-    ----------
-    twists : ndarray, shape (E, 6)
-        Of the elements, length times strain.
-    rotations : ndarray, shape (E, 3, 3)
-        Of the first node of every element, in beam axes.
-    tensions : ndarray, shape (m,)
-        At the base [N].
-    tangent_twists : ndarray, shape (E, 6)
-        Of the elements where the tangent was factorised: in the solved state, or one iteration before. Forces and
-        changes are taken by the twists of these elements, in which the tangent changes little.
-    solve : callable
-        Solves for body-frame increments of the nodes (6 N, k) under wrenches on the nodes (6 N, k) with that tangent,
-        with mobilisations fixed and displacement-driven tendons taut.
-    """
-
-    twists: Array
-    rotations: Array
-    tensions: Array
+    twists: Array  # (E, 6): Of the elements, length times strain
+    rotations: Array  # (E, 3, 3): Of the first node of every element, in beam axes
+    tensions: Array  # (m,): At the base [N]
+    # (E, 6): Of the elements where the tangent was factorised: in the solved state, or one iteration before.
+    # Forces and changes are taken by the twists of these elements, in which the tangent changes little.
     tangent_twists: Array
+    # Solves for body-frame increments of the nodes (6 N, k) under wrenches on the nodes (6 N, k) with that
+    # tangent, with mobilisations fixed and displacement-driven tendons taut
     solve: Callable[[Array], Array]
 
     @classmethod
@@ -96,21 +84,16 @@ class SolvedState:
 
 @dataclass(frozen=True)
 class MeshEstimate:
-    """Estimated discretisation error of one solved state.
+    """Estimated discretisation error of one solved state."""
 
-    Attributes
-    ----------
-    nodes : ndarray, shape (N-1, 3)
-        Estimated displacement of the nodes 1 .. N-1 to their positions with exact elements, world axes [m].
-    by_bay : ndarray, shape (B,), or None
-        Largest displacement of a node that each bay's own defect causes [m]; None where the error is below the goal.
-        Infinite where the equations along an element have no finite solution under its wrench.
-    bay_loads : ndarray, shape (B,)
-        Axial compression of each bay over its buckling load, see `bay_loads`; zero where it is not defined [1].
-    """
-
+    # (N-1, 3): Estimated displacement of the nodes 1 .. N-1 to their positions with exact elements, world axes
+    # [m].
     nodes: Array
+    # (B,): Largest displacement of a node that each bay's own defect causes [m]; None where the error is below
+    # the goal. Infinite where the equations along an element have no finite solution under its wrench.
     by_bay: Array | None
+    # (B,): Axial compression of each bay over its buckling load, see `bay_loads`; zero where it is not defined
+    # [1]
     bay_loads: Array
 
     @property

@@ -24,7 +24,7 @@ from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Targ
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.response import Equilibrium
-from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Path, Ramp, StepFailed
+from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Ramp, SolvedPath, StepFailed
 from tdcr_fe.solve.load_steps.stepping import solve_ramp
 
 Array = NDArray[np.float64]
@@ -50,20 +50,11 @@ PathObserver = Callable[[SceneSystem, Ramp, SolverState, tuple[tuple[float, Solv
 
 
 class Position(NamedTuple):
-    """Where a simulation is: the last solved state, and what is known there.
-
-    Attributes
-    ----------
-    state : SolverState
-    linearization : Linearization or None
-        The last one.
-    end : Equilibrium or None
-        The state with its linearisation.
-    """
+    """Where a simulation is: the last solved state, and what is known there."""
 
     state: SolverState
-    linearization: Linearization | None
-    end: Equilibrium | None
+    linearization: Linearization | None  # The last one
+    end: Equilibrium | None  # The state with its linearisation
 
 
 class Simulation:
@@ -180,7 +171,7 @@ class Simulation:
         divide = divide or record_path is not None
         guess = None if warm_start is None else self.system.warm_start(self.state, warm_start)
 
-        def solved(divide: bool) -> Path:
+        def solved(divide: bool) -> SolvedPath:
             with one_thread():
                 return solve_ramp(
                     self.system,

@@ -34,8 +34,8 @@ from scipy.linalg import LinAlgError, cholesky, eigh, eigvals, null_space
 
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.arguments import check_instance
+from tdcr_fe.model.messages import steps_named
 from tdcr_fe.model.results import StepResult
-from tdcr_fe.model.wording import steps_named
 from tdcr_fe.scene.energy import Masses
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.system import SceneSystem
@@ -171,20 +171,12 @@ def strain_tangent(system: SceneSystem, state: SolverState, robot: int = 0) -> t
 
 @dataclass(frozen=True)
 class ExternalCompression:
-    """Axial compression of the backbone by loads and weight; tendons are left out: their force turns with the backbone.
+    """Axial compression of the backbone by loads and weight, without tendons: their force turns with the backbone."""
 
-    Attributes
-    ----------
-    mass_beyond : ndarray, shape (N,)
-        Of what lies beyond each node, itself included [kg].
-    gravity : ndarray, shape (3,)
-        [m/s^2].
-    euler : float
-        Euler's load of the cantilever, ``pi^2 EI / (4 L^2)`` with the smallest bending stiffness of the backbone [N].
-    """
-
-    mass_beyond: Array
-    gravity: Array
+    mass_beyond: Array  # (N,): Of what lies beyond each node, itself included [kg]
+    gravity: Array  # (3,): [m/s^2]
+    # Euler's load of the cantilever, ``pi^2 EI / (4 L^2)`` with the smallest bending stiffness of the backbone
+    # [N]
     euler: float
 
     @classmethod

@@ -15,7 +15,7 @@ from tdcr_fe.scene.builder import check_system
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.continuation import recall, remember
-from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Path, Ramp
+from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Ramp, SolvedPath
 from tdcr_fe.solve.load_steps.stepping import solve_ramp
 from tdcr_fe.solve.newton.contact_stability import freely_moving
 from tdcr_fe.solve.sensitivities.parameters import Parameter
@@ -98,13 +98,7 @@ def SolveTDCR(
 
 
 def _refuse_free_bases(system: SceneSystem, time: float) -> None:
-    """Refuse a robot whose base joint is switched off, where nothing else holds it.
-
-    Raises
-    ------
-    ValueError
-        Names the robot.
-    """
+    """Refuse a robot whose base joint is switched off, where nothing else holds it."""
     mbs = system.mbs
     off = [
         robot
@@ -136,7 +130,7 @@ def _solve(
     end_time: float,
     substeps: int | None,
     sensitivities: Sequence[SensitivityHistory],
-) -> Path:
+) -> SolvedPath:
     """The load step from the scene's current state to the inputs and loads as set, with its derivatives."""
     mbs = system.mbs
     user_step = system.hooks.user_function("PreStep")

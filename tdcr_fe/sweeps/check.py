@@ -9,8 +9,8 @@ import numpy as np
 
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.toml import TableReader, build_scenario
-from tdcr_fe.model.wording import quoted, shown
-from tdcr_fe.sweeps.case_tables import case_tables, with_values
+from tdcr_fe.model.messages import quoted, shown
+from tdcr_fe.sweeps.cases import tables_with
 from tdcr_fe.sweeps.description import Sweep, Variation
 from tdcr_fe.sweeps.keys import KeyProblem
 from tdcr_fe.sweeps.sampling import Column, Design
@@ -71,7 +71,7 @@ def _alone(
     where = f"vary[{i}]" if not variation.name.startswith("pull_") or not sweep.workspace else "workspace"
     texts = [key.text for key in variation.keys]
     try:
-        build_scenario(with_values(sweep, [(variation, value)]), further_tables)
+        build_scenario(tables_with(sweep, [(variation, value)]), further_tables)
     except KeyProblem as error:
         return [Problem(sweep.path, f"{where}.key", ", ".join(map(quoted, texts)), str(error))]
     except InputError as error:
@@ -98,7 +98,9 @@ def _case_is_sound(
     sweep: Sweep, design: Design, case: int, further_tables: Mapping[str, TableReader]
 ) -> bool:
     try:
-        build_scenario(case_tables(sweep, design.case(case)), further_tables)
+        build_scenario(
+            tables_with(sweep, zip(sweep.variations, design.case(case), strict=True)), further_tables
+        )
     except (InputError, KeyProblem):
         return False
     return True

@@ -8,11 +8,18 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from tdcr_fe.io.toml import ScenarioTables
-from tdcr_fe.model.quantity import Quantity
-from tdcr_fe.model.schema import check_fields
-from tdcr_fe.sweeps.distributions import Distribution
+from tdcr_fe.model.schema import Quantity, check_fields
 from tdcr_fe.sweeps.keys import Key
-from tdcr_fe.sweeps.sampling import SAMPLED, Column, Design, grid, numbers_of, together, unit_points
+from tdcr_fe.sweeps.sampling import (
+    SAMPLED,
+    Column,
+    Design,
+    Distribution,
+    grid,
+    numbers_of,
+    together,
+    unit_points,
+)
 
 #: Most cases of a sweep.
 MOST_CASES = 1_000_000

@@ -6,7 +6,7 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from tdcr_fe.io.effects import effects_reader
 from tdcr_fe.io.own_effects import read_own_effects
@@ -20,27 +20,35 @@ from tdcr_fe.io.toml import (
     read_toml,
     with_robot_table,
 )
-from tdcr_fe.model.quantity import Quantity
-from tdcr_fe.model.schema import Field, Text, take_table
-from tdcr_fe.model.wording import quoted, shown
+from tdcr_fe.model.messages import quoted, shown
+from tdcr_fe.model.schema import Keys, Quantity
+from tdcr_fe.sweeps.cases import ABOUT_CASE, columns_of_steps
 from tdcr_fe.sweeps.check import value_problems
-from tdcr_fe.sweeps.columns import ABOUT_CASE, columns_of_steps
 from tdcr_fe.sweeps.description import MOST_CASES, Sampling, Sweep, Variation
 from tdcr_fe.sweeps.keys import IN_SCENARIO
 from tdcr_fe.sweeps.objects import as_tables
 from tdcr_fe.sweeps.sampling import SAMPLED
-from tdcr_fe.sweeps.tables import raw_field, read_output, read_sampling, read_variation
+from tdcr_fe.sweeps.tables import read_output, read_sampling, read_variation
 from tdcr_fe.sweeps.workspace import read_workspace
 
-_PATH = Quantity("scenario", allowed="the path of a scenario.toml, in quotes, relative to this file")
+_PATH = "the path of a scenario.toml, in quotes, relative to this file"
 #: Keys at the top of ``sweep.toml``; without ``scenario`` also those of a scenario.
-TOP: dict[str, Field] = {
-    "scenario": Field("scenario", Text(), _PATH, None),
-    "sampling": raw_field("sampling", dict, "a table [sampling] with method, samples, seed", {}),
-    "vary": raw_field("vary", list, "tables [[vary]], one a variation", ()),
-    "workspace": raw_field("workspace", dict, "a table [workspace] with largest", None),
-    "output": raw_field("output", dict, "a table [output] with steps, quantities", {}),
-}
+TOP = Keys(
+    {
+        "scenario": Annotated[str, Quantity("scenario", allowed=_PATH)],
+        "sampling": Annotated[
+            dict[str, Any], Quantity("sampling", allowed="a table [sampling] with method, samples, seed")
+        ],
+        "vary": Annotated[list[Any], Quantity("vary", allowed="tables [[vary]], one a variation")],
+        "workspace": Annotated[
+            dict[str, Any], Quantity("workspace", allowed="a table [workspace] with largest")
+        ],
+        "output": Annotated[
+            dict[str, Any], Quantity("output", allowed="a table [output] with steps, quantities")
+        ],
+    },
+    {"scenario": None, "sampling": {}, "vary": (), "workspace": None, "output": {}},
+)
 
 
 @dataclass(frozen=True)
@@ -87,7 +95,7 @@ def read_sweep(
         further = {"effects": effects_reader(read_own_effects(effects))}
     except InputError as error:
         report.problems.extend(error.problems)
-    top, _ = take_table(TOP, data, "", report.mistake, [k for k in IN_SCENARIO if "scenario" not in data])
+    top, _ = TOP.read(data, "", report.mistake, [k for k in IN_SCENARIO if "scenario" not in data])
     sampling = read_sampling(top.get("sampling"), report)
     base = _base(data, robot, top, path, further, report)
     variations = [read_variation(i, table, report) for i, table in enumerate(top.get("vary", ()))]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
-from tdcr_fe.io.json_schema import json_schema
-from tdcr_fe.model.schema import fields_of, table_schema
+from tdcr_fe.io.keys import json_schema
+from tdcr_fe.model.schema import keys_of
 from tdcr_fe.sweeps.description import Sampling
 from tdcr_fe.sweeps.tables import OUTPUT, VALUES, VARY
 from tdcr_fe.sweeps.workspace import WORKSPACE
@@ -28,7 +29,7 @@ _TENSION = {
 def sweep_schema() -> dict[str, Any]:
     """JSON schema (draft 2020-12) of ``sweep.toml``; `json_schema` has those of the other files."""
     scenario = json_schema("scenario")
-    vary, output, workspace = (table_schema(fields) for fields in (VARY, OUTPUT, WORKSPACE))
+    vary, output, workspace = (copy.deepcopy(keys.json_schema) for keys in (VARY, OUTPUT, WORKSPACE))
     vary["properties"]["values"] = _VALUES
     vary["oneOf"] = [{"required": ["key"]}, {"required": ["keys"]}]
     vary["anyOf"] = [{"required": [name]} for name in VALUES]
@@ -36,7 +37,7 @@ def sweep_schema() -> dict[str, Any]:
     workspace["properties"] |= {"largest": _TENSION, "smallest": _TENSION}
     own = {
         "scenario": {"description": "path of the scenario.toml, relative to this file", "type": "string"},
-        "sampling": table_schema(fields_of(Sampling)),
+        "sampling": keys_of(Sampling).json_schema,
         "vary": {"description": "one table a variation", "type": "array", "items": vary},
         "workspace": workspace,
         "output": output,

@@ -2,70 +2,54 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
-from tdcr_fe.io.keys import Raw
 from tdcr_fe.io.problems import Reporter
 from tdcr_fe.io.toml import Scenario
-from tdcr_fe.model.quantity import Quantity
-from tdcr_fe.model.schema import Choice, Field, Items, Kind, Note, Table, Text, fields_of, take_table
-from tdcr_fe.model.wording import meant, quoted, shown
-from tdcr_fe.sweeps.columns import columns_of_steps
-from tdcr_fe.sweeps.description import Output, Range, Sampling, Variation
-from tdcr_fe.sweeps.distributions import DISTRIBUTIONS, Distribution
+from tdcr_fe.model.messages import meant, quoted, shown
+from tdcr_fe.model.schema import Keys, Quantity, keys_of
+from tdcr_fe.sweeps.cases import columns_of_steps
+from tdcr_fe.sweeps.description import Mode, Output, Range, Sampling, Variation
 from tdcr_fe.sweeps.keys import KeyProblem, parse_key
-from tdcr_fe.sweeps.sampling import SAMPLED
+from tdcr_fe.sweeps.sampling import DISTRIBUTIONS, SAMPLED, Distribution
 
 #: Keys of ``[[vary]]`` that give its values; exactly one is given.
 VALUES = ("values", "range", *DISTRIBUTIONS)
 
 
-class Anything(Kind):
-    """A value that a function of its own reads."""
-
-    def take(self, value: Any, key: str, q: Quantity, note: Note, from_file: bool) -> Any:
-        """See `Kind.take`."""
-        return value
-
-    def json_schema(self, q: Quantity) -> dict[str, Any]:
-        """See `Kind.json_schema`."""
-        return {}
-
-
-def raw_field(name: str, type_: Any, allowed: str, default: Any, least: int = 0) -> Field:
-    """A key whose contents a function of its own reads."""
-    return Field(name, Raw(type_, {}), Quantity(name, allowed=allowed, min_items=least), default)
-
-
 _TEXTS = "a list of keys in quotes, at least one"
-_MODES = Quantity("how the value acts on the declared one")
 #: Keys of ``[[vary]]``.
-VARY: dict[str, Field] = {
-    "key": Field("key", Text(), Quantity("key", allowed="the key of a value, in quotes"), None),
-    "keys": Field("keys", Items(Text()), Quantity("keys", allowed=_TEXTS, min_items=1), None),
-    "name": Field("name", Text(), Quantity("of the column", name=True), None),
-    "mode": Field("mode", Choice(("value", "factor", "offset")), _MODES, "value"),
-    "values": raw_field("values", list, "a list of values, at least one", None, least=1),
-    "range": Field("range", Table(Range), Quantity("values at equal distances"), None),
-    **{n: Field(n, Table(cls), Quantity(n), None) for n, cls in DISTRIBUTIONS.items()},
-}
+VARY = Keys(
+    {
+        "key": Annotated[str, Quantity("key", allowed="the key of a value, in quotes")],
+        "keys": Annotated[tuple[str, ...], Quantity("keys", allowed=_TEXTS, min_items=1)],
+        "name": Annotated[str, Quantity("of the column", name=True)],
+        "mode": Annotated[Mode, Quantity("how the value acts on the declared one")],
+        "values": Annotated[
+            list[Any], Quantity("values", allowed="a list of values, at least one", min_items=1)
+        ],
+        "range": Annotated[Range, Quantity("values at equal distances")],
+        **{n: Annotated[cls, Quantity(n)] for n, cls in DISTRIBUTIONS.items()},
+    },
+    {**dict.fromkeys(("key", "keys", "name", "values", "range", *DISTRIBUTIONS)), "mode": "value"},
+)
 
 _STEPS = 'one of "last", "all", or a list of the numbers of load steps, from 1'
 #: Keys of ``[output]``.
-OUTPUT: dict[str, Field] = {
-    "steps": Field("steps", Anything(), Quantity("steps", allowed=_STEPS), "last"),
-    "quantities": Field(
-        "quantities",
-        Items(Text()),
-        Quantity("columns", allowed="a list of columns of steps.csv, in quotes"),
-        (),
-    ),
-}
+OUTPUT = Keys(
+    {
+        "steps": Annotated[Any, Quantity("steps", allowed=_STEPS)],
+        "quantities": Annotated[
+            tuple[str, ...], Quantity("columns", allowed="a list of columns of steps.csv, in quotes")
+        ],
+    },
+    {"steps": "last", "quantities": ()},
+)
 
 
 def read_sampling(table: Any, report: Reporter) -> Sampling | None:
     """The table ``[sampling]``; None where it has mistakes."""
-    values, bad = take_table(fields_of(Sampling), table, "sampling", report.mistake)
+    values, bad = keys_of(Sampling).read(table, "sampling", report.mistake)
     if bad or not isinstance(table, dict):
         return None
     sampling = Sampling(**values)
@@ -85,7 +69,7 @@ def read_sampling(table: Any, report: Reporter) -> Sampling | None:
 def read_variation(i: int, table: Any, report: Reporter) -> Variation | None:
     """One table ``[[vary]]``; None where it has mistakes."""
     before, where = len(report.problems), f"vary[{i}]"
-    values, _ = take_table(VARY, table, where, report.mistake)
+    values, _ = VARY.read(table, where, report.mistake)
     if not isinstance(table, dict):
         return None
     if ("key" in table) == ("keys" in table):
@@ -138,7 +122,7 @@ def is_number(value: Any) -> bool:
 
 def read_output(table: Any, scenario: Scenario | None, report: Reporter) -> Output:
     """The table ``[output]``, checked against the load steps and the tendons of the scenario."""
-    values, bad = take_table(OUTPUT, table, "output", report.mistake)
+    values, bad = OUTPUT.read(table, "output", report.mistake)
     if bad or not isinstance(table, dict) or scenario is None:
         return Output()
     count, steps = len(scenario.steps), values["steps"]

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 from tdcr_fe.io.problems import Reporter
 from tdcr_fe.io.toml import Scenario
-from tdcr_fe.model.quantity import Quantity
-from tdcr_fe.model.schema import Field, fields_of, take_table
-from tdcr_fe.model.wording import join, meant, quoted, shown
+from tdcr_fe.model.messages import join, meant, quoted, shown
+from tdcr_fe.model.schema import Keys, Quantity
 from tdcr_fe.sweeps.description import Range, Sampling, Variation
-from tdcr_fe.sweeps.distributions import Uniform
 from tdcr_fe.sweeps.keys import parse_key
-from tdcr_fe.sweeps.sampling import SAMPLED
-from tdcr_fe.sweeps.tables import Anything, is_number
+from tdcr_fe.sweeps.sampling import SAMPLED, Uniform
+from tdcr_fe.sweeps.tables import is_number
 
 _TENSION = "a tension [N], zero or more, or a table of tensions by tendon"
 #: Keys of ``[workspace]``.
-WORKSPACE: dict[str, Field] = {
-    "largest": Field("largest", Anything(), Quantity("largest tension", allowed=_TENSION)),
-    "smallest": Field("smallest", Anything(), Quantity("smallest tension", allowed=_TENSION), 0.0),
-    "count": Field("count", fields_of(Range)["count"].kind, Quantity("values a tendon", ge=2, le=1000), None),
-}
+WORKSPACE = Keys(
+    {
+        "largest": Annotated[Any, Quantity("largest tension", allowed=_TENSION)],
+        "smallest": Annotated[Any, Quantity("smallest tension", allowed=_TENSION)],
+        "count": Annotated[int, Quantity("values a tendon", ge=2, le=1000)],
+    },
+    {"smallest": 0.0, "count": None},
+)
 
 
 def read_workspace(
@@ -30,7 +31,7 @@ def read_workspace(
 ) -> list[Variation | None]:
     """One variation a tendon: its tension in the last load step."""
     names = scenario.robot.tendon_names
-    values, bad = take_table(WORKSPACE, table, "workspace", report.mistake)
+    values, bad = WORKSPACE.read(table, "workspace", report.mistake)
     if bad or not isinstance(table, dict):
         return []
     if not names:

@@ -2,23 +2,18 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from identify_data import measured
+from identify_data import measured, problem_of
 
 from tdcr_fe.effects import effect
 from tdcr_fe.identify.criteria import BOUND_PENALTY, at_bound, bic, rank
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify.problem import evaluate
 
 
 @pytest.fixture(scope="module")
 def models():
     """A model with a stiffness at its upper bound, and one with a gain inside its bounds."""
-    data = measured({})
-    problem = FitProblem.of(
-        data, np.ones(len(data.readings)), np.zeros(len(data.readings), bool), ForwardModel()
-    )
+    problem = problem_of(measured(), sigma=1.0)
     declared = evaluate(problem, (), {})
 
     def model(name, parameter, value):

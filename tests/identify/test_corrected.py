@@ -5,27 +5,29 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from identify_data import MODEL, ROBOT, measured
+from identify_data import FRICTIONAL, GRAVITY, ROBOT, concluded, measured, problem_of, state_of, with_model
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import effect, with_effects
-from tdcr_fe.identify import IdentifySettings, identify
-from tdcr_fe.identify.conclude import conclude
-from tdcr_fe.identify.corrected import corrected_files, observation_effects
-from tdcr_fe.identify.divide import divide_steps
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.problem import FitProblem, evaluate
-from tdcr_fe.identify.replay import corrected_motion
+from tdcr_fe.identify.corrected import corrected_files, corrected_motion, observation_effects
+from tdcr_fe.identify.load_steps import divide_steps
 from tdcr_fe.identify.report import write_report
-from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.io.toml import read_robot, read_scenario
 
 ROUGH = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.25) for t in ROBOT.tendons))
-TRUTHS = {
-    "model": {"gravity": {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}},
-    "robot": {"precurvature": {"kappa_x": 0.6, "kappa_y": -0.4}},
-    "commands": {"actuator_loss": {"dead_band": 0.05, "efficiency": 0.9}},
-}
+PRECURVATURE = {"precurvature": {"kappa_x": 0.6, "kappa_y": -0.4}}
+COMMANDS = {"actuator_loss": {"dead_band": 0.05, "efficiency": 0.9}}
+MISALIGNMENT = {"frame_misalignment": {"rot_x": 0.03, "rot_y": -0.02, "rot_z": 0.05}}
+
+
+def found(values, data=None):
+    """The result of a search that ended with effects at these values."""
+    return concluded(with_model(state_of(problem_of(measured() if data is None else data)), values))
+
+
+def rough():
+    """Readings of a robot with friction."""
+    return measured(robot=ROUGH, model=FRICTIONAL)
 
 
 def write(result, folder):
@@ -33,36 +35,39 @@ def write(result, folder):
         (folder / name).write_text(text, encoding="utf-8")
 
 
-@pytest.mark.parametrize(("kind", "friction"), [("model", False), ("robot", False), ("commands", True)])
-def test_a_run_of_the_corrected_robot_repeats_the_fit(kind, friction, tmp_path):
-    """Tip positions agree with the fit's within 1e-9 m, for effects on the model, the robot and the commands."""
-    robot, model = (ROUGH, replace(MODEL, friction="per-hole")) if friction else (ROBOT, MODEL)
-    result = identify(measured(TRUTHS[kind], robot=robot, model=model))
-    assert list(TRUTHS[kind]) == [e.name for e in result.effects]
-    write(result, tmp_path)
-    scenario = str(tmp_path / "effects.toml")
-    assert main(["run", scenario, "-o", str(tmp_path / "out"), "--no-pictures", "-q"]) == 0
-    table = pd.read_csv(tmp_path / "out" / "steps.csv", dtype={"label": str})
+def tips_of_run(folder):
+    """Positions of the tip in the files of a run of the corrected robot."""
+    scenario = str(folder / "effects.toml")
+    assert main(["run", scenario, "-o", str(folder / "out"), "--no-pictures", "-q"]) == 0
+    table = pd.read_csv(folder / "out" / "steps.csv", dtype={"label": str})
     ends = table.drop_duplicates("label", keep="last").set_index("label")
-    tips = ends.loc[[str(n) for n in result.data.step_ids], ["tip_x", "tip_y", "tip_z"]].to_numpy()
+    return ends[["tip_x", "tip_y", "tip_z"]]
+
+
+@pytest.mark.parametrize(
+    ("values", "data"),
+    [(GRAVITY, measured), (PRECURVATURE, measured), (COMMANDS, rough)],
+    ids=["model", "robot", "commands"],
+)
+def test_a_run_of_the_corrected_robot_repeats_the_fit(values, data, tmp_path):
+    """Tip positions agree with the fit's within 1e-9 m, for effects on the model, the robot and the commands."""
+    result = found(values, data())
+    write(result, tmp_path)
+    tips = tips_of_run(tmp_path).loc[[str(n) for n in result.data.step_ids]].to_numpy()
     np.testing.assert_allclose(tips, result.shapes.backbone_after[:, -1], rtol=0.0, atol=1e-9)
 
 
 def test_the_robot_file_has_what_a_robot_can_have_and_the_effects_file_the_rest(tmp_path):
-    truth = {**TRUTHS["robot"], **TRUTHS["model"]}
-    result = identify(measured(truth))
-    write(result, tmp_path)
-    values = result.effects_table
+    write(found({**PRECURVATURE, **GRAVITY}), tmp_path)
     corrected = read_robot(tmp_path / "robot.toml").backbone.precurvature
-    assert corrected == tuple(values["precurvature"].values())
+    assert corrected == tuple(PRECURVATURE["precurvature"].values())
     text = (tmp_path / "effects.toml").read_text()
     assert "gravity = {" in text and "precurvature" not in text
-    assert read_scenario(tmp_path / "effects.toml").model.gravity == tuple(values["gravity"].values())
+    assert read_scenario(tmp_path / "effects.toml").model.gravity == tuple(GRAVITY["gravity"].values())
 
 
 def test_effects_on_the_measurement_are_comments(tmp_path):
-    result = identify(measured({"frame_misalignment": {"rot_x": 0.03, "rot_y": -0.02, "rot_z": 0.05}}))
-    assert [e.name for e in result.effects] == ["frame_misalignment"]
+    result = found(MISALIGNMENT)
     write(result, tmp_path)
     assert "# acts on the measurement only: frame_misalignment" in (tmp_path / "effects.toml").read_text()
     assert read_scenario(tmp_path / "effects.toml").robot == result.data.robot
@@ -70,17 +75,14 @@ def test_effects_on_the_measurement_are_comments(tmp_path):
 
 def test_divided_steps_are_written_in_parts_with_the_effects_on_their_commands(tmp_path):
     """Also where an effect divides a step that is divided already."""
-    model = replace(MODEL, friction="per-hole")
-    result = identify(measured(TRUTHS["commands"], robot=ROUGH, model=model))
+    result = found(COMMANDS, rough())
     commanded = divide_steps(result.commanded, {2, 8}, 4)
-    again = replace(result, commanded=commanded)
-    write(again, tmp_path)
+    write(replace(result, commanded=commanded), tmp_path)
     scenario = read_scenario(tmp_path / "effects.toml")
     expected = with_effects(commanded, result.effects_table)
     assert [s.tensions for s in scenario.steps] == [s.tensions for s in expected.steps]
     assert [s.label for s in scenario.steps].count("3 (part 1 of 4)") >= 1
-    e = effect("actuator_loss")
-    assert expected == e.apply(commanded, result.effects_table["actuator_loss"])
+    assert expected == effect("actuator_loss").apply(commanded, COMMANDS["actuator_loss"])
 
 
 def test_effects_that_need_each_other_are_written_and_drawn(tmp_path):
@@ -90,7 +92,6 @@ def test_effects_that_need_each_other_are_written_and_drawn(tmp_path):
         replace(s, tensions={}, displacements={n: 1e-3 * x for n, x in s.tensions.items()}, time=float(k))
         for k, s in enumerate(data.steps)
     )
-    data = replace(data, steps=moved)
     values = {
         "pretension": {"tension": 0.5},
         "tendon_stretch": {"axial_stiffness": 500.0},
@@ -98,21 +99,11 @@ def test_effects_that_need_each_other_are_written_and_drawn(tmp_path):
         "frame_misalignment": {"rot_x": 0.02, "rot_y": 0.0, "rot_z": 0.0},
         "time_lag": {"lag": 0.2},
     }
-    count = len(data.readings)
-    problem = FitProblem.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
-    state = SearchState.start(problem, evaluate(problem, (), {}))
-    best = evaluate(problem, tuple(effect(name) for name in values), values)
-    search = Search(IdentifySettings(), lambda text, share: None)
-    result = conclude(search, replace(state, best=best), False, 0.0)
+    result = found(values, replace(data, steps=moved))
     assert observation_effects(result) == ["frame_misalignment"]
     write(result, tmp_path)
     tendons = read_robot(tmp_path / "robot.toml").tendons
     assert all(t.axial_stiffness == 500.0 and t.pretension == pytest.approx(0.5) for t in tendons)
-    motion = corrected_motion(result, tmp_path)
-    write_report(result, tmp_path / "report.html", motion)
-    scenario = str(tmp_path / "effects.toml")
-    assert main(["run", scenario, "-o", str(tmp_path / "out"), "--no-pictures", "-q"]) == 0
-    table = pd.read_csv(tmp_path / "out" / "steps.csv", dtype={"label": str})
-    tip = table.drop_duplicates("label", keep="last")[["tip_x", "tip_y", "tip_z"]].to_numpy()[-1]
+    write_report(result, tmp_path / "report.html", corrected_motion(result, tmp_path))
     seen = result.corrected.observation.in_base(result.shapes.backbone_after[-1, -1])
-    np.testing.assert_allclose(tip, seen, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(tips_of_run(tmp_path).to_numpy()[-1], seen, rtol=0.0, atol=1e-8)

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 from identify_data import MODEL, ROBOT, sequence
 
 from tdcr_fe.cli import main
@@ -20,6 +21,7 @@ SIGMA = 0.02
 KAPPA = (0.6, -0.4)
 
 
+@pytest.mark.integration
 def test_precurvature_is_found_from_readings_of_curvature(tmp_path):
     steps = sequence()
     ids = tuple(range(1, len(steps) + 1))

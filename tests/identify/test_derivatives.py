@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from identify_data import problem_of
 from robots import BACKBONE, LENGTH, tendon
 
 from tdcr_fe.effects import EFFECTS, Effect, PlaceEffect, effect
+from tdcr_fe.identify.candidates import local_candidates
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.screening import screen
-from tdcr_fe.identify.unlisted import local_candidates
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import CHANNELS
@@ -137,9 +138,7 @@ def problem(kind: str) -> FitProblem:
         Reading(n, c.quantity, where, 0.0, 1.0) for n in ids for c in CHANNELS for where in places[c.location]
     )
     data = MeasuredData("all channels", ROBOT, Model(), ids, steps, ("",) * len(ids), readings)
-    count = len(readings)
-    forward = ForwardModel(settings=SolverSettings(tolerance=1e-11))
-    return FitProblem.of(data, np.ones(count), np.zeros(count, dtype=bool), forward)
+    return problem_of(data, sigma=1.0, forward=ForwardModel(settings=SolverSettings(tolerance=1e-11)))
 
 
 def linear(about: FitProblem, values: dict, names: list[tuple[str, str]]) -> Linear:
@@ -167,8 +166,21 @@ def difference(about: FitProblem, values: dict, name: tuple[str, str], run, h: f
     return (found[1] - found[0]) / (2.0 * h)
 
 
+#: Several seconds each: the others show the same mechanisms.
+SLOW = {
+    "frame_misalignment (rotated and moved)",
+    "frame_misalignment (moved)",
+    "superelastic",
+    "friction_coefficient (each)",
+}
+
+
 @pytest.mark.parametrize(
-    ("kind", "values"), TOGETHER, ids=lambda x: "+".join(x) if isinstance(x, dict) else x
+    ("kind", "values"),
+    [
+        pytest.param(k, v, marks=[pytest.mark.integration] * bool(SLOW & v.keys()), id=f"{k}-{'+'.join(v)}")
+        for k, v in TOGETHER
+    ],
 )
 def test_derivatives_of_all_channels_are_those_of_whole_simulations(kind: str, values: dict) -> None:
     """By every parameter of every effect, of positions, angles, offsets, displacements, tensions and curvatures."""

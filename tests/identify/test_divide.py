@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import MODEL, measured
+from identify_data import MODEL, measured, problem_of
 
 from tdcr_fe.effects import Experiment, effect
-from tdcr_fe.identify.divide import join_steps
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.problem import FitProblem
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.load_steps import join_steps
 from tdcr_fe.model.settings import SolverSettings
 
 
@@ -25,7 +23,7 @@ def lagged(model):
     """Experiment of the identification with a lag of a quarter of a second, and the same with its steps in parts."""
     data = timed(model)
     e = effect("time_lag")
-    problem = FitProblem.of(data, np.full(66, 1e-4), np.zeros(66, dtype=bool), ForwardModel())
+    problem = problem_of(data)
     return problem.with_effects((e,), {"time_lag": {"lag": 0.25}}), e.apply(problem.experiment, {"lag": 0.25})
 
 

@@ -4,18 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import MODEL, ROBOT, measured
+from identify_data import MODEL, ROBOT, measured, problem_of, searching, state_of, with_model
 
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.candidates import propose
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.search_state import Search, SearchState, without
-from tdcr_fe.identify.selection import MANY_EFFECTS, _worthwhile, forward_selection
-from tdcr_fe.identify.settings import IdentifySettings
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.search import MANY_EFFECTS, _worthwhile, forward_selection
+from tdcr_fe.identify.search_state import without
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep
@@ -52,56 +49,51 @@ def opposed():
     return MeasuredData("opposed", OPPOSED, MODEL, ids, tuple(steps), tuple(names), tuple(readings))
 
 
+@pytest.mark.integration
 def test_stretch_and_pretension_are_found_together(opposed):
     """Stretch alone leaves one tendon slack; pretension acts on elastic tendons only. As one step they leave noise."""
-    held = np.array([r.step > 20 for r in opposed.readings])
-    problem = FitProblem.of(opposed, np.full(held.size, SIGMA), held, ForwardModel())
+    problem = problem_of(opposed, held=range(21, 31), sigma=SIGMA)
     names = ("stiffness_scale", "tendon_stretch", "pretension", "frame_misalignment")
     problem = replace(problem, catalogue=tuple(e for e in EFFECTS if e.name in names))
-    state = SearchState.start(problem, evaluate(problem, (), {}))
-    search = Search(IdentifySettings(candidates=3), lambda text, share: None)
+    state, search = state_of(problem), searching(candidates=3)
     _, proposals = propose(search, state, 1, [state.declared], 0.0)
     assert {e.listed for fit, score in proposals for e in (*fit.effects, score.effect)} >= set(names[1:3])
     for latest in forward_selection(search, state, locate=False):
         state = latest
     assert {e.listed for e in state.best.effects} >= set(names[1:3])
-    assert state.best.held_cost < 1.3 * np.count_nonzero(held) < 0.1 * state.declared.held_cost
+    assert state.best.held_cost < 1.3 * np.count_nonzero(problem.held_out) < 0.1 * state.declared.held_cost
 
 
 def test_an_effect_goes_together_with_the_one_it_needs(opposed):
     """Pretension cannot be without stretch: a model less stretch is one less both, not a model that is refused."""
-    held = np.zeros(len(opposed.readings), dtype=bool)
-    problem = FitProblem.of(opposed, np.full(held.size, SIGMA), held, ForwardModel())
-    effects = (effect("tendon_stretch"), effect("pretension"), effect("stiffness_scale"))
+    first = opposed.steps[:5]
+    few = replace(opposed, step_ids=opposed.step_ids[:5], steps=first, branches=opposed.branches[:5],
+                  readings=tuple(r for r in opposed.readings if r.step <= 5))  # fmt: skip
     values = {
         "tendon_stretch": {"axial_stiffness": 300.0},
         "pretension": {"tension": 1.2},
         "stiffness_scale": {"bending": 1.1, "torsion": 1.0},
     }
-    state = replace(
-        SearchState.start(problem, evaluate(problem, (), {})), best=evaluate(problem, effects, values)
-    )
-    _, rest = without(state, effects[0])
+    state = with_model(state_of(problem_of(few, sigma=SIGMA)), values)
+    _, rest = without(state, state.best.effects[0])
     assert rest.names == ("stiffness_scale",) and rest.solved
-    _, rest = without(state, effects[1])
+    _, rest = without(state, state.best.effects[1])
     assert rest.names == ("tendon_stretch", "stiffness_scale") and rest.solved
 
 
 @pytest.mark.parametrize(("share", "worthwhile"), [(0.85, True), (0.95, False)])
-def test_many_effects_must_each_remove_a_tenth_on_held_out_steps(opposed, share, worthwhile):
-    held = np.arange(len(opposed.readings)) % 2 == 0
-    problem = FitProblem.of(opposed, np.full(held.size, SIGMA), held, ForwardModel())
-    declared = evaluate(problem, (), {})
+def test_many_effects_must_each_remove_a_tenth_on_held_out_steps(share, worthwhile):
+    state = state_of(problem_of(measured(), held=(2, 4, 6)))
     fits = [
-        replace(declared, held_cost=x, effects=(effect("gravity"),) * n)
+        replace(state.declared, held_cost=x, effects=(effect("gravity"),) * n)
         for x, n in ((100.0, 4), (100.0 * share, 5))
     ]
-    state = replace(SearchState.start(problem, declared), best=fits[0])
+    state = replace(state, best=fits[0])
     assert _worthwhile(state, fits[1]) is worthwhile
-    few = replace(fits[1], effects=fits[1].effects[:MANY_EFFECTS])
-    assert _worthwhile(state, few)
+    assert _worthwhile(state, replace(fits[1], effects=fits[1].effects[:MANY_EFFECTS]))
 
 
+@pytest.mark.integration
 def test_where_held_out_steps_cannot_decide_the_fitted_ones_do():
     """Gravity and a backbone 5 % softer: gravity alone was named, at -5.3 m/s^2 along the axis, where there is none."""
     truth = {

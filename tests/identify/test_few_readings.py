@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import measured
+from identify_data import measured, problem_of
 
 from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify.fitting import can_be_seen, fit
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.screening import screen
 
 SIGMA, OFFSET = 4e-3, 12e-3
@@ -23,9 +22,7 @@ def noisy():
         Experiment(clean.robot, clean.model, clean.steps, clean.observation),
         {"marker_offset": {"offset_x_marker_2": OFFSET}},
     )
-    problem = FitProblem.of(
-        clean, np.ones(len(clean.readings)), np.zeros(len(clean.readings), bool), ForwardModel()
-    )
+    problem = problem_of(clean, sigma=1.0)
     (at_null, moved) = (
         problem.residuals((), [{}])[0][0],
         replace(problem, experiment=true).residuals((), [{}])[0][0],
@@ -35,8 +32,7 @@ def noisy():
         replace(r, value=r.value + float(x), sigma=SIGMA)
         for r, x in zip(clean.readings, at_null - moved + noise, strict=True)
     )
-    data = replace(clean, readings=readings)
-    return FitProblem.of(data, np.full(len(readings), SIGMA), np.zeros(len(readings), bool), ForwardModel())
+    return problem_of(replace(clean, readings=readings), sigma=SIGMA)
 
 
 def test_the_offset_of_one_marker_is_found_below_a_noise_of_fifty_typical_steps(noisy):

@@ -4,11 +4,11 @@ import json
 from dataclasses import replace
 
 import pytest
-from identify_data import measured
+from identify_data import GRAVITY, measured
 
 from tdcr_fe.cli import main
 from tdcr_fe.identify import IdentifySettings, identify
-from tdcr_fe.identify.holdout import held_out_branches
+from tdcr_fe.identify.load_steps import held_out_branches
 from tdcr_fe.io.measured import write_measured
 from tdcr_fe.io.problems import InputError
 
@@ -20,7 +20,7 @@ NAMES = (
 @pytest.fixture(scope="module")
 def data():
     """Eleven steps in six named branches, gravity not declared."""
-    return replace(measured({"gravity": {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}}), branches=NAMES)
+    return replace(measured(GRAVITY), branches=NAMES)
 
 
 @pytest.mark.parametrize(
@@ -60,12 +60,28 @@ def test_without_branches_a_pattern_is_refused():
         identify(measured(), IdentifySettings(hold_out_branches=("pair*",)))
 
 
-def test_the_command_holds_out_what_matches_and_fits_the_rest(data, tmp_path, capsys):
-    write_measured(data, tmp_path / "set")
-    command = ["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out"), "--processes", "1", "-q"]
-    assert main([*command, "--hold-out", "triple*"]) == 2
+def command(data, folder):
+    write_measured(data, folder / "set")
+    return [
+        "identify",
+        str(folder / "set"),
+        "-o",
+        str(folder / "out"),
+        "--processes",
+        "1",
+        "-q",
+        "--hold-out",
+    ]
+
+
+def test_the_command_refuses_a_pattern_that_matches_nothing(data, tmp_path, capsys):
+    assert main([*command(data, tmp_path), "triple*"]) == 2
     assert "one_up, one_down" in capsys.readouterr().err and not (tmp_path / "out").exists()
-    assert main([*command, "--hold-out", "pair*"]) == 0
+
+
+@pytest.mark.integration
+def test_the_command_holds_out_what_matches_and_fits_the_rest(data, tmp_path):
+    assert main([*command(data, tmp_path), "pair*"]) == 0
     document = json.loads((tmp_path / "out" / "result.json").read_text())
     assert document["held_out_steps"] == [9, 10, 11]
     assert document["verdict"] == "explained" and document["effects"][0]["effect"] == "gravity"

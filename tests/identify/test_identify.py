@@ -6,18 +6,28 @@ from dataclasses import replace
 import identify_data
 import numpy as np
 import pytest
-from identify_data import LENGTH, MODEL, ROBOT, measured
+from identify_data import (
+    GRAVITY,
+    LENGTH,
+    MODEL,
+    ROBOT,
+    begun,
+    concluded,
+    measured,
+    problem_of,
+    with_model,
+)
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import Experiment, effect
-from tdcr_fe.identify import IdentifySettings, NotSolved, fitting, identify
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.holdout import blocks, choose_held_out
+from tdcr_fe.identify import NotSolved, fitting, identification, identify
+from tdcr_fe.identify.candidates import FIRST
+from tdcr_fe.identify.forward import ForwardModel, run_settings
+from tdcr_fe.identify.load_steps import blocks, choose_held_out
 from tdcr_fe.identify.noise import chi_square_z_score, estimate_sigma, is_noise, outliers, structure
-from tdcr_fe.identify.problem import FitProblem, refine
+from tdcr_fe.identify.problem import refine
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.sentences import summary
-from tdcr_fe.identify.simulate_run import run_settings
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import StiffnessPatch
@@ -71,10 +81,7 @@ def test_noise_passes_and_structure_does_not():
 
 def test_a_fit_recovers_parameters_within_their_errors():
     data = measured({"precurvature": {"kappa_x": 0.4, "kappa_y": -0.2}})
-    problem = FitProblem.of(
-        data, np.full(len(data.readings), 1e-4), np.zeros(len(data.readings), dtype=bool), ForwardModel()
-    )
-    problem, _ = refine(problem, (), {})
+    problem, _ = refine(problem_of(data), (), {})
     e = effect("precurvature")
     fit = fitting.fit(problem, (e,), [{"precurvature": {"kappa_x": 0.0, "kappa_y": 0.0}}])
     error = np.sqrt(np.diag(fitting.covariance(problem, fit)))
@@ -83,10 +90,7 @@ def test_a_fit_recovers_parameters_within_their_errors():
 
 
 def test_a_parameter_that_changes_nothing_is_not_fitted():
-    data = measured()
-    problem = FitProblem.of(
-        data, np.full(len(data.readings), 1e-4), np.zeros(len(data.readings), dtype=bool), ForwardModel()
-    )
+    problem = problem_of(measured())
     fit = fitting.fit(
         problem, (effect("stiffness_scale"),), [{"stiffness_scale": {"bending": 1.1, "torsion": 1.0}}]
     )
@@ -130,47 +134,48 @@ def test_settings_of_the_data_reach_the_solver():
 def test_clean_data_miss_nothing():
     result = identify(measured())
     assert (result.verdict, result.effects) == ("nothing missing", ())
+    assert "Nothing is missing" in summary(result) and "Nothing is missing" in render(result)
 
 
-@pytest.mark.parametrize(
-    ("name", "truth"),
-    [
-        ("gravity", {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}),
-        ("precurvature", {"kappa_x": 0.4, "kappa_y": -0.3}),
-    ],
-)
-def test_a_missing_effect_is_named_with_its_numbers(name, truth):
-    result = identify(measured({name: truth}))
-    assert result.verdict == "explained"
-    assert [e.name for e in result.effects] == [name]
-    for key, value in truth.items():
-        p = result.effects[0].parameters[key]
-        assert abs(p.value - value) < 4.0 * p.std_error
+def within_errors(found, truth, most=4.0):
+    """Whether all parameters of an effect are within so many standard errors of the truth."""
+    return all(
+        abs(found.parameters[k].value - x) <= most * found.parameters[k].std_error for k, x in truth.items()
+    )
+
+
+@pytest.mark.integration
+def test_a_missing_effect_is_named_with_its_numbers():
+    truth = {"kappa_x": 0.4, "kappa_y": -0.3}
+    result = identify(measured({"precurvature": truth}))
+    (found,) = result.effects
+    assert (result.verdict, found.name) == ("explained", "precurvature") and within_errors(found, truth)
     assert result.after_held_out.chi2_per_dof < 1.5 < result.before_held_out.chi2_per_dof
+    # Those that promise far less are not simulated beside one that leaves noise.
+    first = [c for c in result.candidates if c.round == 1]
+    assert sum(c.fitted for c in first) <= FIRST < 6 < len(first) and result.runs < 36
 
 
+@pytest.mark.integration
 def test_a_soft_bay_is_found_with_place_and_size():
     """e3bbe5d pointed at the bay and called the data unexplained."""
     patched = ROBOT.with_backbone(patches=(StiffnessPatch(0.05, 0.1, 0.5, 1.0),))
     result = identify(measured(robot=patched))
-    assert result.verdict == "explained"
     (found,) = result.effects
-    assert found.name == "soft_bay" and found.parameters["s"].value == pytest.approx(0.075)
-    factor = found.parameters["factor"]
-    assert abs(factor.value - 0.5) < 4.0 * factor.std_error < 0.1
+    assert (result.verdict, found.name) == ("explained", "soft_bay")
+    assert found.parameters["s"].value == pytest.approx(0.075) and within_errors(found, {"factor": 0.5})
 
 
 @pytest.mark.campaign
 def test_a_base_that_gives_way_and_a_time_lag_are_found(monkeypatch):
     (base,) = identify(measured({"base_compliance": {"stiffness": 0.08}})).effects
     assert base.name == "base_compliance"
-    stiffness = base.parameters["stiffness"]
-    assert abs(stiffness.value - 0.08) < 4.0 * stiffness.std_error < 0.01
+    assert within_errors(base, {"stiffness": 0.08})
     timed = tuple(replace(s, time=float(k)) for k, s in enumerate(identify_data.sequence(), 1))
     monkeypatch.setattr(identify_data, "sequence", lambda: timed)
     (lag,) = identify(measured({"time_lag": {"lag": 0.2}})).effects
     assert lag.name == "time_lag"
-    assert abs(lag.parameters["lag"].value - 0.2) < 4.0 * lag.parameters["lag"].std_error < 0.02
+    assert within_errors(lag, {"lag": 0.2})
 
 
 @pytest.mark.campaign
@@ -185,10 +190,7 @@ def test_pretension_of_each_tendon_is_found(monkeypatch):
     result = identify(measured({"pretension": truth}, robot=elastic, model=model))
     assert result.verdict == "explained"
     (found,) = result.effects
-    assert found.name == "pretension" and set(found.parameters) == set(truth)
-    for name, value in truth.items():
-        p = found.parameters[name]
-        assert abs(p.value - value) < 4.0 * p.std_error < 0.05
+    assert found.name == "pretension" and set(found.parameters) == set(truth) and within_errors(found, truth)
 
 
 @pytest.mark.campaign
@@ -203,10 +205,7 @@ def test_effects_at_a_place_are_found_with_place_and_size(name, values):
     result = identify(measured({name: values}))
     assert result.verdict == "explained"
     (found,) = result.effects
-    assert found.name == name
-    for key, value in values.items():
-        p = found.parameters[key]
-        assert abs(p.value - value) <= 4.0 * p.std_error
+    assert found.name == name and within_errors(found, values)
 
 
 @pytest.mark.campaign
@@ -216,21 +215,22 @@ def test_two_effects_are_found_together():
     assert result.verdict == "explained" and {e.name for e in result.effects} == set(truth)
 
 
-def test_an_interruption_keeps_what_was_found():
-    def stop(text, share):
-        if "round 2" in text:
-            raise KeyboardInterrupt
+def test_an_interruption_keeps_what_was_found(monkeypatch):
+    def stopped(search, state):
+        yield with_model(state, GRAVITY)
+        raise KeyboardInterrupt
 
-    result = identify(measured({"gravity": {"g_x": 5.0}}), IdentifySettings(), stop)
+    monkeypatch.setattr(identification, "search_effects", stopped)
+    result = identify(measured(GRAVITY))
     assert result.interrupted and [e.name for e in result.effects] == ["gravity"]
+    assert result.verdict == "unfinished" and "interrupted" in result.history[-1]
 
 
 def test_the_result_carries_what_pictures_and_next_steps_need():
-    truth = {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}
-    result = identify(measured({"gravity": truth}))
+    result = concluded(with_model(begun(measured(GRAVITY)), GRAVITY))
     shapes, count = result.shapes, len(result.data.steps)
     assert shapes.measured.shape == shapes.before.shape == shapes.after.shape == (count, 2, 3)
-    assert shapes.held_out.sum() == len(result.held_out_steps)
+    assert shapes.held_out.sum() == len(result.held_out_steps) > 0
     values = np.array([r.value for r in result.data.readings])
     np.testing.assert_allclose(shapes.measured.ravel(), values)
     np.testing.assert_allclose((shapes.measured - shapes.after).ravel(), result.residual_after, atol=1e-15)
@@ -249,7 +249,7 @@ def test_the_result_carries_what_pictures_and_next_steps_need():
 # ------------------------------------------------------------------------------------------------ the command
 
 
-def test_the_command_writes_result_and_report(tmp_path, capsys):
+def test_the_command_finds_an_effect_and_writes_result_and_report(tmp_path, capsys):
     write_measured(measured({"gravity": {"g_x": 5.0}}), tmp_path / "set")
     path = tmp_path / "set" / "observations.csv"
     path.write_text(path.read_text() + "1,position_x,0.15,nan,1e-4\n")
@@ -259,8 +259,12 @@ def test_the_command_writes_result_and_report(tmp_path, capsys):
     document = json.loads((tmp_path / "out" / "result.json").read_text())
     assert document["observations"] == 66 and document["verdict"] == "explained"
     assert set(document["before"]) == {"fit", "held_out"} == set(document["after"])
-    assert document["effects"][0]["parameters"]["g_x"]["unit"] == "m/s^2"
-    assert document["effects"][0]["parameters"]["g_x"]["value"] == pytest.approx(5.0, abs=0.1)
+    assert document["after"]["held_out"]["chi2_per_dof"] < 1.5
+    (found,) = document["effects"]
+    assert found["parameters"]["g_x"]["unit"] == "m/s^2"
+    for name, true in {"g_x": 5.0, "g_y": 0.0, "g_z": 0.0}.items():
+        estimate = found["parameters"][name]
+        assert abs(estimate["value"] - true) < 4.0 * estimate["std_error"] < 0.5
     assert "line 68" in document["left_out"][0]
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Explained" in page and page.count("data:image/svg+xml") >= 3
@@ -270,8 +274,3 @@ def test_the_command_writes_result_and_report(tmp_path, capsys):
 def test_wrong_input_ends_with_status_two(tmp_path, capsys):
     assert main(["identify", str(tmp_path / "nothing"), "-o", str(tmp_path / "out")]) == 2
     assert "no such folder" in capsys.readouterr().err and not (tmp_path / "out").exists()
-
-
-def test_summary_and_page_say_the_verdict():
-    result = identify(measured())
-    assert "Nothing is missing" in summary(result) and "Nothing is missing" in render(result)

@@ -4,15 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import LENGTH, MODEL, ROBOT
+from identify_data import LENGTH, MODEL, ROBOT, concluded, problem_of, state_of
 
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.input_scatter import find_input_scatter
-from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.noise import find_input_scatter
+from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep
@@ -42,16 +41,14 @@ def data(factors, added, by="tensions", pulls=PULLS, truth=None):
 
 def scatter(measured):
     """Scatter beside the declared model."""
-    problem = FitProblem.of(
-        measured,
-        np.full(len(measured.readings), SIGMA),
-        np.zeros(len(measured.readings), dtype=bool),
-        ForwardModel(),
-    )
-    problem = replace(
-        problem, experiment=replace(problem.experiment, model=replace(MODEL, elements_per_bay=3))
-    )
+    problem = on_fine_mesh(measured)
     return find_input_scatter(problem, evaluate(problem, (), {}))
+
+
+def on_fine_mesh(measured):
+    """The problem with three elements a bay."""
+    problem = problem_of(measured, sigma=SIGMA)
+    return replace(problem, experiment=replace(problem.experiment, model=replace(MODEL, elements_per_bay=3)))
 
 
 def errors(size, count, seed=0):
@@ -85,7 +82,17 @@ def test_noise_and_systematic_causes_are_no_scatter(factors, truth):
 
 
 def test_the_report_says_what_the_inputs_would_account_for():
-    result = identify(data(1.0 + errors(0.04, len(PULLS)), 0.0))
+    state = state_of(on_fine_mesh(data(1.0 + errors(0.04, len(PULLS)), 0.0)))
+    scatter = find_input_scatter(state.problem, state.best)
+    says_so(concluded(state, input_scatter=scatter))
+
+
+@pytest.mark.campaign
+def test_no_effect_is_named_where_inputs_scatter():
+    says_so(identify(data(1.0 + errors(0.04, len(PULLS)), 0.0)))
+
+
+def says_so(result):
     assert (result.verdict, result.remaining.where) == ("cannot tell", "the inputs")
     assert 0.02 < result.input_scatter.size < 0.06
     assert result.to_json()["input_scatter"]["kind"] == "relative"

@@ -1,4 +1,4 @@
-"""Laws that nobody listed: exact response, laws that hold in the solved state, and the search on blind data."""
+"""Laws that nobody listed: exact response, laws that hold in the solved state, and the search for them."""
 
 import json
 import math
@@ -7,26 +7,26 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from identify_data import LENGTH, MODEL, ROBOT, measured
+from identify_data import LENGTH, MODEL, ROBOT, begun, concluded, measured, problem_of, searching, state_of
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS, effect
 from tdcr_fe.identify import identification, identify
 from tdcr_fe.identify.corrected import corrected_files
+from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.fitting import fit
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.identification import _declared, _prepare
-from tdcr_fe.identify.law import (
+from tdcr_fe.identify.law_fit import TOLERANCE, LawSearch, balance, law_action
+from tdcr_fe.identify.law_search import (
     _beside_the_effects,
     _explains_more,
     _without_unnecessary,
     find_law,
+    search_law,
     sentence,
 )
-from tdcr_fe.identify.law_fit import TOLERANCE, balance, law_action
-from tdcr_fe.identify.law_search import Budget, LawSearch, search_law
 from tdcr_fe.identify.law_state import COMPONENTS, action_response, last_direction, run_with_action
 from tdcr_fe.identify.law_terms import (
+    ABOUT_X,
     BENDING,
     CURVATURE,
     DEFLECTION,
@@ -37,12 +37,12 @@ from tdcr_fe.identify.law_terms import (
     Term,
     library,
 )
-from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.report import render
-from tdcr_fe.identify.search_state import Search, SearchState
-from tdcr_fe.identify.selection import search_effects
+from tdcr_fe.identify.search import search_effects
+from tdcr_fe.identify.search_state import SearchState
 from tdcr_fe.identify.sentences import headline, summary
-from tdcr_fe.identify.settings import IdentifySettings
+from tdcr_fe.identify.settings import Budget
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep
@@ -50,11 +50,9 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.blind.laws import LAWS, make_law_set
 
 HARDENING = Term((CURVATURE,), BENDING)
-
-
-def problem_of(data, held=()):
-    held_out = np.array([r.step in held for r in data.readings])
-    return FitProblem.of(data, np.array([r.sigma for r in data.readings]), held_out, ForwardModel())
+DRIFT = Term((TIME,), ABOUT_X)
+#: Steps that are held out.
+HELD = (4, 5, 9)
 
 
 def started(problem):
@@ -64,6 +62,11 @@ def started(problem):
     upright = np.broadcast_to(np.eye(3), (steps, bays, 3, 3))
     run = run_with_action(problem, experiment, np.zeros((steps, bays, COMPONENTS)), upright)
     return experiment, *action_response(problem, experiment, run)
+
+
+def law_beside(problem, base):
+    """The law that a search finds beside a model."""
+    return search_law(LawSearch.of(problem, base), 1e-3, lambda text: None)[0]
 
 
 def test_the_response_to_an_action_is_exact():
@@ -143,69 +146,7 @@ def test_a_law_in_words():
 
 def test_noise_gives_no_law():
     problem = problem_of(measured(), held=(4, 5, 9))
-    search = LawSearch.of(problem, evaluate(problem, (), {}))
-    assert search_law(search, 1e-3, lambda text: None)[0] is None
-
-
-@pytest.fixture(scope="module")
-def drift():
-    """A blind set whose true robot drifts: a moment about x that grows with time."""
-    return make_law_set(next(r for r in LAWS if r.name == "drift")).data
-
-
-@pytest.fixture(scope="module")
-def found(drift):
-    """Identified without the search among the listed effects, which takes minutes."""
-
-    def nothing(search, state):
-        yield state
-        return state
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(identification, "search_effects", nothing)
-        return identify(drift)
-
-
-def test_the_law_of_a_blind_set_is_found_by_its_formula(found):
-    assert found.verdict == "explained by a law found" and found.effects == ()
-    (term,) = found.law.terms
-    assert (term.product, term.where, term.coefficient.unit) == ("t e_x", "all bays", "N m s^-1")
-    assert found.after_held_out.rms_position < 0.1 * found.before_held_out.rms_position
-    assert found.after_held_out.chi2_per_dof < 1.3
-    assert not {e.name for e in EFFECTS} & set(found.law.formula.split())
-
-
-def test_result_and_report_have_the_law(found):
-    law = json.loads(json.dumps(found.to_json()))["law"]
-    assert law["formula"].startswith("m = (") and law["formula"].endswith("N m s^-1 t e_x")
-    assert law["where"] == "all bays" and law["after"]["held_out"]["chi2_per_dof"] < 1.3
-    assert headline(found) == "Explained by a law found: a law on no list."
-    assert found.law.sentence in summary(found) and found.law.formula in render(found)
-
-
-def test_a_run_of_the_corrected_robot_has_the_law_as_loads(found, tmp_path):
-    for name, text in corrected_files(found).items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
-    command = ["run", str(tmp_path / "effects.toml"), "-o", str(tmp_path / "out"), "--no-pictures", "-q"]
-    assert main(command) == 0
-    table = pd.read_csv(tmp_path / "out" / "steps.csv", dtype={"label": str}).set_index("label")
-    tips = table.loc[[str(n) for n in found.data.step_ids], ["tip_x", "tip_y", "tip_z"]].to_numpy()
-    np.testing.assert_allclose(tips, found.shapes.backbone_after[:, -1], rtol=0.0, atol=1e-9)
-
-
-def test_listed_effects_that_explain_as_much_win():
-    """No search beside a model that leaves noise; and a law is refused that explains only as much."""
-    data = measured({"gravity": {"g_x": 3.0}})
-    problem = problem_of(data, held=(4, 5, 9))
-    search = Search(IdentifySettings(), lambda text, share: None)
-    clean = problem_of(measured(), held=(4, 5, 9))
-    state = SearchState.start(clean, evaluate(clean, (), {}))
-    assert find_law(search, state) == (None, state)
-    declared = evaluate(problem, (), {})
-    law, _ = search_law(LawSearch.of(problem, declared), 1e-3, lambda text: None)
-    if law is not None:
-        state = SearchState.start(problem, declared)
-        assert not _explains_more(search, state, law, replace(law.as_fit(), free=law.base.free))
+    assert law_beside(problem, evaluate(problem, (), {})) is None
 
 
 def test_what_a_search_may_take_is_counted_in_iterations():
@@ -224,29 +165,95 @@ def test_what_a_search_may_take_is_counted_in_iterations():
 
 
 @pytest.fixture(scope="module")
-def drifting(drift):
-    """The problem of the set that drifts, and a law beside its declared model."""
-    prepared = _prepare(drift, IdentifySettings(), ForwardModel())
-    state = _declared(prepared.searched, prepared.run)
-    law, _ = search_law(LawSearch.of(state.problem, state.declared), 1e-3, lambda text: None)
+def drifting():
+    """A robot with a moment about x that grows with time: the problem, its declared model, and the law beside it."""
+    data = measured(sigma=1e-9)
+    data = replace(data, steps=tuple(replace(s, time=float(k)) for k, s in enumerate(data.steps, 1)))
+    true = problem_of(data, HELD)
+    experiment, response, run = started(true)
+    drift = 0.01 * ROBOT.backbone.EI / LENGTH
+    acted = balance(true, experiment, [DRIFT], np.array([drift]), run, response)
+    values = true.readings.values - acted.residual * true.sigma
+    values = values + np.random.default_rng(0).normal(0.0, 1e-4, values.size)
+    read = tuple(replace(r, value=float(v), sigma=1e-4) for r, v in zip(data.readings, values, strict=True))
+    problem = problem_of(replace(data, readings=read), HELD)
+    problem = replace(problem, robust_threshold=robust_threshold(evaluate(problem, (), {}).residual))
+    declared = evaluate(problem, (), {})
+    law = law_beside(problem, declared)
     assert [t.key for t in law.terms] == ["t e_x"]
-    return state.problem, state.declared, law
+    assert law.coefficients[0] == pytest.approx(drift, rel=0.05)
+    return problem, declared, law
 
 
-def searching(laws=True):
-    return Search(IdentifySettings(), lambda text, share: None, laws=laws)
-
-
-def test_a_law_that_leaves_noise_ends_the_search_among_listed_effects(drifting):
-    """The best single effect takes off a part; effects by twos, threes and fours followed, and the law came last."""
+@pytest.fixture(scope="module")
+def found(drifting):
+    """What a search without listed effects ends with."""
     problem, declared, _ = drifting
-    problem = replace(problem, catalogue=(effect("precurvature"), effect("gravity")))
-    state = SearchState.start(problem, declared)
-    for latest in search_effects(searching(), state):
+    law, state = find_law(searching(), SearchState.start(problem, declared))
+    return concluded(state, law=law)
+
+
+def test_result_and_report_have_the_law(found):
+    assert found.verdict == "explained by a law found" and found.effects == ()
+    (term,) = found.law.terms
+    assert (term.product, term.where, term.coefficient.unit) == ("t e_x", "all bays", "N m s^-1")
+    assert found.after_held_out.chi2_per_dof < 1.5 < 0.1 * found.before_held_out.chi2_per_dof
+    law = json.loads(json.dumps(found.to_json()))["law"]
+    assert law["formula"].startswith("m = (") and law["formula"].endswith("N m s^-1 t e_x")
+    assert law["where"] == "all bays" and law["after"]["held_out"]["chi2_per_dof"] < 1.5
+    assert headline(found) == "Explained by a law found: a law on no list."
+    assert found.law.sentence in summary(found) and found.law.formula in render(found)
+
+
+def test_a_run_of_the_corrected_robot_has_the_law_as_loads(found, tmp_path):
+    for name, text in corrected_files(found).items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    command = ["run", str(tmp_path / "effects.toml"), "-o", str(tmp_path / "out"), "--no-pictures", "-q"]
+    assert main(command) == 0
+    table = pd.read_csv(tmp_path / "out" / "steps.csv", dtype={"label": str}).set_index("label")
+    tips = table.loc[[str(n) for n in found.data.step_ids], ["tip_x", "tip_y", "tip_z"]].to_numpy()
+    np.testing.assert_allclose(tips, found.shapes.backbone_after[:, -1], rtol=0.0, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def blind():
+    """A blind set with a moment about x that grows with time, simulated by the reference."""
+    return make_law_set(next(r for r in LAWS if r.name == "drift")).data
+
+
+@pytest.mark.integration
+def test_the_law_of_a_blind_set_is_found_by_its_formula(blind, monkeypatch):
+    """Without the search among the listed effects."""
+
+    def nothing(search, state):
+        yield state
+        return state
+
+    monkeypatch.setattr(identification, "search_effects", nothing)
+    found = identify(blind)
+    (term,) = found.law.terms
+    assert (found.verdict, term.product, term.where) == ("explained by a law found", "t e_x", "all bays")
+    assert found.after_held_out.rms_position < 0.1 * found.before_held_out.rms_position
+    assert found.after_held_out.chi2_per_dof < 1.3
+    assert not {e.name for e in EFFECTS} & set(found.law.formula.split())
+
+
+def test_beside_a_model_that_leaves_noise_no_law_is_sought():
+    state = state_of(problem_of(measured(), HELD))
+    assert find_law(searching(), state) == (None, state)
+
+
+@pytest.mark.integration
+def test_a_law_that_leaves_noise_ends_the_search_among_listed_effects(blind):
+    """The best single effect takes off a part; effects by twos, threes and fours followed, and the law came last."""
+    state = begun(blind)
+    catalogue = (effect("precurvature"), effect("gravity"))
+    state = replace(state, problem=replace(state.problem, catalogue=catalogue))
+    for latest in search_effects(searching(laws=True), state):
         state = latest
     assert [t.key for t in state.law_ahead.fit.terms] == ["t e_x"]
     assert len(state.best.effects) == 1 and state.best.cost > 10.0 * state.law_ahead.fit.cost
-    law, state = find_law(searching(), state)
+    law, state = find_law(searching(laws=True), state)
     assert law.formula.endswith("t e_x") and state.best.effects == ()
 
 
@@ -280,7 +287,7 @@ def test_an_effect_beside_a_law_must_improve_the_held_out_steps(drifting):
     problem, declared, law = drifting
     gravity = effect("gravity")
     base = fit(problem, (gravity,), [{"gravity": gravity.null_values(problem.experiment)}])
-    beside, _ = search_law(LawSearch.of(problem, base), 1e-3, lambda text: None)
+    beside = law_beside(problem, base)
     assert beside.base.effects == (gravity,)
     state = SearchState.start(problem, declared).with_fit(base)
     smaller = _without_unnecessary(searching(), state, beside)

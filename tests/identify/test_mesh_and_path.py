@@ -3,25 +3,21 @@
 from dataclasses import replace
 
 import numpy as np
-from identify_data import MODEL, ROBOT, measured
+from identify_data import FRICTIONAL, ROBOT, measured, problem_of
 
 from tdcr_fe.effects import effect
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.problem import ORDER, FitProblem, evaluate, refine
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
-from tdcr_fe.identify.trajectory import mesh_nodes
+from tdcr_fe.identify.forward import ForwardModel, Task, run_settings, simulate_experiment
+from tdcr_fe.identify.problem import ORDER, evaluate, fit_of_run, refine
+from tdcr_fe.identify.run import mesh_nodes
 from tdcr_fe.model.settings import SolverSettings
 
-FRICTIONAL = replace(MODEL, friction="per-hole")
 #: Far coarser than the noise: the path is then off by more than the mesh.
 LOOSE = 3e-3
 
 
 def problem(data, path_tolerance=LOOSE):
-    count = len(data.readings)
-    about = FitProblem.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
-    return replace(about, path_tolerance=path_tolerance)
+    return replace(problem_of(data), path_tolerance=path_tolerance)
 
 
 def with_elements(own, count):
@@ -91,3 +87,17 @@ def test_a_model_on_the_substeps_of_another_one_is_near_its_own():
     away = float(np.sqrt(np.mean((along.residual - alone.residual) ** 2)))
     assert along.distance_from_path > fitting.NEAR_PATH and alone.distance_from_path == 0.0
     assert away < 0.02 * along.distance_from_path
+
+
+def test_derivatives_along_the_own_path_are_those_of_the_run_itself():
+    """After the mesh was refined, the best model was simulated twice, the second time for its derivatives."""
+    truth = {"hole_adhesion": {"drop": 0.05}}
+    own = problem_of(measured(truth, robot=ROBOT, model=FRICTIONAL))
+    effects, free = (effect("hole_adhesion"),), (("hole_adhesion", "drop"),)
+    _, (run,) = own.residuals(effects, [truth], record=True)
+    there = fit_of_run(own, effects, truth, run)
+    fits = [fitting.evaluated(own, effects, truth, free, along) for along in (None, there)]
+    alone, along = fitting.run_fits(own, fits)
+    np.testing.assert_allclose(along.residual, alone.residual, atol=2e-3)
+    scale = np.abs(alone.jacobian).max()
+    np.testing.assert_allclose(along.jacobian, alone.jacobian, rtol=1e-4, atol=1e-4 * scale)

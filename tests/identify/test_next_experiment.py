@@ -5,24 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from identify_data import LENGTH, measured
+from identify_data import LENGTH, measured, problem_of, searching, state_of
 
 from tdcr_fe.effects import Experiment, effect, with_effects
-from tdcr_fe.identify import IdentifySettings, fitting
-from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify import fitting
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.next_experiment import candidate_sequences, choose_next, leading_rivals
-from tdcr_fe.identify.outcome import IdentificationResult
-from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.sentences import next_sentence
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
 from tdcr_fe.io.loading_table import read_loading
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.settings import SolverSettings
 
-SEARCH = Search(IdentifySettings(), lambda text, share: None)
+SEARCH = searching()
 #: A stiffer backbone, where the tip forces were applied but nothing was read: a gain below one looks the same.
 TRUTH = {"stiffness_scale": {"bending": 1.25, "torsion": 1.0}}
 
@@ -33,9 +30,8 @@ def ambiguous():
     data = measured(TRUTH, sigma=3e-4)
     unloaded = {n for n, s in zip(data.step_ids, data.steps, strict=True) if not any(s.loads["tip"].force)}
     data = replace(data, readings=tuple(r for r in data.readings if r.step in unloaded))
-    sigma = np.array([r.sigma for r in data.readings])
-    problem = FitProblem.of(data, sigma, np.array([r.step == 5 for r in data.readings]), ForwardModel())
-    state = SearchState.start(problem, evaluate(problem, (), {}))
+    problem = problem_of(data, held=(5,), sigma=3e-4)
+    state = state_of(problem)
     for name in ("actuator_gain", "stiffness_scale"):
         e = effect(name)
         start = {name: e.null_values(problem.experiment)}
@@ -121,8 +117,7 @@ def test_no_candidate_leaves_the_robot_at_rest():
     ids = tuple(range(1, 6))
     readings = tuple(r for r in data.readings if r.step in ids)
     data = replace(data, step_ids=ids, steps=steps, branches=("",) * 5, readings=readings)
-    problem = FitProblem.of(data, np.ones(len(readings)), np.zeros(len(readings), dtype=bool), ForwardModel())
-    sequences = candidate_sequences(problem)
+    sequences = candidate_sequences(problem_of(data))
     assert sequences
     assert all(any(s.displacements["t1"] != 0.0 for s in steps) for steps in sequences)
 

@@ -15,7 +15,7 @@ from tdcr_fe.io.measured import write_measured
 from tdcr_fe.io.own_effects import read_own_effects
 from tdcr_fe.io.problems import InputError
 
-PAGE = (Path(__file__).parents[2] / "docs" / "own_effects.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "identify.md").read_text(encoding="utf-8")
 EXAMPLE = re.search(r"```python\n# cable_pull\.py\n(.*?)```", PAGE, re.S)[1]
 TRUTH = {"force_x": 0.02, "force_y": -0.015, "force_z": 0.03}
 
@@ -32,6 +32,7 @@ def test_the_example_has_twenty_lines():
     assert len([line for line in EXAMPLE.splitlines() if line.strip()]) <= 20
 
 
+@pytest.mark.integration
 def test_the_example_of_the_page_is_found_and_runs(example, tmp_path, capsys):
     """On readings with a force at the tip, ``identify`` names it, and ``run`` repeats the fit."""
     (own,) = read_own_effects([example])
@@ -57,6 +58,7 @@ def test_the_example_of_the_page_is_found_and_runs(example, tmp_path, capsys):
     assert all(abs(steps.loc[str(r.step), "tip_x"] - r.value) < 5.0 * r.sigma for r in tips)
 
 
+@pytest.mark.campaign
 def test_without_it_the_cause_is_not_found(example):
     """The listed effects do not explain a force at the tip: the file makes the difference."""
     (own,) = read_own_effects([example])

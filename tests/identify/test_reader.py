@@ -4,14 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import LENGTH, MODEL, measured
+from identify_data import FRICTIONAL, LENGTH, measured, problem_of
 
 from tdcr_fe.effects import effect
 from tdcr_fe.effects.base import Observation
 from tdcr_fe.identify.derivatives import Column, Request, _Part
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.problem import FitProblem
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.observed_step import ObservedChange
 from tdcr_fe.model.settings import SolverSettings
@@ -20,11 +18,10 @@ from tdcr_fe.model.settings import SolverSettings
 @pytest.mark.parametrize("share", [1.0, 0.93])
 def test_markers_are_read_as_the_channels_predict_them(share):
     """At nodes and between them: turned and shifted frame, markers off the backbone and one more; with derivatives."""
-    data = measured(model=replace(MODEL, friction="per-hole"))
+    data = measured(model=FRICTIONAL)
     moved = [replace(r, location=share * r.location) if r.location else r for r in data.readings]
     data = replace(data, readings=tuple(moved))
-    count = len(data.readings)
-    own = FitProblem.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
+    own = problem_of(data)
     scale = effect("stiffness_scale")
     columns = tuple(Column(scale, p.name, {"bending": 1.0, "torsion": 1.0}, 0.1) for p in scale.parameters)
     job = _Part(own, Request((), {}, columns)).job

@@ -5,21 +5,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import MODEL, ROBOT
+from identify_data import FRICTIONAL, MODEL, ROBOT, concluded, problem_of, searching, state_of
 
 from tdcr_fe.effects import Experiment, effect, with_effects
-from tdcr_fe.identify import identify, rows
-from tdcr_fe.identify.conclude import conclude
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify import identify
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.load_steps import blocks, inputs
+from tdcr_fe.identify.long_data import (
+    IN_BRANCH,
+    LONG,
+    PER_INPUT,
+    PIECE,
+    SEARCHED,
+    _simplified,
+    choose_rows,
+    fit_to_all_rows,
+    problem_of_rows,
+)
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.report import write_report
-from tdcr_fe.identify.rows import IN_BRANCH, LONG, PIECE, SEARCHED, choose_rows, problem_of_rows
-from tdcr_fe.identify.search_state import Search, SearchState, fitted_model
+from tdcr_fe.identify.search_state import fitted_model
 from tdcr_fe.identify.sentences import sentences
-from tdcr_fe.identify.settings import IdentifySettings
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
-from tdcr_fe.identify.time_limit import ALL_STEPS, CEILING, SMALLER_MODELS
+from tdcr_fe.identify.settings import ALL_STEPS, CEILING, SMALLER_MODELS, IdentifySettings
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep
@@ -82,7 +89,7 @@ def test_more_inputs_take_more_rows(chosen):
     data = replace(data, robot=replace(ROBOT, tendons=tendons), steps=steps)
     found = choose_rows(data, range(12 * 20, 24 * 20))
     pulled = {n for k in found.steps if k < 12 * 20 for n, v in steps[k].tensions.items() if v > 0.0}
-    assert SEARCHED < len(found.steps) <= rows.PER_INPUT * 7 and pulled == {t.name for t in tendons}
+    assert SEARCHED < len(found.steps) <= PER_INPUT * 7 and pulled == {t.name for t in tendons}
 
 
 def test_the_turning_point_of_every_chosen_branch_stays(chosen):
@@ -126,7 +133,7 @@ def test_friction_that_explains_nothing_is_left_out_of_the_search_and_put_back()
     truth = {"precurvature": {"kappa_x": 0.6, "kappa_y": -0.9}}
     free = long_data(11, truth=truth)
     robot = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.3) for t in ROBOT.tendons))
-    data = replace(free, robot=robot, model=replace(MODEL, friction="per-hole"))
+    data = replace(free, robot=robot, model=FRICTIONAL)
     result = identify(data, IdentifySettings(candidates=2))
     assert {e.name for e in result.effects} == {"precurvature", "friction_coefficient"}
     assert any(h.startswith("with the declared friction") for h in result.history)
@@ -146,11 +153,11 @@ def test_the_report_says_when_all_errors_are_of_the_chosen_rows(chosen):
 
 def test_friction_has_the_same_history_on_the_chosen_steps_of_a_branch():
     """All branches, of which each has 6 of 20 steps: within 2e-5 of the length of the run over all steps."""
-    model = replace(MODEL, friction="per-hole")
+    model = FRICTIONAL
     robot = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.2) for t in ROBOT.tendons))
     data = replace(long_data(4), robot=robot, model=model)
-    table = rows.inputs(data)
-    kept = [k for b in rows.blocks(data) for k in rows._simplified(table, b)]
+    table = inputs(data)
+    kept = [k for b in blocks(data) for k in _simplified(table, b)]
     assert len(kept) == 4 * IN_BRANCH
 
     def tips(steps):
@@ -165,6 +172,7 @@ def test_friction_has_the_same_history_on_the_chosen_steps_of_a_branch():
     np.testing.assert_allclose(tips(kept), every[kept], atol=4e-6)
 
 
+@pytest.mark.integration
 def test_the_final_fit_and_all_errors_are_of_all_rows():
     """220 load steps, of which the search uses at most 72; the errors are those of all readings, and near the noise."""
     truth = {"gravity": {"g_x": 0.0, "g_y": -6.0, "g_z": -7.0}}
@@ -193,11 +201,9 @@ def searched():
     }
     data = long_data(11, truth=truth)
     held = [k for k, b in enumerate(data.branches) if int(b.split()[1]) % 3 == 0]
-    held_out = np.array([r.step - 1 in held for r in data.readings])
-    problem = FitProblem.of(data, np.full(len(data.readings), SIGMA), held_out, ForwardModel())
+    problem = problem_of(data, [k + 1 for k in held], SIGMA)
     chosen = choose_rows(data, held)
-    part = problem_of_rows(problem, chosen)
-    state = SearchState.start(part, evaluate(part, (), {}))
+    state = state_of(problem_of_rows(problem, chosen))
     effects = tuple(effect(name) for name in truth)
     for some in (effects[:1], effects):
         state, best = fitted_model(state, some, [{e.name: truth[e.name] for e in some}])
@@ -210,9 +216,9 @@ def searched():
 def test_a_final_fit_that_the_time_does_not_suffice_for_loses_nothing(searched, tmp_path, hard, missed):
     """Without any time no simulation of all load steps ends; with some, nothing further begins after the first."""
     problem, chosen, state = searched
-    search = Search(IdentifySettings(), lambda text, share: None, 0.0)
-    state = rows.fit_to_all_rows(search, state, replace(problem, deadline=hard))
-    result = conclude(search, state, False, 0.0, rows=chosen)
+    search = searching(deadline=0.0)
+    state = fit_to_all_rows(search, state, replace(problem, deadline=hard))
+    result = concluded(state, search, rows=chosen)
     assert [e.name for e in result.effects] == ["gravity", "precurvature"]
     assert set(result.not_tried) == missed
     assert result.searched.fitted_to_all == (ALL_STEPS not in missed)

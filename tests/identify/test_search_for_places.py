@@ -2,35 +2,19 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from identify_data import MODEL, ROBOT, measured
+from identify_data import FRICTIONAL, GRAVITY, ROBOT, measured, problem_of, searching, state_of
 
 from tdcr_fe.effects import EffectAtPlace, effect
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.candidates import first_order_local_scores, local_scores_beside
 from tdcr_fe.identify.fitting import Race, fit
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.local_search import better_places, search_places
-from tdcr_fe.identify.problem import FitProblem, evaluate
-from tdcr_fe.identify.saturated import saturated_pairs
-from tdcr_fe.identify.search_state import Search, SearchState
-from tdcr_fe.identify.settings import IdentifySettings
-
-FRICTIONAL = replace(MODEL, friction="per-hole")
-
-#: A true robot far from the declared one.
-FAR = {"gravity": {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}}
-
-
-def problem(data):
-    count = len(data.readings)
-    return FitProblem.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
+from tdcr_fe.identify.places import better_places, saturated_pairs, search_places
 
 
 def test_a_spring_moves_to_the_place_where_it_explains_most():
     """A strong spring: beside the declared model its neighbours may have the larger score."""
-    own = problem(measured({"side_spring": {"s": 0.15, "stiffness": 3.0}}))
+    own = problem_of(measured({"side_spring": {"s": 0.15, "stiffness": 3.0}}))
     start = effect("side_spring").at({"s": 0.05})
     first = fit(own, (start,), [{start.name: {"stiffness": 1.0}}])
     sizes = {effect("side_spring").at({"s": s}).name: {"stiffness": 1.0} for s in (0.1, 0.15, 0.2)}
@@ -42,9 +26,9 @@ def test_a_spring_moves_to_the_place_where_it_explains_most():
 def test_a_hole_that_holds_fast_is_found_although_its_derivative_is_that_of_a_small_drop():
     """A blind set with a stuck hole, 170 sigma from the declared robot, ended with `gravity`, partly explained."""
     data = measured({"stuck_hole": {"tendon": 2.0, "s": 0.05}}, robot=ROBOT, model=FRICTIONAL)
-    own = problem(data)
-    state = SearchState.start(own, evaluate(own, (), {}))
-    search = Search(IdentifySettings(), lambda text, share: None)
+    own = problem_of(data)
+    state = state_of(own)
+    search = searching()
     best = search_places(search, state, [state.declared]).best
     assert best.names == ("stuck_hole (tendon = 2, s = 0.05)",)
     assert best.cost < 2.0 * own.count < 0.1 * state.declared.cost
@@ -52,18 +36,19 @@ def test_a_hole_that_holds_fast_is_found_although_its_derivative_is_that_of_a_sm
 
 def test_holes_that_hold_fast_are_not_simulated_where_another_place_explains_or_a_model_is_far_ahead():
     """On a robot driven by displacements six such holes took 15 s, with a spring that explained everything."""
-    search = Search(IdentifySettings(), lambda text, share: None)
-    for truth, ahead in ({"kink": {"s": 0.075, "kappa_x": 0.3, "kappa_y": -0.4}}, False), (FAR, True):
-        own = problem(measured(truth, robot=ROBOT, model=FRICTIONAL))
-        state = SearchState.start(own, evaluate(own, (), {}))
+    search = searching()
+    for truth, ahead in ({"kink": {"s": 0.075, "kappa_x": 0.3, "kappa_y": -0.4}}, False), (GRAVITY, True):
+        own = problem_of(measured(truth, robot=ROBOT, model=FRICTIONAL))
+        state = state_of(own)
         if ahead:
-            state = replace(state, best=fit(own, tuple(effect(e) for e in FAR), [FAR]))
+            state = replace(state, best=fit(own, tuple(effect(e) for e in GRAVITY), [GRAVITY]))
         state, first = first_order_local_scores(state, state.declared)
         before = own.forward.runs
         state, scores = local_scores_beside(search, state, state.declared)
         assert len(scores) == len(first) and own.forward.runs == before
 
 
+@pytest.mark.integration
 def test_a_place_that_explains_is_fitted_before_the_effects_along_the_whole_robot():
     """Five effects were fitted to convergence first, none of which came near: 113 runs."""
     result = identify(measured({"soft_bay": {"s": 0.125, "factor": 0.4}}, robot=ROBOT, model=FRICTIONAL))
@@ -76,14 +61,20 @@ def test_a_place_that_explains_is_fitted_before_the_effects_along_the_whole_robo
 
 def test_a_place_that_cannot_come_near_the_best_model_is_not_moved():
     """Gravity explained everything; a spring was then moved along the whole backbone, in a third of the time."""
-    own = problem(measured({"side_spring": {"s": 0.15, "stiffness": 3.0}}))
+    own = problem_of(measured({"side_spring": {"s": 0.15, "stiffness": 3.0}}))
     start = effect("side_spring").at({"s": 0.05})
     first = fit(own, (start,), [{start.name: {"stiffness": 1.0}}])
     (found,) = better_places(own, [first], {}, Race(1e-3 * first.cost))
     assert found is first
 
 
-@pytest.mark.parametrize(("tendon", "at"), [(1.0, 0.1), (2.0, 0.05)])
+@pytest.mark.parametrize(
+    ("tendon", "at"),
+    [
+        pytest.param(1.0, 0.1, marks=pytest.mark.integration),
+        pytest.param(2.0, 0.05, marks=pytest.mark.campaign),
+    ],
+)
 def test_beside_a_hole_that_holds_fast_the_search_goes_on(tendon, at):
     """A hole and precurvature: they ended as friction of 2.6, and as the hole alone, partly explained."""
     causes = {"stuck_hole": {"tendon": tendon, "s": at}, "precurvature": {"kappa_x": 0.01, "kappa_y": 0.0}}
@@ -100,16 +91,16 @@ def test_beside_a_hole_that_holds_fast_the_search_goes_on(tendon, at):
 @pytest.mark.parametrize(
     ("name", "values", "place"),
     [
-        ("soft_bay", {"factor": 0.5}, {"s": 0.125}),
-        ("stiffness_scale", {"bending": 0.9, "torsion": 0.9}, {}),
+        pytest.param("soft_bay", {"factor": 0.5}, {"s": 0.125}, marks=pytest.mark.integration),
+        pytest.param("stiffness_scale", {"bending": 0.9, "torsion": 0.9}, {}, marks=pytest.mark.campaign),
     ],
 )
 def test_a_hole_that_holds_fast_is_found_together_with_what_it_hides(name, values, place):
     """Alone, the hole made held-out steps worse, and beside the declared model so did the other: unexplained."""
     causes = {"stuck_hole": {"tendon": 1.0, "s": 0.1}, name: {**values, **place}}
-    own = problem(measured(causes, robot=ROBOT, model=FRICTIONAL))
-    state = SearchState.start(own, evaluate(own, (), {}))
-    for latest in saturated_pairs(Search(IdentifySettings(), lambda text, share: None), state):
+    own = problem_of(measured(causes, robot=ROBOT, model=FRICTIONAL))
+    state = state_of(own)
+    for latest in saturated_pairs(searching(), state):
         state = latest
     assert {e.listed for e in state.best.effects} == {"stuck_hole", name}
     where = {e.listed: e.place for e in state.best.effects if isinstance(e, EffectAtPlace)}
@@ -122,19 +113,19 @@ def test_beside_a_model_that_adapts_a_hole_that_holds_fast_is_found():
     """Gravity fitted without the hole is a little off; at those values the hole, at its place, explained nothing."""
     gravity = {"gravity": {"g_x": 0.0, "g_y": -4.0, "g_z": 0.0}}
     causes = {"stuck_hole": {"tendon": 2.0, "s": 0.15}, **gravity}
-    own = problem(measured(causes, robot=ROBOT, model=FRICTIONAL))
-    state = SearchState.start(own, evaluate(own, (), {}))
+    own = problem_of(measured(causes, robot=ROBOT, model=FRICTIONAL))
+    state = state_of(own)
     beside = fit(own, (effect("gravity"),), [gravity])
     state = replace(state.with_fit(beside), best=beside)
-    best = search_places(Search(IdentifySettings(), lambda text, share: None), state, [beside]).best
+    best = search_places(searching(), state, [beside]).best
     assert best.names == ("gravity", "stuck_hole (tendon = 2, s = 0.15)")
     assert best.cost < 1.5 * own.count < 0.2 * beside.cost
 
 
 def test_without_what_saturates_no_pairs_are_tried():
-    own = problem(measured(FAR, robot=ROBOT, model=FRICTIONAL))
+    own = problem_of(measured(GRAVITY, robot=ROBOT, model=FRICTIONAL))
     own = replace(own, catalogue=tuple(e for e in own.catalogue if e.name != "stuck_hole"))
-    state = SearchState.start(own, evaluate(own, (), {}))
+    state = state_of(own)
     before = own.forward.runs
-    assert list(saturated_pairs(Search(IdentifySettings(), lambda text, share: None), state)) == []
+    assert list(saturated_pairs(searching(), state)) == []
     assert own.forward.runs == before

@@ -4,17 +4,27 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import measured
+from identify_data import (
+    GRAVITY,
+    begun,
+    concluded,
+    measured,
+    problem_of,
+    searching,
+    state_of,
+    with_model,
+)
 
 from tdcr_fe.effects import EFFECTS, effect
-from tdcr_fe.identify import IdentifySettings, fitting, identify, time_limit
+from tdcr_fe.identify import IdentifySettings, fitting, identify, settings
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.screening import screen
-from tdcr_fe.identify.search_state import Search, SearchState, cut_short
+from tdcr_fe.identify.search import search_effects
+from tdcr_fe.identify.search_state import cut_short
 from tdcr_fe.identify.sentences import headline, sentences
-from tdcr_fe.identify.time_limit import (
+from tdcr_fe.identify.settings import (
     A_LAW,
     CEILING,
     EXCHANGES,
@@ -24,16 +34,13 @@ from tdcr_fe.identify.time_limit import (
     OutOfTime,
 )
 
-TWO = {"gravity": {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}, "precurvature": {"kappa_x": 0.9, "kappa_y": -0.7}}
+TWO = {**GRAVITY, "precurvature": {"kappa_x": 0.9, "kappa_y": -0.7}}
 
 
 class Watch:
     """A clock that stands still, and jumps when a stage of the identification is reported.
 
-    Attributes
-    ----------
-    jumps : dict of str to float
-        Reading of the clock, over the time limit, from the report of a stage on that begins so.
+    ``jumps``: its reading, over the time limit, from the report of a stage on that begins so.
     """
 
     LIMIT = 1e6
@@ -50,13 +57,14 @@ class Watch:
         )
 
 
-def identified(monkeypatch, data, jumps, **settings):
+def identified(monkeypatch, data, jumps, **given):
     """What is found where the clock jumps."""
     watch = Watch(jumps)
-    monkeypatch.setattr(time_limit.time, "perf_counter", watch)
-    return identify(data, IdentifySettings(time_limit=watch.LIMIT, **settings), watch.report)
+    monkeypatch.setattr(settings.time, "perf_counter", watch)
+    return identify(data, IdentifySettings(time_limit=watch.LIMIT, **given), watch.report)
 
 
+@pytest.mark.integration
 def test_search_without_time_ends_with_the_first_effect_and_says_what_is_not_tried(monkeypatch):
     """Two effects are missing; when the first is fitted the time is over. It used to go on for as long as it took."""
     result = identified(monkeypatch, measured(TWO), {"fitting": 1.05}, candidates=2)
@@ -68,6 +76,7 @@ def test_search_without_time_ends_with_the_first_effect_and_says_what_is_not_tri
     assert result.after_fit.rms_position < result.before_fit.rms_position
 
 
+@pytest.mark.integration
 def test_simulations_end_with_the_time_limit_and_the_declared_model_is_reported(monkeypatch):
     """In version 0.1 the first effect was fitted whatever time that took."""
     result = identified(monkeypatch, measured(TWO), {"fitting": 1.2})
@@ -75,6 +84,7 @@ def test_simulations_end_with_the_time_limit_and_the_declared_model_is_reported(
     assert result.after_fit == result.before_fit and result.next_experiment is None
 
 
+@pytest.mark.integration
 def test_what_is_left_is_not_called_unexplained_before_places_and_laws_were_tried(monkeypatch):
     """It ended "partly explained", although the missing effect might have been at one place, or a law on no list."""
     data = measured(TWO)
@@ -83,20 +93,33 @@ def test_what_is_left_is_not_called_unexplained_before_places_and_laws_were_trie
     assert FURTHER_EFFECTS not in result.not_tried and {PLACES, A_LAW} < set(result.not_tried)
 
 
+def test_a_search_that_is_late_keeps_its_model_and_notes_what_it_has_not_tried():
+    """One of two effects is found when the time is over: the verdict stays open."""
+    state = with_model(begun(measured(TWO)), {"gravity": {**GRAVITY["gravity"], "g_x": 2.0}})
+    for latest in search_effects(searching(deadline=0.0, candidates=1), state):
+        state = latest
+    assert state.best.names[0] == "gravity" and {EXCHANGES, PLACES} <= set(state.not_tried)
+    result = concluded(replace(state, best=with_model(state, GRAVITY).best))
+    assert result.verdict == "unfinished" and headline(result).startswith(
+        "Unfinished: the search ran out of time"
+    )
+    assert any("did not suffice for" in s for s in sentences(result))
+
+
 @pytest.mark.parametrize(("deadline", "noted"), [(0.0, (A_LAW,)), (float("inf"), ())])
 def test_a_search_whose_fits_end_with_the_time_has_not_tried_everything(deadline, noted):
     """Its last fits ended where they were; nothing else noted it."""
     own = problem(ForwardModel())
-    search = Search(IdentifySettings(), lambda text, share: None, deadline)
-    left = SearchState.start(own, evaluate(own, (), {}))
+    search, left = searching(deadline), state_of(own)
     assert cut_short(search, left, A_LAW).not_tried == noted
     noise = replace(left, best=replace(left.best, residual=np.zeros(own.count), cost=0.0, held_cost=0.0))
     assert cut_short(search, noise, A_LAW).not_tried == ()
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("stage", "missed", "truth"),
-    [("backward selection", EXCHANGES, {"gravity": TWO["gravity"]}), ("local causes", PLACES, TWO)],
+    [("backward selection", EXCHANGES, GRAVITY), ("local causes", PLACES, TWO)],
 )
 def test_what_was_found_before_the_time_limit_remains(monkeypatch, stage, missed, truth):
     result = identified(monkeypatch, measured(truth), {stage: 1.2}, candidates=2)
@@ -129,9 +152,7 @@ def test_a_fit_ends_where_it_is_when_the_time_is_over():
 
 
 def problem(forward):
-    data = measured(TWO)
-    held_out = np.zeros(len(data.readings), dtype=bool)
-    return FitProblem.of(data, np.full(held_out.size, 1e-4), held_out, forward)
+    return problem_of(measured(TWO), forward=forward)
 
 
 @pytest.fixture(scope="module")
@@ -141,6 +162,7 @@ def forms():
     return [form for e in EFFECTS for form in e.forms(experiment)]
 
 
+@pytest.mark.integration
 def test_two_processes_give_the_scores_and_derivatives_of_one(forms):
     """A model with many columns is divided by columns, several models are linearised in a process each."""
     one = problem(ForwardModel())

@@ -1,65 +1,49 @@
 """Candidates are evaluated at their predicted values before some of them are fitted."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-from identify_data import MODEL, ROBOT, measured
+import pytest
+from identify_data import FRICTIONAL, ROBOT, measured, problem_of, searching, state_of
 
-from tdcr_fe.identify import identify
-from tdcr_fe.identify.candidates import FIRST, SECOND_LOOK, _has_a_chance, fit_proposals, propose
+from tdcr_fe.identify.candidates import SECOND_LOOK, _has_a_chance, fit_proposals, propose
 from tdcr_fe.identify.fitting import Race
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.local_search import place_ahead
-from tdcr_fe.identify.problem import FitProblem, evaluate
-from tdcr_fe.identify.search_state import Search, SearchState
-from tdcr_fe.identify.settings import IdentifySettings
+from tdcr_fe.identify.places import place_ahead
 
 
 def test_a_strong_effect_whose_score_is_low_is_fitted_and_found():
     """`hole_adhesion` has the third score, and with two fits a round was not among them: `actuator_loss` came first."""
-    data = measured({"hole_adhesion": {"drop": 0.2}}, robot=ROBOT, model=replace(MODEL, friction="per-hole"))
-    count = len(data.readings)
-    problem = FitProblem.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
-    state = SearchState.start(problem, evaluate(problem, (), {}))
-    search = Search(IdentifySettings(candidates=2), lambda text, share: None)
+    data = measured({"hole_adhesion": {"drop": 0.2}}, robot=ROBOT, model=FRICTIONAL)
+    problem = problem_of(data)
+    state = state_of(problem)
+    search = searching(candidates=2)
     state, proposals = propose(search, state, 1, [state.declared], 0.0)
     names = [score.effect.name for _, score in proposals]
     assert names.index("hole_adhesion") >= 2 and len(names) == 2 + SECOND_LOOK
     state, fits = fit_proposals(search, state, 1, proposals, 0.0)
     assert len(fits) <= 2 and fits[0].names == ("hole_adhesion",)
-    assert fits[0].cost < 2.0 * count < 0.1 * state.declared.cost
+    assert fits[0].cost < 2.0 * problem.count < 0.1 * state.declared.cost
 
 
+@pytest.mark.integration
 def test_an_effect_whose_prediction_goes_too_far_is_fitted_all_the_same():
     """At its predicted values `superelastic` is worse than the declared model, and was not fitted at all."""
     data = measured({"superelastic": {"threshold_strain": 4e-4, "plateau_ratio": 0.6}}, robot=ROBOT)
-    count = len(data.readings)
-    problem = FitProblem.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
-    state = SearchState.start(problem, evaluate(problem, (), {}))
-    search = Search(IdentifySettings(candidates=1), lambda text, share: None)
+    problem = problem_of(data)
+    state = state_of(problem)
+    search = searching(candidates=1)
     state, proposals = propose(search, state, 1, [state.declared], 0.0)
     state, fits = fit_proposals(search, state, 1, proposals, 0.0)
     assert [fit.names for fit in fits] == [("superelastic",)]
     assert fits[0].cost < 0.02 * state.declared.cost
 
 
-def test_where_one_candidate_leaves_noise_those_that_promise_far_less_are_not_simulated():
-    """Nine candidates were simulated at their predicted values, and five of them fitted: 46 runs."""
-    result = identify(measured({"precurvature": {"kappa_x": 0.4, "kappa_y": -0.8}}, robot=ROBOT))
-    assert result.verdict == "explained" and [e.name for e in result.effects] == ["precurvature"]
-    first = [c for c in result.candidates if c.round == 1]
-    assert sum(c.fitted for c in first) <= FIRST < 6 < len(first)
-    assert result.runs < 36
-
-
 def test_scores_are_computed_once_for_a_model():
     """Those beside the declared model were computed twice: before and after single places were looked at."""
     data = measured({"gravity": {"g_x": 3.0, "g_y": 0.0, "g_z": 0.0}}, robot=ROBOT)
-    count = len(data.readings)
-    problem = FitProblem.of(data, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
-    state = SearchState.start(problem, evaluate(problem, (), {}))
-    search = Search(IdentifySettings(), lambda text, share: None)
+    problem = problem_of(data)
+    state = state_of(problem)
+    search = searching()
     state, located = place_ahead(search, state)
     before = problem.forward.runs
     state, proposals = propose(search, state, 1, [state.declared], 0.0)

@@ -6,16 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from identify_data import LENGTH, MODEL, ROBOT, measured
+from identify_data import GRAVITY, LENGTH, MODEL, ROBOT, measured, problem_of
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import Experiment, effect, with_effects
-from tdcr_fe.identify.divide import divide_steps
 from tdcr_fe.identify.fitting import fit
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.holdout import blocks, held_out_branches
-from tdcr_fe.identify.problem import FitProblem
-from tdcr_fe.identify.simulate_run import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
+from tdcr_fe.identify.load_steps import blocks, divide_steps, held_out_branches
 from tdcr_fe.io.measured import join_measured, write_measured
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.model.loading import LoadStep
@@ -26,7 +23,6 @@ from tdcr_fe.solve.sensitivities.parameters import ModelParameter
 ROUGH = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.3) for t in ROBOT.tendons))
 FRICTION = replace(MODEL, friction="per-hole", elements_per_bay=1)
 SETTINGS = run_settings(SolverSettings(), 2e-5)
-GRAVITY = {"gravity": {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}}
 
 
 def pulls(*values):
@@ -94,10 +90,7 @@ def test_joined_sets_keep_their_readings_branches_and_begin_anew():
     parts = blocks(joined)
     assert len(parts) > 4 and not any(k < 11 <= m for p in parts for k in p for m in p)
     assert held_out_branches(joined, ["B/*"]) == tuple(range(11, 19))
-    problem = FitProblem.of(
-        joined, np.ones(len(joined.readings)), np.zeros(len(joined.readings), dtype=bool), ForwardModel()
-    )
-    assert problem.experiment.restarts == (11,)
+    assert problem_of(joined).experiment.restarts == (11,)
     assert join_measured([a]) is a
 
 
@@ -116,6 +109,7 @@ def test_sets_of_different_robots_are_refused_by_what_differs(change, text):
     assert text in str(caught.value)
 
 
+@pytest.mark.integration
 def test_the_command_finds_shared_effects_and_gives_the_errors_of_each(tmp_path):
     for data in sets():
         write_measured(data, tmp_path / data.name)
@@ -136,15 +130,8 @@ def test_the_command_finds_shared_effects_and_gives_the_errors_of_each(tmp_path)
     # Each scenario repeats the fit of its own sequence.
     rms = []
     for name, data in zip("AB", sets(), strict=True):
-        command = [
-            "run",
-            str(out / f"effects_{name}.toml"),
-            "-o",
-            str(tmp_path / name / "run"),
-            "--no-pictures",
-            "-q",
-        ]
-        assert main(command) == 0
+        command = ["run", str(out / f"effects_{name}.toml"), "-o", str(tmp_path / name / "run")]
+        assert main([*command, "--no-pictures", "-q"]) == 0
         table = pd.read_csv(tmp_path / name / "run" / "steps.csv", dtype={"label": str}).set_index("label")
         tips = [r for r in data.readings if r.location == LENGTH and r.quantity == "position_y"]
         rms.append(np.sqrt(np.mean([(table.loc[str(r.step), "tip_y"] - r.value) ** 2 for r in tips])))
@@ -185,8 +172,7 @@ def test_a_gain_of_the_second_folder_is_fitted_beside_a_shared_effect():
     first = replace(measured(GRAVITY), name="A")
     again = {"actuator_gain": {"gain_t1": 1.06, "gain_t2": 0.96}}
     joined = join_measured([first, replace(measured({**GRAVITY, **again}, seed=5), name="B")])
-    count = len(joined.readings)
-    problem = FitProblem.of(joined, np.full(count, 1e-4), np.zeros(count, dtype=bool), ForwardModel())
+    problem = problem_of(joined)
     (gain,) = [
         f
         for f in effect("actuator_gain").forms(problem.experiment)
@@ -198,4 +184,4 @@ def test_a_gain_of_the_second_folder_is_fitted_beside_a_shared_effect():
         "gain_t1_folder_2": pytest.approx(1.06, abs=5e-3),
         "gain_t2_folder_2": pytest.approx(0.96, abs=5e-3),
     }
-    assert found.cost < 1.3 * count
+    assert found.cost < 1.3 * problem.count

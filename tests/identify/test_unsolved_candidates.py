@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import MODEL, ROBOT, measured
+from identify_data import MODEL, ROBOT, measured, problem_of
 
 from tdcr_fe.effects import effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.fitting import Race, descend
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.problem import Fit, FitProblem, evaluate
+from tdcr_fe.identify.problem import Fit, evaluate
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.model.material import NonlinearMaterial
 
@@ -38,9 +37,7 @@ def hardening():
     """A problem whose declared backbone hardens."""
     law = NonlinearMaterial(cubic=5.0)
     robot = replace(ROBOT, backbone=replace(ROBOT.backbone, nonlinear=law))
-    data = measured(robot=robot, model=replace(MODEL, gravity=(0.0, 0.0, -9.81)))
-    held_out = np.zeros(len(data.readings), dtype=bool)
-    return FitProblem.of(data, np.full(len(data.readings), 1e-4), held_out, ForwardModel())
+    return problem_of(measured(robot=robot, model=replace(MODEL, gravity=(0.0, 0.0, -9.81))))
 
 
 def test_laws_of_the_material_that_exclude_each_other_are_not_tried_together():

@@ -1,4 +1,4 @@
-"""Verdicts of the command on insufficient or faulty data, interruptions, and the end of its workers."""
+"""Verdicts on insufficient data, interruptions of the command, and the end of its workers."""
 
 import json
 import signal
@@ -9,17 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from identify_data import measured
+from identify_data import GRAVITY, begun, concluded, measured, with_model
 from interrupts import start_python
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS, Experiment, effect
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.added_effects import separating_experiments
 from tdcr_fe.identify.candidates import identifiable
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.information import mostly_estimated_noise, unknown_noise
-from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe.identify.criteria import mostly_estimated_noise, unknown_noise, unusable_data
+from tdcr_fe.identify.judge import separating_experiments
+from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.io.measured import write_measured
@@ -29,50 +28,52 @@ from tdcr_fe.io.processes import STATUS_SIGINT, STATUS_SIGTERM
 @pytest.fixture(scope="module")
 def bent():
     """Readings of a robot with gravity that is not declared."""
-    return measured({"gravity": {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}})
-
-
-def run(data, tmp_path, change=None):
-    """Exit status and ``result.json`` (None where there is none) of the command on a folder."""
-    write_measured(data, tmp_path / "set")
-    path = tmp_path / "set" / "observations.csv"
-    if change is not None:
-        head, *rows = path.read_text().splitlines()
-        path.write_text("\n".join([head, *change(rows)]) + "\n")
-    status = main(["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out"), "--processes", "1", "-q"])
-    result = tmp_path / "out" / "result.json"
-    return status, json.loads(result.read_text()) if result.exists() else None
+    return measured(GRAVITY)
 
 
 def test_readings_in_millimetres_without_sigma_stop_the_run(bent, tmp_path, capsys):
     """e3bbe5d: most rows were left out, the rest taken as metres: "nothing missing", exit status 0."""
-
-    def in_millimetres(rows):
-        fields = [r.split(",") for r in rows]
-        return [",".join([*f[:3], f"{1e3 * float(f[3]):.6f}", ""]) for f in fields]
-
-    status, result = run(bent, tmp_path, in_millimetres)
+    write_measured(bent, tmp_path / "set")
+    path = tmp_path / "set" / "observations.csv"
+    head, *rows = path.read_text().splitlines()
+    fields = [r.split(",") for r in rows]
+    rows = [",".join([*f[:3], f"{1e3 * float(f[3]):.6f}", ""]) for f in fields]
+    path.write_text("\n".join([head, *rows]) + "\n")
+    assert main(["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out"), "-q"]) == 2
     text = capsys.readouterr().err
-    assert (status, result) == (2, None) and not (tmp_path / "out").exists()
+    assert not (tmp_path / "out").exists()
     assert "for a robot of 0.2 m: are they in mm?" in text and "rows would be left" in text
 
 
-@pytest.mark.parametrize("sigma", ["", "0.0001"])
-def test_a_single_reading_gives_no_verdict(bent, tmp_path, sigma):
-    """e3bbe5d: "nothing missing"."""
-    status, result = run(bent, tmp_path, lambda rows: [rows[3].rsplit(",", 1)[0] + "," + sigma])
-    assert (status, result["verdict"], result["observations"]) == (0, "cannot tell", 1)
-    assert result["remaining"]["description"].startswith("1 reading")
-    assert result["effects"] == [] and result["simulations"] < 10
+def some(data, chosen, **changes):
+    """Some of the readings, changed."""
+    return replace(data, readings=tuple(replace(r, **changes) for r in data.readings if chosen(r)))
 
 
-def test_without_sigma_a_model_that_leaves_noise_proves_nothing(tmp_path):
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (lambda bent: replace(bent, readings=bent.readings[3:4]), "1 reading: at least 4 are needed"),
+        (lambda bent: some(bent, lambda r: r.step <= 2, sigma=None), "no sigma is given for position"),
+        (lambda bent: measured(sigma=0.09), "the noise is larger than the motion of the robot"),
+    ],
+    ids=["one reading", "two steps", "noise"],
+)
+def test_unusable_data_give_no_verdict(bent, data, reason):
+    """e3bbe5d: "nothing missing", with the residual itself taken for the noise."""
+    state = begun(data(bent))
+    assert unusable_data(state.problem, state.declared).startswith(reason)
+    result = concluded(state)
+    assert result.verdict == "cannot tell" and headline(result).startswith("Cannot tell")
+    assert sentences(result)[0].lower().startswith(reason.lower())
+
+
+def test_without_sigma_a_model_that_leaves_noise_proves_nothing():
     """The noise is estimated from what the model leaves, so that it cannot speak for the model."""
     data = measured(given=False)
-    status, result = run(data, tmp_path)
-    assert (status, result["verdict"], result["sigma_estimated"]) == (0, "cannot tell", True)
-    assert result["effects"] == [] and result["remaining"]["where"] == "the noise"
-    text = (tmp_path / "out/report.html").read_text()
+    result = concluded(begun(data), sigma_estimated=True)
+    assert (result.verdict, result.remaining.where) == ("cannot tell", "the noise")
+    text = render(result)
     assert "the noise of the sensors is not known" in text and "No sigma is given for position" in text
     assert "The noise is estimated from the scatter of the readings" in text
     assert unknown_noise(data) == []
@@ -86,59 +87,42 @@ def test_readings_without_sigma_beside_more_that_have_one_prove_nothing_missing(
 
 
 def test_without_sigma_an_effect_is_named_all_the_same():
-    result = identify(measured({"gravity": {"g_x": 3.0}}, given=False))
-    assert (result.verdict, [e.name for e in result.effects]) == ("explained", ["gravity"])
+    truth = {"gravity": {"g_x": 3.0, "g_y": 0.0, "g_z": 0.0}}
+    assert concluded(with_model(begun(measured(truth, given=False)), truth)).verdict == "explained"
 
 
-def test_without_sigma_two_steps_give_no_verdict(bent, tmp_path):
-    """e3bbe5d: the residual itself was taken for the noise, and the verdict was "nothing missing"."""
-    status, result = run(
-        bent,
-        tmp_path,
-        lambda rows: [r.rsplit(",", 1)[0] + "," for r in rows if r.startswith(("1,", "2,"))],
-    )
-    assert (status, result["verdict"]) == (0, "cannot tell")
-    assert "no sigma is given for position" in result["remaining"]["description"]
+@pytest.fixture
+def few(bent):
+    """Nine readings of three steps: none can be held out."""
+    return some(bent, lambda r: r.step in (2, 7, 10) and r.location == 0.2)
 
 
-def test_noise_larger_than_the_motion_gives_no_verdict(tmp_path):
-    status, result = run(measured(sigma=0.09), tmp_path)
-    assert (status, result["verdict"]) == (0, "cannot tell")
-    assert "the noise is larger than the motion of the robot" in result["remaining"]["description"]
+def test_few_readings_that_an_effect_follows_prove_nothing(few):
+    result = concluded(with_model(begun(few), GRAVITY))
+    assert len(few.readings) == 9 and result.held_out_steps == ()
+    assert result.verdict == "cannot tell" and "too few" in result.remaining.description
 
 
-def test_few_readings_that_an_effect_follows_prove_nothing(bent):
-    """Nine readings of three steps: effects may be named, but no steps are left to test them."""
-    steps = {2, 7, 10}
-    few = tuple(r for r in bent.readings if r.step in steps and r.location == 0.2)
-    result = identify(replace(bent, readings=few))
-    assert len(few) == 9 and result.verdict in ("cannot tell", "partly explained", "unexplained")
-    assert len(result.effects) <= 1 and result.held_out_steps == ()
+@pytest.mark.integration
+def test_few_readings_get_one_effect_with_fewer_parameters_than_readings_at_most(few):
+    result = identify(few)
+    assert result.verdict in ("cannot tell", "partly explained", "unexplained") and len(result.effects) <= 1
     # Steps after the last reading, several effects and local causes are not simulated.
     assert len(result.data.steps) == 10 and result.runs < 150
+    declared = Experiment(few.robot, few.model, few.steps)
+    sizes = {form.name: len(form.parameters) for e in EFFECTS for form in (e, *e.forms(declared))}
+    assert any(c.fitted for c in result.candidates)
+    assert all(sizes[c.name] < len(few.readings) for c in result.candidates if c.fitted)
 
 
 def test_candidates_with_more_parameters_than_readings_are_not_fitted(bent):
-    few = tuple(r for r in bent.readings if r.step in (2, 7) and r.location == 0.2)[:4]
-    result = identify(replace(bent, readings=few))
-    declared = Experiment(bent.robot, bent.model, bent.steps)
-    sizes = {form.name: len(form.parameters) for e in EFFECTS for form in (e, *e.forms(declared))}
-    assert any(c.fitted for c in result.candidates)
-    assert all(sizes[c.name] < len(few) for c in result.candidates if c.fitted)
-    two = replace(bent, readings=few)
-    problem = FitProblem.of(two, np.full(4, 1e-4), np.array([False, False, True, True]), ForwardModel())
-    fit = evaluate(problem, (), {})
-    scores = screen(problem, fit, [effect("gravity"), effect("actuator_gain")])
-    assert {s.effect.name: identifiable(problem, fit, s) for s in scores} == {
+    state = begun(replace(bent, readings=bent.readings[:4]))
+    problem = replace(state.problem, held_out=np.array([False, False, True, True]))
+    scores = screen(problem, state.declared, [effect("gravity"), effect("actuator_gain")])
+    assert {s.effect.name: identifiable(problem, state.declared, s) for s in scores} == {
         "gravity": False,
         "actuator_gain": True,
     }
-
-
-def test_the_report_gives_the_reason_for_no_verdict(bent):
-    result = identify(replace(bent, readings=bent.readings[:1]))
-    assert headline(result).startswith("Cannot tell")
-    assert any("at least 4 are needed" in s for s in sentences(result))
 
 
 # ------------------------------------------------------------------------------------------- interruptions
@@ -187,6 +171,7 @@ def running(pid):
         return False
 
 
+@pytest.mark.integration
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's table of processes")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGKILL"])
 def test_an_interruption_ends_all_processes_and_keeps_what_was_found(bent, tmp_path, name):

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from tdcr_fe.effects import EFFECTS
-from tdcr_fe.identify.estimate import Estimate
-from tdcr_fe.identify.found_law import LawTerm
-from tdcr_fe.identify.law import where
+from tdcr_fe.identify.law_search import where
 from tdcr_fe.identify.law_terms import BENDING, CURVATURE, DEFLECTION, DISPLACED, Term
+from tdcr_fe.identify.result import Estimate, LawTerm
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model

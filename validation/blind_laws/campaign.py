@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from tdcr_fe.identify import IdentificationResult, IdentifySettings, identify
-from tdcr_fe.identify.found_law import LawTerm
+from tdcr_fe.identify.result import LawTerm
 from tdcr_fe.io.records import Folder, Record, solve_all
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.blind.laws import LAWS, LawRecipe, make_law_set

@@ -12,7 +12,7 @@ from tdcr_fe.effects import Effect, Experiment, effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.holdout import held_out_branches
+from tdcr_fe.identify.load_steps import held_out_branches
 from tdcr_fe.identify.noise import estimate_sigma
 from tdcr_fe.identify.problem import Fit, FitProblem, evaluate
 from tdcr_fe.identify.screening import screen

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Experiment, Observation, effect, with_effects
 from tdcr_fe.identify import IdentifySettings, fitting
 from tdcr_fe.identify.criteria import bic, residual_is_noise
-from tdcr_fe.identify.findings import NextExperiment
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.next_experiment import choose_next, leading_rivals
 from tdcr_fe.identify.problem import Fit, FitProblem, evaluate, refine
+from tdcr_fe.identify.result import NextExperiment
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.io.measured import MeasuredData, join_measured

@@ -36,59 +36,29 @@ WIDEST = 0.2
 
 
 class BandParts(NamedTuple):
-    """Where the parts of the tangent lie in a band; all are views of `data`.
+    """Where the parts of the tangent lie in a band; all are views of `data`."""
 
-    Attributes
-    ----------
-    data : ndarray
-        The band, column by column.
-    itself : ndarray, shape (N, 6, 6)
-        Every node by itself.
-    after, before : ndarray, shape (N-1, 6, 6)
-        Every node by the next one, the next one by it.
-    disk : ndarray, shape (n+1, 6, 6)
-        Every node with holes by itself.
-    next_disk, previous_disk : ndarray, shape (n, 6, 6)
-        Every node with holes by the next one, the next one by it.
-    pulled : ndarray, shape (n, 2, 6, m)
-        Both ends of every segment by its tension.
-    tensions : ndarray, shape (N, m)
-        Tensions by themselves.
-    turned : ndarray, shape (n-1, m, 3, 6)
-        Transfer at the holes by the nodes before, at and behind them.
-    passed : ndarray, shape (n-1, m)
-        Transfer at the holes by the tension before them.
-    """
-
-    data: Array
-    itself: Array
-    after: Array
-    before: Array
-    disk: Array
-    next_disk: Array
-    previous_disk: Array
-    pulled: Array
-    tensions: Array
-    turned: Array
-    passed: Array
+    data: Array  # The band, column by column
+    itself: Array  # (N, 6, 6): Every node by itself
+    after: Array  # (N-1, 6, 6): Every node by the next one, the next one by it
+    before: Array  # as `after`
+    disk: Array  # (n+1, 6, 6): Every node with holes by itself
+    next_disk: Array  # (n, 6, 6): Every node with holes by the next one, the next one by it
+    previous_disk: Array  # as `next_disk`
+    pulled: Array  # (n, 2, 6, m): Both ends of every segment by its tension
+    tensions: Array  # (N, m): Tensions by themselves
+    turned: Array  # (n-1, m, 3, 6): Transfer at the holes by the nodes before, at and behind them
+    passed: Array  # (n-1, m): Transfer at the holes by the tension before them
 
 
 @dataclass(frozen=True)
 class BandLayout:
-    """Order of the unknowns in the band.
+    """Order of the unknowns in the band."""
 
-    Attributes
-    ----------
-    nodes, tendons, segments : int
-        Numbers of nodes, of tendons, and of segments of the longest tendon.
-    spacing : int
-        From one node with holes to the next.
-    """
-
-    nodes: int
-    tendons: int
-    segments: int
-    spacing: int
+    nodes: int  # Numbers of nodes, of tendons, and of segments of the longest tendon
+    tendons: int  # as `nodes`
+    segments: int  # as `nodes`
+    spacing: int  # From one node with holes to the next
 
     @classmethod
     def of(cls, robots: Sequence[TendonActuation]) -> BandLayout | None:
@@ -199,14 +169,7 @@ class BandLayout:
 
 
 class BandFactors(NamedTuple):
-    """LU factors of a banded tangent; see `tdcr_fe.solve.equations.linearization.Factors`.
-
-    Attributes
-    ----------
-    lu : ndarray
-    pivots : ndarray of int
-    layout : BandLayout
-    """
+    """LU factors of a banded tangent; see `tdcr_fe.solve.equations.linearization.Factors`."""
 
     lu: Array
     pivots: NDArray[np.int_]

@@ -30,51 +30,25 @@ _CURRENT, _INITIAL = exu.ConfigurationType.Current, exu.ConfigurationType.Initia
 
 
 class Unknowns(NamedTuple):
-    """The independent unknowns of a configuration; small, and can be pickled.
+    """The independent unknowns of a configuration; small, and can be pickled."""
 
-    Attributes
-    ----------
-    coordinates, multipliers : ndarray
-        Of the whole scene, as in Exudyn.
-    twists : tuple of ndarray
-        By robot, relative twists of the elements, length times strain, shape (E, 6).
-    bases : tuple of ndarray
-        By robot, pose of the base node, shape (4, 4).
-    """
-
-    coordinates: Array
-    multipliers: Array
-    twists: tuple[Array, ...]
-    bases: tuple[Array, ...]
+    coordinates: Array  # Of the whole scene, as in Exudyn
+    multipliers: Array  # as `coordinates`
+    twists: tuple[Array, ...]  # By robot, relative twists of the elements, length times strain, shape (E, 6)
+    bases: tuple[Array, ...]  # By robot, pose of the base node, shape (4, 4)
 
 
 class Configuration(NamedTuple):
-    """A configuration of the scene, with the poses that follow from its unknowns. Its arrays are never changed.
-
-    Attributes
-    ----------
-    unknowns : Unknowns
-    chains : tuple of ElementChain
-        By robot.
-    poses : tuple of (ndarray, ndarray)
-        By robot, positions (N, 3) and rotations (N, 3, 3) of the nodes, the latter in beam axes.
-    positions : ndarray, shape (N, 3)
-        Of the nodes of all robots [m].
-    parameters : ndarray, shape (N, 4)
-        Euler parameters of the nodes of all robots.
-    frames : ndarray, shape (N, 7, 6)
-        See `NodePoses`.
-    measured : tuple of Measurement
-        By robot, lengths and angles of the tendons.
-    """
+    """A configuration of the scene, with the poses that follow from its unknowns. Its arrays are never changed."""
 
     unknowns: Unknowns
-    chains: tuple[ElementChain, ...]
+    chains: tuple[ElementChain, ...]  # By robot
+    # By robot, positions (N, 3) and rotations (N, 3, 3) of the nodes, the latter in beam axes
     poses: tuple[tuple[Array, Array], ...]
-    positions: Array
-    parameters: Array
-    frames: Array
-    measured: tuple[Measurement, ...]
+    positions: Array  # (N, 3): Of the nodes of all robots [m]
+    parameters: Array  # (N, 4): Euler parameters of the nodes of all robots
+    frames: Array  # (N, 7, 6): See `NodePoses`
+    measured: tuple[Measurement, ...]  # By robot, lengths and angles of the tendons
 
     @property
     def twists(self) -> tuple[Array, ...]:
@@ -83,20 +57,11 @@ class Configuration(NamedTuple):
 
 
 class Move(NamedTuple):
-    """Configuration after a step.
-
-    Attributes
-    ----------
-    configuration : Configuration
-    fraction : float
-        Fraction of the step that was taken [1].
-    turn : float
-        Of the element that turns most in the whole step [rad].
-    """
+    """Configuration after a step."""
 
     configuration: Configuration
-    fraction: float
-    turn: float
+    fraction: float  # Fraction of the step that was taken [1]
+    turn: float  # Of the element that turns most in the whole step [rad]
 
 
 class ConfigurationSpace:
@@ -265,35 +230,18 @@ class ConfigurationSpace:
 
 
 class SolverState(NamedTuple):
-    """The complete state at the beginning of a step. Its arrays are never changed.
+    """The complete state at the beginning of a step. Its arrays are never changed."""
 
-    Attributes
-    ----------
-    configuration : Configuration
-        Of the whole scene.
-    base_tension : tuple of ndarray, shape (m,)
-        By robot, tension of every tendon at the base [N].
-    mobilisation : tuple of ndarray, shape (m, g)
-        By robot, mobilisation of the friction in [-1, 1]; in a solved state that of `friction`.
-    friction : tuple of FrictionState
-        By robot, history at the end of the last solved (sub)step.
-    prescribed : tuple of ndarray, shape (m,)
-        By robot, prescribed displacement [m], nan of tendons driven by tension.
-    loads : tuple of ndarray, shape (6,)
-        Concentrated loads that acted, force [N] and moment [N m] in their own frames.
-    time : float
-        At which it was solved [s].
-    tangent_sign : int
-        Sign of the determinant of the last tangent, 0 where it is unknown or unrelated to stability.
-    """
-
-    configuration: Configuration
-    base_tension: ByRobot
+    configuration: Configuration  # Of the whole scene
+    base_tension: ByRobot  # (m,): By robot, tension of every tendon at the base [N]
+    # (m, g): By robot, mobilisation of the friction in [-1, 1]; in a solved state that of `friction`
     mobilisation: ByRobot
-    friction: tuple[FrictionState, ...]
-    prescribed: ByRobot
+    friction: tuple[FrictionState, ...]  # By robot, history at the end of the last solved (sub)step
+    prescribed: ByRobot  # (m,): By robot, prescribed displacement [m], nan of tendons driven by tension
+    # (6,): Concentrated loads that acted, force [N] and moment [N m] in their own frames
     loads: tuple[Array, ...] = ()
-    time: float = 0.0
+    time: float = 0.0  # At which it was solved [s]
+    # Sign of the determinant of the last tangent, 0 where it is unknown or unrelated to stability
     tangent_sign: int = 0
 
     @property
@@ -311,39 +259,22 @@ class SolverState(NamedTuple):
 
 @dataclass(frozen=True)
 class StoredState:
-    """A solved state reduced to its unknowns; small, and can be pickled.
+    """A solved state reduced to its unknowns; small, and can be pickled."""
 
-    Attributes
-    ----------
-    unknowns : Unknowns
-        Of the configuration.
-    base_tension, mobilisation, friction
-        As in `SolverState`.
-    """
-
-    unknowns: Unknowns
-    base_tension: ByRobot
-    mobilisation: ByRobot
-    friction: tuple[FrictionState, ...]
+    unknowns: Unknowns  # Of the configuration
+    base_tension: ByRobot  # As in `SolverState`
+    mobilisation: ByRobot  # as `base_tension`
+    friction: tuple[FrictionState, ...]  # as `base_tension`
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Inputs, loads and time with which a state has to be in equilibrium.
+    """Inputs, loads and time with which a state has to be in equilibrium."""
 
-    Attributes
-    ----------
-    inputs : tuple of ndarray, shape (m,)
-        By robot, tension [N] or displacement [m] of every tendon at the base.
-    loads : tuple of ndarray, shape (6,)
-        Concentrated loads, force [N] and moment [N m] in their own frames; they are already in the scene.
-    time : float
-        Time that user functions see [s].
-    """
-
-    inputs: ByRobot
+    inputs: ByRobot  # (m,): By robot, tension [N] or displacement [m] of every tendon at the base
+    # (6,): Concentrated loads, force [N] and moment [N m] in their own frames; they are already in the scene
     loads: tuple[Array, ...] = ()
-    time: float = 0.0
+    time: float = 0.0  # Time that user functions see [s]
 
     @property
     def load_size(self) -> float:

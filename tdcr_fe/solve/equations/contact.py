@@ -42,20 +42,11 @@ APPROACH_LIMIT = 0.5
 
 
 class GeneralTriangles(NamedTuple):
-    """A ``GeneralContact`` with spheres and triangles.
-
-    Attributes
-    ----------
-    contact : exudyn.GeneralContact
-    spheres : int
-        Number of its spheres.
-    first : int
-        Number of the first triangle in its lists of active contacts.
-    """
+    """A ``GeneralContact`` with spheres and triangles."""
 
     contact: Any
-    spheres: int
-    first: int
+    spheres: int  # Number of its spheres
+    first: int  # Number of the first triangle in its lists of active contacts
 
     @property
     def touching(self) -> bool:
@@ -199,17 +190,10 @@ def _nodes_of_coordinates(mbs: exu.MainSystem) -> Index:
 
 
 class GeneralSpheres(NamedTuple):
-    """Spheres of a ``GeneralContact``.
+    """Spheres of a ``GeneralContact``."""
 
-    Attributes
-    ----------
-    markers : ndarray of int, shape (n,)
-    radii : ndarray, shape (n,)
-        [m].
-    """
-
-    markers: NDArray[np.int_]
-    radii: Array
+    markers: NDArray[np.int_]  # (n,)
+    radii: Array  # (n,): [m]
 
     @classmethod
     def of(cls, mbs: exu.MainSystem, number: int) -> GeneralSpheres:

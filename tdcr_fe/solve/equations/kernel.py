@@ -124,45 +124,22 @@ def _initialised(
 
 
 class Residual(NamedTuple):
-    """Residual of a state under a target.
-
-    Attributes
-    ----------
-    state : SolverState
-    target : Target
-    forces : tuple of TendonForces
-        By robot.
-    unbalanced : ndarray
-        Reduced residual; zero at clamped bases, whose joints provide the reactions.
-    on_bases : tuple of ndarray, shape (6,)
-        By clamped robot, the wrench on its base.
-    raw : ndarray
-        Exudyn's residual.
-    size : float
-        Largest residual over its scale, prescribed displacements included [1].
-    """
+    """Residual of a state under a target."""
 
     state: SolverState
     target: Target
-    forces: tuple[TendonForces, ...]
-    unbalanced: Array
-    on_bases: tuple[Array, ...]
-    raw: Array
-    size: float
+    forces: tuple[TendonForces, ...]  # By robot
+    unbalanced: Array  # Reduced residual; zero at clamped bases, whose joints provide the reactions
+    on_bases: tuple[Array, ...]  # (6,): By clamped robot, the wrench on its base
+    raw: Array  # Exudyn's residual
+    size: float  # Largest residual over its scale, prescribed displacements included [1]
 
 
 class ClampReactions(NamedTuple):
-    """Multipliers of the joints of clamped bases that balance the wrenches on these bases.
+    """Multipliers of the joints of clamped bases that balance the wrenches on these bases."""
 
-    Attributes
-    ----------
-    joints : mapping
-        By clamped robot, the numbers of its joint's multipliers.
-    influence : mapping
-        By clamped robot, from the wrench on its base to the joint's multipliers that cause it, shape (6, 6).
-    """
-
-    joints: Mapping[int, NDArray[np.int_]]
+    joints: Mapping[int, NDArray[np.int_]]  # By clamped robot, the numbers of its joint's multipliers
+    # By clamped robot, from the wrench on its base to the joint's multipliers that cause it, shape (6, 6)
     influence: Mapping[int, Array]
 
     @classmethod

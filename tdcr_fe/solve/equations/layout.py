@@ -50,26 +50,14 @@ def buckling_shortening(robot: TendonActuation) -> Array:
 
 @dataclass(frozen=True)
 class ResidualScales:
-    """Scales of the residuals.
+    """Scales of the residuals."""
 
-    Attributes
-    ----------
-    weights : ndarray
-        By unknown: forces by one, moments by a lever of a fiftieth of the length, gaps in joints by the length.
-    nodes : int
-        Number of beam nodes.
-    forces : int
-        Number of unknowns whose residual is a force or moment; gaps follow.
-    length : float
-        Of the longest backbone [m].
-    elastic_force : float
-        EI / L^2 of the softest robot, the smallest scale of forces [N]; a base that gives way is no part of it.
-    """
-
+    # By unknown: forces by one, moments by a lever of a fiftieth of the length, gaps in joints by the length
     weights: Array
-    nodes: int
-    forces: int
-    length: float
+    nodes: int  # Number of beam nodes
+    forces: int  # Number of unknowns whose residual is a force or moment; gaps follow
+    length: float  # Of the longest backbone [m]
+    # EI / L^2 of the softest robot, the smallest scale of forces [N]; a base that gives way is no part of it
     elastic_force: float
 
     @classmethod
@@ -135,32 +123,15 @@ def _elastic_force(mesh: BackboneMesh) -> float:
 
 
 class RobotUnknowns(NamedTuple):
-    """Positions of one robot's unknowns.
+    """Positions of one robot's unknowns."""
 
-    Attributes
-    ----------
-    robot : int
-        Its number.
-    nodes : slice
-        Body-frame increments of its nodes.
-    driven : ndarray of int
-        Its tendons whose displacement is prescribed.
-    tensions : slice
-        Their tensions at the base.
-    frictional : ndarray of bool, shape (m, g)
-        Which of its mobilisations are unknowns.
-    mobilisations : slice
-        Where these are.
-    adhesive : ndarray of bool, shape (m,)
-        Whose holes have adhesion, which may hold them under tension while they are slack at the base.
-    """
-
-    robot: int
-    nodes: slice
-    driven: NDArray[np.int_]
-    tensions: slice
-    frictional: NDArray[np.bool_]
-    mobilisations: slice
+    robot: int  # Its number
+    nodes: slice  # Body-frame increments of its nodes
+    driven: NDArray[np.int_]  # Its tendons whose displacement is prescribed
+    tensions: slice  # Their tensions at the base
+    frictional: NDArray[np.bool_]  # (m, g): Which of its mobilisations are unknowns
+    mobilisations: slice  # Where these are
+    # (m,): Whose holes have adhesion, which may hold them under tension while they are slack at the base
     adhesive: NDArray[np.bool_]
 
     @property
@@ -174,23 +145,12 @@ class RobotUnknowns(NamedTuple):
 
 
 class Numbering(NamedTuple):
-    """Order of all unknowns of a scene.
-
-    Attributes
-    ----------
-    robots : tuple of RobotUnknowns
-    reduced : int
-        Unknowns of the reduced scene.
-    linear : int
-        Unknowns that equilibrium is linear in at fixed friction: the former and the tensions.
-    total : int
-        All, mobilisations included.
-    """
+    """Order of all unknowns of a scene."""
 
     robots: tuple[RobotUnknowns, ...]
-    reduced: int
-    linear: int
-    total: int
+    reduced: int  # Unknowns of the reduced scene
+    linear: int  # Unknowns that equilibrium is linear in at fixed friction: the former and the tensions
+    total: int  # All, mobilisations included
 
     @classmethod
     def of(cls, robots: Sequence[TendonActuation], nodes: Sequence[slice], reduced: int) -> Numbering:
@@ -288,41 +248,25 @@ def zero_bases(rows: Array, clamped: Sequence[slice]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class SceneLayout:
-    """Map from the unknowns of Exudyn's scene to those of the solver.
+    """Map from the unknowns of Exudyn's scene to those of the solver."""
 
-    Attributes
-    ----------
-    clamps : dict
-        By robot whose base is clamped to ground, the numbers of the joint's multipliers.
-    reduction : BodyFrameReduction
-    space : ConfigurationSpace
-    clamped : tuple of slice
-        Unknowns of the clamped bases, in the order of ``clamps``.
-    scales : ResidualScales
-    turning : tuple of int
-        Numbers of the loads that change with the configuration of the node they act on.
-    user_loads : bool
-        Whether functions of the user may change loads while a load step is solved.
-    no_others : bool
-        Whether no objects but the robots resist motion.
-    band : BandLayout or None
-        Order of the unknowns of a banded tangent, where it is that of one robot alone and is faster than a full one.
-    buckling : tuple of ndarray, shape (E,)
-        By robot, shortening of every element at which its bay buckles [m].
-    numberings : dict of Numbering
-        Those computed so far, by which tendons are driven by displacement.
-    """
-
+    # By robot whose base is clamped to ground, the numbers of the joint's multipliers
     clamps: dict[int, NDArray[np.int_]]
     reduction: BodyFrameReduction
     space: ConfigurationSpace
-    clamped: tuple[slice, ...]
+    clamped: tuple[slice, ...]  # Unknowns of the clamped bases, in the order of ``clamps``
     scales: ResidualScales
-    turning: tuple[int, ...]
-    user_loads: bool
-    no_others: bool
+    turning: tuple[
+        int, ...
+    ]  # Numbers of the loads that change with the configuration of the node they act on
+    user_loads: bool  # Whether functions of the user may change loads while a load step is solved
+    no_others: bool  # Whether no objects but the robots resist motion
+    # Order of the unknowns of a banded tangent, where it is that of one robot alone and is faster than a full
+    # one
     band: BandLayout | None
+    # (E,): By robot, shortening of every element at which its bay buckles [m]
     buckling: tuple[NDArray[np.float64], ...]
+    # Those computed so far, by which tendons are driven by displacement
     numberings: dict[tuple[bytes, ...], Numbering] = field(default_factory=dict)
 
     @classmethod

@@ -34,16 +34,9 @@ class Factors(Protocol):
 
 
 class DenseFactors(NamedTuple):
-    """LU factors of a full matrix.
+    """LU factors of a full matrix."""
 
-    Attributes
-    ----------
-    lu : ndarray
-        Of the transposed matrix.
-    pivots : ndarray of int
-    """
-
-    lu: Array
+    lu: Array  # Of the transposed matrix
     pivots: NDArray[np.int_]
 
     @classmethod
@@ -78,28 +71,16 @@ class BorderedFactors(NamedTuple):
 
     The matrix is ``[[K, C], [R, D]]``. The rows of slack tendons are those of the identity, so another set of slack
     tendons takes the factors of a small matrix only.
-
-    Attributes
-    ----------
-    inner : Factors
-        Of ``K``, at fixed tensions.
-    columns : ndarray, shape (n, k)
-        ``K^-1 C``.
-    rows : ndarray, shape (k, n)
-        ``R``: change of the displacements at the base [m].
-    schur : ndarray, shape (k, k)
-        ``D - R K^-1 C``: change of these displacements by the tensions, with the robot in equilibrium [m/N].
-    slack : ndarray of bool, shape (k,)
-    border : DenseFactors
-        Of ``schur`` with the rows of slack tendons replaced.
     """
 
-    inner: Factors
-    columns: Array
-    rows: Array
+    inner: Factors  # Of ``K``, at fixed tensions
+    columns: Array  # (n, k): ``K^-1 C``
+    rows: Array  # (k, n): ``R``: change of the displacements at the base [m]
+    # (k, k): ``D - R K^-1 C``: change of these displacements by the tensions, with the robot in equilibrium
+    # [m/N]
     schur: Array
-    slack: Flags
-    border: DenseFactors
+    slack: Flags  # (k,)
+    border: DenseFactors  # Of ``schur`` with the rows of slack tendons replaced
 
     @classmethod
     def of(cls, inner: Factors, columns: Array, rows: Array, own: Array, slack: Flags) -> BorderedFactors:
@@ -152,22 +133,12 @@ def _border(schur: Array, slack: Flags) -> DenseFactors:
 
 
 class SolvedStep(NamedTuple):
-    """A solved step in which nothing but the inputs of tendons changed, and friction kept its state.
+    """A solved step in which nothing but the inputs of tendons changed, and friction kept its state."""
 
-    Attributes
-    ----------
-    loading : ndarray
-        Change of the inputs of all tendons [N, m].
-    start, end : ndarray
-        Unknowns at its ends, see `unknowns`.
-    slope : ndarray or None
-        Their derivative at its start, times its length; None where it is unknown.
-    """
-
-    loading: Array
-    start: Array
-    end: Array
-    slope: Array | None
+    loading: Array  # Change of the inputs of all tendons [N, m]
+    start: Array  # Unknowns at its ends, see `unknowns`
+    end: Array  # as `start`
+    slope: Array | None  # Their derivative at its start, times its length; None where it is unknown
 
     @classmethod
     def of(
@@ -244,27 +215,13 @@ def _friction_kept(before: SolverState, after: SolverState) -> bool:
 
 
 class Linearization(NamedTuple):
-    """Equilibrium at fixed friction, linearised and factorised.
+    """Equilibrium at fixed friction, linearised and factorised."""
 
-    Attributes
-    ----------
-    factorisation : Factors
-        Of the tangent; `BorderedFactors` where any tendon has a prescribed displacement.
-    chains : tuple of ElementChain
-        The elements in whose frames its steps are.
-    numbering : Numbering
-        Of the unknowns.
-    forces : tuple of TendonForces
-        By robot, where it was linearised.
-    solved : SolvedStep or None
-        The step that ended here, where the next one may be predicted from it.
-    """
-
-    factorisation: Factors
-    chains: tuple[ElementChain, ...]
-    numbering: Numbering
-    forces: tuple[TendonForces, ...]
-    solved: SolvedStep | None = None
+    factorisation: Factors  # Of the tangent; `BorderedFactors` where any tendon has a prescribed displacement
+    chains: tuple[ElementChain, ...]  # The elements in whose frames its steps are
+    numbering: Numbering  # Of the unknowns
+    forces: tuple[TendonForces, ...]  # By robot, where it was linearised
+    solved: SolvedStep | None = None  # The step that ended here, where the next one may be predicted from it
 
     @property
     def slack(self) -> tuple[Flags, ...]:

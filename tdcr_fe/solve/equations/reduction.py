@@ -22,19 +22,11 @@ Index = NDArray[np.int_]
 
 
 class RowBlocks(NamedTuple):
-    """Where the blocks of nodes one after the other lie among all blocks.
+    """Where the blocks of nodes one after the other lie among all blocks."""
 
-    Attributes
-    ----------
-    itself : slice or ndarray of int, N
-        Of every node by itself.
-    after, before : slice or ndarray of int, N-1
-        Of every node by the next one in the row, of the next one by it.
-    """
-
-    itself: slice | Index
-    after: slice | Index
-    before: slice | Index
+    itself: slice | Index  # Of every node by itself
+    after: slice | Index  # Of every node by the next one in the row, of the next one by it
+    before: slice | Index  # as `after`
 
     @classmethod
     def of(cls, number: Index, nodes: Index) -> RowBlocks:
@@ -53,78 +45,39 @@ def _add(blocks: Array, which: slice | Index, change: Array) -> None:
 
 
 class RobotNodes(NamedTuple):
-    """Numbers of one robot's nodes among all beam nodes.
+    """Numbers of one robot's nodes among all beam nodes."""
 
-    Attributes
-    ----------
-    backbone : ndarray of int
-        All, base first.
-    holes : ndarray of int
-        Those with holes through which tendons run.
-    """
-
-    backbone: Index
-    holes: Index
+    backbone: Index  # All, base first
+    holes: Index  # Those with holes through which tendons run
 
 
 class RobotBlocks(NamedTuple):
-    """Blocks of one robot.
+    """Blocks of one robot."""
 
-    Attributes
-    ----------
-    backbone : RowBlocks
-        Of all its nodes.
-    holes : RowBlocks
-        Of those with holes.
-    """
-
-    backbone: RowBlocks
-    holes: RowBlocks
+    backbone: RowBlocks  # Of all its nodes
+    holes: RowBlocks  # Of those with holes
 
 
 @dataclass(frozen=True, eq=False)
 class BlockPattern:
-    """Which beam nodes are coupled, and where their blocks lie.
+    """Which beam nodes are coupled, and where their blocks lie."""
 
-    Attributes
-    ----------
-    pairs : ndarray of bool, shape (N, N)
-        Which nodes are coupled.
-    first, second : ndarray of int, shape (P,)
-        The coupled pairs.
-    source : ndarray of int, shape (P, 7, 7)
-        Of their blocks in Exudyn's matrix, flat.
-    row, column : ndarray of int
-        Of the entries of their blocks in the reduced matrix.
-    outside : ndarray of int
-        Entries of Exudyn's matrix between nodes that are not coupled, flat.
-    robots : tuple of RobotBlocks
-    """
-
-    pairs: NDArray[np.bool_]
-    first: Index
-    second: Index
-    source: Index
-    row: Index
-    column: Index
-    outside: Index
+    pairs: NDArray[np.bool_]  # (N, N): Which nodes are coupled
+    first: Index  # (P,): The coupled pairs
+    second: Index  # as `first`
+    source: Index  # (P, 7, 7): Of their blocks in Exudyn's matrix, flat
+    row: Index  # Of the entries of their blocks in the reduced matrix
+    column: Index  # as `row`
+    outside: Index  # Entries of Exudyn's matrix between nodes that are not coupled, flat
     robots: tuple[RobotBlocks, ...]
 
 
 class SceneTangent(NamedTuple):
-    """Exudyn's Jacobian by body-frame increments of the beam nodes, the coupled blocks only.
-
-    Attributes
-    ----------
-    pattern : BlockPattern
-    blocks : ndarray, shape (P, 6, 6)
-        By coupled pair of beam nodes.
-    others : tuple of ndarray, or None
-        Beam nodes by the rest, the rest by beam nodes, the rest by itself; None where there is nothing else.
-    """
+    """Exudyn's Jacobian by body-frame increments of the beam nodes, the coupled blocks only."""
 
     pattern: BlockPattern
-    blocks: Array
+    blocks: Array  # (P, 6, 6): By coupled pair of beam nodes
+    # Beam nodes by the rest, the rest by beam nodes, the rest by itself; None where there is nothing else
     others: tuple[Array, Array, Array] | None
 
     def add(self, row: RowBlocks, stiffness: NodeStiffness) -> None:

@@ -29,26 +29,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """A robot as arrays.
-
-    Attributes
-    ----------
-    robot : Robot
-    model : Model
-        Descriptions it was made from.
-    forces : ForceModel
-        Mesh, tendons, laws and section forces.
-    rigid : ndarray of bool, shape (E,)
-        Which elements are rigid inserts.
-    weight : ndarray, shape (N, 3)
-        Weight on every node, world axes [N].
-    """
+    """A robot as arrays."""
 
     robot: Robot
-    model: Model
-    forces: ForceModel
-    rigid: NDArray[np.bool_]
-    weight: Array
+    model: Model  # Descriptions it was made from
+    forces: ForceModel  # Mesh, tendons, laws and section forces
+    rigid: NDArray[np.bool_]  # (E,): Which elements are rigid inserts
+    weight: Array  # (N, 3): Weight on every node, world axes [N]
 
     @classmethod
     def of(
@@ -132,33 +119,16 @@ def _same_holes(similar: RobotModel, robot: Robot, model: Model) -> bool:
 
 
 class RobotPoint(NamedTuple):
-    """Where the equations of a robot are evaluated.
+    """Where the equations of a robot are evaluated."""
 
-    Attributes
-    ----------
-    positions, rotations : ndarray
-        Of the nodes, the latter in beam axes, shapes (N, 3) and (N, 3, 3).
-    twists : ndarray, shape (E, 6)
-        Of the elements.
-    strain_matrices : ndarray, shape (E, 6, 12)
-        See `tdcr_fe.elements.backbone.strain_matrices`.
-    base_tension : ndarray, shape (m,)
-        [N].
-    mobilisation : ndarray, shape (m, g)
-    history : FrictionState
-        At the beginning of the increment.
-    time : float
-        [s].
-    """
-
-    positions: Array
-    rotations: Array
-    twists: Array
-    strain_matrices: Array
-    base_tension: Array
-    mobilisation: Array
-    history: FrictionState
-    time: float
+    positions: Array  # Of the nodes, the latter in beam axes, shapes (N, 3) and (N, 3, 3)
+    rotations: Array  # as `positions`
+    twists: Array  # (E, 6): Of the elements
+    strain_matrices: Array  # (E, 6, 12): See `tdcr_fe.elements.backbone.strain_matrices`
+    base_tension: Array  # (m,): [N]
+    mobilisation: Array  # (m, g)
+    history: FrictionState  # At the beginning of the increment
+    time: float  # [s]
 
     @classmethod
     def of(

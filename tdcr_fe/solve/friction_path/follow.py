@@ -1,17 +1,16 @@
 """The friction path through a substep: rates are integrated from event to event.
 
-Rates are integrated, so that complements that should be constant drift by the errors of the pieces. Wherever the slips
-are evaluated anew, one Newton step on the free unknowns takes the drift away (the projection of a constrained
-integration; E. Hairer, G. Wanner, Solving Ordinary Differential Equations II (1996), sec. VII.2).
-
 A mobilisation is an elastic-plastic function of the slip at its hole. A substep solved as a whole is exact where every
 slip is monotone: changes from stick to slip cost nothing. Only a slip that reverses within the substep makes the result
 depend on how it was reached: the mobilisation then counts from the slip where it reversed, not from that at the start.
 
-The slips are known as functions of load factor, mobilisations and tensions at the base (`slip_model`). Their rates are
-integrated piece by piece. A piece ends at an event: a hole begins to slip, its slip reverses, a tendon driven by
-displacement becomes slack or taut; or where the rates are no longer linear. Documentation: page "Theory", section
-"Finding reversals", which also has a table of what the constants below change.
+The slips are known as functions of load factor, mobilisations and tensions at the base (`InterpolatedSlips`). Their
+rates are integrated segment by segment. A path segment ends at an event: a hole begins to slip, its slip reverses, a
+tendon driven by displacement becomes slack or taut; or where the rates are no longer linear. Complements that should be
+constant drift by the errors of the path segments. Wherever the slips are evaluated anew, one Newton step on the free
+unknowns takes the drift away (the projection of a constrained integration; E. Hairer, G. Wanner, Solving Ordinary
+Differential Equations II (1996), sec. VII.2). Documentation: page "Theory", section "Finding reversals", which also has
+a table of what the constants below change.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ from tdcr_fe.compiled import compilable, compiled_as, is_compiled, run_compiled
 from tdcr_fe.elements.complementarity import largest, largest_magnitude, smallest
 from tdcr_fe.solve.friction_path.path import (
     FrictionPath,
-    Piece,
-    Pieces,
-    end_of_piece,
-    room_for_pieces,
-    set_piece,
+    PathSegment,
+    PathSegments,
+    empty_path,
+    end_of_segment,
+    set_segment,
 )
 from tdcr_fe.solve.friction_path.rates import (
     Bounds,
@@ -46,7 +45,7 @@ from tdcr_fe.solve.friction_path.rates import (
     extrapolated,
     factorised,
     fixed_by_slack,
-    left_regimes,
+    left_branch,
     linear_rates,
     sides,
     solve_rates,
@@ -61,79 +60,61 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Index = NDArray[np.int_]
 
-#: Longest piece, over which rates are taken as linear in the load factor; and the longest where the cubes of the load
-#: factor in the slips are below `OVERSHOOT` of the presliding distance [1].
-LONGEST_PIECE, LONGEST_SMOOTH_PIECE = 0.12, 0.5
+#: Longest path segment, over which rates are taken as linear in the load factor; and the longest where the cubes of the
+#: load factor in the slips are below `OVERSHOOT` of the presliding distance [1].
+LONGEST_SEGMENT, LONGEST_SMOOTH_SEGMENT = 0.12, 0.5
 #: Where the next event is nearer than this, rates are taken as constant up to it [1].
-CONSTANT_RATES_PIECE = 0.02
+CONSTANT_RATES_SEGMENT = 0.02
 #: Derivatives of the slips are used again up to this change of the tensions, over the largest [1], and up to a change
-#: of the load factor of `CONSTANT_RATES_PIECE`.
+#: of the load factor of `CONSTANT_RATES_SEGMENT`.
 REUSED_TENSION_CHANGE = 0.02
 #: Fraction of these two limits within which derivatives may still show that a slip reverses [1]. With all of them, the
 #: largest error of twenty random robots was twice as large (documentation, page "Theory").
 REUSED_FOR_REVERSAL = 0.25
-#: Shortest piece: events nearer to each other are taken one after the other over it [1].
-SHORTEST_PIECE = 1e-5
-#: Derivatives of the rates are differences over this fraction of the longest piece, or over the piece in which a
-#: mobilisation changes by so much, if that is shorter [1].
-SLOPE_PIECE, SLOPE_CHANGE = 0.5, 0.5
+#: Shortest path segment: events nearer to each other are taken one after the other over it [1].
+SHORTEST_SEGMENT = 1e-5
+#: Derivatives of the rates are differences over this fraction of the longest path segment, or over that in which a
+#: mobilisation changes by so much, if it is shorter [1].
+SLOPE_SEGMENT, SLOPE_CHANGE = 0.5, 0.5
 #: Slip beyond a reversal that was not foreseen, over the presliding distance, which is left as it is; where it is more,
-#: the piece is shortened [1].
+#: the path segment is shortened [1].
 OVERSHOOT = 1e-4
-#: By which fraction of itself a piece is shortened at most at once [1], and how often in succession.
+#: By which fraction of itself a path segment is shortened at most at once [1], and how often in succession.
 MOST_SHORTENED, MOST_SHORTENINGS = 0.75, 4
 #: Round-off of load factors [1].
 ROUND_OFF = 1e-12
 
 
-class Unclipped(NamedTuple):
-    """Unknowns inside their bounds at the end of a piece, as they would be without the bounds.
+class FreeUnknowns(NamedTuple):
+    """Unknowns inside their bounds at the end of a path segment, as they would be without the bounds."""
 
-    Attributes
-    ----------
-    which : ndarray of int, shape (f,)
-        Their numbers.
-    values : ndarray, shape (f,)
-        [1, N].
-    """
-
-    which: Index
-    values: Array
+    which: Index  # (f,): Their numbers
+    values: Array  # (f,): [1, N]
 
 
-class Constancy(NamedTuple):
-    """The complements that stay constant along a path; the arrays are changed on the way.
+class Constraints(NamedTuple):
+    """The complements that stay constant along a path; the arrays are changed on the way."""
 
-    Attributes
-    ----------
-    free : ndarray of bool, shape (n,)
-        Unknowns inside their bounds.
-    complement : ndarray, shape (n,)
-        What their complements are to be [m].
-    at_bound : ndarray of bool, shape (n,)
-        Which of them were at a bound before the last correction.
-    """
-
-    free: Flags
-    complement: Array
-    at_bound: Flags
+    free: Flags  # (n,): Unknowns inside their bounds
+    complement: Array  # (n,): What their complements are to be [m]
+    at_bound: Flags  # (n,): Which of them were at a bound before the last correction
 
 
 @compilable
-def none_unclipped() -> Unclipped:
+def no_free_unknowns() -> FreeUnknowns:
     """No unknowns inside their bounds."""
-    return Unclipped(np.zeros(0, dtype=np.int64), np.zeros(0))
+    return FreeUnknowns(np.zeros(0, dtype=np.int64), np.zeros(0))
 
 
 @compilable
-def nothing_constant(count: int) -> Constancy:
+def no_constraints(count: int) -> Constraints:
     """At the start of a path with so many unknowns."""
-    return Constancy(np.zeros(count, dtype=np.bool_), np.zeros(count), np.zeros(count, dtype=np.bool_))
+    return Constraints(np.zeros(count, dtype=np.bool_), np.zeros(count), np.zeros(count, dtype=np.bool_))
 
 
 @compilable
-def fraction_inside(unclipped: Unclipped, start: Array, bounds: Bounds) -> float:
-    """Fraction of a piece over which unknowns that begin it at given values are inside their bounds [1]."""
+def fraction_inside(unclipped: FreeUnknowns, start: Array, bounds: Bounds) -> float:
+    """Fraction of a path segment over which unknowns that begin it at given values are inside their bounds [1]."""
     which = unclipped.which
     if not which.size:
         return 1.0
@@ -143,20 +124,22 @@ def fraction_inside(unclipped: Unclipped, start: Array, bounds: Bounds) -> float
 
 
 @compilable
-def set_free(kept: Constancy, free: Flags, z: Array, state: SlipState, unknowns: PathUnknowns) -> None:
+def set_free(
+    constraints: Constraints, free: Flags, z: Array, state: SlipState, unknowns: PathUnknowns
+) -> None:
     """From a state on, the complements of these unknowns are constant: those newly free keep the present value."""
-    new = (free & ~kept.free).nonzero()[0]
+    new = (free & ~constraints.free).nonzero()[0]
     if new.size:
-        kept.complement[new] = state.slip[new] - state.derivatives.elastic_slip[new] * z[new]
+        constraints.complement[new] = state.slip[new] - state.derivatives.elastic_slip[new] * z[new]
         # A tendon under tension has no slack.
-        kept.complement[unknowns.holes :] = 0.0
-    kept.free[:] = free
+        constraints.complement[unknowns.holes :] = 0.0
+    constraints.free[:] = free
 
 
 @compilable
-def drift_corrected(
-    kept: Constancy, z: Array, state: SlipState, unknowns: PathUnknowns
-) -> tuple[Array, SlipState, Unclipped]:
+def projected(
+    constraints: Constraints, z: Array, state: SlipState, unknowns: PathUnknowns
+) -> tuple[Array, SlipState, FreeUnknowns]:
     """Unknowns without drift.
 
     A free unknown that came to its bound too early is moved back once only: else its way there might never end.
@@ -180,17 +163,17 @@ def drift_corrected(
     unclipped : Unclipped
         What the free unknowns would be without bounds.
     """
-    free = kept.free.nonzero()[0]
+    free = constraints.free.nonzero()[0]
     if not free.size:
-        return z, state, none_unclipped()
+        return z, state, no_free_unknowns()
     here, bounds = z[free], unknowns.bounds
-    drift = state.slip[free] - state.derivatives.elastic_slip[free] * here - kept.complement[free]
+    drift = state.slip[free] - state.derivatives.elastic_slip[free] * here - constraints.complement[free]
     columns = columns_of(state.derivatives, free)
     change = solved_transposed(factorised(some_columns(columns, free)), drift)
-    unclipped = Unclipped(free, here + change)
+    unclipped = FreeUnknowns(free, here + change)
     at_bound = sides(bounds, z)[free] != 0.0
-    change = np.where(at_bound & kept.at_bound[free], 0.0, change)
-    kept.at_bound[free] = at_bound
+    change = np.where(at_bound & constraints.at_bound[free], 0.0, change)
+    constraints.at_bound[free] = at_bound
     moved = np.minimum(np.maximum(here + change, bounds.lower[free]), bounds.upper[free])
     new = z.copy()
     new[free] = moved
@@ -224,11 +207,11 @@ class Slips(Protocol):
         """Slips and derivatives at a load factor, unknowns, and about these tensions of the segments."""
         ...
 
-    def regimes(self, z: Array, tension: Array) -> Flags:
+    def branches(self, z: Array, tension: Array) -> Flags:
         """Flags that change where the derivatives of the tensions jump; none where they never do."""
         ...
 
-    def distance_to_regime_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
         """Load factor from here to where these flags change at constant rates [1]."""
         ...
 
@@ -240,21 +223,11 @@ class Slips(Protocol):
 
 
 class _Evaluation(NamedTuple):
-    """Where the derivatives of the slips were evaluated.
+    """Where the derivatives of the slips were evaluated."""
 
-    Attributes
-    ----------
-    factor : float
-        Load factor [1].
-    tension : ndarray, shape (q,)
-        Of the segments [N].
-    largest : float
-        Largest tension [N].
-    """
-
-    factor: float
-    tension: Array
-    largest: float
+    factor: float  # Load factor [1]
+    tension: Array  # (q,): Of the segments [N]
+    largest: float  # Largest tension [N]
 
 
 class _LastReversals(NamedTuple):
@@ -281,60 +254,32 @@ def follow_friction(slips: Slips, mobilisation: Array, base_tension: Array, tens
     """
     unknowns = PathUnknowns.of(slips.presliding, len(mobilisation), base_tension, tension)
     z = np.append(mobilisation, base_tension)
-    given = slips, unknowns, z, tension, slips.breakpoints, _longest_piece(slips)
+    given = slips, unknowns, z, tension, slips.breakpoints, _longest_segment(slips)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         fast = slips.compilable and is_compiled()
         found = run_compiled(_integrated, *given) if fast else _integrated(*given)
-    end, last, pieces, count, complete = found
+    end, last, path, count, complete = found
     return FrictionPath(
-        end, last.slip, last.mobilisation, last.factor, complete, pieces.first(count), unknowns.bounds
+        end, last.slip, last.mobilisation, last.factor, complete, path.first(count), unknowns.bounds
     )
 
 
 def _integrated(
     slips: Slips, unknowns: PathUnknowns, z: Array, tension: Array, breakpoints: Array, longest: float
-) -> tuple[Array, _LastReversals, Pieces, int, bool]:
-    """Integrate the friction states.
-
-    Parameters
-    ----------
-    slips
-        In the substep.
-    unknowns
-        What is known of the unknowns.
-    z
-        The unknowns at its start, shape (n,).
-    tension
-        Of the segments there [N], shape (q,).
-    breakpoints
-        See `Slips`.
-    longest
-        Longest piece [1].
-
-    Returns
-    -------
-    unknowns : ndarray, shape (n,)
-        At the end.
-    reversals : _LastReversals
-    pieces : Pieces
-        With room for more.
-    count : int
-        Number of pieces.
-    complete : bool
-        Whether the end of the substep was reached.
-    """
+) -> tuple[Array, _LastReversals, PathSegments, int, bool]:
+    """Integrate the friction states."""
     holes, most, factor, count, passed = unknowns.holes, 50 + 6 * len(z), 0.0, 0, 0
-    pieces, kept = room_for_pieces(most, len(z), len(tension)), nothing_constant(len(z))
+    path, constraints = empty_path(most, len(z), len(tension)), no_constraints(len(z))
     last = _LastReversals(np.zeros(holes), z[:holes].copy(), np.zeros(holes))
     state = evaluated(slips, factor, z, tension)
-    tension, start_slip, unclipped = state.tension, state.slip, none_unclipped()
+    tension, start_slip, unclipped = state.tension, state.slip, no_free_unknowns()
     evaluation, known, shortenings = _Evaluation(factor, tension, largest(tension)), True, 0
     for _ in range(most):
         if not known:
             state = evaluated(slips, factor, z, tension)
             tension, known = state.tension, True
             evaluation = _Evaluation(factor, tension, largest(tension))
-            z, state, unclipped = drift_corrected(kept, z, state, unknowns)
+            z, state, unclipped = projected(constraints, z, state, unknowns)
         side, slack = sides(unknowns.bounds, z), np.maximum(-state.slip[holes:], 0.0)
         fixed = fixed_by_slack(unknowns, slack)
         rates = solve_rates(state.derivatives, side, fixed, unknowns.scale, unknowns.tolerance)
@@ -346,50 +291,50 @@ def _integrated(
             continue
         if turned.size and count > 0 and shortenings < MOST_SHORTENINGS:
             # Slips that reverse here may have done so before.
-            fraction = _fraction_before_reversal(state, pieces, count - 1, turned, side, unclipped, unknowns)
+            fraction = _fraction_before_reversal(state, path, count - 1, turned, side, unclipped, unknowns)
             if fraction < 1.0:
-                pieces.length[count - 1] *= fraction
-                factor, z, tension = end_of_piece(pieces, count - 1, unknowns.bounds)
+                path.length[count - 1] *= fraction
+                factor, z, tension = end_of_segment(path, count - 1, unknowns.bounds)
                 known, shortenings = False, shortenings + 1
                 continue
         if turned.size:
             last.slip[turned], last.mobilisation[turned] = (state.slip - start_slip)[turned], side[turned]
             last.factor[turned] = factor
         shortenings = 0
-        set_free(kept, rates.side == 0.0, z, state, unknowns)
+        set_free(constraints, rates.side == 0.0, z, state, unknowns)
         if factor >= breakpoints[passed] - ROUND_OFF:
             passed += 1
             if passed == len(breakpoints):
-                return z, last, pieces, count, True
+                return z, last, path, count, True
         left = breakpoints[passed] - factor
-        finite, curved, piece = _next_piece(
+        finite, curved, segment = _next_segment(
             slips, unknowns, factor, z, state, rates, slack, min(left, longest)
         )
         if not finite:
             break
-        set_piece(pieces, count, piece)
-        factor, z, tension = end_of_piece(pieces, count, unknowns.bounds)
+        set_segment(path, count, segment)
+        factor, z, tension = end_of_segment(path, count, unknowns.bounds)
         count += 1
         reused = not curved and factor < breakpoints[passed] - ROUND_OFF
         known = reused and _is_near(evaluation, factor, tension, 1.0)
-        known = known and not left_regimes(state.derivatives, regimes_of(slips, z, tension))
+        known = known and not left_branch(state.derivatives, branches_of(slips, z, tension))
         if known:
-            state = extrapolated(state, piece.length, tension, rates.rate, rates.complement)
-            unclipped = none_unclipped()
-    return z, last, pieces, count, False
+            state = extrapolated(state, segment.length, tension, rates.rate, rates.complement)
+            unclipped = no_free_unknowns()
+    return z, last, path, count, False
 
 
 @compilable
 def _is_near(evaluation: _Evaluation, factor: float, tension: Array, fraction: float) -> bool:
     """Whether another load factor and other tensions are within a fraction of the limits of reuse."""
-    if factor - evaluation.factor > fraction * CONSTANT_RATES_PIECE:
+    if factor - evaluation.factor > fraction * CONSTANT_RATES_SEGMENT:
         return False
     limit = fraction * REUSED_TENSION_CHANGE * evaluation.largest
     return bool(largest_magnitude(tension - evaluation.tension) <= limit)
 
 
 @compilable
-def _next_piece(
+def _next_segment(
     slips: Slips,
     unknowns: PathUnknowns,
     factor: float,
@@ -398,23 +343,11 @@ def _next_piece(
     rates: Rates,
     slack: Array,
     longest: float,
-) -> tuple[bool, bool, Piece]:
-    """Whether numbers are finite, whether rates change within the piece, and the piece up to the next event.
-
-    Parameters
-    ----------
-    slips, unknowns
-        As of `_integrated`.
-    factor, z, state, rates
-        Here.
-    slack
-        Of the tendons driven by displacement [m], shape (c,).
-    longest
-        Longest piece: up to the next breakpoint at most [1].
-    """
+) -> tuple[bool, bool, PathSegment]:
+    """Whether numbers are finite, whether rates change within the path segment, and that up to the next event."""
     holes, bounds, free = unknowns.holes, unknowns.bounds, rates.free
     event = distance_to_bound(rates, z, bounds)
-    curved, finite, linear = event > CONSTANT_RATES_PIECE, True, constant_rates(rates)
+    curved, finite, linear = event > CONSTANT_RATES_SEGMENT, True, constant_rates(rates)
     tension_rate = state.derivatives.tension_by_load
     if free.size:
         tension_rate = tension_rate + rates.rate[free].dot(tension_columns(state.derivatives, free))
@@ -425,12 +358,12 @@ def _next_piece(
             event = distance_to_curved_bound(linear, free, z, bounds)
             event = min(event, distance_to_reversal(linear, unknowns.tolerance, holes))
         else:
-            longest = min(longest, CONSTANT_RATES_PIECE)
+            longest = min(longest, CONSTANT_RATES_SEGMENT)
     if slack.size:
         event = min(event, distance_to_tautness(linear, slack, holes))
-    event = min(event, distance_to_regime_change(slips, z, linear.rate, state.tension, tension_rate))
-    length = min(longest, max(SHORTEST_PIECE, event))
-    return finite, curved, Piece(factor, length, z, linear, state.tension, tension_rate)
+    event = min(event, distance_to_branch_change(slips, z, linear.rate, state.tension, tension_rate))
+    length = min(longest, max(SHORTEST_SEGMENT, event))
+    return finite, curved, PathSegment(factor, length, z, linear, state.tension, tension_rate)
 
 
 @compilable
@@ -446,10 +379,10 @@ def _slope(
 ) -> tuple[bool, Array]:
     """Derivative by the load factor of the rates of the complements at constant rates of the unknowns [m].
 
-    And before it, whether there is one: not where the rates jump. Parameters are those of `_next_piece`.
+    And before it, whether there is one: not where the rates jump. Parameters are those of `_next_segment`.
     """
     fastest = largest_magnitude(rates.rate[:holes])
-    length = min(SLOPE_PIECE * LONGEST_PIECE, longest, SLOPE_CHANGE / max(fastest, SLOPE_CHANGE))
+    length = min(SLOPE_SEGMENT * LONGEST_SEGMENT, longest, SLOPE_CHANGE / max(fastest, SLOPE_CHANGE))
     there, tension = z + length * rates.rate, state.tension + length * tension_rate
     smooth, ahead = complement_rates_of(slips, factor + length, there, tension, rates.rate, state)
     return smooth, (ahead - rates.complement) / length
@@ -458,57 +391,42 @@ def _slope(
 @compilable
 def _fraction_before_reversal(
     state: SlipState,
-    pieces: Pieces,
+    path: PathSegments,
     i: int,
     turned: Index,
     side: Array,
-    unclipped: Unclipped,
+    unclipped: FreeUnknowns,
     unknowns: PathUnknowns,
 ) -> float:
-    """Fraction of a piece over which slips kept their direction [1].
+    """Fraction of a path segment over which slips kept their direction [1].
 
     1 where the slip after their reversals makes no difference. Rates are taken as linear between those at both ends
-    of the piece. Slips also reverse where a free unknown of another hole comes to its bound within the piece.
-
-    Parameters
-    ----------
-    state
-        At the end of the piece.
-    pieces, i
-        The pieces, and the number of the one.
-    turned
-        Holes whose slips reverse at its end, shape (t,).
-    side
-        At which bounds the unknowns are there, shape (n,).
-    unclipped
-        The unknowns there as they would be without bounds; none where slips were not evaluated there.
-    unknowns
-        What is known of the unknowns.
+    of the path segment. Slips also reverse where a free unknown of another hole comes to its bound within it.
     """
-    length, negligible = pieces.length[i], OVERSHOOT * unknowns.presliding
+    length, negligible = path.length[i], OVERSHOOT * unknowns.presliding
     # The rates just before its end, where nothing had turned or come to a bound.
-    free, rate = (pieces.rates.side[i] == 0.0).nonzero()[0], state.derivatives.by_load
+    free, rate = (path.rates.side[i] == 0.0).nonzero()[0], state.derivatives.by_load
     if free.size:
         columns = columns_of(state.derivatives, free)
         of_free = solved_transposed(factorised(some_columns(columns, free)), rate[free])
         rate = rate - of_free.dot(columns)
-    complement, direction = pieces.rates.complement[i][turned], side[turned]
+    complement, direction = path.rates.complement[i][turned], side[turned]
     before = np.maximum(direction * complement, 0.0)
     after = np.maximum(-direction * rate[turned], 0.0)
     passed = after / np.maximum(before + after, 1e-300)
     # Unknowns that only came to their bound at the end have no rate before it.
-    matters = (0.5 * after * passed * length > negligible) & (pieces.rates.side[i][turned] != 0.0)
+    matters = (0.5 * after * passed * length > negligible) & (path.rates.side[i][turned] != 0.0)
     fraction = 1.0 - largest(np.where(matters, passed, 0.0))
-    inside = fraction_inside(unclipped, pieces.unknowns[i], unknowns.bounds)
+    inside = fraction_inside(unclipped, path.unknowns[i], unknowns.bounds)
     if (1.0 - inside) * length * largest_magnitude(complement) > negligible:
         fraction = min(fraction, inside)
     return max(fraction, 1.0 - MOST_SHORTENED)
 
 
-def _longest_piece(slips: Slips) -> float:
+def _longest_segment(slips: Slips) -> float:
     """Largest part of a substep over which slip rates are taken as linear in the load factor [1]."""
     smooth = float(np.cbrt(OVERSHOOT * slips.presliding / max(slips.cubic_coefficient, 1e-300)))
-    return min(LONGEST_SMOOTH_PIECE, max(LONGEST_PIECE, smooth))
+    return min(LONGEST_SMOOTH_SEGMENT, max(LONGEST_SEGMENT, smooth))
 
 
 # Compiled functions know the interpolated slips, and no others.
@@ -529,14 +447,14 @@ def complement_rates_of(
 
 
 @compiled_as(lambda slips, z, tension: np.zeros(0, dtype=np.bool_))
-def regimes_of(slips: Slips, z: Array, tension: Array) -> Flags:
-    """See `Slips.regimes`."""
-    return slips.regimes(z, tension)
+def branches_of(slips: Slips, z: Array, tension: Array) -> Flags:
+    """See `Slips.branches`."""
+    return slips.branches(z, tension)
 
 
 @compiled_as(lambda slips, z, rate, tension, tension_rate: np.inf)
-def distance_to_regime_change(
+def distance_to_branch_change(
     slips: Slips, z: Array, rate: Array, tension: Array, tension_rate: Array
 ) -> float:
-    """See `Slips.distance_to_regime_change`."""
-    return slips.distance_to_regime_change(z, rate, tension, tension_rate)
+    """See `Slips.distance_to_branch_change`."""
+    return slips.distance_to_branch_change(z, rate, tension, tension_rate)

@@ -1,4 +1,4 @@
-"""The friction states within a substep as a path: pieces over which all rates are linear in the load factor."""
+"""The friction states within a substep as a path: segments over which all rates are linear in the load factor."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tdcr_fe.solve.friction_path.rates import Bounds, LinearRates, bounded
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-#: Places in a piece, its ends included, at which slip rates are compared with their errors.
+#: Places in a path segment, its ends included, at which slip rates are compared with their errors.
 COMPARED_PLACES = 6
 #: The error of a slip rate is taken as a parabola that is zero at both ends of the substep; this much of its scale is
 #: added, so that rates near the ends are compared with something [1].
@@ -22,85 +22,68 @@ RATE_ERROR_AT_ENDS = 1e-2
 FORGETTING_SLIP = 2.0
 
 
-class Piece(NamedTuple):
+class PathSegment(NamedTuple):
     """A part of the substep over which the rates of all unknowns are linear in the load factor.
 
     Unknowns are those of `tdcr_fe.solve.friction_path.rates`; load factors are those within the substep, 0 to 1.
-
-    Attributes
-    ----------
-    start, length : float
-        Load factor where it begins, and by how much it grows in it [1].
-    unknowns : ndarray, shape (n,)
-        Where it begins.
-    rates : LinearRates
-        Their rates and those of their complements.
-    tension, tension_rate : ndarray, shape (q,)
-        Tensions of the segments where it begins, and their derivative by the load factor [N].
     """
 
-    start: float
-    length: float
-    unknowns: Array
-    rates: LinearRates
+    start: float  # Load factor where it begins, and by how much it grows in it [1]
+    length: float  # as `start`
+    unknowns: Array  # (n,): Where it begins
+    rates: LinearRates  # Their rates and those of their complements
+    # (q,): Tensions of the segments where it begins, and their derivative by the load factor [N]
     tension: Array
-    tension_rate: Array
+    tension_rate: Array  # as `tension`
 
 
-class Pieces(NamedTuple):
-    """Several pieces, see `Piece`; their arrays have one row a piece.
+class PathSegments(NamedTuple):
+    """Several path segments, see `PathSegment`; their arrays have one row a path segment."""
 
-    Attributes
-    ----------
-    start, length : ndarray, shape (p,)
-        [1].
-    unknowns : ndarray, shape (p, n)
-    rates : LinearRates
-        With arrays of shape (p, n).
-    tension, tension_rate : ndarray, shape (p, q)
-        [N].
-    """
+    start: Array  # (p,): [1]
+    length: Array  # as `start`
+    unknowns: Array  # (p, n)
+    rates: LinearRates  # With arrays of shape (p, n)
+    tension: Array  # (p, q): [N]
+    tension_rate: Array  # as `tension`
 
-    start: Array
-    length: Array
-    unknowns: Array
-    rates: LinearRates
-    tension: Array
-    tension_rate: Array
-
-    def first(self, count: int) -> Pieces:
+    def first(self, count: int) -> PathSegments:
         """The first ones of them."""
         rates = LinearRates._make(own[:count] for own in self.rates)
         start, length, unknowns = (own[:count] for own in (self.start, self.length, self.unknowns))
-        return Pieces(start, length, unknowns, rates, self.tension[:count], self.tension_rate[:count])
+        return PathSegments(start, length, unknowns, rates, self.tension[:count], self.tension_rate[:count])
 
 
 @compilable
-def room_for_pieces(count: int, unknowns: int, segments: int) -> Pieces:
-    """Arrays for so many pieces."""
+def empty_path(count: int, unknowns: int, segments: int) -> PathSegments:
+    """Arrays for so many path segments."""
     n, q = (count, unknowns), (count, segments)
     rates = LinearRates(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
-    return Pieces(np.empty(count), np.empty(count), np.empty(n), rates, np.empty(q), np.empty(q))
+    return PathSegments(np.empty(count), np.empty(count), np.empty(n), rates, np.empty(q), np.empty(q))
 
 
 @compilable
-def set_piece(pieces: Pieces, i: int, piece: Piece) -> None:
-    """Set one of the pieces."""
-    pieces.start[i], pieces.length[i], pieces.unknowns[i] = piece.start, piece.length, piece.unknowns
-    to, rates = pieces.rates, piece.rates
+def set_segment(path: PathSegments, i: int, segment: PathSegment) -> None:
+    """Set one of the path segments."""
+    path.start[i], path.length[i], path.unknowns[i] = (
+        segment.start,
+        segment.length,
+        segment.unknowns,
+    )
+    to, rates = path.rates, segment.rates
     to.side[i], to.rate[i], to.rate_change[i] = rates.side, rates.rate, rates.rate_change
     to.complement[i], to.complement_change[i] = rates.complement, rates.complement_change
-    pieces.tension[i], pieces.tension_rate[i] = piece.tension, piece.tension_rate
+    path.tension[i], path.tension_rate[i] = segment.tension, segment.tension_rate
 
 
 @compilable
-def after_piece(pieces: Pieces, i: int, length: float, bounds: Bounds) -> tuple[float, Array, Array]:
-    """What is reached on a piece after a change of the load factor.
+def along_segment(path: PathSegments, i: int, length: float, bounds: Bounds) -> tuple[float, Array, Array]:
+    """What is reached on a path segment after a change of the load factor.
 
     Parameters
     ----------
-    pieces, i
-        The pieces, and the number of the one.
+    path segments, i
+        The path segments, and the number of the one.
     length
         Change of the load factor from its beginning on [1].
     bounds
@@ -114,45 +97,30 @@ def after_piece(pieces: Pieces, i: int, length: float, bounds: Bounds) -> tuple[
     tension : ndarray, shape (q,)
         Of the segments [N].
     """
-    moved = length * pieces.rates.rate[i] + (0.5 * length * length) * pieces.rates.rate_change[i]
-    tension = pieces.tension[i] + length * pieces.tension_rate[i]
-    return pieces.start[i] + length, bounded(bounds, pieces.unknowns[i] + moved), tension
+    moved = length * path.rates.rate[i] + (0.5 * length * length) * path.rates.rate_change[i]
+    tension = path.tension[i] + length * path.tension_rate[i]
+    return path.start[i] + length, bounded(bounds, path.unknowns[i] + moved), tension
 
 
 @compilable
-def end_of_piece(pieces: Pieces, i: int, bounds: Bounds) -> tuple[float, Array, Array]:
-    """The same at the end of a piece."""
-    return after_piece(pieces, i, pieces.length[i], bounds)
+def end_of_segment(path: PathSegments, i: int, bounds: Bounds) -> tuple[float, Array, Array]:
+    """The same at the end of a path segment."""
+    return along_segment(path, i, path.length[i], bounds)
 
 
 class FrictionPath(NamedTuple):
-    """Friction states all through a substep, and where slips reversed last.
+    """Friction states all through a substep, and where slips reversed last."""
 
-    Attributes
-    ----------
-    unknowns : ndarray, shape (k + c,)
-        Mobilisations at its end [1], and the unknown tensions at the base there [N].
-    reversal_slip : ndarray, shape (k,)
-        Change of the slip from the start of the substep to its last reversal; zero where there is none [m].
-    reversal_mobilisation : ndarray, shape (k,)
-        Mobilisation at the last reversal, 1 or -1; that at the start where there is none [1].
-    reversal_factor : ndarray, shape (k,)
-        Load factor of the last reversal within the substep; zero where there is none [1].
-    complete : bool
-        Whether the end of the substep was reached.
-    pieces : Pieces
-        The path, piece by piece.
-    bounds : Bounds
-        Of the unknowns.
-    """
-
-    unknowns: Array
+    unknowns: Array  # (k + c,): Mobilisations at its end [1], and the unknown tensions at the base there [N]
+    # (k,): Change of the slip from the start of the substep to its last reversal; zero where there is none [m]
     reversal_slip: Array
+    # (k,): Mobilisation at the last reversal, 1 or -1; that at the start where there is none [1]
     reversal_mobilisation: Array
+    # (k,): Load factor of the last reversal within the substep; zero where there is none [1]
     reversal_factor: Array
-    complete: bool
-    pieces: Pieces
-    bounds: Bounds
+    complete: bool  # Whether the end of the substep was reached
+    segments: PathSegments
+    bounds: Bounds  # Of the unknowns
 
     @property
     def reversed(self) -> Flags:
@@ -161,8 +129,8 @@ class FrictionPath(NamedTuple):
 
     def at(self, factor: float) -> tuple[Array, Array]:
         """Unknowns, shape (k + c,), and tensions of the segments [N], shape (q,), at a load factor [1]."""
-        i = int(np.searchsorted(self.pieces.start, factor, side="right")) - 1
-        _, unknowns, tension = after_piece(self.pieces, i, factor - self.pieces.start[i], self.bounds)
+        i = int(np.searchsorted(self.segments.start, factor, side="right")) - 1
+        _, unknowns, tension = along_segment(self.segments, i, factor - self.segments.start[i], self.bounds)
         return unknowns, tension
 
     def insensitive_holes(self, error: Array, presliding: float) -> Flags:
@@ -180,14 +148,14 @@ class FrictionPath(NamedTuple):
             Presliding distance [m].
         """
         k = len(error)
-        start, length, rates = self.pieces.start, self.pieces.length, self.pieces.rates
+        start, length, rates = self.segments.start, self.segments.length, self.segments.rates
         side, rate, change = (own[:, :k] for own in (rates.side, rates.complement, rates.complement_change))
         last = side[-1]
-        # From which piece on the hole slips in its last direction up to the end.
+        # From which path segment on the hole slips in its last direction up to the end.
         final = np.logical_and.accumulate((side == last)[::-1])[::-1]
         slip = length[:, None] * (rate + (0.5 * length)[:, None] * change)
         distance = last * np.where(final, slip, 0.0).sum(axis=0)
-        # Between the ends of a piece the parabola may be nearer to the rate than at them.
+        # Between the ends of a path segment the parabola may be nearer to the rate than at them.
         within = length[:, None] * np.linspace(0.0, 1.0, COMPARED_PLACES)
         at = start[:, None] + within
         relative_rate = last * (rate[:, None] + within[..., None] * change[:, None])

@@ -1,15 +1,13 @@
 """Rates of mobilisations, slips and tensions at one load factor, and the distance to the next event.
 
-By LAPACK; compiled functions (`tdcr_fe.compiled`), which cannot call it one part at a time, take the inverse.
-
 The unknowns ``z`` are the mobilisations of holes [1], in [-1, 1], and the tensions at the base of tendons driven by
 displacement [N], from 0 on. To each belongs a complement ``w`` [m]: of a hole its plastic slip, which is the slip less
 its elastic part (presliding distance times mobilisation); of a tendon minus its slack. Inside the bounds of ``z`` the
-complement is constant.
+complement is constant, at the upper bound it can only grow, at the lower one only fall. Its derivative by the load
+factor is ``load - matrix z'``. Documentation: page "Theory", section "Finding reversals".
 
-Unknowns ``z`` and their complements ``w`` are those of `tdcr_fe.solve.friction_path.rates`. Inside the bounds of
-``z`` the complement is constant, at the upper bound it can only grow, at the lower one only fall. Its derivative by the
-load factor is ``load - matrix z'``. Documentation: page "Theory", section "Finding reversals".
+Small systems of equations are solved by LAPACK. Compiled functions (`tdcr_fe.compiled`) cannot call it one part at a
+time and take the inverse.
 """
 
 from __future__ import annotations
@@ -37,58 +35,49 @@ RATE_TOLERANCE = 1e-4
 LEAST_SCALE = 1e-3
 
 
-class Factors(NamedTuple):
-    """A factorised matrix.
+class SmallFactors(NamedTuple):
+    """A factorised matrix."""
 
-    Attributes
-    ----------
-    lu : ndarray, shape (n, n)
-        LU factors of the transposed matrix; the inverse in compiled functions.
-    pivots : ndarray of int, shape (n,)
-        Rows exchanged; not used with the inverse.
-    singular : bool
-    """
-
-    lu: Array
-    pivots: NDArray[np.int32]
+    lu: Array  # (n, n): LU factors of the transposed matrix; the inverse in compiled functions
+    pivots: NDArray[np.int32]  # (n,): Rows exchanged; not used with the inverse
     singular: bool
 
 
-def _inverse(matrix: Array) -> Factors:
+def _inverse(matrix: Array) -> SmallFactors:
     inverse: Any = np.linalg.inv(matrix.T).T
-    return Factors(inverse, np.zeros(0, dtype=np.int32), False)
+    return SmallFactors(inverse, np.zeros(0, dtype=np.int32), False)
 
 
 @compiled_as(_inverse)
-def factorised(matrix: Array) -> Factors:
+def factorised(matrix: Array) -> SmallFactors:
     """Factors of a matrix whose rows lie in memory one after the other; it is overwritten."""
     # LAPACK has matrices column by column: it takes the transposed one without a copy.
     lu, pivots, singular = dgetrf(matrix.T, overwrite_a=True)
-    return Factors(lu, pivots, singular != 0)
+    return SmallFactors(lu, pivots, singular != 0)
 
 
-@compiled_as(lambda: Factors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False))
-def no_factors() -> Factors:
+@compiled_as(lambda: SmallFactors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False))
+def no_factors() -> SmallFactors:
     """Of a matrix without rows."""
     return _NO_FACTORS
 
 
 @compiled_as(lambda factors, right: factors.lu.dot(right))
-def solved(factors: Factors, right: Array) -> Array:
+def solved(factors: SmallFactors, right: Array) -> Array:
     """Solution ``x`` of ``matrix x = right``, shape (n,)."""
     found: Array = dgetrs(factors.lu, factors.pivots, right, trans=1)[0]
     return found
 
 
 @compiled_as(lambda factors, rows: rows.dot(factors.lu.T))
-def solved_rows(factors: Factors, rows: Array) -> Array:
+def solved_rows(factors: SmallFactors, rows: Array) -> Array:
     """The same for every row of an array, shape (i, n)."""
     found: Array = dgetrs(factors.lu, factors.pivots, rows.T, trans=1)[0].T
     return found
 
 
 @compiled_as(lambda factors, right: right.dot(factors.lu))
-def solved_transposed(factors: Factors, right: Array) -> Array:
+def solved_transposed(factors: SmallFactors, right: Array) -> Array:
     """Solution ``x`` of ``x matrix = right``, shape (n,)."""
     found: Array = dgetrs(factors.lu, factors.pivots, right)[0]
     return found
@@ -106,24 +95,16 @@ def some_columns(matrix: Array, which: Index) -> Array:
     return matrix.take(which, axis=1)
 
 
-_NO_FACTORS = Factors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False)
+_NO_FACTORS = SmallFactors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False)
 
 
 class Bounds(NamedTuple):
-    """Bounds of the unknowns.
+    """Bounds of the unknowns."""
 
-    Attributes
-    ----------
-    lower, upper : ndarray, shape (n,)
-        -1 and 1 of mobilisations [1]; 0 and a number beyond all that occur of tensions [N].
-    near_lower, near_upper : ndarray, shape (n,)
-        Values beyond which an unknown counts as at its bound: round-off away from it.
-    """
-
-    lower: Array
-    upper: Array
-    near_lower: Array
-    near_upper: Array
+    lower: Array  # (n,): -1 and 1 of mobilisations [1]; 0 and a number beyond all that occur of tensions [N]
+    upper: Array  # as `lower`
+    near_lower: Array  # (n,): Values beyond which an unknown counts as at its bound: round-off away from it
+    near_upper: Array  # as `near_lower`
 
     @classmethod
     def of(cls, lower: Array, upper: Array, round_off: Array) -> Bounds:
@@ -146,26 +127,13 @@ def bounded(bounds: Bounds, z: Array) -> Array:
 
 
 class PathUnknowns(NamedTuple):
-    """The unknowns of a path: mobilisations of the holes, then tensions at the base of tendons driven by displacement.
+    """The unknowns of a path: mobilisations of holes, then tensions at the base of tendons driven by displacement."""
 
-    Attributes
-    ----------
-    holes : int
-        Number of mobilisations.
-    presliding : float
-        Presliding distance [m].
-    tolerance : float
-        Rates of slip below it are zero [m].
-    bounds : Bounds
-    scale : ndarray, shape (n,)
-        From the unknowns to lengths [m, m/N].
-    """
-
-    holes: int
-    presliding: float
-    tolerance: float
+    holes: int  # Number of mobilisations
+    presliding: float  # Presliding distance [m]
+    tolerance: float  # Rates of slip below it are zero [m]
     bounds: Bounds
-    scale: Array
+    scale: Array  # (n,): From the unknowns to lengths [m, m/N]
 
     @classmethod
     def of(cls, presliding: float, holes: int, base_tension: Array, tension: Array) -> PathUnknowns:
@@ -223,58 +191,30 @@ def _bounds(holes: int, base_tension: Array) -> Bounds:
 
 
 class SlipDerivatives(NamedTuple):
-    """Derivatives of the slips at a load factor; those by an unknown are computed when first used.
+    """Derivatives of the slips at a load factor; those by an unknown are computed when first used."""
 
-    Attributes
-    ----------
-    by_load : ndarray, shape (n,)
-        Derivatives of the slips, and of minus the slack, by the load factor at fixed unknowns [m].
-    elastic_slip : ndarray, shape (n,)
-        Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions.
-    regimes : ndarray of bool, shape (i,)
-        Flags that change where the derivatives of the tensions jump; none where they never do.
-    tension_by_load : ndarray, shape (q,)
-        Derivatives of the tensions of the segments by the load factor [N].
-    direct : ndarray, shape (n, q)
-        Derivatives of the tensions by the unknowns at fixed turning angles [N, 1].
-    by_tension : ndarray, shape (n, q)
-        Derivatives of the slips by the tensions of the segments [m/N].
-    turning : Factors
-        Of the identity less the derivatives of the tensions by themselves through the turning angles.
-    missing : ndarray of bool, shape (n,)
-        Unknowns whose derivatives were not used yet.
-    columns : ndarray, shape (n, n)
-        Row by row, minus the derivatives of the complements by one of the unknowns, see `columns_of`.
-    tensions : ndarray, shape (n, q)
-        Derivatives of the tensions by the unknowns [N, 1].
-    """
-
+    # (n,): Derivatives of the slips, and of minus the slack, by the load factor at fixed unknowns [m]
     by_load: Array
+    # (n,): Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions
     elastic_slip: Array
-    regimes: Flags
-    tension_by_load: Array
-    direct: Array
-    by_tension: Array
-    turning: Factors
-    missing: Flags
+    # (i,): Flags that change where the derivatives of the tensions jump; none where they never do
+    branches: Flags
+    tension_by_load: Array  # (q,): Derivatives of the tensions of the segments by the load factor [N]
+    direct: Array  # (n, q): Derivatives of the tensions by the unknowns at fixed turning angles [N, 1]
+    by_tension: Array  # (n, q): Derivatives of the slips by the tensions of the segments [m/N]
+    # Of the identity less the derivatives of the tensions by themselves through the turning angles
+    turning: SmallFactors
+    missing: Flags  # (n,): Unknowns whose derivatives were not used yet
+    # (n, n): Row by row, minus the derivatives of the complements by one of the unknowns, see `columns_of`
     columns: Array
-    tensions: Array
+    tensions: Array  # (n, q): Derivatives of the tensions by the unknowns [N, 1]
 
 
 class SlipState(NamedTuple):
-    """Slips at a load factor, and their derivatives there or nearby.
+    """Slips at a load factor, and their derivatives there or nearby."""
 
-    Attributes
-    ----------
-    tension : ndarray, shape (q,)
-        Of the segments [N].
-    slip : ndarray, shape (n,)
-        At the frictional holes, then minus the slack [m].
-    derivatives : SlipDerivatives
-    """
-
-    tension: Array
-    slip: Array
+    tension: Array  # (q,): Of the segments [N]
+    slip: Array  # (n,): At the frictional holes, then minus the slack [m]
     derivatives: SlipDerivatives
 
 
@@ -348,55 +288,33 @@ def with_changed(state: SlipState, which: Index, columns: Array, change: Array) 
 
 
 @compilable
-def left_regimes(derivatives: SlipDerivatives, regimes: Flags) -> bool:
-    """Whether the derivatives jump between where they were evaluated and a state with these regimes."""
-    return regimes.size > 0 and bool((derivatives.regimes != regimes).any())
+def left_branch(derivatives: SlipDerivatives, branches: Flags) -> bool:
+    """Whether the derivatives jump between where they were evaluated and a state with these branches of the law."""
+    return branches.size > 0 and bool((derivatives.branches != branches).any())
 
 
 class LinearRates(NamedTuple):
-    """Derivatives by the load factor that are linear in it, from one load factor on.
+    """Derivatives by the load factor that are linear in it, from one load factor on."""
 
-    Attributes
-    ----------
-    side : ndarray, shape (n,)
-        1 or -1 where an unknown stays at its bound, 0 where it is free.
-    rate, rate_change : ndarray, shape (n,)
-        Rates of the unknowns [1, N], and the derivatives of these; zero at bounds.
-    complement, complement_change : ndarray, shape (n,)
-        Rates of the complements [m], and the derivatives of these; zero up to round-off where unknowns are free.
-    """
-
-    side: Array
-    rate: Array
-    rate_change: Array
+    side: Array  # (n,): 1 or -1 where an unknown stays at its bound, 0 where it is free
+    rate: Array  # (n,): Rates of the unknowns [1, N], and the derivatives of these; zero at bounds
+    rate_change: Array  # as `rate`
+    # (n,): Rates of the complements [m], and the derivatives of these; zero up to round-off where unknowns are
+    # free
     complement: Array
-    complement_change: Array
+    complement_change: Array  # as `complement`
 
 
 class Rates(NamedTuple):
-    """Rates at one load factor that satisfy the conditions of complementarity.
+    """Rates at one load factor that satisfy the conditions of complementarity."""
 
-    Attributes
-    ----------
-    found : bool
-        Whether there are such; the rest means nothing where not.
-    side, rate, complement
-        As in `LinearRates`.
-    free : ndarray of int, shape (f,)
-        Unknowns inside their bounds.
-    columns : ndarray, shape (f, n)
-        Of the matrix, for these, one a row.
-    factors : Factors
-        Of the matrix of the free unknowns, transposed.
-    """
-
-    found: bool
-    side: Array
-    rate: Array
-    complement: Array
-    free: Index
-    columns: Array
-    factors: Factors
+    found: bool  # Whether there are such; the rest means nothing where not
+    side: Array  # As in `LinearRates`
+    rate: Array  # as `side`
+    complement: Array  # as `side`
+    free: Index  # (f,): Unknowns inside their bounds
+    columns: Array  # (f, n): Of the matrix, for these, one a row
+    factors: SmallFactors  # Of the matrix of the free unknowns, transposed
 
 
 @compilable

@@ -34,21 +34,11 @@ BALANCED = 1e-3
 
 
 class LoadResponse(NamedTuple):
-    """Change of segments and turning angles by a change of the loads at fixed tensions.
+    """Change of segments and turning angles by a change of the loads at fixed tensions."""
 
-    Attributes
-    ----------
-    nodes : ndarray, shape (reduced,)
-        Change of the unknowns of the reduced scene.
-    lengths : ndarray, shape (q,)
-        [m].
-    angles : ndarray, shape (r,)
-        [rad].
-    """
-
-    nodes: Array
-    lengths: Array
-    angles: Array
+    nodes: Array  # (reduced,): Change of the unknowns of the reduced scene
+    lengths: Array  # (q,): [m]
+    angles: Array  # (r,): [rad]
 
     @classmethod
     def zero(cls, response: TensionResponse) -> LoadResponse:
@@ -61,26 +51,14 @@ class LoadResponse(NamedTuple):
 
 
 class TensionResponse(NamedTuple):
-    """Derivatives by the tensions of q segments; with r turning angles, padded ones included. All others are slack.
+    """Derivatives by the tensions of q segments; with r turning angles, padded ones included. All others are slack."""
 
-    Attributes
-    ----------
-    tendons : Tendons
-        Whose segments and angles these are.
-    nodes : ndarray, shape (reduced, q)
-        Of the unknowns of the reduced scene.
-    flexibility : ndarray, shape (q, q)
-        Minus those of the lengths; symmetric [m/N].
-    angles : ndarray, shape (r, q)
-        Of the turning angles [rad/N].
-    by_angle : ndarray, shape (q, r)
-        Derivatives of the tensions by the turning angles at fixed mobilisations and tensions at the base [N/rad].
-    """
-
-    tendons: Tendons
-    nodes: Array
-    flexibility: Array
-    angles: Array
+    tendons: Tendons  # Whose segments and angles these are
+    nodes: Array  # (reduced, q): Of the unknowns of the reduced scene
+    flexibility: Array  # (q, q): Minus those of the lengths; symmetric [m/N]
+    angles: Array  # (r, q): Of the turning angles [rad/N]
+    # (q, r): Derivatives of the tensions by the turning angles at fixed mobilisations and tensions at the base
+    # [N/rad]
     by_angle: Array
 
     @classmethod
@@ -174,28 +152,14 @@ def _segments(
 
 
 class Equilibrium(NamedTuple):
-    """A solved state with its linearisation.
-
-    Attributes
-    ----------
-    state : SolverState
-    forces : tuple of TendonForces
-        By robot.
-    linearization : Linearization
-    response : TensionResponse or None
-        To the tensions of some tendons, where it was needed.
-    exact : bool
-        Whether it is linearised in this very state, or so near that it makes no difference.
-    balanced : bool
-        Whether forces balance: not where weight acts on a robot that was never loaded.
-    """
+    """A solved state with its linearisation."""
 
     state: SolverState
-    forces: tuple[TendonForces, ...]
+    forces: tuple[TendonForces, ...]  # By robot
     linearization: Linearization
-    response: TensionResponse | None = None
-    exact: bool = False
-    balanced: bool = True
+    response: TensionResponse | None = None  # To the tensions of some tendons, where it was needed
+    exact: bool = False  # Whether it is linearised in this very state, or so near that it makes no difference
+    balanced: bool = True  # Whether forces balance: not where weight acts on a robot that was never loaded
 
     @classmethod
     def of(
@@ -255,23 +219,12 @@ class TautTendons(NamedTuple):
     """Tendons under tension at either end of a substep.
 
     All other tendons transmit nothing; their holes are left out of the friction path.
-
-    Attributes
-    ----------
-    tendons : tuple of TendonsInSubstep
-        By robot that has any of them.
-    robots : tuple of int
-        Numbers of these robots.
-    numbers : tuple of ndarray of int
-        By robot, all of them, numbers of the tendons under tension.
-    holes : ndarray of int, shape (k,)
-        Numbers of their frictional holes, among those of all tendons.
     """
 
-    tendons: tuple[TendonsInSubstep, ...]
-    robots: tuple[int, ...]
-    numbers: tuple[Index, ...]
-    holes: Index
+    tendons: tuple[TendonsInSubstep, ...]  # By robot that has any of them
+    robots: tuple[int, ...]  # Numbers of these robots
+    numbers: tuple[Index, ...]  # By robot, all of them, numbers of the tendons under tension
+    holes: Index  # (k,): Numbers of their frictional holes, among those of all tendons
 
     @classmethod
     def of(cls, states: Sequence[Equilibrium]) -> TautTendons:

@@ -64,67 +64,35 @@ LEAST_DIVISION_AT_REVERSAL = 1e-3
 
 
 class InterpolationPoint(NamedTuple):
-    """A solved state at an end of a substep or within it, between which slips are interpolated.
+    """A solved state at an end of a substep or within it, between which slips are interpolated."""
 
-    Attributes
-    ----------
-    factor : float
-        Load factor within the substep [1].
-    state : Equilibrium
-        Linearised exactly, with the response to the tensions of all tendons under tension at any of the points.
-    load : LoadResponse or None
-        Response to the change of the loads in the whole substep; None where no load changes.
-    """
-
-    factor: float
+    factor: float  # Load factor within the substep [1]
+    # Linearised exactly, with the response to the tensions of all tendons under tension at any of the points
     state: Equilibrium
+    # Response to the change of the loads in the whole substep; None where no load changes
     load: LoadResponse | None = None
 
 
 class PathError(NamedTuple):
-    """What the interpolation of the slips leaves uncertain in a followed path.
+    """What the interpolation of the slips leaves uncertain in a followed path."""
 
-    Attributes
-    ----------
-    displacement : float
-        Of a node at the end of the substep, the largest [m].
-    reverses : bool
-        Whether any slip reverses with other slips that are possible.
-    """
-
-    displacement: float
-    reverses: bool
+    displacement: float  # Of a node at the end of the substep, the largest [m]
+    reverses: bool  # Whether any slip reverses with other slips that are possible
 
 
 class SubstepSlips(NamedTuple):
-    """Slips of the tendons under tension in a substep that was solved as a whole.
+    """Slips of the tendons under tension in a substep that was solved as a whole."""
 
-    Attributes
-    ----------
-    model : SlipModel
-        The slips in it.
-    tension : ndarray, shape (q,)
-        Of the segments at its start [N].
-    before, after : ndarray, shape (k,)
-        Mobilisations at its start and its end [1].
-    base : ndarray, shape (c,)
-        Unknown tensions at the base, at its start [N].
-    slip : ndarray, shape (k,)
-        Change of the slips [m].
-    matrix : ndarray, shape (k, k)
-        Minus the derivatives of the plastic slips by the mobilisations at the end, see `SlipState.columns`, with the
-        tendons slack and taut as they are there [m].
-    columns : ndarray, shape (unknowns, k)
-        Derivatives of the unknowns of the reduced scene by the mobilisations there.
-    """
-
-    model: SlipModel
-    tension: Array
-    before: Array
-    after: Array
-    base: Array
-    slip: Array
+    model: SlipModel  # The slips in it
+    tension: Array  # (q,): Of the segments at its start [N]
+    before: Array  # (k,): Mobilisations at its start and its end [1]
+    after: Array  # as `before`
+    base: Array  # (c,): Unknown tensions at the base, at its start [N]
+    slip: Array  # (k,): Change of the slips [m]
+    # (k, k): Minus the derivatives of the plastic slips by the mobilisations at the end, see
+    # `SlipState.columns`, with the tendons slack and taut as they are there [m]
     matrix: Array
+    # (unknowns, k): Derivatives of the unknowns of the reduced scene by the mobilisations there
     columns: Array
 
     @classmethod
@@ -300,7 +268,7 @@ class SubstepSlips(NamedTuple):
         factor = DEFECT_FACTOR
         if self.slip_error.max() > ROUGH * self.largest_slip:
             factor = ROUGH_DEFECT_FACTOR
-        off_line = self.model.error_off_line(path.pieces.start, path.pieces.tension)
+        off_line = self.model.error_off_line(path.segments.start, path.segments.tension)
         error = SAFETY * (factor - 1.0) * (self.slip_error + off_line)
         first_order = 0.0
         if not (self.is_rough and matters):
@@ -337,28 +305,14 @@ def _largest_displacement(step: Array, numbering: Numbering) -> float:
     return float(np.linalg.norm(nodes[:, :3], axis=1).max())
 
 
-class History(NamedTuple):
-    """What the mobilisations at the end of a substep count from: its start, or the last reversal.
+class SlipHistory(NamedTuple):
+    """What the mobilisations at the end of a substep count from: its start, or the last reversal."""
 
-    Attributes
-    ----------
-    slip : ndarray, shape (k,)
-        Of the frictional holes [m].
-    mobilisation : ndarray, shape (k,)
-        At that slip [1].
-    at_end : ndarray, shape (k,)
-        Those at the end of the substep, as they follow from the path [1].
-    followed : ndarray of int, shape (i,)
-        Which of the holes belong to tendons under tension, the ones of the path.
-    slips : SubstepSlips
-        Of these holes, in the substep.
-    """
-
-    slip: Array
-    mobilisation: Array
-    at_end: Array
-    followed: Index
-    slips: SubstepSlips
+    slip: Array  # (k,): Of the frictional holes [m]
+    mobilisation: Array  # (k,): At that slip [1]
+    at_end: Array  # (k,): Those at the end of the substep, as they follow from the path [1]
+    followed: Index  # (i,): Which of the holes belong to tendons under tension, the ones of the path
+    slips: SubstepSlips  # Of these holes, in the substep
 
     def of(self, state: SolverState, numbering: Numbering) -> SolverState:
         """A state with this history, and with the mobilisations that follow from it."""
@@ -378,30 +332,15 @@ class History(NamedTuple):
 
 
 class Reversals(NamedTuple):
-    """Slip reversals within a substep.
+    """Slip reversals within a substep."""
 
-    Attributes
-    ----------
-    effect : float
-        Largest displacement of a node that they cause at its end, over the length [1].
-    error : float
-        Uncertainty of that effect [1].
-    division : float
-        Where to divide the substep, as a fraction of it [1].
-    remaining_error : float
-        Error that is left where the substep is solved with the reversals located, over the length [1].
-    history : History or None
-        What the mobilisations at the end count from, where that is known.
-    path : FrictionPath or None
-        The path with the reversals, where it reaches the end.
-    """
-
-    effect: float
-    error: float
-    division: float
+    effect: float  # Largest displacement of a node that they cause at its end, over the length [1]
+    error: float  # Uncertainty of that effect [1]
+    division: float  # Where to divide the substep, as a fraction of it [1]
+    # Error that is left where the substep is solved with the reversals located, over the length [1]
     remaining_error: float = np.inf
-    history: History | None = None
-    path: FrictionPath | None = None
+    history: SlipHistory | None = None  # What the mobilisations at the end count from, where that is known
+    path: FrictionPath | None = None  # The path with the reversals, where it reaches the end
 
     @property
     def total(self) -> float:
@@ -522,27 +461,13 @@ def _history(
     path: FrictionPath,
     at_end: Array,
     slips: SubstepSlips,
-) -> History:
-    """What the mobilisations of all frictional holes count from after a followed path.
-
-    Parameters
-    ----------
-    points
-        Solved states, from the start of the substep to its end.
-    taut
-        The tendons under tension, whose holes the path is about.
-    path
-        The path.
-    at_end
-        Mobilisations of these holes at the end [1], shape (k,).
-    slips
-        Of these holes, in the substep.
-    """
+) -> SlipHistory:
+    """What the mobilisations of all frictional holes count from after a followed path."""
     start, end, holes = points[0].state, points[-1].state, taut.holes
     slip, counted, last = start.slips.copy(), start.mobilisation.copy(), end.mobilisation.copy()
     slip[holes] += path.reversal_slip
     counted[holes], last[holes] = path.reversal_mobilisation, at_end
-    return History(slip, counted, last, holes, slips)
+    return SlipHistory(slip, counted, last, holes, slips)
 
 
 def _division(allowed: float, found: float) -> float:
@@ -551,15 +476,7 @@ def _division(allowed: float, found: float) -> float:
 
 
 def _division_at_reversal(path: FrictionPath, change: Array) -> float:
-    """Where to divide the substep: at the first reversal that changes a mobilisation; else in the middle [1].
-
-    Parameters
-    ----------
-    path
-        The path.
-    change
-        Of the mobilisations at the end by the reversals [1], shape (k,).
-    """
+    """Where to divide the substep: at the first reversal that changes a mobilisation; else in the middle [1]."""
     factors = path.reversal_factor[path.reversed & (np.abs(change) > SMALL)]
     first = float(factors.min(initial=1.0))
     return first if LEAST_DIVISION_AT_REVERSAL < first < 1.0 - LEAST_DIVISION_AT_REVERSAL else 0.5

@@ -1,14 +1,11 @@
 """Slips within a substep as functions of load factor, mobilisations, and unknown tensions at the base.
 
 With the configuration eliminated they are smooth functions of the load factor and of the tensions of all segments.
-Along the straight line between the tensions of both states they are cubic (Hermite's polynomial through values and
-rates), and beside it linear in the tensions, with derivatives that change linearly from one state to the other.
+They are interpolated between the ends of the substep or states solved within it. Along the straight line between the
+tensions of two states they are cubic (Hermite's polynomial through values and rates), and beside it linear in the
+tensions, with derivatives that change linearly from one state to the other. How the tensions follow from mobilisations
+and angles is not interpolated: it is the law of friction itself (`tdcr_fe.solve.friction_path.transfer`).
 Documentation: page "Theory", section "Slips as functions of the tensions".
-
-Slips and turning angles are interpolated by load factor and tensions of the segments, between the ends of the substep
-or states solved within it (`slip_interpolation`). How the tensions follow from mobilisations and angles is not
-interpolated: it is the law of friction itself (`tension_transfer`). Documentation: page "Theory", section "Slips as
-functions of the tensions".
 """
 
 from __future__ import annotations
@@ -22,8 +19,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.compiled import compilable
 from tdcr_fe.elements.complementarity import largest, largest_magnitude
-from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, factorised, left_regimes, solved
-from tdcr_fe.solve.friction_path.transfer import CapstanTransfer, LawTransfer, regimes_at, tensions_at
+from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, factorised, left_branch, solved
+from tdcr_fe.solve.friction_path.transfer import CapstanTransfer, LawTransfer, branches_at, tensions_at
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -36,86 +33,53 @@ MOST_CORRECTIONS = 6
 
 
 class SlipData(NamedTuple):
-    """Slips and turning angles in one solved state, with their derivatives.
+    """Slips and turning angles in one solved state, with their derivatives."""
 
-    Attributes
-    ----------
-    factor : float
-        Load factor within the substep [1].
-    tension : ndarray, shape (q,)
-        Of the segments [N].
-    values : ndarray, shape (k + c + r,)
-        Slips at the frictional holes [m], minus the slack of tendons whose tension at the base is unknown [m], turning
-        angles [rad].
-    by_tension : ndarray, shape (k + c + r, q)
-        Their derivatives by the tensions of the segments [m/N, rad/N].
-    by_load : ndarray, shape (k + c + r,)
-        Those by the load factor at fixed tensions [m, rad].
-    """
-
-    factor: float
-    tension: Array
+    factor: float  # Load factor within the substep [1]
+    tension: Array  # (q,): Of the segments [N]
+    # (k + c + r,): Slips at the frictional holes [m], minus the slack of tendons whose tension at the base is
+    # unknown [m], turning angles [rad]
     values: Array
-    by_tension: Array
-    by_load: Array
+    by_tension: Array  # (k + c + r, q): Their derivatives by the tensions of the segments [m/N, rad/N]
+    by_load: Array  # (k + c + r,): Those by the load factor at fixed tensions [m, rad]
 
 
 class LinePoint(NamedTuple):
-    """Values on the straight line between the tensions of two states, at one load factor.
+    """Values on the straight line between the tensions of two states, at one load factor."""
 
-    Attributes
-    ----------
-    tension : ndarray, shape (q,)
-        Of the segments, on the line [N].
-    values : ndarray, shape (k + c + r,)
-        As in `SlipData` [m, rad].
-    by_tension : ndarray, shape (k + c + r, q)
-        Their derivatives by the tensions [m/N, rad/N].
-    fixed_rates : ndarray, shape (k + c + r,)
-        Their derivatives by the load factor where the tensions stay as they are, on the line [m, rad].
-    rate_by_tension : ndarray, shape (k + c + r, q)
-        Derivatives of these by tensions off the line, times the length of the interval [m/N, rad/N].
-    length : float
-        Of the interval between both states [1].
-    """
-
-    tension: Array
-    values: Array
-    by_tension: Array
+    tension: Array  # (q,): Of the segments, on the line [N]
+    values: Array  # (k + c + r,): As in `SlipData` [m, rad]
+    by_tension: Array  # (k + c + r, q): Their derivatives by the tensions [m/N, rad/N]
+    # (k + c + r,): Their derivatives by the load factor where the tensions stay as they are, on the line [m,
+    # rad]
     fixed_rates: Array
+    # (k + c + r, q): Derivatives of these by tensions off the line, times the length of the interval [m/N,
+    # rad/N]
     rate_by_tension: Array
-    length: float
+    length: float  # Of the interval between both states [1]
 
 
 class Intervals(NamedTuple):
-    """Values between solved states as polynomials of the load factor, in each of the ``s`` intervals between them.
+    """Values between solved states as polynomials of the load factor, in each of the ``s`` intervals between them."""
 
-    Attributes
-    ----------
-    start, length : ndarray, shape (s,)
-        Load factor where each begins, and by how much it grows in it [1].
-    tension, tension_rate : ndarray, shape (s, q)
-        Tensions of the segments at its start, and their derivative by the load factor along the straight line [N].
-    coefficients : ndarray, shape (s, 4, k + c + r)
-        Of the values along this line: cubic polynomials of the fraction of the interval, lowest power first [m, rad].
-    by_tension, by_tension_change : ndarray, shape (s, k + c + r, q)
-        Derivatives by the tensions at its start, and their change up to its end [m/N, rad/N].
-    along, along_change : ndarray, shape (s, k + c + r)
-        Rates of the values by these derivatives and the rates of the tensions along the straight line [m, rad].
-    parabola : float
-        Part ``p`` of that change by which the derivatives leave their straight line: ``x + p x (1 - x)`` in place of
-        the fraction ``x`` of the interval [1].
-    """
-
-    start: Array
-    length: Array
+    start: Array  # (s,): Load factor where each begins, and by how much it grows in it [1]
+    length: Array  # as `start`
+    # (s, q): Tensions of the segments at its start, and their derivative by the load factor along the straight
+    # line [N]
     tension: Array
-    tension_rate: Array
+    tension_rate: Array  # as `tension`
+    # (s, 4, k + c + r): Of the values along this line: cubic polynomials of the fraction of the interval,
+    # lowest power first [m, rad]
     coefficients: Array
+    # (s, k + c + r, q): Derivatives by the tensions at its start, and their change up to its end [m/N, rad/N]
     by_tension: Array
-    by_tension_change: Array
+    by_tension_change: Array  # as `by_tension`
+    # (s, k + c + r): Rates of the values by these derivatives and the rates of the tensions along the straight
+    # line [m, rad]
     along: Array
-    along_change: Array
+    along_change: Array  # as `along`
+    # Part ``p`` of that change by which the derivatives leave their straight line: ``x + p x (1 - x)`` in place
+    # of the fraction ``x`` of the interval [1]
     parabola: float
 
     @classmethod
@@ -198,26 +162,14 @@ def rates_at_fixed_tensions(at: LinePoint, off: Array) -> Array:
 
 
 class InterpolatedSlips(NamedTuple):
-    """Slips as functions of load factor and unknowns, as arrays.
+    """Slips as functions of load factor and unknowns, as arrays."""
 
-    Attributes
-    ----------
-    transfer : CapstanTransfer or LawTransfer
-        How tension passes along the tendons.
-    intervals : Intervals
-        Slips and turning angles between solved states.
-    elastic_slip : ndarray, shape (n,)
-        Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions.
-    identity : ndarray, shape (q, q)
-    presliding : float
-        Presliding distance [m].
-    """
-
-    transfer: CapstanTransfer | LawTransfer
-    intervals: Intervals
+    transfer: CapstanTransfer | LawTransfer  # How tension passes along the tendons
+    intervals: Intervals  # Slips and turning angles between solved states
+    # (n,): Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions
     elastic_slip: Array
-    identity: Array
-    presliding: float
+    identity: Array  # (q, q)
+    presliding: float  # Presliding distance [m]
 
     @property
     def compilable(self) -> bool:
@@ -247,13 +199,13 @@ class InterpolatedSlips(NamedTuple):
         """See `complement_rates`."""
         return complement_rates(self, factor, z, tension, rate, near)
 
-    def regimes(self, z: Array, tension: Array) -> Flags:
+    def branches(self, z: Array, tension: Array) -> Flags:
         """Flags that change where the derivatives of the tensions jump; none where they never do."""
-        return self.transfer.regimes(z, tension)
+        return self.transfer.branches(z, tension)
 
-    def distance_to_regime_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
         """Load factor from here to where these flags change at constant rates [1]; see `LawTransfer`."""
-        return self.transfer.distance_to_regime_change(z, rate, tension, tension_rate)
+        return self.transfer.distance_to_branch_change(z, rate, tension, tension_rate)
 
 
 @compilable
@@ -288,7 +240,7 @@ def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) 
     derivatives = SlipDerivatives(
         rate[:n] + by_tension.dot(tension_by_load),
         slips.elastic_slip,
-        regimes_at(slips.transfer, z, passed.tension),
+        branches_at(slips.transfer, z, passed.tension),
         tension_by_load,
         passed.by_unknown,
         by_tension,
@@ -325,7 +277,7 @@ def complement_rates(
     turning = line.by_tension[n:]
     angles = np.maximum(line.values[n:] + turning.dot(tension - line.tension), 0.0)
     passed = tensions_at(slips.transfer, factor, z, angles)
-    if left_regimes(near.derivatives, regimes_at(slips.transfer, z, passed.tension)):
+    if left_branch(near.derivatives, branches_at(slips.transfer, z, passed.tension)):
         return False, rate
     off = tension + solved(factors, passed.tension - tension) - line.tension
     own = rates_at_fixed_tensions(line, off)

@@ -22,26 +22,13 @@ Flags = NDArray[np.bool_]
 
 
 class TendonsInSubstep(NamedTuple):
-    """Tendons of one robot that are under tension at either end of a substep.
-
-    Attributes
-    ----------
-    law : TendonLaw
-    which : ndarray of int
-        Their numbers, shape (m,).
-    frictional : ndarray of bool, shape (m, g)
-        Which of their mobilisations are unknowns.
-    driven : ndarray of int
-        Which of them are driven by displacement; their tensions at the base are unknown.
-    tension : ndarray, shape (2, m)
-        At the base, at both ends [N].
-    """
+    """Tendons of one robot that are under tension at either end of a substep."""
 
     law: TendonLaw
-    which: Index
-    frictional: NDArray[np.bool_]
-    driven: Index
-    tension: Array
+    which: Index  # Their numbers, shape (m,)
+    frictional: NDArray[np.bool_]  # (m, g): Which of their mobilisations are unknowns
+    driven: Index  # Which of them are driven by displacement; their tensions at the base are unknown
+    tension: Array  # (2, m): At the base, at both ends [N]
 
     @property
     def segments(self) -> int:
@@ -60,60 +47,33 @@ class TendonsInSubstep(NamedTuple):
 
 
 class Tensions(NamedTuple):
-    """Tensions of the segments at given unknowns and turning angles, and their derivatives.
+    """Tensions of the segments at given unknowns and turning angles, and their derivatives."""
 
-    Attributes
-    ----------
-    tension : ndarray, shape (q,)
-        [N].
-    by_angle : ndarray, shape (q, r)
-        By the turning angles [N/rad].
-    by_unknown : ndarray, shape (k + c, q)
-        By the mobilisations [N], and by unknown tensions at the base [1].
-    by_load : ndarray, shape (q,)
-        By the load factor, through the given tensions at the base [N].
-    """
-
-    tension: Array
-    by_angle: Array
-    by_unknown: Array
-    by_load: Array
+    tension: Array  # (q,): [N]
+    by_angle: Array  # (q, r): By the turning angles [N/rad]
+    by_unknown: Array  # (k + c, q): By the mobilisations [N], and by unknown tensions at the base [1]
+    by_load: Array  # (q,): By the load factor, through the given tensions at the base [N]
 
 
 class CapstanTransfer(NamedTuple):
-    """Constant coefficients without adhesion: ``T = T_base exp(-sum of s mu theta)``.
+    """Constant coefficients without adhesion: ``T = T_base exp(-sum of s mu theta)``."""
 
-    Attributes
-    ----------
-    holes, unknown : int
-        Numbers of mobilisations and of unknown tensions at the base.
-    holes_before : ndarray, shape (q, r)
-        Ones where a hole comes before a segment, on the way from the base.
-    friction : ndarray, shape (r,)
-        Coefficients of friction of the holes [1].
-    incidence : ndarray, shape (k, r)
-        From the mobilisations to the holes.
-    behind : ndarray, shape (k, q)
-        Ones where the hole of a mobilisation comes before a segment; no rows where any acts at several holes.
-    at_hole : ndarray of int, shape (k,)
-        The hole of each mobilisation; none where any acts at several.
-    base_tension, base_change : ndarray, shape (q,)
-        Tension at the base of the segment's tendon at the start of the substep, and its change in it [N]; zero where
-        they are unknown.
-    base_of_segment : ndarray, shape (c, q)
-        Ones where an unknown tension is that at the base of the segment's tendon.
-    """
-
-    holes: int
-    unknown: int
-    holes_before: Array
-    friction: Array
-    incidence: Array
+    holes: int  # Numbers of mobilisations and of unknown tensions at the base
+    unknown: int  # as `holes`
+    holes_before: Array  # (q, r): Ones where a hole comes before a segment, on the way from the base
+    friction: Array  # (r,): Coefficients of friction of the holes [1]
+    incidence: Array  # (k, r): From the mobilisations to the holes
+    # (k, q): Ones where the hole of a mobilisation comes before a segment; no rows where any acts at several
+    # holes
     behind: Array
-    at_hole: Index
+    at_hole: Index  # (k,): The hole of each mobilisation; none where any acts at several
+    # (q,): Tension at the base of the segment's tendon at the start of the substep, and its change in it [N];
+    # zero where they are unknown
     base_tension: Array
-    base_change: Array
-    base_of_segment: Array
+    base_change: Array  # as `base_tension`
+    base_of_segment: (
+        Array  # (c, q): Ones where an unknown tension is that at the base of the segment's tendon
+    )
 
     @classmethod
     def of(cls, tendons: Sequence[TendonsInSubstep]) -> CapstanTransfer:
@@ -151,12 +111,12 @@ class CapstanTransfer(NamedTuple):
         """See `capstan_tensions`."""
         return capstan_tensions(self, factor, z, angles)
 
-    def regimes(self, z: Array, tension: Array) -> Flags:
-        """See `LawTransfer.regimes`."""
-        return no_regimes(self, z, tension)
+    def branches(self, z: Array, tension: Array) -> Flags:
+        """See `LawTransfer.branches`."""
+        return no_branches(self, z, tension)
 
-    def distance_to_regime_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
-        """See `LawTransfer.distance_to_regime_change`."""
+    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """See `LawTransfer.distance_to_branch_change`."""
         return np.inf
 
 
@@ -199,7 +159,7 @@ def capstan_tensions(transfer: CapstanTransfer, factor: float, z: Array, angles:
 
 
 @compilable
-def no_regimes(transfer: CapstanTransfer, z: Array, tension: Array) -> Flags:
+def no_branches(transfer: CapstanTransfer, z: Array, tension: Array) -> Flags:
     """Flags that change where derivatives jump: none, Capstan's equation is smooth."""
     return np.zeros(0, dtype=np.bool_)
 
@@ -210,10 +170,10 @@ def tensions_at(transfer: CapstanTransfer | LawTransfer, factor: float, z: Array
     return transfer.at(factor, z, angles)
 
 
-@compiled_as(no_regimes)
-def regimes_at(transfer: CapstanTransfer | LawTransfer, z: Array, tension: Array) -> Flags:
-    """As `no_regimes`, by any law."""
-    return transfer.regimes(z, tension)
+@compiled_as(no_branches)
+def branches_at(transfer: CapstanTransfer | LawTransfer, z: Array, tension: Array) -> Flags:
+    """As `no_branches`, by any law."""
+    return transfer.branches(z, tension)
 
 
 class LawTransfer:
@@ -241,7 +201,7 @@ class LawTransfer:
         #: Segment before the hole, or the first one, of every mobilisation.
         self._before: Index = np.concatenate(before)
 
-    def regimes(self, z: Array, tension: Array) -> Flags:
+    def branches(self, z: Array, tension: Array) -> Flags:
         """Which holes hold tension back, and which segments are under tension, shape (k + q,).
 
         Adhesion holds tension behind a hole that is released even where there is none before it, and takes at most
@@ -249,7 +209,7 @@ class LawTransfer:
         """
         return np.concatenate((z[: self._holes] < 0.0, tension > 0.0))
 
-    def distance_to_regime_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
         """Part of the substep to where these change at constant rates; segments that become taut are not foreseen.
 
         Parameters
@@ -298,24 +258,13 @@ class LawTransfer:
 
 
 class _Positions(NamedTuple):
-    """Where the numbers of one robot's tendons stand in the arrays of a `LawTransfer`.
-
-    Attributes
-    ----------
-    tendons : TendonsInSubstep
-    segments : ndarray of int, shape (m, n)
-    angles : ndarray of int, shape (m, n-1)
-    holes : ndarray of int, shape (k,)
-        Frictional mobilisations.
-    base : ndarray of int, shape (c,)
-        Unknown tensions at the base.
-    """
+    """Where the numbers of one robot's tendons stand in the arrays of a `LawTransfer`."""
 
     tendons: TendonsInSubstep
-    segments: Index
-    angles: Index
-    holes: Index
-    base: Index
+    segments: Index  # (m, n)
+    angles: Index  # (m, n-1)
+    holes: Index  # (k,): Frictional mobilisations
+    base: Index  # (c,): Unknown tensions at the base
 
     @classmethod
     def of(cls, tendons: TendonsInSubstep, segment: int, angle: int, hole: int, base: int) -> _Positions:

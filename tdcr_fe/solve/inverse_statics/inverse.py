@@ -35,7 +35,7 @@ from tdcr_fe.model.targets import (
     tip_targets,
 )
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.solve.inverse_statics.target_search import Aim, Effort, Found, Search
+from tdcr_fe.solve.inverse_statics.target_search import Aim, Effort, SearchResult, TargetSearch
 from tdcr_fe.solve.inverse_statics.trials import TrialSteps
 from tdcr_fe.solve.mesh import MOST_MESHES, MeshMonitor, error_order, mesh_warnings, refined
 from tdcr_fe.solve.simulate import CONVERGED, INTERRUPTED
@@ -194,13 +194,13 @@ class _Task:
 
 def _refined_runs(
     task: _Task, settings: SolverSettings, progress: Callable[[ReachedTarget], None] | None
-) -> tuple[_Run, KeyboardInterrupt | None]:
+) -> tuple[_FollowRun, KeyboardInterrupt | None]:
     """Follow the path on finer and finer meshes, until its error is met; the last run, and what interrupted it."""
     counts = elements_of_bays(task.robot, task.model)
     automatic = task.model.elements_per_bay == "auto" and isfinite(settings.mesh_tolerance)
     guesses: tuple[Array, ...] = ()
     for mesh in range(1, MOST_MESHES + 1):
-        run = _Run(task, counts, settings, guesses)
+        run = _FollowRun(task, counts, settings, guesses)
         try:
             finer = run.follow(progress, automatic and mesh < MOST_MESHES)
         except KeyboardInterrupt as stop:
@@ -212,7 +212,7 @@ def _refined_runs(
     return run, None
 
 
-class _Run:
+class _FollowRun:
     """One pass through all targets with one mesh.
 
     Parameters
@@ -288,7 +288,7 @@ class _Run:
         reference = np.zeros_like(present) if task.effort == "tension" else start.base_tension[0]
         effort = Effort(task.lower, task.upper, reference, task.scale)
         label = target.label or f"target {number + 1}"
-        search = Search(self.trials, start, aim, effort, label, target.time)
+        search = TargetSearch(self.trials, start, aim, effort, label, target.time)
         guess = [self.guesses[number]] if number < len(self.guesses) else []
         whole = task.model.friction != "none"
         best, starts = self._searched(search, self._starts(aim, [*guess, present]), whole)
@@ -305,20 +305,22 @@ class _Run:
         return self._outcome(target, aim, best, search.count, starts, result)
 
     @staticmethod
-    def _searched(search: Search, tensions: Iterator[Array], whole: bool) -> tuple[Found | None, int]:
+    def _searched(
+        search: TargetSearch, tensions: Iterator[Array], whole: bool
+    ) -> tuple[SearchResult | None, int]:
         """The best of the searches from several tensions, and their number.
 
         With ``whole`` every search begins among load steps solved whole. Where it ends there no nearer to the target
         than one before, it is not taken up with the friction's path.
         """
-        ended: list[Found] = []
-        best: Found | None = None
+        ended: list[SearchResult] = []
+        best: SearchResult | None = None
         nearest, starts = np.inf, 0
         for start in islice(tensions, MOST_STARTS):
             starts += 1
             rough = search.whole(start) if whole else None
             if rough is not None and best is not None and rough.size > max(REACHED, (1.0 - NEARER) * nearest):
-                found: Found | None = rough
+                found: SearchResult | None = rough
             else:
                 found = search.run(start if rough is None else rough.trial.tensions)
                 nearest = nearest if rough is None else min(nearest, rough.size)
@@ -338,7 +340,7 @@ class _Run:
         yield from self.samples.nearest(aim)
 
     def _outcome(
-        self, target: TipTarget, aim: Aim, best: Found, trials: int, starts: int, result: StepResult
+        self, target: TipTarget, aim: Aim, best: SearchResult, trials: int, starts: int, result: StepResult
     ) -> ReachedTarget:
         task, trial = self.task, best.trial
         error, direction_error = aim.errors(trial)

@@ -36,22 +36,12 @@ NEIGHBOURHOOD = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Effort:
-    """Which tensions are preferred among those that reach a target.
+    """Which tensions are preferred among those that reach a target."""
 
-    Attributes
-    ----------
-    lower, upper : ndarray, shape (m,)
-        Bounds [N].
-    reference : ndarray, shape (m,)
-        Tensions of no effort: zero, or those at the beginning of the step [N].
-    scale : float
-        Tension of effort 1 [N].
-    """
-
-    lower: Array
-    upper: Array
-    reference: Array
-    scale: float
+    lower: Array  # (m,): Bounds [N]
+    upper: Array  # as `lower`
+    reference: Array  # (m,): Tensions of no effort: zero, or those at the beginning of the step [N]
+    scale: float  # Tension of effort 1 [N]
 
     def of(self, tensions: Array) -> float:
         """Sum of the squares of the tensions from the reference, in units of the scale [1]."""
@@ -97,21 +87,11 @@ class Effort:
 
 @dataclass(frozen=True, eq=False)
 class Aim:
-    """A target as residuals over the length of the robot.
+    """A target as residuals over the length of the robot."""
 
-    Attributes
-    ----------
-    position : ndarray, shape (3,)
-        [m].
-    direction : ndarray, shape (3,), or None
-        Unit vector.
-    length : float
-        Of the robot [m].
-    """
-
-    position: Array
-    direction: Array | None
-    length: float
+    position: Array  # (3,): [m]
+    direction: Array | None  # (3,): Unit vector
+    length: float  # Of the robot [m]
 
     @classmethod
     def of(cls, target: TipTarget, length: float) -> Aim:
@@ -144,36 +124,23 @@ class Aim:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """End of a search.
-
-    Attributes
-    ----------
-    trial : Trial
-    size : float
-        Norm of the residual [1].
-    possible_gain : float
-        By how much the linearised robot could reduce it within the bounds [1].
-    stationary : bool
-        Whether that is nothing.
-    effort : float
-        [1].
-    """
+class SearchResult:
+    """End of a search."""
 
     trial: Trial
-    size: float
-    possible_gain: float
-    stationary: bool
-    effort: float
+    size: float  # Norm of the residual [1]
+    possible_gain: float  # By how much the linearised robot could reduce it within the bounds [1]
+    stationary: bool  # Whether that is nothing
+    effort: float  # [1]
 
-    def better_than(self, other: Found) -> bool:
+    def better_than(self, other: SearchResult) -> bool:
         """Nearer to the target, or as near and stationary."""
         if abs(self.size - other.size) <= 1e-9 + 1e-6 * other.size:
             return self.stationary and not other.stationary
         return self.size < other.size
 
 
-class Search:
+class TargetSearch:
     """Searches for one target.
 
     Parameters
@@ -203,7 +170,7 @@ class Search:
         self._label, self._time = label, time
         self.count = 0
 
-    def whole(self, tensions: Array) -> Found | None:
+    def whole(self, tensions: Array) -> SearchResult | None:
         """Search from tensions [N] among load steps solved whole; None where no trial has a solution.
 
         The path of the friction within a step is left out of account: that costs a fraction, and is exact where no slip
@@ -212,15 +179,15 @@ class Search:
         first = self._solve(tensions, False, 1)
         return None if first is None else self._approach(first, self._effort)
 
-    def run(self, tensions: Array) -> Found | None:
+    def run(self, tensions: Array) -> SearchResult | None:
         """Search from tensions [N]; None where no trial has a solution."""
         return self._search(tensions, by_displacement=False)
 
-    def by_displacement(self, solved: Found) -> Found | None:
+    def by_displacement(self, solved: SearchResult) -> SearchResult | None:
         """The same target with prescribed displacements, from the solution with tensions."""
         return self._search(solved.trial.displacements, by_displacement=True)
 
-    def _search(self, inputs: Array, by_displacement: bool) -> Found | None:
+    def _search(self, inputs: Array, by_displacement: bool) -> SearchResult | None:
         """Search from inputs: first among equal substeps, then with the friction's path; None without any solution.
 
         A search that fails near the target goes on with the substeps of its last trial: their number changes with the
@@ -241,7 +208,7 @@ class Search:
             found = found if equal is None else self._better(found, equal)
         return self._with_least_effort(found, most_refused) if found.size <= CONVERGED else found
 
-    def _equal_substeps(self, trial: Trial) -> Found | None:
+    def _equal_substeps(self, trial: Trial) -> SearchResult | None:
         """Search from the inputs of a trial, with as many equal substeps as it has; None without a solution.
 
         They cost a fraction of the path on which reversals are located, have exact derivatives, and end near it.
@@ -253,7 +220,7 @@ class Search:
         return self._with_least_effort(found) if found.size <= CONVERGED else found
 
     @staticmethod
-    def _better(a: Found, b: Found) -> Found:
+    def _better(a: SearchResult, b: SearchResult) -> SearchResult:
         return b if b.better_than(a) else a
 
     def _solve(self, inputs: Array, by_displacement: bool, substeps: int | None) -> Trial | None:
@@ -272,11 +239,11 @@ class Search:
         tensions = np.clip(trial.inputs + step, self._effort.lower, self._effort.upper)
         return self._solve(tensions, False, trial.step.substeps)
 
-    def _found(self, trial: Trial, gain: float, stationary: bool) -> Found:
+    def _found(self, trial: Trial, gain: float, stationary: bool) -> SearchResult:
         size = self._aim.size(trial.tip, trial.tangent)
-        return Found(trial, size, max(gain, 0.0), stationary, self._effort.of(trial.tensions))
+        return SearchResult(trial, size, max(gain, 0.0), stationary, self._effort.of(trial.tensions))
 
-    def _approach(self, current: Trial, effort: Effort, most_trials: int = MOST_TRIALS) -> Found:
+    def _approach(self, current: Trial, effort: Effort, most_trials: int = MOST_TRIALS) -> SearchResult:
         """Reduce the error by Gauss-Newton steps; of those that do, prefer tensions of little effort.
 
         Where a hole changes its state, the derivative is another one on both sides. A refused trial is likely to be
@@ -343,7 +310,7 @@ class Search:
         left = max(float(np.linalg.norm(r + j @ step)) for r, j in zip(residuals, jacobians, strict=True))
         return step, float(np.linalg.norm(residuals[0])) - left
 
-    def _with_least_effort(self, best: Found, most_refused: int = MOST_REFUSED_ROUNDS) -> Found:
+    def _with_least_effort(self, best: SearchResult, most_refused: int = MOST_REFUSED_ROUNDS) -> SearchResult:
         """Move along the tensions that reach the target, to those of least effort."""
         effort, aim, radius, refused = self._effort, self._aim, FIRST_RADIUS, 0
         for _ in range(MOST_ROUNDS):

@@ -27,40 +27,22 @@ _UNKNOWN = np.zeros((6, 0)), np.zeros((0, 0))
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A solved trial step.
+    """A solved trial step."""
 
-    Attributes
-    ----------
-    step : LoadStep
-        With all inputs.
-    actuation : Actuation
-        The same, resolved.
-    report : LoadStepReport
-    state : SolverState
-        At its end.
-    tip, tangent : ndarray, shape (3,)
-        Position [m] and unit tangent of the tip.
-    tensions, displacements : ndarray, shape (m,)
-        At the base [N, m].
-    motion : ndarray, shape (6, m)
-        Of the tip (position and world rotation vector) by the tension of each tendon [m/N, rad/N]; empty where it was
-        not differentiated.
-    inputs_by_tension : ndarray, shape (m, m)
-        Derivative of the inputs by the tensions; empty where it was not differentiated.
-    exact : bool
-        Whether the derivatives are those of the whole path; else of a path without reversals within substeps.
-    """
-
-    step: LoadStep
-    actuation: Actuation
+    step: LoadStep  # With all inputs
+    actuation: Actuation  # The same, resolved
     report: LoadStepReport
-    state: SolverState
-    tip: Array
-    tangent: Array
-    tensions: Array
-    displacements: Array
+    state: SolverState  # At its end
+    tip: Array  # (3,): Position [m] and unit tangent of the tip
+    tangent: Array  # as `tip`
+    tensions: Array  # (m,): At the base [N, m]
+    displacements: Array  # as `tensions`
+    # (6, m): Of the tip (position and world rotation vector) by the tension of each tendon [m/N, rad/N]; empty
+    # where it was not differentiated
     motion: Array
+    # (m, m): Derivative of the inputs by the tensions; empty where it was not differentiated
     inputs_by_tension: Array
+    # Whether the derivatives are those of the whole path; else of a path without reversals within substeps
     exact: bool
 
     @property

@@ -14,7 +14,7 @@ from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.response import Equilibrium
-from tdcr_fe.solve.load_steps.load_path import Path
+from tdcr_fe.solve.load_steps.load_path import SolvedPath
 
 Array = NDArray[np.float64]
 
@@ -25,44 +25,24 @@ ROUND_OFF = 1e-13
 
 
 class LastSolution(NamedTuple):
-    """The end of a solved load step, and the scene that it left.
-
-    Attributes
-    ----------
-    state : SolverState
-    linearization : Linearization or None
-    end : Equilibrium or None
-    scene : tuple of ndarray
-        Everything that Exudyn keeps of it, see `_scene`.
-    models : tuple of ForceModel
-        By robot.
-    """
+    """The end of a solved load step, and the scene that it left."""
 
     state: SolverState
     linearization: Linearization | None
     end: Equilibrium | None
-    scene: tuple[Array, ...]
-    models: tuple[ForceModel, ...]
+    scene: tuple[Array, ...]  # Everything that Exudyn keeps of it, see `_scene`
+    models: tuple[ForceModel, ...]  # By robot
 
 
 class Start(NamedTuple):
-    """Where a load step begins.
-
-    Attributes
-    ----------
-    state : SolverState
-    linearization : Linearization or None
-        Of a state near it, for the first iteration.
-    end : Equilibrium or None
-        The same state with an exact linearisation, for the search of reversals.
-    """
+    """Where a load step begins."""
 
     state: SolverState
-    linearization: Linearization | None = None
-    end: Equilibrium | None = None
+    linearization: Linearization | None = None  # Of a state near it, for the first iteration
+    end: Equilibrium | None = None  # The same state with an exact linearisation, for the search of reversals
 
 
-def remember(system: SceneSystem, path: Path) -> None:
+def remember(system: SceneSystem, path: SolvedPath) -> None:
     """Keep the end of a path for the next load step, after the scene was left in it."""
     models = tuple(robot.model for robot in system.robots)
     system.mbs.variables[KEY] = LastSolution(path.state, path.linearization, path.end, _scene(system), models)

@@ -27,17 +27,11 @@ InputRamp = Callable[[float, float], Array]
 
 @dataclass(frozen=True, eq=False)
 class LoadRamp:
-    """Change of one concentrated load, six values: force [N] and moment [N m].
-
-    Attributes
-    ----------
-    item : PointLoadItem
-    start, end : ndarray, shape (6,)
-    """
+    """Change of one concentrated load, six values: force [N] and moment [N m]."""
 
     item: PointLoadItem
-    start: Array
-    end: Array
+    start: Array  # (6,)
+    end: Array  # as `start`
 
     def at(self, load_factor: float) -> Array:
         """The load at a load factor."""
@@ -46,30 +40,15 @@ class LoadRamp:
 
 @dataclass(frozen=True, eq=False)
 class Ramp:
-    """Change of inputs, loads and time in a load step.
+    """Change of inputs, loads and time in a load step."""
 
-    Attributes
-    ----------
-    inputs : tuple of callable
-        By robot, see `InputRamp`.
-    loads : tuple of LoadRamp
-    start_time, end_time : float
-        [s].
-    before_increment : callable or None
-        Called with the time [s] before every solve.
-    user_loads : bool
-        Whether user functions may change loads within the step.
-    user_inputs : bool
-        Whether user functions set tendon inputs over time.
-    """
-
-    inputs: tuple[InputRamp, ...]
+    inputs: tuple[InputRamp, ...]  # By robot, see `InputRamp`
     loads: tuple[LoadRamp, ...]
-    start_time: float
-    end_time: float
-    before_increment: Callable[[float], None] | None = None
-    user_loads: bool = False
-    user_inputs: bool = False
+    start_time: float  # [s]
+    end_time: float  # as `start_time`
+    before_increment: Callable[[float], None] | None = None  # Called with the time [s] before every solve
+    user_loads: bool = False  # Whether user functions may change loads within the step
+    user_inputs: bool = False  # Whether user functions set tendon inputs over time
 
     @classmethod
     def of(
@@ -162,68 +141,38 @@ def _input_ramp(system: SceneSystem, state: SolverState, i: int) -> InputRamp:
 
 @dataclass(frozen=True)
 class Increment:
-    """End of an accepted substep.
+    """End of an accepted substep."""
 
-    Attributes
-    ----------
-    load_factor : float
-        Fraction of the load step, in [0, 1] [1]; 0 where weight acts on a robot that was never loaded.
-    state : StoredState
-        The solved state, history committed.
-    """
-
+    # Fraction of the load step, in [0, 1] [1]; 0 where weight acts on a robot that was never loaded
     load_factor: float
-    state: StoredState
+    state: StoredState  # The solved state, history committed
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
-    """A solved part of a load step.
+class SolvedPath:
+    """A solved part of a load step."""
 
-    Attributes
-    ----------
-    state : SolverState
-        At its end.
-    forces : tuple of TendonForces
-        By robot, in that state; empty if the scene was last evaluated in another state.
-    linearization : Linearization or None
-        The last one of the last substep; None if that substep needed no iteration.
-    increments : tuple of (float, SolverState)
-        Load factor and state at the end of every substep.
-    iterations : int
-        Of the accepted substeps.
-    rejected : int
-        Iterations of attempts that were not accepted.
-    residual : float
-        Relative residual at the end [1].
-    snapped : bool
-        Whether the robot jumped to another equilibrium.
-    presliding_factor : float
-        Largest factor on the presliding distance that a substep needed [1].
-    refinement_error : float
-        Estimated displacement of a node by what is not resolved of the path, over the length, where it is beyond the
-        tolerance; else 0 [1].
-    end : Equilibrium or None
-        The state at its end with its linearisation, where friction needed it.
-    located : bool
-        Whether any substep was solved with the reversals located in it, so that its history is not that of the one
-        before.
-    unstable : bool
-        Whether the state at its end is known to be unstable; this is examined in scenes with contact.
-    """
-
-    state: SolverState
+    state: SolverState  # At its end
+    # By robot, in that state; empty if the scene was last evaluated in another state
     forces: tuple[TendonForces, ...] = ()
+    # The last one of the last substep; None if that substep needed no iteration
     linearization: Linearization | None = None
-    increments: tuple[tuple[float, SolverState], ...] = ()
-    iterations: int = 0
-    rejected: int = 0
-    residual: float = 0.0
-    snapped: bool = False
-    presliding_factor: float = 1.0
+    increments: tuple[
+        tuple[float, SolverState], ...
+    ] = ()  # Load factor and state at the end of every substep
+    iterations: int = 0  # Of the accepted substeps
+    rejected: int = 0  # Iterations of attempts that were not accepted
+    residual: float = 0.0  # Relative residual at the end [1]
+    snapped: bool = False  # Whether the robot jumped to another equilibrium
+    presliding_factor: float = 1.0  # Largest factor on the presliding distance that a substep needed [1]
+    # Estimated displacement of a node by what is not resolved of the path, over the length, where it is beyond
+    # the tolerance; else 0 [1]
     refinement_error: float = 0.0
-    end: Equilibrium | None = None
+    end: Equilibrium | None = None  # The state at its end with its linearisation, where friction needed it
+    # Whether any substep was solved with the reversals located in it, so that its history is not that of the
+    # one before
     located: bool = False
+    # Whether the state at its end is known to be unstable; this is examined in scenes with contact
     unstable: bool = False
 
     @property
@@ -231,9 +180,9 @@ class Path:
         """Number of accepted substeps."""
         return len(self.increments)
 
-    def then(self, other: Path) -> Path:
+    def then(self, other: SolvedPath) -> SolvedPath:
         """Join another part that begins where this one ends."""
-        return Path(
+        return SolvedPath(
             other.state,
             other.forces,
             other.linearization,
@@ -250,9 +199,9 @@ class Path:
         )
 
 
-def one_substep(result: NewtonResult, load_factor: float) -> Path:
+def one_substep(result: NewtonResult, load_factor: float) -> SolvedPath:
     """A converged solve as one substep."""
-    return Path(
+    return SolvedPath(
         result.state,
         result.forces,
         result.linearization,
@@ -263,30 +212,18 @@ def one_substep(result: NewtonResult, load_factor: float) -> Path:
     )
 
 
-class Progress(NamedTuple):
-    """How far a load step has been solved.
+class StepProgress(NamedTuple):
+    """How far a load step has been solved."""
 
-    Attributes
-    ----------
-    path : Path
-        Of the accepted substeps.
-    load_factor : float
-        At its end [1].
-    error : float
-        Largest displacement of a node that reversals left out of account may cause, over the length [1].
-    equilibrium : Equilibrium or None
-        The state at its end with its linearisation, where known.
-    rescues_left : float
-        So many more smallest substeps may be solved by a rescue (`SubstepSolver.rescue`).
-    """
-
-    path: Path
-    load_factor: float = 0.0
+    path: SolvedPath  # Of the accepted substeps
+    load_factor: float = 0.0  # At its end [1]
+    # Largest displacement of a node that reversals left out of account may cause, over the length [1]
     error: float = 0.0
-    equilibrium: Equilibrium | None = None
+    equilibrium: Equilibrium | None = None  # The state at its end with its linearisation, where known
+    # So many more smallest substeps may be solved by a rescue (`SubstepSolver.rescue`)
     rescues_left: float = math.inf
 
-    def with_rejected(self, iterations: int) -> Progress:
+    def with_rejected(self, iterations: int) -> StepProgress:
         """The same after an attempt that was not accepted."""
         if iterations == 0:
             return self
@@ -328,7 +265,7 @@ class LoadStepReport:
     unstable: bool = False
 
     @classmethod
-    def of(cls, path: Path) -> LoadStepReport:
+    def of(cls, path: SolvedPath) -> LoadStepReport:
         """Report on a load step that was solved along a path."""
         return cls(
             path.iterations,

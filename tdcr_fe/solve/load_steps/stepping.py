@@ -22,7 +22,14 @@ from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
 from tdcr_fe.solve.friction_path.reversals import InterpolationPoint
-from tdcr_fe.solve.load_steps.load_path import Increment, Path, Progress, Ramp, StepFailed, one_substep
+from tdcr_fe.solve.load_steps.load_path import (
+    Increment,
+    Ramp,
+    SolvedPath,
+    StepFailed,
+    StepProgress,
+    one_substep,
+)
 from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver, has_rates, with_history_of
 from tdcr_fe.solve.load_steps.substep_reversals import Attempt, SubstepReversals, twist_change, twists
 from tdcr_fe.solve.newton.newton import NewtonResult
@@ -80,46 +87,26 @@ def _rotation(change: Array) -> float:
 
 
 class _Goal(NamedTuple):
-    """End of a part of a load step that is still to be solved.
+    """End of a part of a load step that is still to be solved."""
 
-    Attributes
-    ----------
-    load_factor : float
-        [1].
-    warm_start : SolverState or None
-        A state there that is near the one looked for.
-    linearization : Linearization or None
-        In that state, where known.
-    """
-
-    load_factor: float
-    warm_start: SolverState | None = None
-    linearization: Linearization | None = None
+    load_factor: float  # [1]
+    warm_start: SolverState | None = None  # A state there that is near the one looked for
+    linearization: Linearization | None = None  # In that state, where known
 
 
 @dataclass(frozen=True, eq=False)
 class LoadStepper:
-    """Takes a scene through a load step, in substeps.
+    """Takes a scene through a load step, in substeps."""
 
-    Attributes
-    ----------
-    solver : SubstepSolver
-        Solves the substeps.
-    start : Equilibrium or None
-        The state at the beginning of the load step with its linearisation, where known.
-    linearization : Linearization or None
-        The last one of the load step before, with which the first iteration begins.
-    divide : bool
-        Whether substeps always end where slips reverse, so that each has the history of the one before, as derivatives
-        along the path need it. Else a substep may be solved with the reversals located in it.
-    warm_start : SolverState or None
-        A state that is near the end of the load step, from which its solution begins.
-    """
-
-    solver: SubstepSolver
+    solver: SubstepSolver  # Solves the substeps
+    # The state at the beginning of the load step with its linearisation, where known
     start: Equilibrium | None = None
+    # The last one of the load step before, with which the first iteration begins
     linearization: Linearization | None = None
+    # Whether substeps always end where slips reverse, so that each has the history of the one before, as
+    # derivatives along the path need it. Else a substep may be solved with the reversals located in it.
     divide: bool = False
+    # A state that is near the end of the load step, from which its solution begins
     warm_start: SolverState | None = None
 
     def solve(
@@ -127,7 +114,7 @@ class LoadStepper:
         state: SolverState,
         substeps: int | None = None,
         reference_path: Sequence[Increment] | None = None,
-    ) -> Path:
+    ) -> SolvedPath:
         """Solve the load step.
 
         Parameters
@@ -152,13 +139,13 @@ class LoadStepper:
             return self._with_path_resolved(state)
         return self._equal_substeps(state, substeps)
 
-    def _equal_substeps(self, state: SolverState, count: int) -> Path:
-        path = Path(state, linearization=self.linearization)
+    def _equal_substeps(self, state: SolverState, count: int) -> SolvedPath:
+        path = SolvedPath(state, linearization=self.linearization)
         for k in range(count):
             path = self._extended(path, k / count, (k + 1) / count)
         return path
 
-    def _extended(self, path: Path, start: float, end: float) -> Path:
+    def _extended(self, path: SolvedPath, start: float, end: float) -> SolvedPath:
         """A path with one more substep."""
         try:
             return path.then(self._substep(path, start, end))
@@ -166,7 +153,7 @@ class LoadStepper:
             failure.iterations += path.iterations + path.rejected
             raise
 
-    def _substep(self, before: Path, start: float, end: float) -> Path:
+    def _substep(self, before: SolvedPath, start: float, end: float) -> SolvedPath:
         """One substep after a path, halved only where it does not converge."""
         state = before.state
         result = self.solver.solve(state, end, before.linearization, state)
@@ -179,9 +166,9 @@ class LoadStepper:
             solved = self._extended(self._substep(before, start, middle), middle, end)
         return replace(solved, rejected=solved.rejected + result.iterations)
 
-    def _along_reference(self, state: SolverState, reference: Sequence[Increment]) -> Path:
+    def _along_reference(self, state: SolverState, reference: Sequence[Increment]) -> SolvedPath:
         """The substeps of a reference path, each started from its solution; if one fails, it is solved without."""
-        path, start = Path(state, linearization=self.linearization), 0.0
+        path, start = SolvedPath(state, linearization=self.linearization), 0.0
         for point in reference:
             end = point.load_factor
             guess = self.solver.system.warm_start(path.state, point.state)
@@ -193,7 +180,7 @@ class LoadStepper:
             start = end
         return path
 
-    def _with_path_resolved(self, state: SolverState) -> Path:
+    def _with_path_resolved(self, state: SolverState) -> SolvedPath:
         """The load step with its path dependence resolved.
 
         Slip reversals are resolved in every solution. Where coefficients of friction depend on slip rates, or where a
@@ -222,21 +209,15 @@ class LoadStepper:
             path = replace(finer, rejected=finer.rejected + path.iterations + path.rejected)
         return path if agreed >= needed else replace(path, refinement_error=max(path.refinement_error, error))
 
-    def _jumps_examined(self, state: SolverState, path: Path) -> tuple[int, bool]:
-        """Solve substeps that may have jumped to another branch again, in halves, unless their slopes exclude it.
-
-        Returns
-        -------
-        iterations : int
-            Spent on them.
-        confirmed : bool
-            Whether all halves end where the substep did.
-        """
+    def _jumps_examined(self, state: SolverState, path: SolvedPath) -> tuple[int, bool]:
+        """Solve substeps that may have jumped to another branch again, in halves, unless their slopes exclude it."""
         spent, start, before, confirmed = 0, 0.0, state, True
         for end, after in path.increments:
             if self._jump_possible(before, start, after, end):
                 try:
-                    halves = self._through(Progress(Path(before), start), (0.5 * (start + end), end))
+                    halves = self._through(
+                        StepProgress(SolvedPath(before), start), (0.5 * (start + end), end)
+                    )
                     spent += halves.iterations + halves.rejected
                     away = self.solver.distance(halves.state, after)
                     confirmed = away <= 2.0 * self.solver.settings.path_tolerance
@@ -255,24 +236,16 @@ class LoadStepper:
         unstable = before.tangent_sign * after.tangent_sign < 0
         return unstable or not is_continuous(self.solver, before, start, after, end)
 
-    def _in_equal_parts(self, state: SolverState, count: int, rescues: float = math.inf) -> Path:
-        """The load step in equal parts, each divided further where that is needed.
-
-        Parameters
-        ----------
-        state
-            At its beginning.
-        count
-            Number of parts.
-        rescues
-            So many smallest substeps may be solved by a rescue (`SubstepSolver.rescue`).
-        """
+    def _in_equal_parts(self, state: SolverState, count: int, rescues: float = math.inf) -> SolvedPath:
+        """The load step in equal parts, each divided further where that is needed."""
         ends = [(k + 1) / count for k in range(count)]
-        path = Path(state, linearization=self.linearization)
-        now = Progress(path, equilibrium=self.start, rescues_left=rescues)
+        path = SolvedPath(state, linearization=self.linearization)
+        now = StepProgress(path, equilibrium=self.start, rescues_left=rescues)
         return self._through(now, ends, self.warm_start if count == 1 else None)
 
-    def _through(self, now: Progress, ends: Sequence[float], warm_start: SolverState | None = None) -> Path:
+    def _through(
+        self, now: StepProgress, ends: Sequence[float], warm_start: SolverState | None = None
+    ) -> SolvedPath:
         """From a state on, in parts with these ends; a state near the last one may be known."""
         reversals = SubstepReversals(self.solver, self.divide)
         goals = [_Goal(end) for end in reversed(ends)]
@@ -287,18 +260,8 @@ class LoadStepper:
             return now.path
         return replace(now.path, refinement_error=error, end=now.equilibrium)
 
-    def _advanced(self, now: Progress, goals: list[_Goal], reversals: SubstepReversals) -> Progress:
-        """One attempt at the next part: it is solved, or its end is replaced by a nearer one.
-
-        Parameters
-        ----------
-        now
-            Where it begins.
-        goals
-            Ends of the parts still to be solved, the next one last; changed.
-        reversals
-            Examines solved substeps.
-        """
+    def _advanced(self, now: StepProgress, goals: list[_Goal], reversals: SubstepReversals) -> StepProgress:
+        """One attempt at the next part: it is solved, or its end is replaced by a nearer one."""
         goal, warm_start, line = goals[-1]
         guess = now.path.state
         if warm_start is None:
@@ -330,7 +293,7 @@ class LoadStepper:
         goals.pop()
         return _accepted(now, goal, part)
 
-    def _leaves_branch(self, now: Progress, goal: float, result: NewtonResult) -> bool:
+    def _leaves_branch(self, now: StepProgress, goal: float, result: NewtonResult) -> bool:
         """Whether a solution is likely on a branch of bays that buckled, and a shorter substep may stay on this one.
 
         Where tendons are driven by displacement, a straight backbone under great compression is a solution, too.
@@ -349,7 +312,7 @@ class LoadStepper:
             return _Goal(goal)
         return _Goal(goal, part.end.state, part.end.linearization)
 
-    def _rescued(self, now: Progress, goal: float, failed: NewtonResult) -> Progress:
+    def _rescued(self, now: StepProgress, goal: float, failed: NewtonResult) -> StepProgress:
         """After a smallest substep that does not converge."""
         try:
             if now.rescues_left <= 0:
@@ -359,7 +322,7 @@ class LoadStepper:
             failure.iterations += now.path.iterations + now.path.rejected
             raise
         path = now.path.then(replace(part, rejected=part.rejected + failed.iterations))
-        return Progress(path, goal, now.error, rescues_left=now.rescues_left - 1)
+        return StepProgress(path, goal, now.error, rescues_left=now.rescues_left - 1)
 
     def _depends_on_rates(self, before: SolverState, after: SolverState) -> bool:
         """Whether slip rates may matter: coefficients follow laws, and a hole under tension changed its state.
@@ -377,12 +340,12 @@ class LoadStepper:
         return False
 
 
-def _accepted(now: Progress, goal: float, part: Attempt) -> Progress:
+def _accepted(now: StepProgress, goal: float, part: Attempt) -> StepProgress:
     """After a substep that is accepted, with the states that were solved within it."""
     solved = one_substep(part.result, goal)
     if part.located:
         solved = replace(solved, located=True, increments=(*part.within, *solved.increments))
-    return Progress(now.path.then(solved), goal, now.error + part.error, part.end, now.rescues_left)
+    return StepProgress(now.path.then(solved), goal, now.error + part.error, part.end, now.rescues_left)
 
 
 def solve_ramp(
@@ -396,7 +359,7 @@ def solve_ramp(
     linearization: Linearization | None = None,
     divide: bool = False,
     warm_start: SolverState | None = None,
-) -> Path:
+) -> SolvedPath:
     """Take a scene through a load step and leave it in the state reached; the one driver of all load steps.
 
     Parameters

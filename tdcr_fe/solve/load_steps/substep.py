@@ -11,7 +11,7 @@ from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, input_changes, same_loads
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.load_steps.load_path import Path, Ramp, StepFailed, one_substep
+from tdcr_fe.solve.load_steps.load_path import Ramp, SolvedPath, StepFailed, one_substep
 from tdcr_fe.solve.newton.contact_stability import freely_moving, unstable_motion
 from tdcr_fe.solve.newton.convergence import NewtonStatus
 from tdcr_fe.solve.newton.newton import NewtonResult, newton, under_inputs
@@ -56,18 +56,10 @@ def _along(motion: Array, before: SolverState, after: SolverState) -> float:
 
 @dataclass(frozen=True, eq=False)
 class SubstepSolver:
-    """Solves substeps of one load step of a scene.
-
-    Attributes
-    ----------
-    system : SceneSystem
-    ramp : Ramp
-        The load step.
-    settings : SolverSettings
-    """
+    """Solves substeps of one load step of a scene."""
 
     system: SceneSystem
-    ramp: Ramp
+    ramp: Ramp  # The load step
     settings: SolverSettings
 
     def solve(
@@ -194,7 +186,7 @@ class SubstepSolver:
                 return True
         return False
 
-    def rescue(self, state: SolverState, start: float, end: float, failed: NewtonResult) -> Path:
+    def rescue(self, state: SolverState, start: float, end: float, failed: NewtonResult) -> SolvedPath:
         """For a smallest substep that does not converge: try snap-through, then a larger presliding distance."""
         spent = 0
         guess = self._pushed(state, failed) if failed.status is NewtonStatus.UNSTABLE else state

@@ -1,9 +1,7 @@
 """Slip reversals within a substep: states solved within it, and what is done with the reversals found.
 
-Through them the slips are interpolated better than between both ends alone. Documentation: page "Theory", section
-"Solving with reversals".
-
-Documentation: page "Theory", section "Finding reversals".
+Through states within a substep the slips are interpolated better than between both ends alone. Documentation: page
+"Theory", sections "Finding reversals" and "Solving with reversals".
 """
 
 from __future__ import annotations
@@ -22,9 +20,9 @@ from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.friction_path.path import FrictionPath
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons, near_enough
-from tdcr_fe.solve.friction_path.reversals import History, InterpolationPoint, Reversals, find_reversals
+from tdcr_fe.solve.friction_path.reversals import InterpolationPoint, Reversals, SlipHistory, find_reversals
 from tdcr_fe.solve.friction_path.steady import slips_steadily
-from tdcr_fe.solve.load_steps.load_path import Progress
+from tdcr_fe.solve.load_steps.load_path import StepProgress
 from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates, with_history_of
 from tdcr_fe.solve.newton.newton import NewtonResult, newton
 from tdcr_fe.solve.newton.prediction import moved_elements
@@ -122,17 +120,7 @@ def _interpolated(
 
 
 def _with_path_unknowns(at: Equilibrium, taut: TautTendons, unknowns: Array) -> SolverState:
-    """A state with other mobilisations, and other tensions at the base of tendons driven by displacement.
-
-    Parameters
-    ----------
-    at
-        The state.
-    taut
-        The tendons under tension; those driven by displacement that are not among them have none.
-    unknowns
-        Mobilisations of their frictional holes [1], then tensions at the base [N], shape (k + c,).
-    """
+    """A state with other mobilisations, and other tensions at the base of tendons driven by displacement."""
     state, numbering, k = at.state, at.numbering, len(taut.holes)
     mobilised = at.mobilisation.copy()
     mobilised[taut.holes] = unknowns[:k]
@@ -191,21 +179,11 @@ class Span(NamedTuple):
 
 
 class KnownStates(NamedTuple):
-    """States of a substep, from its start to its end.
+    """States of a substep, from its start to its end."""
 
-    Attributes
-    ----------
-    span : Span
-        The substep.
-    taut : TautTendons
-        The tendons under tension in any of the states.
-    points : tuple of InterpolationPoint
-        The states, by load factor.
-    """
-
-    span: Span
-    taut: TautTendons
-    points: tuple[InterpolationPoint, ...]
+    span: Span  # The substep
+    taut: TautTendons  # The tendons under tension in any of the states
+    points: tuple[InterpolationPoint, ...]  # The states, by load factor
 
     @classmethod
     def of(
@@ -317,52 +295,37 @@ class KnownStates(NamedTuple):
 
 
 class Attempt(NamedTuple):
-    """A converged substep, and what slip reversals within it change.
-
-    Attributes
-    ----------
-    result : NewtonResult
-    error : float
-        Largest displacement of a node that reversals may cause, over the length [1].
-    division : float
-        Where it is to be divided, as a fraction of it; 1 where it is good enough, 0 where forces have to balance first.
-    start, end : Equilibrium or None
-        At its ends, where they were needed.
-    rejected : int
-        Iterations of former solutions of the substep.
-    located : bool
-        Whether `result` has the reversals located in it.
-    within : tuple of (float, SolverState)
-        Load factors and states that were solved within it.
-    """
+    """A converged substep, and what slip reversals within it change."""
 
     result: NewtonResult
-    error: float = 0.0
+    error: float = 0.0  # Largest displacement of a node that reversals may cause, over the length [1]
+    # Where it is to be divided, as a fraction of it; 1 where it is good enough, 0 where forces have to balance
+    # first
     division: float = 1.0
-    start: Equilibrium | None = None
-    end: Equilibrium | None = None
-    rejected: int = 0
-    located: bool = False
-    within: tuple[tuple[float, SolverState], ...] = ()
+    start: Equilibrium | None = None  # At its ends, where they were needed
+    end: Equilibrium | None = None  # as `start`
+    rejected: int = 0  # Iterations of former solutions of the substep
+    located: bool = False  # Whether `result` has the reversals located in it
+    within: tuple[tuple[float, SolverState], ...] = ()  # Load factors and states that were solved within it
 
 
 @dataclass(frozen=True, eq=False)
 class SubstepReversals:
-    """Examines converged substeps of a load step for slip reversals.
+    """Examines converged substeps of a load step for slip reversals."""
 
-    Attributes
-    ----------
-    solver : SubstepSolver
-        Of the load step.
-    divide : bool
-        Whether substeps always end where slips reverse. Else a substep may be solved with the reversals located in it.
-    """
-
-    solver: SubstepSolver
+    solver: SubstepSolver  # Of the load step
+    # Whether substeps always end where slips reverse. Else a substep may be solved with the reversals located
+    # in it.
     divide: bool = False
 
     def attempt(
-        self, now: Progress, goal: float, result: NewtonResult, line: Linearization | None, *, predicted: bool
+        self,
+        now: StepProgress,
+        goal: float,
+        result: NewtonResult,
+        line: Linearization | None,
+        *,
+        predicted: bool,
     ) -> Attempt:
         """A converged substep: as it is, solved again with its reversals, or to be divided.
 
@@ -399,7 +362,7 @@ class SubstepReversals:
             end = self._linearised(result.state, goal)
         return self._examined(now, Attempt(result, start=start, end=end), Span(now.load_factor, goal))
 
-    def _is_steady(self, now: Progress, goal: float, result: NewtonResult, line: Linearization) -> bool:
+    def _is_steady(self, now: StepProgress, goal: float, result: NewtonResult, line: Linearization) -> bool:
         """Whether a substep is a whole load step without change of the loads in which all holes slip steadily."""
         ramp, system = self.solver.ramp, self.solver.system
         if now.load_factor != 0.0 or goal != 1.0 or ramp.loads_change or ramp.nonlinear:
@@ -407,7 +370,7 @@ class SubstepReversals:
         clamped, presliding = system.layout.clamped, self.solver.settings.presliding
         return slips_steadily(now.path.state, result, line, clamped, presliding)
 
-    def _examined(self, now: Progress, attempt: Attempt, span: Span) -> Attempt:
+    def _examined(self, now: StepProgress, attempt: Attempt, span: Span) -> Attempt:
         """A substep with exact linearisations at both ends: accepted, solved again with its reversals, or divided."""
         start, end = attempt.start, attempt.end
         assert start is not None and end is not None
@@ -448,21 +411,6 @@ class SubstepReversals:
         """A substep solved with the reversals located in it, again until the path to the solution has the same ones.
 
         Where they are uncertain, the slips are interpolated through more states within the substep.
-
-        Parameters
-        ----------
-        attempt
-            The substep solved as a whole.
-        before
-            State at its start.
-        known
-            The solved states.
-        found
-            The reversals.
-        allowed
-            Displacement of a node that is allowed, over the length [1].
-        most
-            Largest number of intervals between solved states.
         """
         division = found.division
         for _ in range(MOST_CORRECTIONS):
@@ -505,7 +453,7 @@ class SubstepReversals:
         return attempt
 
     def _corrected(
-        self, before: SolverState, result: NewtonResult, history: History, known: KnownStates
+        self, before: SolverState, result: NewtonResult, history: SlipHistory, known: KnownStates
     ) -> NewtonResult:
         """A substep solved again, with the mobilisations counted from where the slips reversed."""
         end = known.end
@@ -513,12 +461,12 @@ class SubstepReversals:
         return self.solver.solve(guess, known.span.end, end.linearization, before)
 
     def _ends_as_followed(
-        self, result: NewtonResult, history: History, known: KnownStates, allowed: float
+        self, result: NewtonResult, history: SlipHistory, known: KnownStates, allowed: float
     ) -> bool:
         """Whether a substep solved again ends where the path led, and not in another solution with its history."""
         return history.distance(result.state, known.end.numbering) <= allowed * self.solver.system.length
 
-    def _start(self, now: Progress, numbering: Numbering) -> Equilibrium:
+    def _start(self, now: StepProgress, numbering: Numbering) -> Equilibrium:
         """The state at the beginning of a substep, linearised exactly."""
         start = now.equilibrium
         if start is None or not start.numbering.same_unknowns(numbering):

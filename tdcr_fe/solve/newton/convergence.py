@@ -49,35 +49,17 @@ class NewtonStatus(Enum):
 
 
 class Iterate(NamedTuple):
-    """What the tests see of an iteration.
+    """What the tests see of an iteration."""
 
-    Attributes
-    ----------
-    residual : float
-        Largest unbalanced force, gap or miss of a prescribed displacement over its scale [1].
-    step : ndarray or None
-        Change of all unknowns that led here, for `ResidualScales.step_size`; None at the start.
-    scales : ResidualScales
-    forces : tuple of TendonForces
-        By robot.
-    mobilisation : tuple of ndarray
-        By robot [1].
-    history : tuple of FrictionState
-        By robot, at the last solution.
-    presliding : float
-        Presliding distance [m].
-    with_friction : bool
-        Whether mobilisations are among the unknowns.
-    """
-
-    residual: float
+    residual: float  # Largest unbalanced force, gap or miss of a prescribed displacement over its scale [1]
+    # Change of all unknowns that led here, for `ResidualScales.step_size`; None at the start
     step: Array | None
     scales: ResidualScales
-    forces: tuple[TendonForces, ...]
-    mobilisation: tuple[Array, ...]
-    history: tuple[FrictionState, ...]
-    presliding: float
-    with_friction: bool = True
+    forces: tuple[TendonForces, ...]  # By robot
+    mobilisation: tuple[Array, ...]  # By robot [1]
+    history: tuple[FrictionState, ...]  # By robot, at the last solution
+    presliding: float  # Presliding distance [m]
+    with_friction: bool = True  # Whether mobilisations are among the unknowns
 
 
 def friction_error(iterate: Iterate) -> float:
@@ -93,24 +75,12 @@ def friction_error(iterate: Iterate) -> float:
 
 @dataclass(frozen=True)
 class ConvergenceTest:
-    """One condition that a solution meets.
+    """One condition that a solution meets."""
 
-    Attributes
-    ----------
-    error : function
-        From an iterate to a number, not negative [1].
-    tolerance : function
-        From the settings to the largest error allowed [1].
-    status : NewtonStatus
-        Of a solve that does not meet it.
-    measured : str
-        What the error is, in words.
-    """
-
-    error: Callable[[Iterate], float]
-    tolerance: Callable[[SolverSettings], float]
-    status: NewtonStatus
-    measured: str
+    error: Callable[[Iterate], float]  # From an iterate to a number, not negative [1]
+    tolerance: Callable[[SolverSettings], float]  # From the settings to the largest error allowed [1]
+    status: NewtonStatus  # Of a solve that does not meet it
+    measured: str  # What the error is, in words
 
 
 #: All conditions of a solution, in the order in which they are tested; a test is made where those before it are met.
@@ -131,18 +101,11 @@ CONVERGENCE_TESTS: tuple[ConvergenceTest, ...] = (
 
 
 class Unmet(NamedTuple):
-    """A test that is not met.
-
-    Attributes
-    ----------
-    test : ConvergenceTest
-    error, tolerance : float
-        What was found, and what is allowed [1].
-    """
+    """A test that is not met."""
 
     test: ConvergenceTest
-    error: float
-    tolerance: float
+    error: float  # What was found, and what is allowed [1]
+    tolerance: float  # as `error`
 
     @property
     def status(self) -> NewtonStatus:

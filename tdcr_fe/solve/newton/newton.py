@@ -45,41 +45,21 @@ CONTACT_TRIALS = 5
 
 
 class NewtonResult(NamedTuple):
-    """Result of one Newton solve.
-
-    Attributes
-    ----------
-    status : NewtonStatus
-    state : SolverState
-        If converged, the solution with its history committed; else the last iterate.
-    residuals : tuple of float
-        Relative residual before each iteration, and at the end [1].
-    iterations : int
-        Linear solves.
-    unmet : Unmet or None
-        The convergence test that the last iterate does not meet, where that is why it ended.
-    forces : tuple of TendonForces
-        By robot, in that state.
-    linearization : Linearization or None
-        The last one; None if the initial state was a solution.
-    target : Target
-        What was solved for.
-    predicted_slips : ndarray, shape (k,), or None
-        Change of the slips predicted by the first iteration, where it has every hole keep slipping [m].
-    unstable : bool
-        Whether the solution is known to be unstable.
-    """
+    """Result of one Newton solve."""
 
     status: NewtonStatus
-    state: SolverState
-    residuals: tuple[float, ...]
-    iterations: int
-    unmet: Unmet | None
-    forces: tuple[TendonForces, ...]
-    linearization: Linearization | None
-    target: Target
+    state: SolverState  # If converged, the solution with its history committed; else the last iterate
+    residuals: tuple[float, ...]  # Relative residual before each iteration, and at the end [1]
+    iterations: int  # Linear solves
+    unmet: (
+        Unmet | None
+    )  # The convergence test that the last iterate does not meet, where that is why it ended
+    forces: tuple[TendonForces, ...]  # By robot, in that state
+    linearization: Linearization | None  # The last one; None if the initial state was a solution
+    target: Target  # What was solved for
+    # (k,): Change of the slips predicted by the first iteration, where it has every hole keep slipping [m]
     predicted_slips: Array | None = None
-    unstable: bool = False
+    unstable: bool = False  # Whether the solution is known to be unstable
 
     @property
     def converged(self) -> bool:
@@ -288,21 +268,7 @@ def _next_step(
     damping: float | None,
     near: Linearization | None,
 ) -> NewtonStep:
-    """The next step of an iteration.
-
-    Parameters
-    ----------
-    system, residual, numbering, presliding
-        As in `_iterate`.
-    last
-        The step before; None at the start.
-    chord
-        Whether it is a chord step.
-    damping
-        Of the damped motion [N m]; None where Newton's steps are taken.
-    near
-        Linearisation of a near state, for the first step; None for a new one.
-    """
+    """The next step of an iteration."""
     if chord and last is not None:
         return chord_step(last, numbering, residual)
     if damping is not None:

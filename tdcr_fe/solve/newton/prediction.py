@@ -32,21 +32,13 @@ MOST_CURVED = 0.5
 
 
 class Prediction(NamedTuple):
-    """A predicted solution.
+    """A predicted solution."""
 
-    Attributes
-    ----------
-    state : SolverState
-        The state at the beginning of the step with predicted unknowns.
-    slope : ndarray
-        Derivative of the unknowns at the beginning of the step, times its length, see `SolvedStep`.
-    slips : ndarray, shape (k,)
-        That of the slips [m].
-    """
-
-    state: SolverState
-    slope: Array
-    slips: Array
+    state: SolverState  # The state at the beginning of the step with predicted unknowns
+    slope: (
+        Array  # Derivative of the unknowns at the beginning of the step, times its length, see `SolvedStep`
+    )
+    slips: Array  # (k,): That of the slips [m]
 
 
 def predict(

@@ -106,21 +106,11 @@ def all_keep_slipping(mobilisation: Array, residual: Array) -> bool:
 
 
 class FrictionCoupling(NamedTuple):
-    """Derivatives between the unknowns of equilibrium and the mobilisations.
+    """Derivatives between the unknowns of equilibrium and the mobilisations."""
 
-    Attributes
-    ----------
-    columns : ndarray, shape (linear, k)
-        Residual by the mobilisations.
-    rows : ndarray, shape (k, linear)
-        Slips by the unknowns of equilibrium.
-    own : ndarray, shape (k, k)
-        Slips by the mobilisations [m].
-    """
-
-    columns: Array
-    rows: Array
-    own: Array
+    columns: Array  # (linear, k): Residual by the mobilisations
+    rows: Array  # (k, linear): Slips by the unknowns of equilibrium
+    own: Array  # (k, k): Slips by the mobilisations [m]
 
     @classmethod
     def of(
@@ -181,17 +171,10 @@ class FrictionCoupling(NamedTuple):
 
 
 class FrictionResponse(NamedTuple):
-    """Response of the linearised equilibrium to mobilisations.
+    """Response of the linearised equilibrium to mobilisations."""
 
-    Attributes
-    ----------
-    columns : ndarray, shape (linear, k')
-        Change of the unknowns of equilibrium by the mobilisations.
-    matrix : ndarray, shape (k, k')
-        Presliding distance times identity, minus the derivative of the slips by the mobilisations [m].
-    """
-
-    columns: Array
+    columns: Array  # (linear, k'): Change of the unknowns of equilibrium by the mobilisations
+    # (k, k'): Presliding distance times identity, minus the derivative of the slips by the mobilisations [m]
     matrix: Array
 
     def then(self, other: FrictionResponse) -> FrictionResponse:
@@ -249,28 +232,15 @@ def friction_step(
 
 
 class NewtonStep(NamedTuple):
-    """Change of all unknowns, and where it comes from.
+    """Change of all unknowns, and where it comes from."""
 
-    Attributes
-    ----------
-    change : ndarray, shape (total,)
-    linearization : Linearization
-        The linearisation used.
-    friction_kept : bool
-        Whether every hole continues to slip in its direction, so that a chord step may follow.
-    damping : float
-        Damping used [N m].
-    chords : int
-        Chord steps that may still follow with the same linearisation.
-    slips : ndarray, shape (k,), or None
-        Slip residual after the step at fixed friction, where friction is kept [m].
-    """
-
-    change: Array
-    linearization: Linearization
+    change: Array  # (total,)
+    linearization: Linearization  # The linearisation used
+    # Whether every hole continues to slip in its direction, so that a chord step may follow
     friction_kept: bool
-    damping: float = 0.0
-    chords: int = 1
+    damping: float = 0.0  # Damping used [N m]
+    chords: int = 1  # Chord steps that may still follow with the same linearisation
+    # (k,): Slip residual after the step at fixed friction, where friction is kept [m]
     slips: Array | None = None
 
 

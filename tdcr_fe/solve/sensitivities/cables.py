@@ -23,21 +23,11 @@ Array = NDArray[np.float64]
 
 
 class CableVariation(NamedTuple):
-    """Change of the tendons as their holes move, at fixed poses and tensions.
+    """Change of the tendons as their holes move, at fixed poses and tensions."""
 
-    Attributes
-    ----------
-    lengths : ndarray, shape (m, n, P)
-        [m].
-    angles : ndarray, shape (m, n-1, P)
-        [rad].
-    wrenches : ndarray, shape (n+1, 6, P)
-        On the nodes with holes, in their own frames [N, N m].
-    """
-
-    lengths: Array
-    angles: Array
-    wrenches: Array
+    lengths: Array  # (m, n, P): [m]
+    angles: Array  # (m, n-1, P): [rad]
+    wrenches: Array  # (n+1, 6, P): On the nodes with holes, in their own frames [N, N m]
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -102,19 +92,11 @@ def cable_variation(own: TendonForces, rotations: Array, offsets: Array) -> Cabl
 
 
 class HoleDisturbance(NamedTuple):
-    """What moving the holes does at fixed poses, tensions at the base and mobilisations.
+    """What moving the holes does at fixed poses, tensions at the base and mobilisations."""
 
-    Attributes
-    ----------
-    wrenches : ndarray, shape (6 N, P)
-        On all nodes, in their own frames [N, N m].
-    tension, released : ndarray, shape (m, n, P)
-        Tensions [N] and released lengths [m] of the segments.
-    """
-
-    wrenches: Array
-    tension: Array
-    released: Array
+    wrenches: Array  # (6 N, P): On all nodes, in their own frames [N, N m]
+    tension: Array  # (m, n, P): Tensions [N] and released lengths [m] of the segments
+    released: Array  # as `tension`
 
 
 def hole_disturbance(

@@ -50,21 +50,11 @@ class NoDerivative(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Stencil:
-    """Experiments at neighbouring values, and the weights with which they give a derivative.
+    """Experiments at neighbouring values, and the weights with which they give a derivative."""
 
-    Attributes
-    ----------
-    weights : ndarray, shape (k,)
-        Of the neighbours.
-    base_weight : float
-        Of the present experiment.
-    experiments : tuple of Experiment
-        The neighbours.
-    """
-
-    weights: np.ndarray
-    base_weight: float
-    experiments: tuple[Experiment, ...]
+    weights: np.ndarray  # (k,): Of the neighbours
+    base_weight: float  # Of the present experiment
+    experiments: tuple[Experiment, ...]  # The neighbours
 
 
 def stencil(
@@ -104,22 +94,12 @@ def stencil(
 
 @dataclass(frozen=True, eq=False)
 class Tabulated:
-    """Neighbours of an experiment that were made beforehand, as `ModelParameter.apply`; can be sent to a process.
+    """Neighbours of an experiment that were made beforehand, as `ModelParameter.apply`; can be sent to a process."""
 
-    Attributes
-    ----------
-    value, step : float
-        Present value, and the difference step.
-    experiments : mapping of int to Experiment
-        By offset from the present value, in difference steps.
-    refused : str
-        Why there are no others.
-    """
-
-    value: float
-    step: float
-    experiments: Mapping[int, Experiment]
-    refused: str = ""
+    value: float  # Present value, and the difference step
+    step: float  # as `value`
+    experiments: Mapping[int, Experiment]  # By offset from the present value, in difference steps
+    refused: str = ""  # Why there are no others
 
     def __call__(self, experiment: Experiment, value: float) -> Experiment:
         """The neighbour with a value; ValueError where it was not made."""
@@ -155,38 +135,21 @@ def same_structure(present: Sequence[LoadStep], other: Sequence[LoadStep]) -> bo
 
 
 class Inherited(NamedTuple):
-    """Derivatives of what an increment inherits, and of its times.
+    """Derivatives of what an increment inherits, and of its times."""
 
-    Attributes
-    ----------
-    slip, slip_rate : ndarray, shape (m, g, P)
-        Of the history [m, m/s].
-    time, elapsed : ndarray, shape (P,)
-        Of the time at its end, and of its duration [s].
-    """
-
-    slip: Array
-    slip_rate: Array
-    time: Array
-    elapsed: Array
+    slip: Array  # (m, g, P): Of the history [m, m/s]
+    slip_rate: Array  # as `slip`
+    time: Array  # (P,): Of the time at its end, and of its duration [s]
+    elapsed: Array  # as `time`
 
 
 @dataclass(frozen=True, eq=False)
 class Neighbours:
-    """Models at neighbouring values of one parameter.
+    """Models at neighbouring values of one parameter."""
 
-    Attributes
-    ----------
-    number : int
-        Of the parameter.
-    stencil : Stencil
-    models : tuple of RobotModel
-        Of the stencil's experiments.
-    """
-
-    number: int
+    number: int  # Of the parameter
     stencil: Stencil
-    models: tuple[RobotModel, ...]
+    models: tuple[RobotModel, ...]  # Of the stencil's experiments
 
 
 def neighbours(
@@ -251,21 +214,11 @@ def _check_structure(present: RobotModel, other: RobotModel) -> None:
 
 @dataclass(frozen=True, eq=False)
 class ParameterModels:
-    """Models of a robot at the present values of its parameters, and at neighbouring values of each.
+    """Models of a robot at the present values of its parameters, and at neighbouring values of each."""
 
-    Attributes
-    ----------
-    present : RobotModel
-        At the present values.
-    neighbours : tuple of Neighbours
-        By parameter of the description; inputs of the load steps have none.
-    count : int
-        Number of parameters P, inputs included.
-    """
-
-    present: RobotModel
-    neighbours: tuple[Neighbours, ...]
-    count: int
+    present: RobotModel  # At the present values
+    neighbours: tuple[Neighbours, ...]  # By parameter of the description; inputs of the load steps have none
+    count: int  # Number of parameters P, inputs included
 
     def where(self, differs: Callable[[RobotModel, RobotModel], bool]) -> Stacked:
         """The models of the parameters by which something differs from the present model."""
@@ -275,20 +228,11 @@ class ParameterModels:
 
 
 class Stacked(NamedTuple):
-    """Models of some parameters, the present model first.
-
-    Attributes
-    ----------
-    models : list of RobotModel
-    parameters : ndarray of int, shape (P',)
-        Numbers of the parameters.
-    weights : ndarray, shape (P', S)
-        Of the models in each derivative.
-    """
+    """Models of some parameters, the present model first."""
 
     models: list[RobotModel]
-    parameters: NDArray[np.int_]
-    weights: Array
+    parameters: NDArray[np.int_]  # (P',): Numbers of the parameters
+    weights: Array  # (P', S): Of the models in each derivative
 
     @classmethod
     def of(cls, present: RobotModel, chosen: Sequence[Neighbours]) -> Stacked:
@@ -318,27 +262,13 @@ class InputValues(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class InputDerivatives:
-    """Derivatives of inputs and loads at the ends of all steps.
+    """Derivatives of inputs and loads at the ends of all steps."""
 
-    Attributes
-    ----------
-    tendons : ndarray, shape (steps, m, P)
-        Of tensions [N] and displacements [m].
-    loads : ndarray, shape (steps, L, 6, P)
-        Of the concentrated loads, in the order of the simulation.
-    times : ndarray, shape (steps, P)
-        Of the times [s].
-    restarts : ndarray of bool, shape (P,)
-        Whose derivatives begin anew with every step.
-    each_step : bool
-        Whether there is one entry for every step; else the first one holds for all.
-    """
-
-    tendons: Array
-    loads: Array
-    times: Array
-    restarts: NDArray[np.bool_]
-    each_step: bool = True
+    tendons: Array  # (steps, m, P): Of tensions [N] and displacements [m]
+    loads: Array  # (steps, L, 6, P): Of the concentrated loads, in the order of the simulation
+    times: Array  # (steps, P): Of the times [s]
+    restarts: NDArray[np.bool_]  # (P,): Whose derivatives begin anew with every step
+    each_step: bool = True  # Whether there is one entry for every step; else the first one holds for all
 
     def at(self, number: int) -> InputValues:
         """Derivatives at the end of a step, by its number from 0."""

@@ -109,17 +109,7 @@ class ExplicitDerivatives:
         return found._replace(wrenches=found.wrenches + flat)
 
     def _section_gradient(self, point: RobotPoint, released: Array, time: Array) -> Array | None:
-        """Derivatives of the energy's gradient by the twists, shape (E, 6, P); None where there are none.
-
-        Parameters
-        ----------
-        point
-            Where.
-        released
-            Released lengths of tendons that follow the backbone are entered here.
-        time
-            Derivatives of the time, shape (P,).
-        """
+        """Derivatives of the energy's gradient by the twists, shape (E, 6, P); None where there are none."""
         creeps = self.present.robot.backbone.creep_rate != 0.0 and bool(time.any())
         if not (len(self._elastic.parameters) or self._section_stack is not None or creeps):
             return None

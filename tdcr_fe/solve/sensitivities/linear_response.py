@@ -3,9 +3,9 @@
 Every hole keeps its state: one that slips goes on slipping at full friction, the mobilisation of one that sticks
 follows its slip. The linearisation is taken at the state itself.
 
-The inserts are up to 1e5 times stiffer than the backbone. Added to the tangent, their stiffness leaves a round-off that
-is a millionth of the softest modes. Here they are as soft as the backbone in the tangent, and forces make up for the
-difference: with ``B`` from increments of the nodes to twists of the inserts, and the difference of stiffness ``D``,
+Rigid inserts are up to 1e5 times stiffer than the backbone. Added to the tangent, their stiffness leaves a round-off
+that is a millionth of the softest modes. Here they are as soft as the backbone in the tangent, and forces make up for
+the difference: with ``B`` from increments of the nodes to twists of the inserts, and the difference of stiffness ``D``,
 
     (K - B^T D B) x = r   is   K x - B^T f = r,   B x - D^-1 f = 0 .
 
@@ -50,18 +50,10 @@ Solve = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class RelaxedMesh(BackboneMesh):
-    """A backbone some of whose elements are softer and transmit the same forces in one configuration.
+    """A backbone some of whose elements are softer and transmit the same forces in one configuration."""
 
-    Attributes
-    ----------
-    relaxed_stiffness : ndarray, shape (E, 6)
-        By the twists [N/m, N m].
-    relaxed_twists : ndarray, shape (E, 6)
-        Unloaded twists.
-    """
-
-    relaxed_stiffness: Array
-    relaxed_twists: Array
+    relaxed_stiffness: Array  # (E, 6): By the twists [N/m, N m]
+    relaxed_twists: Array  # (E, 6): Unloaded twists
 
     @property
     def twist_stiffness(self) -> Array:
@@ -142,61 +134,32 @@ def _relaxed(own: TendonForces, which: NDArray[np.bool_], twists: Array) -> tupl
 
 
 class TendonChange(NamedTuple):
-    """Change of the tendons of one robot; right sides are the last axis.
+    """Change of the tendons of one robot; right sides are the last axis."""
 
-    Attributes
-    ----------
-    base_tension : ndarray, shape (m, P)
-        [N].
-    mobilisation : ndarray, shape (m, g, P)
-    tension, released : ndarray, shape (m, n, P)
-        Tensions [N] and released lengths [m] of the segments.
-    """
-
-    base_tension: Array
-    mobilisation: Array
-    tension: Array
-    released: Array
+    base_tension: Array  # (m, P): [N]
+    mobilisation: Array  # (m, g, P)
+    tension: Array  # (m, n, P): Tensions [N] and released lengths [m] of the segments
+    released: Array  # as `tension`
 
 
 class Response(NamedTuple):
-    """Change of a solved state; right sides are the last axis.
+    """Change of a solved state; right sides are the last axis."""
 
-    Attributes
-    ----------
-    unknowns : ndarray, shape (linear, P)
-        Body-frame increments of the nodes, changes of everything else and of tensions at the base that are unknowns.
-    tendons : tuple of TendonChange
-        By robot.
-    """
-
+    # (linear, P): Body-frame increments of the nodes, changes of everything else and of tensions at the base
+    # that are unknowns
     unknowns: Array
-    tendons: tuple[TendonChange, ...]
+    tendons: tuple[TendonChange, ...]  # By robot
 
 
 class Disturbance(NamedTuple):
-    """What changes at one robot while its nodes stay where they are; right sides are the last axis.
+    """What changes at one robot while its nodes stay where they are; right sides are the last axis."""
 
-    Attributes
-    ----------
-    wrenches : ndarray, shape (6 N, P)
-        On the nodes, in their own frames.
-    inputs : ndarray, shape (m, P)
-        Tensions [N] or displacements [m] at the base.
-    tension, released : ndarray, shape (m, n, P)
-        Of the segments, at the same tension at the base [N, m].
-    slip : ndarray, shape (m, g, P)
-        Slips at the beginning of the increment [m].
-    mobilisation : ndarray, shape (m, g, P)
-        Mobilisations at the beginning of the increment [1].
-    """
-
-    wrenches: Array
-    inputs: Array
-    tension: Array
-    released: Array
-    slip: Array
-    mobilisation: Array
+    wrenches: Array  # (6 N, P): On the nodes, in their own frames
+    inputs: Array  # (m, P): Tensions [N] or displacements [m] at the base
+    tension: Array  # (m, n, P): Of the segments, at the same tension at the base [N, m]
+    released: Array  # as `tension`
+    slip: Array  # (m, g, P): Slips at the beginning of the increment [m]
+    mobilisation: Array  # (m, g, P): Mobilisations at the beginning of the increment [1]
 
     @classmethod
     def none(cls, forces: TendonForces, count: int) -> Disturbance:
@@ -216,33 +179,16 @@ class Disturbance(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SolvedPoint:
-    """A solved state, linearised.
-
-    Attributes
-    ----------
-    system : SceneSystem
-    numbering : Numbering
-    state : SolverState
-        With the history at the beginning of its increment.
-    forces : tuple of TendonForces
-        By robot.
-    linearization : Linearization
-    solve : callable
-        Solves the linearised equilibrium at fixed friction for several right sides.
-    sticking : tuple of ndarray of bool, shape (m, g)
-        By robot, whose mobilisations follow their slips.
-    presliding : float
-        Presliding distance [m].
-    """
+    """A solved state, linearised."""
 
     system: SceneSystem
     numbering: Numbering
-    state: SolverState
-    forces: tuple[TendonForces, ...]
+    state: SolverState  # With the history at the beginning of its increment
+    forces: tuple[TendonForces, ...]  # By robot
     linearization: Linearization
-    solve: Solve
-    sticking: tuple[NDArray[np.bool_], ...]
-    presliding: float
+    solve: Solve  # Solves the linearised equilibrium at fixed friction for several right sides
+    sticking: tuple[NDArray[np.bool_], ...]  # (m, g): By robot, whose mobilisations follow their slips
+    presliding: float  # Presliding distance [m]
 
     @classmethod
     def of(

@@ -94,48 +94,27 @@ _SIZES = {"rad": 1.0, "deg": 57.0, "m/s^2": 10.0, "N": 1.0, "N m": 1e-2, "kg": 1
 
 @dataclass(frozen=True, eq=False)
 class ModelParameter:
-    """A number that the description of robot, model or steps depends on.
-
-    Attributes
-    ----------
-    name : str
-    value : float
-        Present value, at which `apply` changes nothing.
-    size : float
-        A typical value, in proportion to which difference steps are chosen.
-    apply : callable
-        From an experiment and a value to the experiment with that value. Raises ValueError where it is impossible.
-    approximate : bool
-        Whether a derivative will do that leaves out in which order inputs change within a load step that only the
-        neighbours divide, as for choosing candidates; with friction there is no other.
-    """
+    """A number that the description of robot, model or steps depends on."""
 
     name: str
-    value: float
-    size: float
+    value: float  # Present value, at which `apply` changes nothing
+    size: float  # A typical value, in proportion to which difference steps are chosen
+    # From an experiment and a value to the experiment with that value. Raises ValueError where it is
+    # impossible.
     apply: Callable[[Experiment, float], Experiment]
+    # Whether a derivative will do that leaves out in which order inputs change within a load step that only the
+    # neighbours divide, as for choosing candidates; with friction there is no other
     approximate: bool = False
 
 
 @dataclass(frozen=True)
 class StepInput:
-    """An input at the end of every load step, everything before the step unchanged.
-
-    Attributes
-    ----------
-    name : str
-    tendon : int
-        Number of a tendon whose tension or displacement is meant, -1 where a load is meant.
-    load : str
-        Name of the load; empty where a tendon is meant.
-    component : int
-        Of the load's six values.
-    """
+    """An input at the end of every load step, everything before the step unchanged."""
 
     name: str
-    tendon: int = -1
-    load: str = ""
-    component: int = 0
+    tendon: int = -1  # Number of a tendon whose tension or displacement is meant, -1 where a load is meant
+    load: str = ""  # Name of the load; empty where a tendon is meant
+    component: int = 0  # Of the load's six values
 
 
 Parameter = ModelParameter | StepInput

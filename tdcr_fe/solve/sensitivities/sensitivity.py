@@ -46,28 +46,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Derivative:
-    """Derivative of the state at the end of a substep, on which the next one depends; parameters are the last axis.
+    """Derivative of the state at the end of a substep, on which the next one depends; parameters are the last axis."""
 
-    Attributes
-    ----------
-    slip, mobilisation, slip_rate : ndarray, shape (m, g, P)
-        Of the history.
-    base_tension, base_slip, inputs : ndarray, shape (m, P)
-        Tension and slip at the base plate, and prescribed tension or displacement [N, m].
-    loads : ndarray, shape (L, 6, P)
-        Of the concentrated loads.
-    time : ndarray, shape (P,)
-        [s].
-    """
-
-    slip: Array
-    mobilisation: Array
-    slip_rate: Array
+    slip: Array  # (m, g, P): Of the history
+    mobilisation: Array  # as `slip`
+    slip_rate: Array  # as `slip`
+    # (m, P): Tension and slip at the base plate, and prescribed tension or displacement [N, m]
     base_tension: Array
-    base_slip: Array
-    inputs: Array
-    loads: Array
-    time: Array
+    base_slip: Array  # as `base_tension`
+    inputs: Array  # (m, P): Tension and slip at the base plate, and prescribed tension or displacement [N, m]
+    loads: Array  # (L, 6, P): Of the concentrated loads
+    time: Array  # (P,): [s]
 
     @classmethod
     def unloaded(cls, released: Array, operator: Array, loads: int) -> Derivative:
@@ -96,20 +85,11 @@ class Derivative:
 
 
 class _Carried(NamedTuple):
-    """What one substep hands on to the next.
-
-    Attributes
-    ----------
-    derivative : Derivative
-    mobilisation : ndarray, shape (m, g)
-        Of the holes, also of those without friction at the present values.
-    slip : ndarray, shape (m, g)
-        Slips to which these belong [m].
-    """
+    """What one substep hands on to the next."""
 
     derivative: Derivative
-    mobilisation: Array
-    slip: Array
+    mobilisation: Array  # (m, g): Of the holes, also of those without friction at the present values
+    slip: Array  # (m, g): Slips to which these belong [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,29 +114,15 @@ class NodeLoad:
 
 @dataclass(frozen=True, eq=False)
 class SensitivityHistory:
-    """Derivatives along the load steps of a robot.
+    """Derivatives along the load steps of a robot."""
 
-    Attributes
-    ----------
-    handle : TDCR
-        The robot in its scene.
-    presliding : float
-        [m].
-    parameters : tuple of Parameter
-    explicit : ExplicitDerivatives
-    inputs : InputDerivatives
-    loads : tuple of NodeLoad
-        All concentrated loads of the scene.
-    steps : list
-        What has been computed, by load step. Cleared, the history begins anew.
-    """
-
-    handle: TDCR
-    presliding: float
+    handle: TDCR  # The robot in its scene
+    presliding: float  # [m]
     parameters: tuple[Parameter, ...]
     explicit: ExplicitDerivatives
     inputs: InputDerivatives
-    loads: tuple[NodeLoad, ...]
+    loads: tuple[NodeLoad, ...]  # All concentrated loads of the scene
+    # What has been computed, by load step. Cleared, the history begins anew.
     steps: list[_StepValues] = field(default_factory=list)
 
     @classmethod

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.holdout import choose_held_out
 from tdcr_fe.identify.identification import NotSolved
-from tdcr_fe.identify.outcome import IdentificationResult
+from tdcr_fe.identify.load_steps import choose_held_out
+from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading

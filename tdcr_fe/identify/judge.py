@@ -1,0 +1,470 @@
+"""Conclusions from a finished or interrupted search: verdict, effects with their numbers, and what remains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import Effect, EffectAtPlace
+from tdcr_fe.identify.ceiling import held_out_ceiling
+from tdcr_fe.identify.criteria import (
+    chi_square_threshold,
+    insufficient_data,
+    mostly_estimated_noise,
+    reduced_chi_square,
+    residual_is_noise,
+)
+from tdcr_fe.identify.data_faults import jump_of_residual, wrong_sigma
+from tdcr_fe.identify.fitting import covariance
+from tdcr_fe.identify.forward import run_settings
+from tdcr_fe.identify.long_data import RowChoice
+from tdcr_fe.identify.noise import outliers, structure
+from tdcr_fe.identify.problem import Fit, FitProblem
+from tdcr_fe.identify.result import (
+    NOT_EVALUATED,
+    THE_DATA,
+    THE_INPUTS,
+    THE_NOISE,
+    AddedEffect,
+    Estimate,
+    FoundLaw,
+    IdentificationResult,
+    InputScatter,
+    Misfit,
+    NextExperiment,
+    Noise,
+    Remainder,
+    SetErrors,
+    Shapes,
+    Structure,
+    Verdict,
+)
+from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.settings import CEILING, MAY_EXPLAIN, clock
+from tdcr_fe.model.interpolation import interpolate_positions
+
+Array = NDArray[np.float64]
+
+
+#: What remains where errors of the inputs account for it.
+INPUTS_EXPLAIN = "errors of the inputs, other ones in every step, would account for all that is left"
+
+
+def conclude(
+    search: Search,
+    state: SearchState,
+    sigma_estimated: bool,
+    begun: float,
+    law: FoundLaw | None = None,
+    next_experiment: NextExperiment | None = None,
+    rows: RowChoice | None = None,
+    input_scatter: InputScatter | None = None,
+) -> IdentificationResult:
+    """What a search has found.
+
+    Parameters
+    ----------
+    search, state
+        The search, with the deadline of these conclusions, and its last state.
+    sigma_estimated
+        Whether any sigma was not given.
+    begun
+        Reading of `tdcr_fe.identify.settings.clock` at the begin of the identification [s].
+    law
+        On no list, and part of the state's best model.
+    next_experiment
+        That helps most.
+    rows
+        Load steps that the search used; None for all.
+    input_scatter
+        That would account for a part of what is left.
+    """
+    wall_time = clock() - begun
+    problem, best, declared = state.problem, state.best, state.declared
+    data, held_out, fitted = problem.data, problem.held_out, problem.fitted
+    judged = _judged(search, state, law, input_scatter)
+    doubtful = bool(judged.insufficient or judged.faulty)
+    state, ceiling = (state, None) if doubtful else _with_ceiling(search, state)
+    tests = structure(data, best.residual, len(best.free))
+    spread = covariance(problem, best)
+    deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    moment, edges = missing_moment(problem, best)
+    held_ids = sorted({data.readings[i].step for i in np.flatnonzero(held_out)}, key=data.step_ids.index)
+    corrected = problem.with_effects(best.effects, best.values)
+    declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
+    return IdentificationResult(
+        data=data,
+        verdict=_verdict(state, judged, law),
+        effects=added_effects(search, state, deviation),
+        before_fit=problem.misfit(declared.residual, fitted),
+        before_held_out=problem.misfit(declared.residual, held_out),
+        after_fit=problem.misfit(best.residual, fitted, len(best.free)),
+        after_held_out=problem.misfit(best.residual, held_out),
+        held_out_steps=tuple(held_ids),
+        remaining=_remaining(state, judged, tests, moment, edges),
+        candidates=state.candidates,
+        structure=tests[:12],
+        residual_before=declared.residual * problem.sigma,
+        residual_after=best.residual * problem.sigma,
+        sigma=problem.sigma,
+        sigma_estimated=sigma_estimated,
+        outliers=outliers(best.residual),
+        correlation=spread / np.maximum(np.outer(deviation, deviation), 1e-300),
+        parameter_names=tuple(f"{a}.{b}" for a, b in best.free),
+        mesh_error=problem.mesh_error,
+        noise=_noise(problem, sigma_estimated),
+        shapes=_shapes(problem, declared, best, set(held_ids)),
+        corrected=replace(corrected, model=declared_mesh),
+        commanded=problem.experiment,
+        solver=run_settings(problem.forward.settings, problem.path_tolerance),
+        left_out_candidates=dict(state.refused),
+        runs=problem.forward.runs,
+        wall_time=wall_time,
+        not_tried=state.not_tried,
+        interrupted=state.interrupted,
+        history=state.history,
+        catalogue=problem.catalogue,
+        law=law,
+        next_experiment=next_experiment,
+        input_scatter=input_scatter,
+        jump="" if judged.explained or judged.faulty else jump_of_residual(problem, best),
+        searched=None if rows is None else rows.described(data),
+        by_set=_by_set(problem, declared, best),
+        ceiling=ceiling,
+        path=best.run.trajectory,
+    )
+
+
+class _Judgement(NamedTuple):
+    """What is to be thought of the data and of what is left.
+
+    Attributes
+    ----------
+    explained : bool
+        Whether what is left is noise.
+    insufficient, faulty : str
+        Why the data do not suffice, and their fault; empty where they do, and have none.
+    inputs_explain : bool
+        Whether errors of the inputs account for all that is left.
+    unknown_noise : str
+        Why what the declared model leaves cannot be told from noise, although it looks like noise; empty where it can.
+    """
+
+    explained: bool
+    insufficient: str
+    faulty: str
+    inputs_explain: bool
+    unknown_noise: str = ""
+
+    @property
+    def undecided(self) -> bool:
+        """Whether the data do not tell what is missing."""
+        return bool(self.insufficient or self.faulty or self.inputs_explain or self.unknown_noise)
+
+
+def _judged(
+    search: Search, state: SearchState, law: FoundLaw | None, input_scatter: InputScatter | None
+) -> _Judgement:
+    """What is to be thought of the data and of what is left."""
+    problem, best = state.problem, state.best
+    explained = residual_is_noise(problem, best, search.significance)
+    insufficient = insufficient_data(problem, state.declared, best, explained)
+    alone = not (insufficient or best.effects or law)
+    inputs_explain = alone and input_scatter is not None and input_scatter.explains_all
+    faulty = state.data_fault or (wrong_sigma(problem, best) if alone and not inputs_explain else "")
+    unknown_noise = mostly_estimated_noise(problem.data) if explained and alone and not faulty else ""
+    return _Judgement(explained, insufficient, faulty, inputs_explain, unknown_noise)
+
+
+def _with_ceiling(search: Search, state: SearchState) -> tuple[SearchState, Misfit | None]:
+    """The ceiling of the held-out misfit, if the time suffices."""
+    if state.interrupted:
+        return state, None
+    if search.late:
+        return state.without_trying(CEILING), None
+    return state, held_out_ceiling(state.problem, state.declared, state.best)
+
+
+def _verdict(state: SearchState, judged: _Judgement, law: FoundLaw | None) -> Verdict:
+    """The verdict."""
+    if state.interrupted:
+        return "unfinished"
+    if judged.undecided:
+        return "cannot tell"
+    if not judged.explained and not MAY_EXPLAIN.isdisjoint(state.not_tried):
+        return "unfinished"
+    if not judged.explained:
+        return "partly explained" if state.best.effects or law is not None else "unexplained"
+    if law is not None:
+        return "explained by a law found"
+    return "explained" if state.best.effects else "nothing missing"
+
+
+def _by_set(problem: FitProblem, declared: Fit, best: Fit) -> tuple[SetErrors, ...]:
+    """Errors on every one of several data sets; empty where there is one."""
+    found, first = [], 0
+    for name, count in problem.data.parts:
+        steps = problem.readings.reader.step
+        own = (steps >= first) & (steps < first + count)
+        fit, held = own & problem.fitted, own & problem.held_out
+        misfits = [problem.misfit(f.residual, which) for f in (declared, best) for which in (fit, held)]
+        found.append(SetErrors(name, first + 1, first + count, *misfits))
+        first += count
+    return tuple(found)
+
+
+def _noise(problem: FitProblem, estimated: bool) -> Noise:
+    """Noise given by sigma, in the measures of a misfit."""
+    all_readings = np.ones(len(problem.readings.values), dtype=bool)
+    size = problem.misfit(np.ones(len(problem.readings.values)), all_readings)
+    return Noise(size.rms_position, size.rms_coordinate, size.rms_angle, size.rms_by_quantity, estimated)
+
+
+def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Shapes:
+    """Measured and predicted positions by step, location and axis."""
+    data = problem.data
+    index = np.flatnonzero(problem.readings.is_position)
+    locations = np.unique([float(data.readings[i].location or 0.0) for i in index])
+    table = np.full((3, len(data.steps), locations.size, 3), np.nan)
+    for i in index:
+        r = data.readings[i]
+        at = (
+            problem.readings.reader.step[i],
+            int(np.searchsorted(locations, float(r.location or 0.0))),
+            "xyz".index(r.quantity[-1]),
+        )
+        for k, value in enumerate((0.0, base.residual[i], best.residual[i])):
+            table[(k, *at)] = r.value - value * problem.sigma[i]
+    backbones = []
+    for fit in (base, best):
+        observation = problem.with_effects(fit.effects, fit.values).observation
+        seen = np.full((len(data.steps), *fit.run.positions.shape[1:]), np.nan)
+        seen[: len(fit.run.positions)] = observation.seen(fit.run.positions)
+        backbones.append(seen)
+    return Shapes(
+        step_ids=data.step_ids,
+        branches=data.branches,
+        held_out=np.array([n in held_out for n in data.step_ids]),
+        arc_lengths=locations,
+        measured=table[0],
+        before=table[1],
+        after=table[2],
+        backbone_before=backbones[0],
+        backbone_after=backbones[1],
+    )
+
+
+def _remaining(
+    state: SearchState,
+    judged: _Judgement,
+    tests: Sequence[Structure],
+    moment: Array,
+    edges: Array,
+) -> Remainder:
+    """Location and kind of the remaining error, as texts."""
+    problem = state.problem
+    if judged.faulty:
+        return Remainder(THE_DATA, judged.faulty, moment, edges)
+    if judged.insufficient:
+        return Remainder("not known", judged.insufficient, moment, edges)
+    if judged.inputs_explain:
+        return Remainder(THE_INPUTS, INPUTS_EXPLAIN, moment, edges)
+    if judged.unknown_noise:
+        return Remainder(THE_NOISE, judged.unknown_noise, moment, edges)
+    if judged.explained:
+        text = "what is left has the size and the structure of the noise"
+        return Remainder("nowhere", text, moment, edges)
+    where, text = describe_moment(problem, moment, edges)
+    significant = [t for t in tests if t.p_value < 1e-4][:3]
+    if significant:
+        text += "; the residual is largest in: " + ", ".join(t.group for t in significant)
+    return Remainder(where, text, moment, edges)
+
+
+def added_effects(search: Search, state: SearchState, deviation: Array) -> tuple[AddedEffect, ...]:
+    """Effects in the order of adding, with the evidence for each."""
+    problem, best = state.problem, state.best
+    added = []
+    before: Fit | None = state.declared
+    for i, e in enumerate(best.effects):
+        after: Fit | None = best
+        if i < len(best.effects) - 1 or ("law" in {k for k, _ in best.free}):
+            after = state.fits.get(frozenset(x.name for x in best.effects[: i + 1]))
+        rivals = tuple(state.rivals.get(e.name, ()))
+        threshold = chi_square_threshold(len(e.parameters), search.significance)
+        after_fit = after_held_out = NOT_EVALUATED
+        evidence: dict[str, float] = {}
+        if after is not None:
+            after_fit = problem.misfit(after.residual, problem.fitted, len(after.free))
+            after_held_out = problem.misfit(after.residual, problem.held_out)
+        if before is not None and after is not None:
+            evidence = {
+                "chi2_drop_fit": before.cost - after.cost,
+                "chi2_drop_held_out": before.held_cost - after.held_cost,
+                "needed_drop": threshold * reduced_chi_square(problem, after),
+            }
+        added.append(
+            AddedEffect(
+                e.listed,
+                _estimates(problem, best, e, deviation),
+                after_fit,
+                after_held_out,
+                evidence,
+                rivals,
+                separating_experiments(e, rivals, problem.catalogue),
+            )
+        )
+        before = after
+    return tuple(added)
+
+
+def separating_experiments(e: Effect, rivals: Sequence[str], catalogue: Sequence[Effect]) -> str:
+    """Experiments that separate an effect from its rivals, those of each listed effect once; empty without rivals.
+
+    Parameters
+    ----------
+    e
+        In the final model.
+    rivals
+        Names of effects that explain the data as well, which may be other forms of the same listed effect.
+    catalogue
+        The candidates.
+    """
+    if not rivals:
+        return ""
+    listed = {name.split(" (")[0] for name in rivals} - {e.listed}
+    others = [x for x in catalogue if x.name in listed]
+    sentences = [f"for {e.listed}: {e.separating_experiment}"]
+    return "; ".join([*sentences, *(f"for {x.name}: {x.separating_experiment}" for x in others)])
+
+
+def _estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> dict[str, Estimate]:
+    """Values of an effect's parameters with their standard errors; of a place, half the way to the next one."""
+    numbers = {}
+    if isinstance(e, EffectAtPlace):
+        spread, units = e.spread(problem.data.robot), {p.name: p.unit for p in e.general.parameters}
+        numbers = {
+            name: Estimate(value, spread[name], units[name], "the best of all places")
+            for name, value in e.place.items()
+        }
+    for p in e.parameters:
+        value = best.values[e.name][p.name]
+        null = e.null_values(problem.experiment)[p.name]
+        kept = "left at its null value" if value == null else "it changes nothing beside the other values"
+        error, note = None, f"not determined by these data; {kept}"
+        if (e.name, p.name) in best.free:
+            note = ""
+            factor = value**2 if p.inverse and math.isfinite(value) else 1.0
+            error = float(deviation[best.free.index((e.name, p.name))]) * factor
+            low, high = problem.bounds(e, p.name)
+            z = p.coordinate(value)
+            if min(abs(z - low), abs(high - z)) < 1e-9 * max(1.0, abs(high - low)):
+                note = "at its bound"
+        numbers[p.name] = Estimate(float(value), error, p.unit, note)
+    return numbers
+
+
+def missing_moment(problem: FitProblem, fit: Fit) -> tuple[Array, Array]:
+    """Bending moment missing in the model, per load step and bay, from the measured shape.
+
+    An extra curvature in a bay turns everything beyond it; the extra curvatures that turn the model's shape into
+    the measured one, as smooth along the backbone as the noise allows, times the bending stiffness, are the
+    missing moment.
+
+    Returns
+    -------
+    moment : ndarray, shape (n_steps, n_bays, 2)
+        About the section's x and y axes [N m].
+    edges : ndarray, shape (n_bays + 1,)
+        Of the bays [m].
+    """
+    edges = problem.data.robot.bay_edges
+    bays = len(edges) - 1
+    data, run = problem.data, fit.run
+    experiment = problem.with_effects(fit.effects, fit.values)
+    moment = np.zeros((len(data.steps), bays, 2))
+    stiffness = experiment.robot.backbone.EI
+    difference = np.diff(np.eye(bays), n=1, axis=0)
+    smooth = np.kron(difference, np.eye(2))
+    width = np.diff(edges)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    prior = 1e-3 * np.eye(2 * bays)
+    for k in range(run.solved):
+        mine = np.flatnonzero(problem.readings.reader.step == k)
+        mine = mine[np.isfinite(fit.residual[mine])]
+        rows, right = [], []
+        p, rot = run.positions[k], run.rotations[k]
+        centres = interpolate_positions(run.s, p, rot, middle)
+        node = [int(np.argmin(np.abs(run.s - m))) for m in middle]
+        axes = rot[node][:, :, :2]
+        for i in mine:
+            r = data.readings[i]
+            row = np.zeros((bays, 2))
+            if r.quantity.startswith("position_") and isinstance(r.location, float):
+                x = interpolate_positions(run.s, p, rot, np.array([r.location]))[0]
+                axis = "xyz".index(r.quantity[-1])
+                share = np.clip((r.location - edges[:-1]) / width, 0.0, 1.0)
+                arm = np.cross(np.swapaxes(axes, 1, 2), (x - centres)[:, None, :])[:, :, axis]
+                row = arm * (share * width)[:, None]
+            elif r.quantity == "bending_angle":
+                t = rot[-1][:, 2]
+                out = np.array([t[0], t[1], 0.0])
+                if np.linalg.norm(out) < 1e-6:
+                    continue
+                hinge = np.cross(np.array([0.0, 0.0, 1.0]), out / np.linalg.norm(out))
+                row = np.einsum("bij,i->bj", axes, hinge) * width[:, None]
+            elif r.quantity.startswith("curvature_") and isinstance(r.location, float):
+                bay = int(np.clip(np.searchsorted(edges, r.location) - 1, 0, bays - 1))
+                row[bay, "xy".index(r.quantity[-1])] = 1.0
+            else:
+                continue
+            rows.append(row.ravel() / problem.sigma[i])
+            right.append(fit.residual[i])
+        if not rows:
+            continue
+        a, b = np.array(rows), np.array(right)
+        # The weight of smoothness: the largest at which the residual is noise.
+        best = np.zeros(2 * bays)
+        for weight in np.logspace(4, -4, 17) * np.mean(a**2):
+            whole = np.concatenate((a, np.sqrt(weight) * smooth, np.sqrt(weight) * 1e-2 * prior))
+            best = np.linalg.lstsq(whole, np.concatenate((b, np.zeros(len(whole) - len(b)))), rcond=None)[0]
+            if np.sum((b - a @ best) ** 2) <= len(b):
+                break
+        moment[k] = stiffness * best.reshape(bays, 2)
+    return moment, edges
+
+
+def describe_moment(problem: FitProblem, moment: Array, edges: Array) -> tuple[str, str]:
+    """Where along the backbone and at which loads the missing moment acts, as texts."""
+    size = np.sqrt(np.sum(moment**2, axis=2))
+    by_bay = np.sqrt(np.mean(size**2, axis=0))
+    if not np.any(by_bay > 0.0):
+        return "nowhere", "no missing moment"
+    b = int(np.argmax(by_bay))
+    by_step = np.sqrt(np.mean(size**2, axis=1))
+    order = np.argsort(by_step)[::-1][:3]
+    ids = problem.data.step_ids
+    steps = ", ".join(str(ids[k]) for k in sorted(order))
+    what: Sequence[str] = [
+        f"the missing bending moment is largest in bay {b + 1} (s = {edges[b]:.4g} to {edges[b + 1]:.4g} m), "
+        f"{1e3 * by_bay[b]:.3g} N mm rms over the steps",
+        f"it acts most in steps {steps} ({_inputs_text(problem, order[0])})",
+    ]
+    return f"bay {b + 1} (s = {edges[b]:.4g} to {edges[b + 1]:.4g} m), steps {steps}", "; ".join(what)
+
+
+def _inputs_text(problem: FitProblem, k: int) -> str:
+    step = problem.data.steps[int(k)]
+    parts = [f"{n} = {v:.3g} N" for n, v in step.tensions.items() if v > 0.0]
+    parts += [f"{n} = {1e3 * v:.3g} mm" for n, v in step.displacements.items() if v != 0.0]
+    parts += [
+        f"tip force ({', '.join(f'{x:.3g}' for x in load.force)}) N"
+        for load in step.loads.values()
+        if any(load.force)
+    ]
+    return ", ".join(parts) or "no tendon pulled"

@@ -1,0 +1,95 @@
+"""A result of an identification made by hand: measured arcs that the declared robot misses, the corrected one not."""
+
+import numpy as np
+
+from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.identify.result import (
+    AddedEffect,
+    Estimate,
+    IdentificationResult,
+    Misfit,
+    Noise,
+    Remainder,
+    Shapes,
+    Structure,
+)
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.tendon import Tendon
+
+LENGTH = 0.2
+ROBOT = Robot(
+    Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0),
+    Disks.equally_spaced(4, LENGTH, mass=0.5e-3),
+    tuple(Tendon(f"t{i + 1}", ParallelRouting(4.5e-3, 90.0 * i), axial_stiffness=2474.0) for i in range(2)),
+    name="small",
+)
+PULLS = (0.0, 0.5, 1.0, 0.5, 0.0)
+STEPS = (
+    *tuple(
+        LoadStep(tensions={"t1": pull, "t2": 0.1}, loads={"tip": Load(LENGTH, (0.0, 0.0, 0.0))})
+        for pull in PULLS
+    ),
+    LoadStep(tensions={"t1": 1.0, "t2": 0.5}, loads={"tip": Load(LENGTH, (0.0, 0.02, 0.0))}),
+)
+
+
+def arc(angle, n=9):
+    """A planar arc that turns by ``angle`` over the length, shape (n, 3)."""
+    s = np.linspace(0.0, LENGTH, n)
+    kappa = max(angle, 1e-6) / LENGTH
+    return np.column_stack(((1.0 - np.cos(kappa * s)) / kappa, 0.0 * s, np.sin(kappa * s) / kappa))
+
+
+def result(*effects, angles=(0.1, 0.5, 1.0, 0.6, 0.2, 1.1), **rest):
+    """Measured arcs; the declared model bends 20 % too far, the corrected one is right."""
+    ids = tuple(range(1, len(STEPS) + 1))
+    after = np.stack([arc(a) for a in angles])
+    before = np.stack([arc(1.2 * a) for a in angles])
+    nodes = [4, 8]
+    readings = tuple(
+        Reading(n, f"position_{a}", nodes[m] * LENGTH / 8, float(after[k, nodes[m], "xyz".index(a)]), 1e-4)
+        for k, n in enumerate(ids)
+        for m in range(2)
+        for a in "xyz"
+    )
+    residual = (after - before)[:, nodes].ravel()
+    shapes = Shapes(
+        ids, ("",) * len(ids), np.array([False] * 5 + [True]), np.array([0.1, 0.2]),
+        after[:, nodes], before[:, nodes], after[:, nodes], before, after,
+    )  # fmt: skip
+    experiment = Experiment(ROBOT, Model(), STEPS)
+    fields = {
+        "data": MeasuredData("made up", ROBOT, Model(), ids, STEPS, ("",) * len(ids), readings),
+        "verdict": "explained" if effects else "nothing missing",
+        "effects": effects,
+        "before_fit": Misfit(0.0188, None, 0.02, 900.0), "before_held_out": Misfit(0.0174, None, 0.02, 800.0),
+        "after_fit": Misfit(1.8e-4, None, 4e-4, 1.05), "after_held_out": Misfit(1.87e-4, None, 4e-4, 1.1),
+        "held_out_steps": (6,),
+        "remaining": Remainder("", "what is left has the size of the noise"),
+        "candidates": (), "structure": (Structure("step 3", 2.0, 0.02),),
+        "residual_before": residual, "residual_after": 0.0 * residual + 1e-4,
+        "sigma": np.full(len(readings), 1e-4), "sigma_estimated": False, "outliers": (),
+        "correlation": np.eye(2), "parameter_names": ("a", "b"), "mesh_error": 0.01,
+        "noise": Noise(1.73e-4, 1e-4, None, {"position_x": 1e-4}, False),
+        "shapes": shapes,
+        "corrected": with_effects(experiment, {}), "commanded": experiment, "solver": SolverSettings(),
+    }  # fmt: skip
+    return IdentificationResult(**{**fields, **rest})
+
+
+def added(name, others=(), **parameters):
+    """An effect with value, standard error and unit of each parameter."""
+    misfit = Misfit(1.8e-4, None, 4e-4, 1.05)
+    evidence = {"chi2_drop_fit": 1e5, "chi2_drop_held_out": 5e4, "needed_drop": 23.5}
+    estimates = {n: Estimate(*p) for n, p in parameters.items()}
+    return AddedEffect(name, estimates, misfit, misfit, evidence, others, "bend the bare backbone")
+
+
+GRAVITY = added("gravity", g_x=(0.0, 0.01, "m/s^2"), g_y=(6.95, 0.007, "m/s^2"), g_z=(-6.91, 0.03, "m/s^2"))
