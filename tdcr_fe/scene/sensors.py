@@ -65,7 +65,7 @@ class SensorMaker:
         node = self.mbs.AddSensor(
             eii.SensorNode(name=name, nodeNumber=history, outputVariableType=coordinates, writeToFile=False)
         )
-        made = {}
+        made: dict[str, Any] = {}
         for quantity, which in quantities.items():
             if which.stop > which.start:
                 part = [float(which.start), float(which.stop)]
