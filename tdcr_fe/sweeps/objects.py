@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.settings import SolverSettings
 
 #: What stands in the scenario for a robot that has no file.
 OBJECT = "(robot given in Python)"

@@ -13,7 +13,7 @@ from robots import BACKBONE, DISKS, LENGTH, Robot, scene, tendon, three
 from scipy.integrate import quad
 
 from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection
-from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.robot import Disks
 from tdcr_fe.native import register
 from tdcr_fe.scene.energy import ENERGY_COLUMNS, fibre_energy, superelastic_energy
 from tdcr_fe.solve.statics import SolveTDCR
