@@ -15,7 +15,7 @@ from tdcr_fe.model.results import StepResult
 from tdcr_fe.scene.mesh import build_mesh
 
 if TYPE_CHECKING:
-    from tdcr_fe.model.sensitivities import Sensitivities
+    from tdcr_fe.model.results import Sensitivities
     from tdcr_fe.solve.load_steps.load_path import Increment
     from tdcr_fe.solve.simulate import PathRecord
 
@@ -150,7 +150,7 @@ class RunDerivatives:
     Attributes
     ----------
     positions, rotations : ndarray, shape (n_steps, n, 3, P)
-        As in `tdcr_fe.model.sensitivities.Sensitivity`.
+        As in `tdcr_fe.model.results.Sensitivity`.
     displacements, distal_tensions : ndarray, shape (n_steps, n_tendons, P)
     arc_lengths : ndarray, shape (n, P)
         Of the nodes.

@@ -7,13 +7,11 @@ from typing import Annotated, Any, Literal
 
 from tdcr_fe.effects import EFFECTS, Parameter
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import DiskCount, Disks
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import quoted
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import DiskCount, Disks, Robot
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import Keys, Quantity, all_keys_of, keys_of
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"

@@ -10,12 +10,11 @@ from tdcr_fe.io.keys import DISKS, ROBOT, tendon_keys
 from tdcr_fe.io.write_toml import value_to_toml
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.channels import CHANNELS
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import options, quoted
 from tdcr_fe.model.robot import SideSpring
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import Keys, keys_of
-from tdcr_fe.model.settings import SolverSettings
 
 #: Length of the robot that the templates describe [m].
 LENGTH = 0.2

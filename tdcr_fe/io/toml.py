@@ -35,13 +35,11 @@ from tdcr_fe.model.checks import (
     tendon_contradictions,
     time_contradictions,
 )
-from tdcr_fe.model.disks import Disks
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import quoted, shown
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ROUTINGS, ParallelRouting
 from tdcr_fe.model.schema import FieldError, keys_of
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
 
 Steps = tuple[LoadStep, ...]

@@ -7,14 +7,12 @@ from dataclasses import is_dataclass
 from typing import Any
 
 from tdcr_fe.model import arguments
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.friction import FRICTION_COEFFICIENTS
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import bare, quoted
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import REQUIRED, keys_of
-from tdcr_fe.model.settings import SolverSettings
 
 
 def value_to_toml(value: Any) -> str:

@@ -11,12 +11,10 @@ from typing import NamedTuple
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.model import arguments
-from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
+from tdcr_fe.model.loading import Actuation, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
-from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
+from tdcr_fe.model.results import Interrupted, Sensitivities, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.sensitivities import Sensitivities
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.equations.configuration import StoredState
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, StepFailed

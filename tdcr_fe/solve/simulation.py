@@ -15,10 +15,9 @@ from threadpoolctl import ThreadpoolController
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.model import arguments
-from tdcr_fe.model.loading import Actuation, Load, Model
+from tdcr_fe.model.loading import Actuation, Load, Model, SolverSettings
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.linearization import Linearization

@@ -10,7 +10,7 @@ import exudyn as exu
 
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model import arguments
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.scene.builder import check_system
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.equations.system import SceneSystem

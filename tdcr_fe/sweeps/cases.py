@@ -16,7 +16,7 @@ from tdcr_fe.io.effects import effects_reader
 from tdcr_fe.io.own_effects import read_own_effects
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.toml import ScenarioTables, TableReader, build_scenario
-from tdcr_fe.model.frames import AFTER_TENDONS, OF_TENDONS
+from tdcr_fe.model.dataframes import AFTER_TENDONS, OF_TENDONS
 from tdcr_fe.model.messages import shown
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.solve.simulate import simulate

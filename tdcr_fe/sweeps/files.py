@@ -11,7 +11,7 @@ from typing import Any
 
 from tdcr_fe.io.atomic import to_json, write_folder, write_json
 from tdcr_fe.io.problems import InputError, Problem
-from tdcr_fe.io.records import Lines, OtherHead
+from tdcr_fe.io.store import Lines, OtherHead
 from tdcr_fe.io.summary import versions
 from tdcr_fe.sweeps.cases import Evaluate, Outcome
 from tdcr_fe.sweeps.description import Sweep, Variation

@@ -14,10 +14,9 @@ from tdcr_fe.io.keys import DISKS, ROBOT, tendon_keys
 from tdcr_fe.io.templates import _EXAMPLES
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.channels import CHANNELS
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import keys_of
-from tdcr_fe.model.settings import SolverSettings
 
 
 def begin(tmp_path, kind, *options):

@@ -17,17 +17,15 @@ from inputs import REMOVED, ROBOT, SCENARIO, changed, write
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.toml import digest, read_model, read_model_file, read_robot, read_scenario
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
-from tdcr_fe.model.backbone import Backbone, StiffnessPatch
+from tdcr_fe.model.backbone import Backbone, StiffnessPatch, Superelastic
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.friction import (
     ConstantFriction,
     ForceDependentFriction,
     StribeckFriction,
 )
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.material import Superelastic
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import (
     ROUTINGS,
     ConvergingRouting,
@@ -37,7 +35,6 @@ from tdcr_fe.model.routing import (
     TwistedRouting,
 )
 from tdcr_fe.model.schema import keys_of
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
 
 

@@ -12,8 +12,7 @@ import tdcr_fe
 from tdcr_fe.io.keys import json_schema
 from tdcr_fe.io.templates import sweep_template
 from tdcr_fe.io.write_toml import model_to_toml
-from tdcr_fe.model.loading import Model
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import Model, SolverSettings
 from tdcr_fe.sweeps.read import sweep_schema
 from tdcr_fe.validation.paper import cases
 

@@ -10,13 +10,11 @@ from typing import Annotated
 import numpy as np
 import pytest
 
-from tdcr_fe.model.backbone import Backbone, StiffnessPatch
+from tdcr_fe.model.backbone import Backbone, StiffnessPatch, Superelastic
 from tdcr_fe.model.checks import size_contradictions
-from tdcr_fe.model.disks import Disks
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.material import Superelastic
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import allowed
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import (
     ConvergingRouting,
     HelicalRouting,
@@ -25,7 +23,6 @@ from tdcr_fe.model.routing import (
     VaryingHelicalRouting,
 )
 from tdcr_fe.model.schema import Keys, Quantity, all_keys_of
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
 
 LENGTH = 0.25

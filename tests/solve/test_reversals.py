@@ -13,11 +13,9 @@ from robots import LENGTH, distance, paper, pull, solve, three
 
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
-from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, resolve
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.friction_path.follow import follow_friction

@@ -15,7 +15,7 @@ from tdcr_fe.validation.net.storage import read_part, write_part
 STORED = Path(__file__).parents[1] / "net"
 
 
-@pytest.mark.parametrize("part", ["robots", "cases", "scenes"])
+@pytest.mark.parametrize("part", ["robots", "cases", "scenes", "derivatives"])
 def test_a_few_cases_are_those_stored(part: str) -> None:
     """The whole net is compared by ``python -m tdcr_fe.validation.net``."""
     found = compare([part], STORED, every=len(read_part(part, STORED)) // 3)

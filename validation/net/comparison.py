@@ -116,7 +116,7 @@ class Comparison(NamedTuple):
         return lines
 
 
-def compare(parts: Sequence[str], folder: Path, *, every: int = 1, processes: int = 1) -> Comparison:
+def compare(parts: Sequence[str], folder: Path, *, every: int | None = 1, processes: int = 1) -> Comparison:
     """Compute parts again and compare them with what is stored.
 
     Parameters
@@ -126,12 +126,12 @@ def compare(parts: Sequence[str], folder: Path, *, every: int = 1, processes: in
     folder
         Of the stored files.
     every
-        Take only every so many-th case.
+        Take only every so many-th case; None takes those of the quick form.
     processes
         Number of cases at a time.
     """
     stored = {part: read_part(part, folder) for part in parts}
-    tasks = [(part, key) for part in parts for key in list(stored[part])[::every]]
+    tasks = [(part, key) for part in parts for key in list(stored[part])[:: every or PARTS[part].quick]]
     moved: list[Difference] = []
     for part, key, record in solve_all(tasks, processes):
         moved += differences(part, key, stored[part][key], record, PARTS[part].tolerance)

@@ -36,8 +36,9 @@ class Part(NamedTuple):
 
     keys: Callable[[], Sequence[str]]
     solve: Callable[[str], Record]
-    tolerance: float  # of a quantity, relative to its size
-    reason: str  # for another tolerance than 1e-9
+    quick: int  # the quick form takes every so many-th case
+    tolerance: float = 1e-9  # of a quantity, relative to its size
+    reason: str = ""  # for another tolerance
 
 
 # ------------------------------------------------------------------------------------------------- loading sequences
@@ -209,6 +210,10 @@ def _noticeable(effect: str, parameter: Parameter, null: float) -> float:
 # ---------------------------------------------------------------------------------------------------- inverse statics
 
 
+#: Robots of the inverse statics.
+INVERSE = ("no friction", "friction", "two segments")
+
+
 def _inverse_robot(key: str) -> tuple[tdcr.Robot, tdcr.Model]:
     mu = 0.0 if key == "no friction" else 0.2
     at = (0.5 * LENGTH, LENGTH) if key == "two segments" else (LENGTH,)
@@ -256,19 +261,17 @@ def _numbers(count: int) -> Callable[[], list[str]]:
     return lambda: [str(k) for k in range(count)]
 
 
-_CONTINUES = "motions go on from Newton's tolerance of every step"
 #: All parts that are computed case by case.
 PARTS: Mapping[str, Part] = {
-    "robots": Part(_numbers(ROBOTS), _robot, 1e-9, ""),
-    "cases": Part(lambda: list(_cases()), _case, 1e-9, ""),
-    "scenes": Part(lambda: list(scenes.SCENES), scenes.solve, 1e-7, _CONTINUES),
-    "derivatives": Part(_derivative_keys, _derivative, 1e-6, "difference steps of parameters have round-off"),
-    "inverse": Part(
-        lambda: ["no friction", "friction", "two segments"],
-        _inverse,
-        1e-6,
-        "a target is reached within 1e-6 of the length",
+    "robots": Part(_numbers(ROBOTS), _robot, 5),
+    "cases": Part(lambda: list(_cases()), _case, 6),
+    "scenes": Part(
+        lambda: list(scenes.SCENES), scenes.solve, 3, 1e-7, "Exudyn's solvers stop at tolerances of their own"
     ),
-    "reference": Part(_numbers(REFERENCES), _reference, 1e-9, ""),
-    "files": Part(_numbers(FILES), _file, 1e-9, ""),
+    "derivatives": Part(_derivative_keys, _derivative, 10, 1e-6, "difference steps of parameters round off"),
+    "inverse": Part(
+        lambda: list(INVERSE), _inverse, 3, 1e-6, "a target is reached within 1e-6 of the length"
+    ),
+    "reference": Part(_numbers(REFERENCES), _reference, 10),
+    "files": Part(_numbers(FILES), _file, 10),
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.sensitivities import LocalResponse
+from tdcr_fe.model.results import LocalResponse
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.layout import Numbering

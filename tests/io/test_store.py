@@ -7,7 +7,7 @@ from contextlib import closing
 
 import pytest
 
-from tdcr_fe.io.records import Folder, Lines, OtherHead, solve_all
+from tdcr_fe.io.store import Folder, Lines, OtherHead, solve_all
 
 HEAD = {"source": "abc", "n": 3}
 
