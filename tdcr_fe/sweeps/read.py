@@ -25,11 +25,10 @@ from tdcr_fe.io.toml import (
     with_robot_table,
 )
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import join, meant, quoted, shown
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import Keys, Quantity, keys_of
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.sweeps.cases import ABOUT_CASE, columns_of_steps
 from tdcr_fe.sweeps.check import value_problems
 from tdcr_fe.sweeps.description import MOST_CASES, Mode, Output, Range, Sampling, Sweep, Variation
