@@ -62,7 +62,7 @@ def write_generated(folder: Path) -> None:
 def schema(file: str) -> dict[str, Any]:
     """JSON schema of an input file; for the scenario without the effects, which have a table of their own."""
     if file == "sweep":
-        from tdcr_fe.sweeps.schema import sweep_schema
+        from tdcr_fe.sweeps.read import sweep_schema
 
         found = sweep_schema()
     else:
