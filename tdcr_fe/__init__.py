@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tdcr_fe.identify import IdentificationResult as IdentificationResult
     from tdcr_fe.identify import IdentifySettings as IdentifySettings
     from tdcr_fe.identify import identify as identify
-    from tdcr_fe.io.json_schema import json_schema as json_schema
+    from tdcr_fe.io.keys import json_schema as json_schema
     from tdcr_fe.io.measured import read_measured as read_measured
     from tdcr_fe.io.problems import InputError as InputError
     from tdcr_fe.io.tables import write_results as write_results
@@ -25,19 +25,23 @@ if TYPE_CHECKING:
     from tdcr_fe.io.write_toml import robot_to_toml as robot_to_toml
     from tdcr_fe.io.write_toml import scenario_to_toml as scenario_to_toml
     from tdcr_fe.model.backbone import Backbone as Backbone
+    from tdcr_fe.model.backbone import NonlinearMaterial as NonlinearMaterial
     from tdcr_fe.model.backbone import StiffnessPatch as StiffnessPatch
-    from tdcr_fe.model.disks import Disks as Disks
+    from tdcr_fe.model.backbone import Superelastic as Superelastic
     from tdcr_fe.model.friction import ConstantFriction as ConstantFriction
     from tdcr_fe.model.friction import ForceDependentFriction as ForceDependentFriction
     from tdcr_fe.model.friction import StribeckFriction as StribeckFriction
     from tdcr_fe.model.loading import Load as Load
     from tdcr_fe.model.loading import LoadStep as LoadStep
     from tdcr_fe.model.loading import Model as Model
-    from tdcr_fe.model.material import NonlinearMaterial as NonlinearMaterial
-    from tdcr_fe.model.material import Superelastic as Superelastic
+    from tdcr_fe.model.loading import SolverSettings as SolverSettings
     from tdcr_fe.model.results import Interrupted as Interrupted
+    from tdcr_fe.model.results import LocalResponse as LocalResponse
+    from tdcr_fe.model.results import Sensitivities as Sensitivities
+    from tdcr_fe.model.results import Sensitivity as Sensitivity
     from tdcr_fe.model.results import SequenceResult as SequenceResult
     from tdcr_fe.model.results import StepResult as StepResult
+    from tdcr_fe.model.robot import Disks as Disks
     from tdcr_fe.model.robot import Robot as Robot
     from tdcr_fe.model.routing import ConvergingRouting as ConvergingRouting
     from tdcr_fe.model.routing import HelicalRouting as HelicalRouting
@@ -45,10 +49,6 @@ if TYPE_CHECKING:
     from tdcr_fe.model.routing import PointsRouting as PointsRouting
     from tdcr_fe.model.routing import TwistedRouting as TwistedRouting
     from tdcr_fe.model.routing import VaryingHelicalRouting as VaryingHelicalRouting
-    from tdcr_fe.model.sensitivities import LocalResponse as LocalResponse
-    from tdcr_fe.model.sensitivities import Sensitivities as Sensitivities
-    from tdcr_fe.model.sensitivities import Sensitivity as Sensitivity
-    from tdcr_fe.model.settings import SolverSettings as SolverSettings
     from tdcr_fe.model.targets import FollowResult as FollowResult
     from tdcr_fe.model.targets import ReachedTarget as ReachedTarget
     from tdcr_fe.model.targets import TensionLimits as TensionLimits
@@ -57,9 +57,9 @@ if TYPE_CHECKING:
     from tdcr_fe.native import register as register
     from tdcr_fe.scene.builder import CreateTDCR as CreateTDCR
     from tdcr_fe.scene.handle import TDCR as TDCR
+    from tdcr_fe.scene.linearized import TDCREigenvalues as TDCREigenvalues
     from tdcr_fe.scene.linearized import TDCRLinearized as TDCRLinearized
     from tdcr_fe.scene.loads import PointLoad as PointLoad
-    from tdcr_fe.scene.modes import TDCREigenvalues as TDCREigenvalues
     from tdcr_fe.solve.inverse_statics.inverse import follow_path as follow_path
     from tdcr_fe.solve.inverse_statics.inverse import reach as reach
     from tdcr_fe.solve.load_steps.load_path import StepFailed as StepFailed
@@ -84,17 +84,22 @@ _PUBLIC = {
     "tdcr_fe.identify": ("IdentificationResult", "IdentifySettings", "identify"),
     "tdcr_fe.io.measured": ("read_measured",),
     "tdcr_fe.io.tables": ("write_results",),
-    "tdcr_fe.io.json_schema": ("json_schema",),
+    "tdcr_fe.io.keys": ("json_schema",),
     "tdcr_fe.io.problems": ("InputError",),
     "tdcr_fe.io.toml": ("read_model", "read_robot", "read_scenario"),
     "tdcr_fe.io.write_toml": ("model_to_toml", "robot_to_toml", "scenario_to_toml"),
     "tdcr_fe.model.friction": ("ConstantFriction", "ForceDependentFriction", "StribeckFriction"),
-    "tdcr_fe.model.loading": ("Load", "LoadStep", "Model"),
-    "tdcr_fe.model.results": ("Interrupted", "SequenceResult", "StepResult"),
-    "tdcr_fe.model.backbone": ("Backbone", "StiffnessPatch"),
-    "tdcr_fe.model.disks": ("Disks",),
-    "tdcr_fe.model.material": ("NonlinearMaterial", "Superelastic"),
-    "tdcr_fe.model.robot": ("Robot",),
+    "tdcr_fe.model.loading": ("Load", "LoadStep", "Model", "SolverSettings"),
+    "tdcr_fe.model.results": (
+        "Interrupted",
+        "LocalResponse",
+        "Sensitivities",
+        "Sensitivity",
+        "SequenceResult",
+        "StepResult",
+    ),
+    "tdcr_fe.model.backbone": ("Backbone", "NonlinearMaterial", "StiffnessPatch", "Superelastic"),
+    "tdcr_fe.model.robot": ("Disks", "Robot"),
     "tdcr_fe.model.tendon": ("Tendon",),
     "tdcr_fe.model.routing": (
         "ConvergingRouting",
@@ -104,8 +109,6 @@ _PUBLIC = {
         "TwistedRouting",
         "VaryingHelicalRouting",
     ),
-    "tdcr_fe.model.sensitivities": ("LocalResponse", "Sensitivities", "Sensitivity"),
-    "tdcr_fe.model.settings": ("SolverSettings",),
     "tdcr_fe.model.targets": ("FollowResult", "ReachedTarget", "TensionLimits", "TipTarget"),
     "tdcr_fe.native": ("register",),
     "tdcr_fe.scene.builder": ("CreateTDCR",),
@@ -117,8 +120,7 @@ _PUBLIC = {
     "tdcr_fe.solve.simulate": ("simulate",),
     "tdcr_fe.solve.simulation": ("Simulation",),
     "tdcr_fe.solve.stability": ("Stability", "stability"),
-    "tdcr_fe.scene.linearized": ("TDCRLinearized",),
-    "tdcr_fe.scene.modes": ("TDCREigenvalues",),
+    "tdcr_fe.scene.linearized": ("TDCREigenvalues", "TDCRLinearized"),
     "tdcr_fe.solve.statics": ("SolveTDCR", "track_sensitivities"),
     "tdcr_fe.solve.load_steps.load_path": ("StepFailed",),
     "tdcr_fe.sweeps.read": ("read_sweep",),

@@ -6,10 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult, StepResult
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 

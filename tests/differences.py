@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.model.loading import resolve
-from tdcr_fe.model.sensitivities import Sensitivities
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import SolverSettings, resolve
+from tdcr_fe.model.results import Sensitivities
 from tdcr_fe.solve.load_steps.load_path import Increment
 from tdcr_fe.solve.sensitivities.differences import stencil
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, parameters

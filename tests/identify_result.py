@@ -15,11 +15,9 @@ from tdcr_fe.identify.result import (
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
 
 LENGTH = 0.2

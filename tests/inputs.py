@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 
 from tdcr_fe.io.write_toml import value_to_toml
-from tdcr_fe.model.wording import bare
+from tdcr_fe.model.messages import bare
 
 ROBOT = """
 name = "single-segment"

@@ -9,10 +9,9 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.scene import TDCR, CreateTDCR

@@ -19,9 +19,8 @@ from tdcr_fe.commands.common import (
 )
 
 if TYPE_CHECKING:
-    from tdcr_fe.model.loading import Model
+    from tdcr_fe.model.loading import Model, SolverSettings
     from tdcr_fe.model.robot import Robot
-    from tdcr_fe.model.settings import SolverSettings
     from tdcr_fe.model.targets import DriveBy, FollowResult, ReachedTarget, TensionLimits
 
 
@@ -76,9 +75,8 @@ def follow(args: argparse.Namespace) -> int:
     from tdcr_fe.io.path_table import read_path
     from tdcr_fe.io.problems import InputError, Problem
     from tdcr_fe.io.toml import digest, read_model_file, read_robot
-    from tdcr_fe.model.loading import Model
+    from tdcr_fe.model.loading import Model, SolverSettings
     from tdcr_fe.model.results import Interrupted
-    from tdcr_fe.model.settings import SolverSettings
     from tdcr_fe.model.targets import FollowResult
     from tdcr_fe.solve.inverse_statics.inverse import follow_path
 

@@ -7,8 +7,7 @@ import math
 from dataclasses import replace
 
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Parameter, Values
-from tdcr_fe.model.backbone import StiffnessPatch
-from tdcr_fe.model.material import Superelastic
+from tdcr_fe.model.backbone import StiffnessPatch, Superelastic
 
 
 class StiffnessScale(Effect):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tdcr_fe.effects.base import Effect, Experiment, Parameter, Values
-from tdcr_fe.model.material import NonlinearMaterial
+from tdcr_fe.model.backbone import NonlinearMaterial
 
 #: Axial strain by the largest commanded tension, or by the weight, from which a body counts as soft [1].
 SOFT_STRAIN = 5e-3

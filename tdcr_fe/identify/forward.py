@@ -21,8 +21,8 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.run import Run, RunDerivatives, Trajectory, mesh_nodes
 from tdcr_fe.identify.settings import ending_at
 from tdcr_fe.io.processes import worker_pool
+from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.model.settings import SolverSettings
 
 if TYPE_CHECKING:
     from tdcr_fe.solve.sensitivities.parameters import Parameter

@@ -15,7 +15,7 @@ from tdcr_fe.model.results import StepResult
 from tdcr_fe.scene.mesh import build_mesh
 
 if TYPE_CHECKING:
-    from tdcr_fe.model.sensitivities import Sensitivities
+    from tdcr_fe.model.results import Sensitivities
     from tdcr_fe.solve.load_steps.load_path import Increment
     from tdcr_fe.solve.simulate import PathRecord
 
@@ -137,7 +137,7 @@ def _divide(joined: dict[int, list[Increment]], ends: Ends) -> PathRecord:
 class RunDerivatives:
     """Derivatives of a run by parameters, which are the last axis; NaN for steps that were not solved."""
 
-    # As in `tdcr_fe.model.sensitivities.Sensitivity`, shape (n_steps, n, 3, P)
+    # As in `tdcr_fe.model.results.Sensitivity`, shape (n_steps, n, 3, P)
     positions: Array
     rotations: Array
     # shape (n_steps, n_tendons, P)

@@ -11,8 +11,7 @@ from tdcr_fe.io.loading_table import loading_table, without_columns
 from tdcr_fe.io.summary import summary
 from tdcr_fe.io.tables import write_results
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
-from tdcr_fe.model.loading import resolve
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import SolverSettings, resolve
 from tdcr_fe.model.targets import FollowResult
 
 #: Folder with the loading sequence, and the table of targets.

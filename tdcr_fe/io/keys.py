@@ -1,166 +1,183 @@
-"""The keys of every table in the files, made from the annotated fields of the description."""
+"""The keys of every table in the files, made from the annotated fields of the description; their JSON schema."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import cache
+from typing import Annotated, Any, Literal
 
+from tdcr_fe.effects import EFFECTS, Parameter
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import DiskCount, Disks
-from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.quantity import Quantity
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.routing import ROUTINGS, Routing
-from tdcr_fe.model.schema import (
-    REQUIRED,
-    Choice,
-    Field,
-    Kind,
-    Note,
-    Text,
-    all_fields_of,
-    field_from,
-    fields_of,
-    table_schema,
-)
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
+from tdcr_fe.model.messages import quoted
+from tdcr_fe.model.robot import DiskCount, Disks, Robot
+from tdcr_fe.model.routing import ROUTINGS
+from tdcr_fe.model.schema import Keys, Quantity, all_keys_of, keys_of
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.model.wording import quoted
+
+_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
-@dataclass(frozen=True)
-class Raw(Kind):
-    """A table, or a list of tables, whose contents a function of its own reads."""
-
-    type_: type[dict[str, Any]] | type[list[Any]]
-    schema: Mapping[str, Any] = field(hash=False)
-
-    def take(self, value: Any, key: str, q: Quantity, note: Note, from_file: bool) -> Any:
-        """See `Kind.take`."""
-        if not isinstance(value, self.type_):
-            return self.refuse(value, key, q, note, True)
-        return value if len(value) >= q.min_items else self.refuse(value, key, q, note, False)
-
-    def json_schema(self, q: Quantity) -> dict[str, Any]:
-        """See `Kind.json_schema`."""
-        return {**self.schema, **({"minItems": q.min_items} if q.min_items else {})}
-
-
-def _table(
-    name: str, schema: Mapping[str, Any], description: str, keys: str = "", default: Any = REQUIRED
-) -> Field:
-    """A table ``[name]``; ``keys`` names its required keys."""
-    return Field(name, Raw(dict, schema), Quantity(description, allowed=f"a table [{name}]{keys}"), default)
-
-
-def _tables(name: str, schema: Mapping[str, Any], description: str, least: int = 0) -> Field:
-    """A list of tables ``[[name]]``."""
-    allowed = f"tables [[{name}]]" + (f", at least {'one' if least == 1 else least}" if least else "")
-    q = Quantity(description, min_items=least, allowed=allowed)
-    return Field(name, Raw(list, {"type": "array", "items": schema}), q, REQUIRED if least else ())
-
-
-def _routing_key(options: tuple[str, ...]) -> Field:
-    texts = [quoted(r) for r in options]
-    q = Quantity("where the tendon's holes lie", allowed="one of " + ", ".join(texts))
-    return Field("routing", Choice(options), q)
-
-
-def tendon_keys(routing: type[Routing] | None) -> dict[str, Field]:
-    """Keys of ``[[tendons]]`` with a routing; if the routing is unknown, those of all routings, none required."""
-    own = dict(fields_of(Tendon))
-    name = own.pop("name")
-    if routing is not None:
-        return {"name": name, "routing": _routing_key((*ROUTINGS,)), **fields_of(routing), **own}
-    every = {
-        n: replace(f, default=None if f.required else f.default)
-        for r in ROUTINGS.values()
-        for n, f in fields_of(r).items()
+@cache
+def tendon_keys(routing: str | None) -> Keys:
+    """Keys of ``[[tendons]]`` with that routing; if it is unknown, those of all routings, none of them required."""
+    own = keys_of(Tendon)
+    name = Literal[tuple(ROUTINGS)]  # type: ignore[valid-type]
+    allowed = "one of " + ", ".join(map(quoted, ROUTINGS))
+    first: dict[str, Any] = {
+        "name": own["name"],
+        "routing": Annotated[name, Quantity("where the tendon's holes lie", allowed=allowed)],
     }
-    return {"name": name, "routing": _routing_key((*ROUTINGS,)), **every, **own}
+    keys: dict[str, Any] = {}
+    defaults: dict[str, Any] = {}
+    for each in ROUTINGS.values() if routing is None else [ROUTINGS[routing]]:
+        keys |= dict(keys_of(each))
+        defaults |= dict.fromkeys(keys_of(each)) if routing is None else keys_of(each).defaults
+    return Keys({**first, **keys, **own, "name": own["name"]}, {**defaults, **own.defaults})
 
 
 def routings_with(key: str) -> list[str]:
     """Names of the routings that have a key."""
-    return [name for name, r in ROUTINGS.items() if key in fields_of(r)]
+    return [name for name, r in ROUTINGS.items() if key in keys_of(r)]
 
 
 def _tendon_schema() -> dict[str, Any]:
     """One alternative a routing."""
+    options = []
+    for name in ROUTINGS:
+        table = tendon_keys(name).json_schema
+        kind = {"description": table["properties"]["routing"]["description"], "enum": [name]}
+        options.append({**table, "properties": {**table["properties"], "routing": kind}})
+    return {"type": "object", "oneOf": options}
+
+
+_POSITIONS = Quantity(
+    "arc lengths of the disks",
+    unit="m",
+    gt=0.0,
+    min_items=1,
+    allowed="arc lengths of the disks [m], at least one, ascending from above 0 to at most the length",
+)
+#: Keys of ``[disks]``, of which exactly one of ``count`` and ``positions`` is given.
+DISKS = Keys({"count": DiskCount}, {"count": None}).with_keys(
+    {**keys_of(Disks), "positions": Annotated[tuple[float, ...], _POSITIONS]},
+    **{**keys_of(Disks).defaults, "positions": None},
+)
+
+
+def _disks_schema() -> dict[str, Any]:
+    return {**DISKS.json_schema, "oneOf": [{"required": ["count"]}, {"required": ["positions"]}]}
+
+
+def _backbone_schema() -> dict[str, Any]:
+    table = keys_of(Backbone).json_schema
+    radius = table["properties"]["radius"]
+    pair = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+    number = {"type": "number", "exclusiveMinimum": 0.0}
+    radius = {
+        "description": "of the round section, or pairs of arc length and radius from base to tip [m]",
+        "oneOf": [number, {"type": "array", "items": pair, "minItems": 2}],
+    }
+    return {**table, "properties": {**table["properties"], "radius": radius}}
+
+
+_BACKBONE = Quantity(
+    "the elastic rod",
+    allowed="a table [backbone] with length, radius, youngs_modulus, poisson_ratio",
+    contents=_backbone_schema,
+)
+_DISKS = Quantity(
+    "the rigid disks on it; without it tendons follow the backbone",
+    allowed="a table [disks] with count or positions",
+    contents=_disks_schema,
+)
+_TENDONS = Quantity("one table a tendon", allowed="tables [[tendons]]", contents=_tendon_schema)
+_MODEL = Quantity(
+    "how the robot is modelled",
+    allowed="a table [model]",
+    contents=lambda: keys_of(Model).json_schema,
+)
+_SOLVER = Quantity(
+    "numerics of the quasi-static solver",
+    allowed="a table [solver]",
+    contents=lambda: keys_of(SolverSettings).json_schema,
+)
+_STEPS = Quantity(
+    "the loading sequence",
+    min_items=1,
+    allowed="tables [[steps]], at least one",
+    contents=lambda: keys_of(LoadStep).json_schema,
+)
+_PATH = Quantity(
+    "path of the robot.toml", allowed="the path of a robot.toml, in quotes, relative to this file"
+)
+_TABLE, _TABLES = dict[str, Any], list[Any]
+_ROBOT = all_keys_of(Robot)
+
+#: Keys at the top of ``robot.toml``.
+ROBOT = Keys(
+    {
+        "name": _ROBOT["name"],
+        "backbone": Annotated[_TABLE, _BACKBONE],
+        "disks": Annotated[_TABLE, _DISKS],
+        "tip_mass": _ROBOT["tip_mass"],
+        "tendons": Annotated[_TABLES, _TENDONS],
+        "springs": _ROBOT["springs"],
+        "base_stiffness": _ROBOT["base_stiffness"],
+    },
+    {**_ROBOT.defaults, "disks": None},
+)
+#: Keys at the top of ``model.toml``.
+MODEL_FILE = Keys({"model": Annotated[_TABLE, _MODEL], "solver": Annotated[_TABLE, _SOLVER]}, {"solver": {}})
+#: Keys at the top of ``scenario.toml``, without those of `tdcr_fe.io.effects`.
+SCENARIO = Keys({"robot": Annotated[str, _PATH]}).with_keys(
+    {**MODEL_FILE, "steps": Annotated[_TABLES, _STEPS]}, model={}, solver={}
+)
+
+
+def _effects_schema() -> dict[str, Any]:
+    """Of the table ``[effects]``: by name of the effect, a table of its parameters."""
+    properties: dict[str, dict[str, Any]] = {}
+    for effect in EFFECTS:
+        properties[effect.name] = {
+            "type": "object",
+            "description": effect.description,
+            "properties": {p.name: _number_schema(p) for p in effect.parameters},
+            "additionalProperties": False,
+        }
+        # Numbers of single tendons or markers, whose names the schema does not know.
+        further = {name: _number_schema(p) for name, p in effect.further_parameters.items()}
+        if further:
+            properties[effect.name]["patternProperties"] = further
+    description = "effects that the model includes, by name"
     return {
         "type": "object",
-        "oneOf": [
-            table_schema({**tendon_keys(cls), "routing": _routing_key((name,))})
-            for name, cls in ROUTINGS.items()
-        ],
+        "description": description,
+        "properties": properties,
+        "additionalProperties": False,
     }
 
 
-#: Keys of ``[disks]``, of which exactly one of ``count`` and ``positions`` is given.
-DISKS: dict[str, Field] = {
-    "count": field_from("count", DiskCount, None),
-    **fields_of(Disks),
-    "positions": replace(
-        fields_of(Disks)["positions"],
-        default=None,
-        quantity=replace(fields_of(Disks)["positions"].quantity, min_items=1),
-    ),
-}
+def _number_schema(p: Parameter) -> dict[str, Any]:
+    """Of one parameter."""
+    bounds = {"minimum": p.lower, "maximum": p.upper}
+    finite = {k: v for k, v in bounds.items() if abs(v) != float("inf")}
+    return {"type": "number", "description": f"{p.meaning} [{p.unit}]", **finite}
 
-_BACKBONE_SCHEMA = table_schema(fields_of(Backbone))
-_PAIR = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
-_BACKBONE_SCHEMA["properties"]["radius"] = {
-    "description": "of the round section, or pairs of arc length and radius from base to tip [m]",
-    "oneOf": [
-        {"type": "number", "exclusiveMinimum": 0.0},
-        {"type": "array", "items": _PAIR, "minItems": 2},
-    ],
-}
 
-_DISKS_SCHEMA = {**table_schema(DISKS), "oneOf": [{"required": ["count"]}, {"required": ["positions"]}]}
+def json_schema(file: Literal["robot", "scenario", "model"]) -> dict[str, Any]:
+    """JSON schema (draft 2020-12) of ``robot.toml``, ``scenario.toml`` or ``model.toml``.
 
-#: Keys at the top of ``robot.toml``.
-ROBOT: dict[str, Field] = {
-    "name": all_fields_of(Robot)["name"],
-    "backbone": _table(
-        "backbone",
-        _BACKBONE_SCHEMA,
-        "the elastic rod",
-        " with length, radius, youngs_modulus, poisson_ratio",
-    ),
-    "disks": _table(
-        "disks",
-        _DISKS_SCHEMA,
-        "the rigid disks on it; without it tendons follow the backbone",
-        " with count or positions",
-        default=None,
-    ),
-    "tip_mass": all_fields_of(Robot)["tip_mass"],
-    "tendons": _tables("tendons", _tendon_schema(), "one table a tendon"),
-    "springs": all_fields_of(Robot)["springs"],
-    "base_stiffness": all_fields_of(Robot)["base_stiffness"],
-}
+    Conditions between keys, such as holes within the disks, are checked only when the file is read.
 
-_MODEL = _table("model", table_schema(fields_of(Model)), "how the robot is modelled")
-_SOLVER = _table(
-    "solver", table_schema(fields_of(SolverSettings)), "numerics of the quasi-static solver", default={}
-)
-
-#: Keys at the top of ``model.toml``.
-MODEL_FILE: dict[str, Field] = {"model": _MODEL, "solver": _SOLVER}
-
-#: Keys at the top of ``scenario.toml``, without those of `tdcr_fe.io.effects`.
-SCENARIO: dict[str, Field] = {
-    "robot": Field(
-        "robot",
-        Text(),
-        Quantity(
-            "path of the robot.toml",
-            allowed="the path of a robot.toml, in quotes, relative to this file",
-        ),
-    ),
-    "model": replace(_MODEL, default={}),
-    "solver": _SOLVER,
-    "steps": _tables("steps", table_schema(fields_of(LoadStep)), "the loading sequence", least=1),
-}
+    Raises
+    ------
+    ValueError
+        There is no such file.
+    """
+    keys = {"robot": ROBOT, "scenario": SCENARIO, "model": MODEL_FILE}
+    if file not in keys:
+        raise ValueError(f"no schema of {file!r}; there are {', '.join(keys)}")
+    schema = {"$schema": _DIALECT, "title": f"{file}.toml of tdcr_fe", **keys[file].json_schema}
+    if file in ("scenario", "model"):
+        schema["properties"] = {**schema["properties"], "effects": _effects_schema()}
+    return schema

@@ -27,9 +27,8 @@ from tdcr_fe.io.spreadsheet import read_table, table_file
 from tdcr_fe.io.toml import digest, read_model_file, read_robot, read_toml
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
 from tdcr_fe.model.checks import size_contradictions
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.settings import SolverSettings
 
 
 @dataclass(frozen=True)

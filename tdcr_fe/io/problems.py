@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from tdcr_fe.model.checks import Contradiction
-from tdcr_fe.model.quantity import Mistake
-from tdcr_fe.model.schema import REQUIRED
-from tdcr_fe.model.wording import shown
+from tdcr_fe.model.messages import shown
+from tdcr_fe.model.schema import REQUIRED, Mistake
 
 
 @dataclass(frozen=True)

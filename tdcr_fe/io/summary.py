@@ -9,8 +9,7 @@ from typing import Any
 
 from tdcr_fe import __version__
 from tdcr_fe.compiled import is_compiled, numba_version
-from tdcr_fe.model.results import SequenceResult, StepResult
-from tdcr_fe.model.sensitivities import LocalResponse
+from tdcr_fe.model.results import LocalResponse, SequenceResult, StepResult
 from tdcr_fe.report.motion import geometry
 
 

@@ -1,6 +1,6 @@
 """Result files of a simulation: `steps.csv`, `shape.csv`, `tensions.csv`, `summary.json`, sensitivities, pictures.
 
-Their columns are in `tdcr_fe.model.frames`.
+Their columns are in `tdcr_fe.model.dataframes`.
 """
 
 from __future__ import annotations

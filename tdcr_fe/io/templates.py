@@ -10,12 +10,11 @@ from tdcr_fe.io.keys import DISKS, ROBOT, tendon_keys
 from tdcr_fe.io.write_toml import value_to_toml
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.channels import CHANNELS
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
+from tdcr_fe.model.messages import options, quoted
 from tdcr_fe.model.robot import SideSpring
-from tdcr_fe.model.routing import ROUTINGS, ParallelRouting
-from tdcr_fe.model.schema import REQUIRED, Choice, Field, fields_of
-from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.model.wording import quoted
+from tdcr_fe.model.routing import ROUTINGS
+from tdcr_fe.model.schema import Keys, keys_of
 
 #: Length of the robot that the templates describe [m].
 LENGTH = 0.2
@@ -49,33 +48,26 @@ _REMARKS = {
 }
 
 
-def _line(field: Field, value: str | None, remark: str | None = None) -> str:
+def _line(keys: Keys, name: str, value: str | None, remark: str | None = None) -> str:
     """A key with its description and a remark; commented out where no value is given."""
-    q = field.quantity
-    note = q.description + (f" [{q.unit}]" if q.unit else "")
-    if remark is not None:
-        note += f"; {remark}"
-    options = field.kind.options()
-    if options:
-        also = "; one of " if isinstance(field.kind, Choice) else "; or "
-        note += also + ", ".join(quoted(o) for o in options)
+    node, default = keys.json_schema["properties"][name], keys.defaults.get(name)
+    note = node["description"] + (f"; {remark}" if remark else "")
+    if texts := options(node):
+        note += ("; one of " if "enum" in node else "; or ") + ", ".join(map(quoted, texts))
     if value is not None:
-        text = f"{field.name} = {value}"
-    elif field.name in _EXAMPLES and field.default in (None, ()):
-        text = f"# {field.name} = {_EXAMPLES[field.name]}"
-    elif field.default is None or field.default is REQUIRED:
-        text = f"# {field.name} = ..."
+        text = f"{name} = {value}"
+    elif name in _EXAMPLES and default in (None, ()):
+        text = f"# {name} = {_EXAMPLES[name]}"
     else:
-        text = f"# {field.name} = {value_to_toml(field.default)}"
+        text = f"# {name} = {'...' if default is None else value_to_toml(default)}"
     return f"{text:<33} # {note}"
 
 
-def _table(header: str, fields: Mapping[str, Field], given: Mapping[str, str]) -> list[str]:
+def _table(header: str, keys: Keys, given: Mapping[str, str]) -> list[str]:
     """A table with the keys that are given first, then the others, commented out."""
     remarks = _REMARKS.get(header, {})
-    first = [_line(fields[name], value, remarks.get(name)) for name, value in given.items()]
-    rest = [_line(f, None, remarks.get(name)) for name, f in fields.items() if name not in given]
-    return ["", header, *first, *rest]
+    rest = {name: None for name in keys if name not in given}
+    return ["", header, *(_line(keys, n, value, remarks.get(n)) for n, value in {**given, **rest}.items())]
 
 
 def robot_template(tendons: int = 3) -> str:
@@ -86,13 +78,12 @@ def robot_template(tendons: int = 3) -> str:
     tendons
         Number of tendons, at equal angles.
     """
-    plain = [ROBOT[name] for name in ("tip_mass", "base_stiffness")]
     lines = [
         "# A tendon-driven continuum robot. SI units: m, N, kg, s, Pa, rad; a key in another unit says so in its name.",
         "# Lines that begin with # are optional keys with their defaults (... where there is none).",
         'name = "my-robot"',
-        *(_line(f, None) for f in plain),
-        *_table("[backbone]", fields_of(Backbone), _BACKBONE),
+        *(_line(ROBOT, name, None) for name in ("tip_mass", "base_stiffness")),
+        *_table("[backbone]", keys_of(Backbone), _BACKBONE),
         *_table("[disks]", DISKS, _DISKS),
     ]
     for k in range(tendons):
@@ -102,7 +93,7 @@ def robot_template(tendons: int = 3) -> str:
             **_TENDON,
             "angle_deg": f"{360.0 * k / tendons:.6g}",
         }
-        fields = tendon_keys(ParallelRouting)
+        fields = tendon_keys("parallel")
         if k:
             lines += ["", "[[tendons]]", *(f"{name} = {value}" for name, value in given.items())]
         else:
@@ -110,22 +101,18 @@ def robot_template(tendons: int = 3) -> str:
     others = [name for name in ROUTINGS if name != "parallel"]
     lines += ["", "# Keys of the other routings, in place of offset and angle_deg:"]
     for name in others:
-        keys = ", ".join(fields_of(ROUTINGS[name]))
+        keys = ", ".join(keys_of(ROUTINGS[name]))
         lines.append(f'#   routing = "{name}": {keys}')
-    spring = "at = 0.1, stiffness = 1.0"
+    springs = keys_of(SideSpring)
     lines += ["", "# A spring from the backbone to ground:", "# [[springs]]"]
-    lines += [f"# {part:<32}# {_describe(SideSpring, part)}" for part in spring.split(", ")]
+    lines += [f"# {_line(springs, n, value)}" for n, value in {"at": "0.1", "stiffness": "1.0"}.items()]
     return "\n".join(lines) + "\n"
-
-
-def _describe(cls: type, assignment: str) -> str:
-    q = fields_of(cls)[assignment.partition(" ")[0]].quantity
-    return q.description + (f" [{q.unit}]" if q.unit else "")
 
 
 def scenario_template(tendons: Sequence[str], length: float) -> str:
     """A `scenario.toml` with every key, for a robot with these tendons and this length [m]."""
-    step = fields_of(LoadStep)
+    step = keys_of(LoadStep)
+    pulled = step.json_schema["properties"]["displacements"]["description"]
     first, *others = tendons
     lines = [
         "# A loading sequence. Solve it: tdcr-fe run scenario.toml -o OUT",
@@ -141,12 +128,8 @@ def scenario_template(tendons: Sequence[str], length: float) -> str:
         "[[steps]]",
         f'label = "pull {first}"',
         f"tensions = {{ {first} = 1.0 }}",
-        *(_line(step[name], None) for name in ("substeps", "time")),
-        "# displacements = { "
-        + first
-        + " = 2e-3 }   # "
-        + step["displacements"].quantity.description
-        + " [m], not tensions",
+        *(_line(step, name, None) for name in ("substeps", "time")),
+        f"# displacements = {{ {first} = 2e-3 }}   # {pulled}, not tensions",
         "",
         "[[steps]]",
         'label = "load the tip"',
@@ -163,8 +146,8 @@ def scenario_template(tendons: Sequence[str], length: float) -> str:
 
 def _model_lines() -> list[str]:
     return [
-        *_table("[model]", fields_of(Model), _MODEL),
-        *_table("[solver]", fields_of(SolverSettings), {}),
+        *_table("[model]", keys_of(Model), _MODEL),
+        *_table("[solver]", keys_of(SolverSettings), {}),
     ]
 
 

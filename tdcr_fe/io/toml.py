@@ -35,15 +35,12 @@ from tdcr_fe.model.checks import (
     tendon_contradictions,
     time_contradictions,
 )
-from tdcr_fe.model.disks import Disks
-from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.quantity import FieldError
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
+from tdcr_fe.model.messages import quoted, shown
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ROUTINGS, ParallelRouting
-from tdcr_fe.model.schema import fields_of, take_table
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.schema import FieldError, keys_of
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.model.wording import quoted, shown
 
 Steps = tuple[LoadStep, ...]
 
@@ -101,11 +98,11 @@ class _Discs:
 
 def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
     before = len(reporter.problems)
-    top, bad = take_table(ROBOT, data, "", reporter.mistake)
+    top, bad = ROBOT.read(data, "", reporter.mistake)
     backbone = length = None
     if "backbone" in top:
         table, taper = _without_taper(top["backbone"])
-        values, wrong = take_table(fields_of(Backbone), table, "backbone", reporter.mistake)
+        values, wrong = keys_of(Backbone).read(table, "backbone", reporter.mistake)
         length = values.get("length")
         if not wrong and isinstance(top["backbone"], dict):
             backbone = Backbone(**values, taper=taper)
@@ -144,7 +141,7 @@ def _is_pair(value: Any) -> bool:
 
 
 def _build_disks(data: Any, length: float | None, reporter: Reporter) -> _Discs:
-    values, bad = take_table(DISKS, data, "disks", reporter.mistake)
+    values, bad = DISKS.read(data, "disks", reporter.mistake)
     radius = values.get("radius")
     if not isinstance(data, dict):
         return _Discs(None, radius)
@@ -183,7 +180,7 @@ def _build_tendon(
     kind = data.get("routing") if isinstance(data, dict) else None
     routing = ROUTINGS.get(kind) if isinstance(kind, str) else None
     mine = Reporter(reporter.file)
-    values, bad = take_table(tendon_keys(routing), data, key, mine.mistake)
+    values, bad = tendon_keys(kind if routing else None).read(data, key, mine.mistake)
     for p in mine.problems:
         owners = routings_with(p.key.rpartition(".")[2])
         allowed = p.allowed
@@ -191,7 +188,7 @@ def _build_tendon(
             allowed = f"only for routing = {' or '.join(map(quoted, owners))}; " + allowed.partition("; ")[2]
         reporter(p.key, p.value, allowed)
     name = values.get("name")
-    own = set(fields_of(routing)) if routing else set()
+    own = set(keys_of(routing)) if routing else set()
     disks = found.disks
     if routing is None or bad & (own | {"end"}) or disks is None or length is None:
         _check_offsets(key, values, own, found.radius, reporter)
@@ -200,7 +197,7 @@ def _build_tendon(
     arcs = (0.0, *(s for s in disks.positions if s <= end + ARC_TOLERANCE))
     if not disks.positions:
         arcs = _course_arc_lengths(values.get("holes", ()), end)
-    fields = {k: v for k, v in values.items() if k in fields_of(Tendon)}
+    fields = {k: v for k, v in values.items() if k in keys_of(Tendon)}
     try:
         # An invalid name is replaced, so that the rest can still be checked.
         built = routing.from_table({k: values[k] for k in own if k in values}, arcs)
@@ -242,7 +239,7 @@ def _build_model(data: Any, reporter: Reporter, robot: Robot | None = None) -> M
         data = {"tendon_path": default.tendon_path, **data}
         if data["tendon_path"] == default.tendon_path:
             data = {"friction": default.friction, **data}
-    values, bad = take_table(fields_of(Model), data, "model", reporter.mistake)
+    values, bad = keys_of(Model).read(data, "model", reporter.mistake)
     found = model_contradictions(values.get("tendon_path"), values.get("friction", "none"))
     for c in found:
         given = c.value if "friction" in data else f"not given, so {c.value}"
@@ -251,13 +248,13 @@ def _build_model(data: Any, reporter: Reporter, robot: Robot | None = None) -> M
 
 
 def _build_settings(data: Any, reporter: Reporter) -> SolverSettings | None:
-    values, bad = take_table(fields_of(SolverSettings), data, "solver", reporter.mistake)
+    values, bad = keys_of(SolverSettings).read(data, "solver", reporter.mistake)
     return None if bad else SolverSettings(**values)
 
 
 def _build_step(i: int, data: Any, parts: RobotParts, reporter: Reporter) -> LoadStep | None:
     before = len(reporter.problems)
-    values, _ = take_table(fields_of(LoadStep), data, f"steps[{i}]", reporter.mistake)
+    values, _ = keys_of(LoadStep).read(data, f"steps[{i}]", reporter.mistake)
     raw = data if isinstance(data, dict) else {}
     tensions = raw["tensions"] if isinstance(raw.get("tensions"), dict) else {}
     displacements = raw["displacements"] if isinstance(raw.get("displacements"), dict) else {}
@@ -400,7 +397,7 @@ def read_model_file(
     if data is not None:
         reporter = Reporter(str(path), problems)
         own = {key: table for key, table in data.items() if key not in apart}
-        top, _ = take_table(MODEL_FILE, own, "", reporter.mistake)
+        top, _ = MODEL_FILE.read(own, "", reporter.mistake)
         model = _build_model(top["model"], reporter, robot) if "model" in top else None
         settings = _build_settings(top["solver"], reporter) if "solver" in top else None
         if robot is not None and model is not None:
@@ -521,7 +518,7 @@ def build_scenario(
         allowed = "is the file of a robot; give the scenario.toml that names it"
         raise InputError([Problem(str(tables.path), "", "", allowed)])
     reporter = Reporter(str(tables.path), problems)
-    top, _ = take_table(SCENARIO, data, "", reporter.mistake, list(readers))
+    top, _ = SCENARIO.read(data, "", reporter.mistake, list(readers))
 
     problems += tables.problems
     parts = RobotParts()

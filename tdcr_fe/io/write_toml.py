@@ -7,14 +7,12 @@ from dataclasses import is_dataclass
 from typing import Any
 
 from tdcr_fe.model import arguments
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.friction import FRICTION_COEFFICIENTS
-from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
+from tdcr_fe.model.messages import bare, quoted
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ROUTINGS
-from tdcr_fe.model.schema import fields_of
-from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.model.wording import bare, quoted
+from tdcr_fe.model.schema import REQUIRED, keys_of
 
 
 def value_to_toml(value: Any) -> str:
@@ -29,15 +27,15 @@ def value_to_toml(value: Any) -> str:
     if isinstance(value, Sequence):
         return "[" + ", ".join(value_to_toml(v) for v in value) + "]"
     if is_dataclass(value):
-        kind = getattr(value, "kind", None)
-        return value_to_toml({**({} if kind is None else {"kind": kind}), **_table(value)})
+        return value_to_toml(_table(value))
     return repr(int(value)) if isinstance(value, int) else repr(float(value))
 
 
 def _table(instance: Any) -> dict[str, Any]:
     """Fields of an object that are written to a file, without those that are None, empty, or zero by default."""
-    values = {name: (getattr(instance, name), f.default) for name, f in fields_of(type(instance)).items()}
-    return {name: v for name, (v, default) in values.items() if not _is_nothing(v, default)}
+    keys = keys_of(type(instance))
+    values = {name: getattr(instance, name) for name in keys}
+    return {name: v for name, v in values.items() if not _is_nothing(v, keys.defaults.get(name, REQUIRED))}
 
 
 def _is_nothing(value: Any, default: Any) -> bool:

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from numbers import Integral, Real
 from typing import Any
 
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.settings import SolverSettings
 
 
 def wrong_type(function: str, argument: str, value: Any, expected: str, hint: str) -> TypeError:

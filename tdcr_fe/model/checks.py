@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from tdcr_fe.model.messages import join, meant, shown
 from tdcr_fe.model.routing import hole_count_text
-from tdcr_fe.model.wording import join, meant, shown
 
 if TYPE_CHECKING:
     from tdcr_fe.model.backbone import Backbone
-    from tdcr_fe.model.disks import Disks
     from tdcr_fe.model.loading import Model
-    from tdcr_fe.model.robot import Robot, SideSpring
+    from tdcr_fe.model.robot import Disks, Robot, SideSpring
     from tdcr_fe.model.tendon import Tendon
 
 #: Arc lengths are the same within this distance [m].

@@ -7,13 +7,12 @@ The annotated fields of a law are the keys of its table in ``robot.toml``. Addin
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Protocol
+from typing import Annotated, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.quantity import Quantity
-from tdcr_fe.model.schema import check_fields
+from tdcr_fe.model.schema import Quantity, check_fields
 
 Array = NDArray[np.float64]
 
@@ -55,7 +54,7 @@ class ConstantFriction:
     """
 
     mu: Annotated[float, Quantity("coefficient of friction", ge=0.0, le=100.0)]
-    kind: ClassVar[str] = "constant"
+    kind: Literal["constant"] = "constant"
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -95,7 +94,7 @@ class StribeckFriction:
     viscous: Annotated[float, Quantity("rise of the coefficient with the slip rate", unit="s/m", ge=0.0)] = (
         0.0
     )
-    kind: ClassVar[str] = "stribeck"
+    kind: Literal["stribeck"] = "stribeck"
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -138,7 +137,7 @@ class ForceDependentFriction:
     smallest_force: Annotated[
         float, Quantity("normal force below which the coefficient becomes constant", unit="N", gt=0.0)
     ] = 1e-3
-    kind: ClassVar[str] = "force-dependent"
+    kind: Literal["force-dependent"] = "force-dependent"
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from tdcr_fe.model.quantity import FieldError, Quantity
-from tdcr_fe.model.schema import check_fields
+from tdcr_fe.model.schema import FieldError, Quantity, check_fields
 
 Array = NDArray[np.float64]
 #: A rotation, and numbers or one of them for every arc length by which it is multiplied.
@@ -104,9 +103,9 @@ class Routing:
 
     def to_table(self) -> dict[str, Any]:
         """Values of its fields for ``robot.toml``, in which `from_table` finds an equal routing."""
-        from tdcr_fe.model.schema import fields_of
+        from tdcr_fe.model.schema import keys_of
 
-        return {name: getattr(self, name) for name in fields_of(type(self))}
+        return {name: getattr(self, name) for name in keys_of(type(self))}
 
 
 def _polar(radius: list[Array], angle: list[Array], derivative: int) -> Array:

@@ -1,484 +1,290 @@
-"""Bounds, units and descriptions as annotations of dataclass fields, checked for Python objects and files.
+"""Bounds, units and descriptions as annotations of dataclass fields, checked by pydantic.
 
 A field such as ``length: Annotated[float, Quantity("from base plate to tip", unit="m", gt=0.0)]`` is checked by
-`check_fields` when the object is made, by `tdcr_fe.io.toml` when a file is read, and described by
-`tdcr_fe.io.json_schema`.
+`check_fields` when the object is made, and by `Keys.read` when a file is read. The JSON schema of the same annotation
+says what is allowed: in errors, in the templates of files, and to editors. pydantic is imported when it is needed.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
-import types
 import typing
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from numbers import Integral, Real
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from tdcr_fe.model.quantity import Mistake, Quantity
-from tdcr_fe.model.wording import join, meant, shown
+from tdcr_fe.model.messages import allowed, join, meant, options, quoted, shown
 
-#: Marks a field without a default.
+#: Stands for the default, or the value, of a key that has none.
 REQUIRED: Any = object()
 
-_WORDS = {1: "one", 2: "two", 3: "three"}
+_NAME = "a name in quotes: not empty, printable, no blanks at its ends"
+
+
+class Mistake(NamedTuple):
+    """One value that is not allowed."""
+
+    key: str  # dotted, as in the files
+    value: Any  # what was given; REQUIRED where nothing was
+    allowed: str  # what is allowed instead
+    wrong_type: bool = False  # whether a value of another type is needed
 
 
 #: Takes each mistake.
 Note = Callable[[Mistake], None]
 
 
-class Kind:
-    """Type of a field: checks values, names what is allowed, and describes itself as JSON schema."""
-
-    def allowed(self, q: Quantity) -> str:
-        """What is allowed, as a sentence without "must be"."""
-        raise NotImplementedError
-
-    def take(self, value: Any, key: str, q: Quantity, note: Note, from_file: bool) -> Any:
-        """The value in its normal form; every mistake in it is noted.
-
-        Parameters
-        ----------
-        value, key
-            What is given, and its dotted key.
-        q
-            Bounds and description of the field.
-        note
-            Takes each mistake.
-        from_file
-            Whether objects are given as tables.
-        """
-        raise NotImplementedError
-
-    def json_schema(self, q: Quantity) -> dict[str, Any]:
-        """JSON schema of one value."""
-        raise NotImplementedError
-
-    def options(self) -> tuple[str, ...]:
-        """Texts that it takes, where there are few."""
-        return ()
-
-    def refuse(self, value: Any, key: str, q: Quantity, note: Note, wrong_type: bool) -> Any:
-        """Note a mistake; gives the value back."""
-        hint = meant(value, self.options()) if isinstance(value, str) else ""
-        note(Mistake(key, value, f"must be {q.allowed or self.allowed(q)}{hint}", wrong_type))
-        return value
-
-
-class Number(Kind):
-    """A finite floating-point number; whole numbers are taken as such, truth values are not."""
-
-    def allowed(self, q: Quantity) -> str:
-        """See `Kind.allowed`."""
-        return q.range_text("number", q.unit) + (f", {q.note}" if q.note else "")
-
-    def take(self, value: Any, key: str, q: Quantity, note: Note, from_file: bool) -> Any:
-        """See `Kind.take`."""
-        if type(value) is not float:
-            if isinstance(value, bool) or not isinstance(value, Real):
-                return self.refuse(value, key, q, note, True)
-            try:
-                number = float(value)
-            except OverflowError:
-                return self.refuse(value, key, q, note, False)
-        else:
-            number = value
-        if not (math.isfinite(number) or (q.infinite and number == math.inf)) or not q.holds(number):
-            return self.refuse(value, key, q, note, False)
-        return number
-
-    def json_schema(self, q: Quantity) -> dict[str, Any]:
-        """See `Kind.json_schema`."""
-        return {"type": "number", **_json_bounds(q)}
-
-
-class Whole(Kind):
-    """A whole number."""
-
-    def allowed(self, q: Quantity) -> str:
-        """See `Kind.allowed`."""
-        return q.range_text("whole number", q.unit) + (f", {q.note}" if q.note else "")
-
-    def take(self, value: Any, key: str, q: Quantity, note: Note, from_file: bool) -> Any:
-        """See `Kind.take`."""
-        if type(value) is not int:
-            if isinstance(value, bool) or not isinstance(value, Integral):
-                return self.refuse(value, key, q, note, True)
-            value = int(value)
-        return value if q.holds(value) else self.refuse(value, key, q, note, False)
-
-    def json_schema(self, q: Quantity) -> dict[str, Any]:
-        """See `Kind.json_schema`."""
-        return {"type": "integer", **_json_bounds(q)}
-
-
-class Text(Kind):
-    """A text; with ``name`` one that can be a name in tables."""
-
-    def allowed(self, q: Quantity) -> str:
-        """See `Kind.allowed`."""
-        if q.name:
-            return "a name in quotes: not empty, printable, no blanks at its ends"
-        return "a text in quotes"
-
-    def take(self, value: Any, key: str, q: Quantity, note: Note, from_file: bool) -> Any:
-        """See `Kind.take`."""
-        if not isinstance(value, str):
-            return self.refuse(value, key, q, note, True)
-        if q.name and (not value.strip() or value != value.strip() or not value.isprintable()):
-            return self.refuse(value, key, q, note, False)
-        return value
-
-    def json_schema(self, q: Quantity) -> dict[str, Any]:
-        """See `Kind.json_schema`."""
-        return {"type": "string", **({"minLength": 1} if q.name else {})}
-
-
-@dataclass(frozen=True)
-class Choice(Kind):
-    """One of a few texts."""
-
-    texts: tuple[str, ...]
-
-    def options(self) -> tuple[str, ...]:
-        """See `Kind.options`."""
-        return self.texts
-
-    def allowed(self, q: Quantity) -> str:
-        """See `Kind.allowed`."""
-        texts = [f'"{o}"' for o in self.texts]
-        return texts[0] if len(texts) == 1 else ", ".join(texts[:-1]) + f" or {texts[-1]}"
-
-    def take(self, value: Any, key: str, q: Quantity, note: Note, from_file: bool) -> Any:
-        """See `Kind.take`."""
-        if not isinstance(value, str):
-            return self.refuse(value, key, q, note, True)
-        return value if value in self.texts else self.refuse(value, key, q, note, False)
-
-    def json_schema(self, q: Quantity) -> dict[str, Any]:
-        """See `Kind.json_schema`."""
-        return {"enum": list(self.texts)}
-
-
-@dataclass(frozen=True)
-class OneOf(Kind):
-    """One of a few texts, or a value of another kind."""
-
-    choice: Choice
-    others: tuple[Kind, ...]
-
-    def options(self) -> tuple[str, ...]:
-        """See `Kind.options`."""
-        return self.choice.texts
-
-    def allowed(self, q: Quantity) -> str:
-        """See `Kind.allowed`."""
-        return f"{self.choice.allowed(q)} or {self.others[0].allowed(q)}"
-
-    def take(self, value: Any, key: str, q: Quantity, note: Note, from_file: bool) -> Any:
-        """See `Kind.take`."""
-        if isinstance(value, str) and value in self.choice.texts:
-            return value
-        wrong_type = True
-        for kind in self.others:
-            found: list[Mistake] = []
-            taken = kind.take(value, key, q, found.append, from_file)
-            if not found:
-                return taken
-            wrong_type &= found[0].wrong_type
-        return self.refuse(value, key, q, note, wrong_type)
-
-    def json_schema(self, q: Quantity) -> dict[str, Any]:
-        """See `Kind.json_schema`."""
-        return {"anyOf": [kind.json_schema(q) for kind in (self.choice, *self.others)]}
-
-
-@dataclass(frozen=True)
-class Items(Kind):
-    """A sequence of values of one kind, of a fixed count or any."""
-
-    item: Kind
-    count: int | None = None
-
-    def allowed(self, q: Quantity) -> str:
-        """See `Kind.allowed`."""
-        if isinstance(self.item, Table):
-            return f"a list of tables with {', '.join(fields_of(self.item.cls))}"
-        if isinstance(self.item, Items):
-            return f"a list of lists, each {self.item.allowed(q)}"
-        numbers = q.range_text("numbers", q.unit)
-        text = (
-            f"{_WORDS.get(self.count, str(self.count))} {numbers}" if self.count else f"a list of {numbers}"
-        )
-        return text + (f", {q.note}" if q.note else "")
-
-    def take(self, value: Any, key: str, q: Quantity, note: Note, from_file: bool) -> Any:
-        """See `Kind.take`."""
-        if isinstance(value, np.ndarray) and value.ndim:
-            value = value.tolist()
-        if not isinstance(value, list | tuple):
-            if isinstance(self.item, Table) and not from_file:
-                note(Mistake(key, value, f"must be a sequence of {self.item.cls.__name__}", True))
-                return value
-            return self.refuse(value, key, q, note, True)
-        if len(value) < q.min_items or (self.count is not None and len(value) != self.count):
-            return self.refuse(value, key, q, note, False)
-        if isinstance(self.item, Number):
-            fast = tuple(value)
-            if all(type(x) is float and math.isfinite(x) and q.holds(x) for x in fast):
-                return value if value is fast else fast
-        # Each item is named, with what is allowed for the whole.
-        whole = q if q.allowed else dataclasses.replace(q, allowed=self.allowed(q))
-        if isinstance(self.item, Table):
-            whole = q
-        return tuple(self.item.take(x, f"{key}[{i}]", whole, note, from_file) for i, x in enumerate(value))
-
-    def json_schema(self, q: Quantity) -> dict[str, Any]:
-        """See `Kind.json_schema`."""
-        schema: dict[str, Any] = {"type": "array", "items": self.item.json_schema(q)}
-        least = self.count or q.min_items
-        return {
-            **schema,
-            **({"minItems": least} if least else {}),
-            **({"maxItems": self.count} if self.count else {}),
-        }
-
-
-@dataclass(frozen=True)
-class ByName(Kind):
-    """A mapping from names to values of one kind."""
-
-    item: Kind
-
-    def allowed(self, q: Quantity) -> str:
-        """See `Kind.allowed`."""
-        if isinstance(self.item, Table):
-            return f"a table of tables by name, each with {', '.join(fields_of(self.item.cls))}"
-        return f"a table of values by name, each {self.item.allowed(q)}"
-
-    def take(self, value: Any, key: str, q: Quantity, note: Note, from_file: bool) -> Any:
-        """See `Kind.take`."""
-        if not isinstance(value, Mapping):
-            return self.refuse(value, key, q, note, True)
-        changed = {}
-        for name, x in value.items():
-            if not isinstance(name, str):
-                self.refuse(name, f"{key} (a key)", q, note, True)
-                continue
-            changed[name] = self.item.take(x, join(key, name), q, note, from_file)
-        return changed
-
-    def json_schema(self, q: Quantity) -> dict[str, Any]:
-        """See `Kind.json_schema`."""
-        return {"type": "object", "additionalProperties": self.item.json_schema(q)}
-
-
-@dataclass(frozen=True)
-class Table(Kind):
-    """An object of a dataclass; in a file a table of its fields."""
-
-    cls: type
-
-    def allowed(self, q: Quantity) -> str:
-        """See `Kind.allowed`."""
-        return f"a table with {', '.join(fields_of(self.cls))}"
-
-    def take(self, value: Any, key: str, q: Quantity, note: Note, from_file: bool) -> Any:
-        """See `Kind.take`."""
-        if not from_file:
-            if not isinstance(value, self.cls):
-                note(Mistake(key, value, f"must be of type {self.cls.__name__}", True))
-            return value
-        found: list[Mistake] = []
-        values, _ = take_table(fields_of(self.cls), value, key, found.append)
-        if not found:
-            try:
-                return self.cls(**values)
-            except ValueError as error:  # fields that do not fit together
-                found.append(Mistake(key, value, str(error)))
-        for mistake in found:
-            note(mistake)
-        return None
-
-    def json_schema(self, q: Quantity) -> dict[str, Any]:
-        """See `Kind.json_schema`."""
-        return table_schema(fields_of(self.cls))
-
-
-@dataclass(frozen=True)
-class Variant(Kind):
-    """An object of one of several dataclasses; in a file a table whose key ``kind`` names it."""
-
-    def allowed(self, q: Quantity) -> str:
-        """See `Kind.allowed`."""
-        names = ", ".join(f'"{name}"' for name in q.variants or {})
-        return f"a table with kind (one of {names}) and the keys of that kind"
-
-    def take(self, value: Any, key: str, q: Quantity, note: Note, from_file: bool) -> Any:
-        """See `Kind.take`; in Python any object with a ``kind`` will do."""
-        variants = q.variants or {}
-        if not from_file:
-            if not isinstance(getattr(value, "kind", None), str):
-                names = ", ".join(cls.__name__ for cls in variants.values())
-                note(Mistake(key, value, f"must be one of {names}, or another law with a kind", True))
-            return value
-        if not isinstance(value, dict):
-            return self.refuse(value, key, q, note, True)
-        kind = value.get("kind")
-        if not isinstance(kind, str) or kind not in variants:
-            names = ", ".join(f'"{name}"' for name in variants)
-            hint = meant(kind, variants) if isinstance(kind, str) else ""
-            given = value.get("kind", REQUIRED)
-            text = f"{'missing; ' if given is REQUIRED else ''}must be one of {names}{hint}"
-            note(Mistake(join(key, "kind"), given, text, True))
-            return value
-        rest = {k: v for k, v in value.items() if k != "kind"}
-        return Table(variants[kind]).take(rest, key, q, note, True)
-
-    def json_schema(self, q: Quantity) -> dict[str, Any]:
-        """See `Kind.json_schema`."""
-        options = []
-        for name, cls in (q.variants or {}).items():
-            schema = table_schema(fields_of(cls))
-            schema["properties"] = {"kind": {"const": name}, **schema["properties"]}
-            schema["required"] = ["kind", *schema.get("required", [])]
-            options.append(schema)
-        return {"type": "object", "oneOf": options}
-
-
-@dataclass(frozen=True)
-class Field:
-    """A field of a dataclass, or a key of a table.
+class FieldError(ValueError):
+    """A value of a field does not fit the rest of the description.
 
     Attributes
     ----------
-    name : str
-    kind : Kind
-    quantity : Quantity
-    default : Any
-        `REQUIRED` where there is none.
-    optional : bool
-        Whether None is allowed in Python; a file leaves the key out.
+    field, value, allowed : str
     """
 
-    name: str
-    kind: Kind
-    quantity: Quantity
-    default: Any = REQUIRED
-    optional: bool = False
+    def __init__(self, field: str, value: str, allowed: str) -> None:
+        self.field, self.value, self.allowed = field, value, allowed
+        super().__init__(f"{field} = {value}: {allowed}")
 
-    @property
-    def required(self) -> bool:
-        """Whether it must be given."""
-        return self.default is REQUIRED
 
-    @property
-    def allowed(self) -> str:
-        """What is allowed, as a sentence without "must be"."""
-        return self.quantity.allowed or self.kind.allowed(self.quantity)
+@dataclass(frozen=True)
+class Quantity:
+    """Unit, bounds and description of a field; the metadata of ``Annotated``.
 
-    def is_sound_float(self, value: float) -> bool:
-        """Whether a number is valid for this field without conversion."""
-        return type(self.kind) is Number and math.isfinite(value) and self.quantity.holds(value)
+    Attributes
+    ----------
+    description : str
+        What it is, for documentation and editors.
+    unit : str
+        Of every number in it; empty where there is none.
+    gt, ge, lt, le : float or None
+        Bounds of every number in it.
+    allowed : str
+        What is allowed, as text; replaces the one made from type, unit and bounds.
+    note : str
+        Added to that sentence.
+    name : bool
+        Whether a text must be a name: printable, not empty, without blanks at its ends.
+    min_items : int
+        Fewest items of a sequence.
+    in_file : bool
+        Whether the field is a key of the file; otherwise it follows from others.
+    infinite : bool
+        Whether infinity is allowed.
+    variants : mapping of str to type, or None
+        Classes of which the value is one, by the name that the key ``kind`` of its table gives.
+    contents : callable or None
+        Gives the JSON schema of a table, or of each table of a list, whose contents are read by a function of its own.
+    """
 
-    def take(self, value: Any, key: str, note: Note, from_file: bool = False) -> Any:
-        """The value in its normal form; every mistake is noted."""
-        if value is None and self.optional and not from_file:
-            return None
-        return self.kind.take(value, key, self.quantity, note, from_file)
+    description: str
+    unit: str = ""
+    gt: float | None = None
+    ge: float | None = None
+    lt: float | None = None
+    le: float | None = None
+    allowed: str = ""
+    note: str = ""
+    name: bool = False
+    min_items: int = 0
+    in_file: bool = True
+    infinite: bool = False
+    variants: Mapping[str, type] | None = None
+    contents: Callable[[], dict[str, Any]] | None = field(default=None, hash=False)
 
-    def json_schema(self) -> dict[str, Any]:
-        """JSON schema of the field, with its description, unit and default."""
-        unit = f" [{self.quantity.unit}]" if self.quantity.unit else ""
-        schema = {"description": self.quantity.description + unit, **self.kind.json_schema(self.quantity)}
-        if not self.required and self.default is not None:
-            plain = list(self.default) if isinstance(self.default, tuple) else self.default
-            if isinstance(plain, str | int | float | list):
-                schema["default"] = plain
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        """Schema by which pydantic checks a value."""
+        from pydantic_core import core_schema
+
+        if self.variants is not None:
+            return core_schema.nullable_schema(_one_of(self.variants, handler))
+        schema = handler(source)
+        if self.min_items:
+            schema["min_length"] = self.min_items
+        self._tighten(schema)
+        if self.name:
+            return core_schema.no_info_after_validator_function(_checked_name, schema)
         return schema
 
+    def _tighten(self, schema: dict[str, Any]) -> None:
+        """Bounds for all numbers in a schema; only numbers are numbers, texts and truth values are not."""
+        if schema["type"] in ("float", "int"):
+            bounds = {b: getattr(self, b) for b in ("gt", "ge", "lt", "le")}
+            schema |= {"strict": True, **{b: x for b, x in bounds.items() if x is not None}}
+        if schema["type"] == "float":
+            schema["allow_inf_nan"] = self.infinite
+        parts = [schema.get(k) for k in ("schema", "items_schema", "values_schema", "choices")]
+        for part in parts:
+            for inner in part if isinstance(part, list) else [part]:
+                if isinstance(inner, dict):
+                    self._tighten(inner)
 
-def _json_bounds(q: Quantity) -> dict[str, Any]:
-    names = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
-    return {name: getattr(q, b) for b, name in names.items() if getattr(q, b) is not None}
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        """JSON schema with description, unit and what else is said in errors."""
+        from pydantic.errors import PydanticInvalidForJsonSchema
 
-
-def _kind_of(hint: Any) -> tuple[Kind, bool]:
-    """Kind of a type hint, and whether None is allowed."""
-    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (typing.Union, types.UnionType):
-        rest = [a for a in arguments if a is not type(None)]
-        optional = len(rest) < len(arguments)
-        choices = [a for a in rest if typing.get_origin(a) is Literal]
-        others = [a for a in rest if typing.get_origin(a) is not Literal]
-        if not choices and len(others) == 1:
-            return _kind_of(others[0])[0], optional
-        if len(choices) == 1 and others:
-            return OneOf(Choice(typing.get_args(choices[0])), tuple(_kind_of(a)[0] for a in others)), optional
-    elif hint is float:
-        return Number(), False
-    elif hint is int:
-        return Whole(), False
-    elif hint is str:
-        return Text(), False
-    elif origin is Literal:
-        return Choice(arguments), False
-    elif origin is tuple and len(arguments) == 2 and arguments[1] is Ellipsis:
-        return Items(_kind_of(arguments[0])[0]), False
-    elif origin is tuple and len(set(arguments)) == 1:
-        return Items(_kind_of(arguments[0])[0], len(arguments)), False
-    elif origin is Mapping:
-        return ByName(_kind_of(arguments[1])[0]), False
-    elif isinstance(hint, type):
-        return Table(hint), False
-    raise TypeError(f"no kind of field for the type {hint!r}")
+        try:
+            found = dict(handler(schema))
+        except PydanticInvalidForJsonSchema:  # an object of a class that no file names
+            found = {}
+        if self.contents is not None:
+            found = self.contents() if found["type"] == "object" else {**found, "items": self.contents()}
+        unit = f" [{self.unit}]" if self.unit else ""
+        texts = {"unit": self.unit, "note": self.note, "allowed": self.allowed or _NAME * self.name}
+        found |= {"description": self.description + unit, **{k: v for k, v in texts.items() if v}}
+        return found | ({"minLength": 1} if self.name else {})
 
 
-def field_from(name: str, hint: Any, default: Any = REQUIRED) -> Field:
-    """A field from an annotation such as ``Annotated[float, Quantity(...)]``."""
-    quantity = next((m for m in getattr(hint, "__metadata__", ()) if isinstance(m, Quantity)), None)
-    if typing.get_origin(hint) is Annotated:
-        hint = hint.__origin__
-    if quantity is not None and quantity.variants is not None:
-        return Field(name, Variant(), quantity, default, type(None) in typing.get_args(hint))
-    kind, optional = _kind_of(hint)
-    return Field(name, kind, quantity or Quantity(name), default, optional)
+def _checked_name(text: str) -> str:
+    if not text.strip() or text != text.strip() or not text.isprintable():
+        raise ValueError(f"must be {_NAME}")
+    return text
 
 
-#: Fields of the classes inspected so far: all of them, and those that are keys of a file.
-_KNOWN: dict[type, tuple[dict[str, Field], dict[str, Field]]] = {}
+def _one_of(variants: Mapping[str, type], handler: Any) -> Any:
+    """Schema of an object of one of the classes, or of a table whose key ``kind`` names the class.
+
+    An object of another class with a ``kind`` is taken, too.
+    """
+    from pydantic import Discriminator
+    from pydantic_core import core_schema
+
+    tagged = handler.generate_schema(Annotated[typing.Union[tuple(variants.values())], Discriminator("kind")])  # noqa: UP007
+
+    def choose(value: Any, tagged: Any) -> Any:
+        is_law = not isinstance(value, Mapping) and isinstance(getattr(value, "kind", None), str)
+        return value if is_law else tagged(value)
+
+    return core_schema.no_info_wrap_validator_function(choose, tagged)
 
 
-def _known(cls: type) -> tuple[dict[str, Field], dict[str, Field]]:
+@dataclass(frozen=True, eq=False)
+class Keys(Mapping[str, Any]):
+    """Keys of a table in a file: a mapping from their names to their annotations.
+
+    Attributes
+    ----------
+    annotations : mapping
+        By name, such as ``Annotated[float, Quantity("mass", unit="kg", ge=0.0)]``.
+    defaults : mapping
+        Of keys that may be left out.
+    """
+
+    annotations: Mapping[str, Any]
+    defaults: Mapping[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Any:
+        return self.annotations[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.annotations)
+
+    def __len__(self) -> int:
+        return len(self.annotations)
+
+    def with_keys(self, annotations: Mapping[str, Any], **defaults: Any) -> Keys:
+        """These keys and further ones, or others in their place."""
+        return Keys({**self.annotations, **annotations}, {**self.defaults, **defaults})
+
+    @property
+    def required(self) -> list[str]:
+        """Keys that must be given."""
+        return [name for name in self.annotations if name not in self.defaults]
+
+    @cached_property
+    def in_file(self) -> Keys:
+        """Those that files have."""
+        found = {n: a for n, a in self.items() if any(getattr(m, "in_file", False) for m in a.__metadata__)}
+        return Keys(found, {n: x for n, x in self.defaults.items() if n in found})
+
+    @cached_property
+    def _adapter(self) -> Any:
+        from pydantic import ConfigDict, TypeAdapter
+        from typing_extensions import TypedDict
+
+        make: Any = TypedDict  # of keys that are known only now
+        table = make("table", dict(self.annotations), total=False)
+        table.__pydantic_config__ = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+        return TypeAdapter(table)
+
+    @cached_property
+    def json_schema(self) -> dict[str, Any]:
+        """JSON schema (draft 2020-12) of a table with these keys and no others."""
+        found = self._adapter.json_schema()
+        schema = _plain(found, found.get("$defs", {}))
+        for name, default in self.defaults.items():
+            default = list(default) if isinstance(default, tuple) else default
+            if isinstance(default, str | int | float | list):
+                schema["properties"][name]["default"] = default
+        required = [name for name in self if name not in self.defaults]
+        return schema | ({"required": required} if required else {})
+
+    def validated(self, data: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
+        """The valid values of those that are given, in their normal form, and the errors of pydantic."""
+        from pydantic import ValidationError
+
+        check = self._adapter.validator.validate_python
+        try:
+            return check(data), []
+        except ValidationError as error:
+            errors = error.errors(include_url=False)
+            bad = {e["loc"][0] for e in errors}
+            return check({name: value for name, value in data.items() if name not in bad}), errors
+
+    def read(
+        self, data: Any, key: str, note: Note, elsewhere: Sequence[str] = ()
+    ) -> tuple[dict[str, Any], set[str]]:
+        """The valid values of a table, defaults filled in, and the names of the keys that are missing or invalid.
+
+        Parameters
+        ----------
+        data
+            Contents of the table.
+        key
+            Dotted key of the table; empty at the top of a file.
+        note
+            Takes each mistake.
+        elsewhere
+            Keys that are read elsewhere.
+        """
+        if not isinstance(data, dict):
+            note(Mistake(key, data, "must be a table with " + ", ".join(self), True))
+            return {}, set(self)
+        values, errors = self.validated({n: v for n, v in data.items() if n not in elsewhere})
+        errors += [{"type": "missing", "loc": (n,)} for n in self if n not in data and n not in self.defaults]
+        for mistake in _mistakes(errors, self.json_schema, data, key, elsewhere):
+            note(mistake)
+        bad = {e["loc"][0] for e in errors} & set(self)
+        return {n: values.get(n, self.defaults.get(n)) for n in self if n not in bad}, bad
+
+
+_KNOWN: dict[type, Keys] = {}
+
+
+def all_keys_of(cls: type) -> Keys:
+    """Every field of a dataclass, as keys."""
     if cls not in _KNOWN:
-        every = _find_fields(cls)
-        _KNOWN[cls] = every, {name: f for name, f in every.items() if f.quantity.in_file}
+        hints = typing.get_type_hints(cls, include_extras=True)
+        annotations, defaults = {}, {}
+        for f in dataclasses.fields(cls):
+            hint = hints[f.name]
+            is_described = any(isinstance(m, Quantity) for m in getattr(hint, "__metadata__", ()))
+            annotations[f.name] = hint if is_described else Annotated[hint, Quantity(f.name)]
+            if f.default is not dataclasses.MISSING:
+                defaults[f.name] = f.default
+            elif f.default_factory is not dataclasses.MISSING:
+                defaults[f.name] = f.default_factory()
+        _KNOWN[cls] = Keys(annotations, defaults)
     return _KNOWN[cls]
 
 
-def all_fields_of(cls: type) -> dict[str, Field]:
-    """Every field of a dataclass, by name."""
-    return _known(cls)[0]
-
-
-def fields_of(cls: type) -> dict[str, Field]:
-    """The fields of a dataclass that are keys of a file, by name."""
-    return _known(cls)[1]
-
-
-def _find_fields(cls: type) -> dict[str, Field]:
-    hints = typing.get_type_hints(cls, include_extras=True)
-    found = {}
-    for f in dataclasses.fields(cls):
-        default = REQUIRED if f.default is dataclasses.MISSING else f.default
-        if f.default_factory is not dataclasses.MISSING:
-            default = f.default_factory()
-        found[f.name] = field_from(f.name, hints[f.name], default)
-    return found
+def keys_of(cls: type) -> Keys:
+    """The fields of a dataclass that are keys of a file."""
+    return all_keys_of(cls).in_file
 
 
 def check_fields(instance: Any) -> None:
@@ -491,74 +297,153 @@ def check_fields(instance: Any) -> None:
     ValueError
         A value is out of its bounds or not finite; all of them are named.
     """
-    mistakes: list[Mistake] = []
-    for name, f in all_fields_of(type(instance)).items():
-        value = getattr(instance, name)
-        if value is f.default or (type(value) is float and f.is_sound_float(value)):
-            continue
-        taken = f.take(value, name, mistakes.append)
-        if taken is not value:
-            object.__setattr__(instance, name, taken)
-    if mistakes:
-        kind = type(instance).__name__
-        text = "\n".join(f"{kind}.{m.key} = {shown(m.value)}: {m.allowed}" for m in mistakes)
-        raise (TypeError if any(m.wrong_type for m in mistakes) else ValueError)(text)
+    keys = all_keys_of(type(instance))
+    given = {n: x for n in keys if (x := getattr(instance, n)) is not keys.defaults.get(n, REQUIRED)}
+    if not given:
+        return
+    values, errors = keys.validated(given)
+    if errors:  # numbers of other libraries are taken, too
+        given = {n: _python_value(x) for n, x in given.items()}
+        values, errors = keys.validated(given)
+    if errors:
+        found = list(_mistakes(errors, keys.json_schema, given))
+        name = type(instance).__name__
+        text = "\n".join(f"{name}.{m.key} = {shown(m.value)}: {m.allowed}" for m in found)
+        raise (TypeError if any(m.wrong_type for m in found) else ValueError)(text)
+    for name, value in values.items():
+        if value is not getattr(instance, name):
+            object.__setattr__(instance, name, value)
 
 
-def take_table(
-    fields: Mapping[str, Field], data: Any, key: str, note: Note, extra: Sequence[str] = ()
-) -> tuple[dict[str, Any], set[str]]:
-    """The valid values of a table of a file, defaults filled in, and the names of the invalid fields.
-
-    Parameters
-    ----------
-    fields
-        Keys of the table.
-    data
-        Contents of the table.
-    key
-        Dotted key of the table; empty at the top of a file.
-    note
-        Takes each mistake.
-    extra
-        Keys that are read elsewhere.
-    """
-    if not isinstance(data, dict):
-        note(Mistake(key, data, "must be a table with " + ", ".join(fields), True))
-        return {}, set(fields)
-    values: dict[str, Any] = {}
-    bad: set[str] = set()
-    for name, f in fields.items():
-        where = join(key, name)
-        if name not in data:
-            if f.required:
-                note(Mistake(where, REQUIRED, f"missing; must be {f.allowed}", True))
-                bad.add(name)
-            else:
-                values[name] = f.default
-            continue
-        found: list[Mistake] = []
-        taken = f.take(data[name], where, found.append, from_file=True)
-        for mistake in found:
-            note(mistake)
-        if found:
-            bad.add(name)
-        else:
-            values[name] = taken
-    for name in data:
-        if name not in fields and name not in extra:
-            allowed = [*fields, *extra]
-            sentence = f"unknown key{meant(name, allowed)}; allowed here: {', '.join(allowed)}"
-            note(Mistake(join(key, name), data[name], sentence))
-    return values, bad
+def _python_value(value: Any) -> Any:
+    """A value with arrays as lists, and numbers of any library as those of Python."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_python_value(x) for x in value]
+    if isinstance(value, Mapping):
+        return {k: _python_value(x) for k, x in value.items()}
+    if isinstance(value, Real) and not isinstance(value, bool | int | float):
+        return int(value) if isinstance(value, Integral) else float(value)
+    return value
 
 
-def table_schema(fields: Mapping[str, Field]) -> dict[str, Any]:
-    """JSON schema of a table with these keys and no others."""
-    schema: dict[str, Any] = {
-        "type": "object",
-        "properties": {name: f.json_schema() for name, f in fields.items()},
-        "additionalProperties": False,
+# ------------------------------------------------------------------------------------- what is wrong, in words
+
+
+def _mistakes(
+    errors: Sequence[Mapping[str, Any]],
+    schema: Mapping[str, Any],
+    data: Any,
+    key: str = "",
+    elsewhere: Sequence[str] | None = None,
+) -> Iterator[Mistake]:
+    """One mistake for each place that errors of pydantic name; in a file there are keys that are read ``elsewhere``."""
+    by_place: dict[str, list[Mistake]] = {}
+    for error in errors:
+        mistake = _mistake(error, _Place(schema, data, key), elsewhere)
+        by_place.setdefault(mistake.key, []).append(mistake)
+    for key, same in by_place.items():  # several where none of several types fits
+        if not any(key.startswith(f"{whole}[") for whole in by_place):  # of a list that is wrong as a whole
+            yield same[0]._replace(wrong_type=all(m.wrong_type for m in same))
+
+
+class _Place:
+    """A place in the data, found from its top: its key, the JSON schema that says what is allowed, and the value."""
+
+    def __init__(self, schema: Any, data: Any, key: str) -> None:
+        self.node = self.said = schema
+        self.value, self.key, self.depth = data, key, 0
+
+    def enter(self, loc: Sequence[Any]) -> _Place:
+        """Follow the location of an error; names of the alternatives of a type are no part of the key."""
+        for part in loc:
+            by_kind = {p["properties"]["kind"].get("const"): p for p in self.node.get("oneOf", ())}
+            if part in by_kind:
+                self.node = self.said = by_kind[part]
+                continue
+            child = _child(self.node, part)
+            if child is None:
+                break
+            if "description" in child or "properties" in child:
+                self.said = child
+            elif "additionalProperties" in self.node:  # a value by name
+                self.said = {**{k: self.said[k] for k in ("unit", "note") if k in self.said}, **child}
+            self.node, self.key, self.depth = child, join(self.key, part), self.depth + 1
+            try:
+                self.value = self.value[part]
+            except (TypeError, KeyError, IndexError):
+                self.value = REQUIRED
+        return self
+
+
+def _mistake(error: Mapping[str, Any], place: _Place, elsewhere: Sequence[str] | None) -> Mistake:
+    kind, loc, context = error["type"], error["loc"], error.get("ctx", {})
+    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
+        place.enter(loc[:-1])
+        known = [*place.node["properties"], *((elsewhere or ()) if place.depth == 0 else ())]
+        text = f"unknown key{meant(loc[-1], known)}; allowed here: {', '.join(known)}"
+        return Mistake(join(place.key, loc[-1]), error["input"], text, elsewhere is None)
+    if kind == "missing" and isinstance(loc[-1], int):
+        loc = loc[:-1]  # too few items
+    elif loc[-1] == "[key]":
+        loc = loc[:-2]
+    place.enter(loc)
+    key, node, value = place.key, place.said, place.value
+    if kind.startswith("union_tag"):
+        value = error["input"].get("kind", REQUIRED)
+        names = [part["properties"]["kind"]["const"] for part in node["oneOf"]]
+        hint = meant(value, names) if isinstance(value, str) else ""
+        text = f"must be one of {', '.join(map(quoted, names))}{hint}"
+        return Mistake(join(key, "kind"), value, "missing; " * (value is REQUIRED) + text, True)
+    if kind == "missing" and value is REQUIRED:
+        return Mistake(key, REQUIRED, f"missing; must be {allowed(node)}", True)
+    if kind == "value_error":
+        return Mistake(key, value, str(context["error"]))
+    wrong_type = kind.endswith("_type") or kind == "is_instance_of"
+    if kind == "literal_error":
+        wrong_type = not isinstance(value, str)
+    cls = context.get("class_name", context.get("class"))
+    if elsewhere is None and cls:
+        return Mistake(key, value, f"must be of type {cls}", True)
+    if elsewhere is None and "title" in node.get("items", {}):
+        return Mistake(key, value, f"must be a sequence of {node['items']['title']}", wrong_type)
+    hint = meant(value, options(node)) if isinstance(value, str) else ""
+    return Mistake(key, value, f"must be {allowed(node)}{hint}", wrong_type)
+
+
+def _child(node: Mapping[str, Any], part: str | int) -> Any:
+    if isinstance(part, int):
+        items = node.get("prefixItems", ())
+        return items[part] if part < len(items) else node.get("items")
+    rest = node.get("additionalProperties")
+    return node.get("properties", {}).get(part, rest if isinstance(rest, dict) else None)
+
+
+def _plain(node: Any, definitions: Mapping[str, Any]) -> Any:
+    """A JSON schema of pydantic with its definitions filled in, and without nulls, which no file can have."""
+    if isinstance(node, list):
+        return [_plain(x, definitions) for x in node]
+    if not isinstance(node, dict):
+        return node
+    if "$ref" in node:
+        node = {
+            **definitions[node["$ref"].rpartition("/")[2]],
+            **{k: v for k, v in node.items() if k != "$ref"},
+        }
+    of_class = "properties" in node
+    dropped = ("$defs", "discriminator") if of_class else ("$defs", "discriminator", "title")
+    found = {
+        k: _plain(v, definitions) for k, v in node.items() if k not in (*dropped, "properties", "default")
     }
-    required = [name for name, f in fields.items() if f.required]
-    return {**schema, **({"required": required} if required else {})}
+    if of_class:
+        found["properties"] = {name: _plain(v, definitions) for name, v in node["properties"].items()}
+    if node.get("default") is not None:
+        found["default"] = node["default"]
+    if "discriminator" in node:
+        for part in found["oneOf"]:
+            part["required"] = ["kind", *part.get("required", [])]
+    if "anyOf" in found:
+        (*parts,) = (p for p in found.pop("anyOf") if p != {"type": "null"})
+        found = {**parts[0], **found} if len(parts) == 1 else {**found, "anyOf": parts}
+    return found

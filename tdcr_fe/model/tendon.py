@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from tdcr_fe.model.friction import FRICTION_COEFFICIENTS, FrictionCoefficient
-from tdcr_fe.model.quantity import Quantity
 from tdcr_fe.model.routing import Routing
-from tdcr_fe.model.schema import check_fields
+from tdcr_fe.model.schema import Quantity, check_fields
 
 
 @dataclass(frozen=True)

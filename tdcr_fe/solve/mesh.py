@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.elements.poses import coefficients, cross, exp_matrix, inverse_tangent_se3
 from tdcr_fe.model.loading import Model
-from tdcr_fe.model.wording import steps_named
+from tdcr_fe.model.messages import steps_named
 from tdcr_fe.scene import TDCR
 from tdcr_fe.solve.element_equations import ElementModel, exact_elements, force_gradient, stiffness_times
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal, get_args
 
 import exudyn
 import numpy as np
@@ -14,12 +15,13 @@ import numpy as np
 from tdcr_fe.io.effects import effects_reader
 from tdcr_fe.io.own_effects import read_own_effects
 from tdcr_fe.io.problems import InputError
-from tdcr_fe.io.toml import TableReader, build_scenario
-from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.io.toml import ScenarioTables, TableReader, build_scenario
+from tdcr_fe.model.dataframes import AFTER_TENDONS, OF_TENDONS
+from tdcr_fe.model.messages import shown
+from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.sweeps.case_tables import case_tables
-from tdcr_fe.sweeps.columns import ABOUT_CASE, numbers_of
-from tdcr_fe.sweeps.description import Sweep
+from tdcr_fe.sweeps.description import Mode, Output, Sweep, Variation
+from tdcr_fe.sweeps.keys import Change, Key, KeyProblem, set_value
 
 #: "converged"; "not converged": a load step failed; "invalid": no robot or scenario has these values; "error": an
 #: unexpected failure, also of a function of the user's own; "not run".
@@ -29,83 +31,84 @@ STATUSES: tuple[Status, ...] = get_args(Status)
 #: Further numbers of a result, by name; a function of a module, so that workers find it.
 Evaluate = Callable[[SequenceResult], Mapping[str, float]]
 
+#: Columns of the table of cases before the variations.
+ABOUT_CASE = ("case", "status", "reason", "warnings")
+#: Results beyond the columns of `steps.csv`.
+ESTIMATES = ("discretisation_error", "buckling_load_fraction")
+
 
 @dataclass(frozen=True)
 class Job:
-    """What a worker needs besides the values of a case.
-
-    Attributes
-    ----------
-    sweep : Sweep
-    evaluate : callable or None
-        Further numbers of a result.
-    """
+    """What a worker needs besides the values of a case."""
 
     sweep: Sweep
-    evaluate: Evaluate | None = None
+    evaluate: Evaluate | None = None  # further numbers of a result
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a case gave.
+    """What a case gave; a line of the journal."""
 
-    Attributes
-    ----------
-    case : int
-        Number, from 1.
-    status : Status
-    reason : str
-        Why it did not converge; else empty.
-    numbers : mapping of str to float
-        By column.
-    warnings : tuple of str
-    seconds : float
-        Time that it took.
-    """
-
-    case: int
+    case: int  # number, from 1
     status: Status
-    reason: str = ""
-    numbers: Mapping[str, float] = field(default_factory=dict)
+    reason: str = ""  # why it did not converge
+    numbers: Mapping[str, float] = field(default_factory=dict)  # by column
     warnings: tuple[str, ...] = ()
-    seconds: float = 0.0
+    seconds: float = 0.0  # time that it took
+
+    def record(self) -> dict[str, Any]:
+        """As a line of the journal."""
+        return asdict(self)
+
+    @staticmethod
+    def from_record(record: Any) -> Outcome | None:
+        """From a line of the journal; None where it is no outcome."""
+        try:
+            if record["status"] not in STATUSES or type(record["case"]) is not int:
+                return None
+            numbers = {str(k): math.nan if v is None else float(v) for k, v in record["numbers"].items()}
+            warnings = tuple(map(str, record["warnings"]))
+            return Outcome(**{**record, "numbers": numbers, "warnings": warnings})
+        except (AttributeError, KeyError, TypeError, ValueError):
+            return None
 
 
 def solve_cases(job: Job, cases: Sequence[tuple[int, tuple[Any, ...]]]) -> list[Outcome]:
     """Solve some cases, given by their numbers from 1 and their values, one after the other."""
     exudyn.config.printToConsole = False
+    found = []
     with np.errstate(over="ignore", invalid="ignore"):  # on the way to a failure, which the status reports
-        return [_solved(job, number, values) for number, values in cases]
+        for number, values in cases:
+            begun = time.perf_counter()
+            outcome = _solved(job, number, values)
+            found.append(replace(outcome, seconds=time.perf_counter() - begun))
+    return found
 
 
 def _solved(job: Job, number: int, values: Sequence[Any]) -> Outcome:
-    begun = time.perf_counter()
-    status, reason, numbers, warnings = _numbers(job, values)
-    return Outcome(number, status, reason, numbers, warnings, time.perf_counter() - begun)
-
-
-def _numbers(job: Job, values: Sequence[Any]) -> tuple[Status, str, dict[str, float], tuple[str, ...]]:
-    """Status, reason, numbers and warnings of one case; no exception leaves it but an interruption."""
+    """The outcome of one case; no exception leaves it but an interruption."""
     try:
         result = simulate_case(job.sweep, values)
     except InputError as error:
-        return "invalid", "; ".join(f"{p.key} = {p.value}: {p.allowed}" for p in error.problems), {}, ()
+        return Outcome(
+            number, "invalid", "; ".join(f"{p.key} = {p.value}: {p.allowed}" for p in error.problems)
+        )
     except ValueError as error:  # also a KeyProblem; a contradiction that only the solver can detect
-        return "invalid", str(error), {}, ()
+        return Outcome(number, "invalid", str(error))
     except Exception as error:
-        return "error", f"{type(error).__name__}: {error}", {}, ()
+        return Outcome(number, "error", f"{type(error).__name__}: {error}")
     numbers = numbers_of(result, job.sweep.output)
-    status: Status = "converged" if result.converged else "not converged"
-    reason = "" if result.converged else result.message
-    if job.evaluate is not None and result.converged:
+    if not result.converged:
+        return Outcome(number, "not converged", result.message, numbers, result.warnings)
+    if job.evaluate is not None:
         try:
-            numbers |= _own(job, numbers, job.evaluate(result))
+            numbers |= _own_numbers(job, numbers, job.evaluate(result))
         except Exception as error:
-            return "error", f"{type(error).__name__}: {error}", numbers, result.warnings
-    return status, reason, numbers, result.warnings
+            return Outcome(number, "error", f"{type(error).__name__}: {error}", numbers, result.warnings)
+    return Outcome(number, "converged", "", numbers, result.warnings)
 
 
-def _own(job: Job, numbers: Mapping[str, float], found: Mapping[str, float]) -> dict[str, float]:
+def _own_numbers(job: Job, numbers: Mapping[str, float], found: Mapping[str, float]) -> dict[str, float]:
     """Numbers of the user's own function, under names that no other column has."""
     taken = {*ABOUT_CASE, *numbers, *(v.name for v in job.sweep.variations)}
     own = {str(k): float(v) for k, v in found.items()}
@@ -122,7 +125,8 @@ def simulate_case(sweep: Sweep, values: Sequence[Any]) -> SequenceResult:
     InputError, KeyProblem, ValueError
         No robot or scenario has these values.
     """
-    scenario = build_scenario(case_tables(sweep, values), _readers(sweep.effects))
+    tables = tables_with(sweep, zip(sweep.variations, values, strict=True))
+    scenario = build_scenario(tables, _readers(sweep.effects))
     return simulate(scenario.robot, scenario.model, scenario.steps, scenario.settings)
 
 
@@ -131,34 +135,68 @@ def _readers(effects: tuple[str, ...]) -> Mapping[str, TableReader]:
     return {"effects": effects_reader(read_own_effects(effects))} if effects else {}
 
 
-def to_record(outcome: Outcome) -> dict[str, Any]:
-    """An outcome as a line of the journal."""
-    return {
-        "case": outcome.case,
-        "status": outcome.status,
-        "reason": outcome.reason,
-        "numbers": dict(outcome.numbers),
-        "warnings": list(outcome.warnings),
-        "seconds": outcome.seconds,
-    }
-
-
-def from_record(record: Mapping[str, Any]) -> Outcome:
-    """An outcome from a line of the journal.
+def tables_with(sweep: Sweep, values: Iterable[tuple[Variation, Any]]) -> ScenarioTables:
+    """Tables of scenario and robot with the values of some variations; a robot that is exchanged comes first.
 
     Raises
     ------
-    KeyError, TypeError, ValueError
-        It is none.
+    KeyProblem
+        A key names nothing in the robot of this case.
     """
-    if record["status"] not in STATUSES or type(record["case"]) is not int:
-        raise ValueError(f"no outcome of a case: {record}")
-    numbers = {str(k): float("nan") if v is None else float(v) for k, v in record["numbers"].items()}
-    return Outcome(
-        record["case"],
-        cast(Status, record["status"]),
-        str(record["reason"]),
-        numbers,
-        tuple(map(str, record["warnings"])),
-        float(record["seconds"]),
-    )
+    tables = sweep.tables
+    robots = dict(sweep.robots)
+    pairs = [(key, v.mode, value) for v, value in values for key in v.keys]
+    for key, mode, value in sorted(pairs, key=lambda pair: not pair[0].names_robot):
+        if key.names_robot:
+            tables = replace(robots[value], scenario={**tables.scenario, "robot": value})
+        else:
+            tables = set_value(tables, key, _change(key, mode, value))
+    return tables
+
+
+def _change(key: Key, mode: Mode, value: Any) -> Change:
+    """The change of a declared value in this mode."""
+
+    def change(declared: Any) -> Any:
+        if mode == "value":
+            return value
+        if isinstance(declared, bool) or not isinstance(declared, int | float):
+            given = "is not in the file" if declared is None else f"is {shown(declared)} in the file"
+            raise KeyProblem(f'{key.text} {given}; mode = "{mode}" needs a number there')
+        return declared * value if mode == "factor" else declared + value
+
+    return change
+
+
+def columns_of_steps(tendons: Iterable[str]) -> list[str]:
+    """Names of all numbers that a load step has."""
+    names = list(tendons)
+    return [*(f"{quantity}_{n}" for quantity in OF_TENDONS for n in names), *AFTER_TENDONS, *ESTIMATES]
+
+
+def _numbers_of_step(step: StepResult) -> list[float]:
+    """All numbers of a load step, in the order of `columns_of_steps`; NaN where an estimate was not made."""
+    found: list[Any] = [x for values in OF_TENDONS.values() for x in values(step)]
+    found += [value(step) for value in AFTER_TENDONS.values()]
+    found += [getattr(step, name) for name in ESTIMATES]
+    return [math.nan if x is None else float(x) for x in found]
+
+
+def numbers_of(result: SequenceResult, output: Output) -> dict[str, float]:
+    """What is kept of a result.
+
+    Columns of the last step have the names of `steps.csv`; where steps were chosen, ``_step1`` and so on is added.
+    Steps that were not solved are left out.
+    """
+    if output.steps:
+        solved = {s.step: s for s in result.steps if s.converged}
+        chosen = [(f"_step{k}", solved[k]) for k in output.steps if k in solved]
+    else:
+        chosen = [("", result.steps[-1])] if result.converged and result.steps else []
+    names = columns_of_steps(result.robot.tendon_names)
+    return {
+        f"{name}{suffix}": value
+        for suffix, step in chosen
+        for name, value in zip(names, _numbers_of_step(step), strict=True)
+        if not output.quantities or name in output.quantities
+    }

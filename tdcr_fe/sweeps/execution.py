@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from itertools import islice
 from typing import Any
 
@@ -63,11 +63,11 @@ def outcomes(job: Job, cases: Iterator[Case], executor: Executor, in_flight: int
     """
     running: dict[Future[list[Outcome]], list[Case]] = {}
     again: deque[Case] = deque()
-    pace = _Pace()
+    size, seconds, count = 1, 0.0, 0
     try:
         while True:
             while len(running) < in_flight:
-                batch = [again.popleft()] if again else list(islice(cases, pace.batch))
+                batch = [again.popleft()] if again else list(islice(cases, size))
                 if not batch:
                     break
                 try:
@@ -78,19 +78,19 @@ def outcomes(job: Job, cases: Iterator[Case], executor: Executor, in_flight: int
                 return
             done, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in done:
-                batch = running[future]
-                error = future.exception() if not future.cancelled() else None
+                error = CancelledError("by the executor") if future.cancelled() else future.exception()
                 if isinstance(error, BrokenExecutor):
                     raise ExecutorBroken(_lost(running, again), str(error))
-                del running[future]
-                if error is None and not future.cancelled():
+                batch = running.pop(future)
+                if error is None:
                     found = future.result()
-                    pace.note(found)
+                    seconds, count = seconds + sum(o.seconds for o in found), count + len(found)
+                    size = max(1, min(LARGEST_BATCH, int(BATCH_SECONDS * count / max(seconds, 1e-9))))
                     yield found
                 elif len(batch) > 1:
                     again.extend(batch)
                 else:
-                    yield [Outcome(batch[0][0], "error", _reason(error))]
+                    yield [Outcome(batch[0][0], "error", f"{type(error).__name__}: {error}")]
     finally:
         for future in running:
             future.cancel()
@@ -98,33 +98,8 @@ def outcomes(job: Job, cases: Iterator[Case], executor: Executor, in_flight: int
 
 def _lost(running: dict[Future[list[Outcome]], list[Case]], others: Iterable[Case]) -> list[Case]:
     """Cases that an executor gave nothing for, in order; those of futures that are done come in their batches, too."""
-    return sorted(
-        [*(case for batch in running.values() for case in batch), *others], key=lambda case: case[0]
-    )
-
-
-def _reason(error: BaseException | None) -> str:
-    return "cancelled by the executor" if error is None else f"{type(error).__name__}: {error}"
-
-
-class _Pace:
-    """How many cases a batch has, from the time that cases have taken so far."""
-
-    def __init__(self) -> None:
-        self._seconds, self._count = 0.0, 0
-
-    @property
-    def batch(self) -> int:
-        """Cases of the next batch."""
-        if self._count == 0:
-            return 1
-        mean = max(self._seconds / self._count, 1e-9)
-        return max(1, min(LARGEST_BATCH, int(BATCH_SECONDS / mean)))
-
-    def note(self, found: list[Outcome]) -> None:
-        """Take the times of solved cases."""
-        self._seconds += sum(o.seconds for o in found)
-        self._count += len(found)
+    lost = [*(case for batch in running.values() for case in batch), *others]
+    return sorted(lost, key=lambda case: case[0])
 
 
 def local_outcomes(job: Job, cases: Iterator[Case], processes: int | None = None) -> Outcomes:

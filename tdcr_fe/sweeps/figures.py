@@ -15,9 +15,8 @@ from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from tdcr_fe.report.style import COLOURS, INK, PALE, SOFT, styled
-from tdcr_fe.sweeps.result import SweepResult
+from tdcr_fe.sweeps.result import SweepResult, shown, shown_outputs
 from tdcr_fe.sweeps.sampling import SAMPLED
-from tdcr_fe.sweeps.shown import shown, shown_outputs
 from tdcr_fe.sweeps.statistics import bins, main_effect, summarise, varies
 
 Array = NDArray[np.float64]
@@ -31,17 +30,13 @@ MOST_LEVELS = 15
 VECTOR_POINTS = 500
 
 
-def _column(result: SweepResult, name: str) -> Array:
-    return result.cases[name].to_numpy(dtype=float)
-
-
 def tip_columns(result: SweepResult) -> tuple[str, str, str] | None:
     """Columns of the tip, of the last step that has them; None where fewer than two coordinates vary."""
     suffixes = [f"_step{k}" for k in reversed(result.sweep.output.steps)] or [""]
     for suffix in suffixes:
         names = tuple(f"tip_{axis}{suffix}" for axis in "xyz")
         if set(names) <= set(result.outputs):
-            if sum(varies(_column(result, n)) for n in names) < 2:
+            if sum(varies(result.column(n)) for n in names) < 2:
                 return None
             return names[0], names[1], names[2]
     return None
@@ -62,7 +57,7 @@ def workspace(result: SweepResult) -> Figure | None:
     names = tip_columns(result)
     if names is None:
         return None
-    tips = _MM * np.column_stack([_column(result, n) for n in names])
+    tips = _MM * np.column_stack([result.column(n) for n in names])
     sound = np.isfinite(tips).all(axis=1)
     colour, label = _colouring(result)
     with styled():
@@ -116,7 +111,7 @@ def _colouring(result: SweepResult) -> tuple[Array, str]:
     if len(tensions) > 1:
         return result.cases[tensions].to_numpy(dtype=float).sum(axis=1), "sum of the tensions [N]"
     if tensions:
-        return _column(result, tensions[0]), "tension [N]"
+        return result.column(tensions[0]), "tension [N]"
     for name in result.inputs:
         column = result.cases[name]
         if column.dtype.kind in "fi" and varies(column.to_numpy(dtype=float)):
@@ -137,7 +132,7 @@ def distributions(result: SweepResult) -> Figure | None:
         axes = figure.subplots(1, len(names), squeeze=False)[0]
         for ax, name in zip(axes, names, strict=True):
             how = shown(name)
-            values = how.factor * _column(result, name)
+            values = how.factor * result.column(name)
             values = values[np.isfinite(values)]
             found = summarise(values)
             count = int(np.clip(np.sqrt(len(values)), 8, 40))
@@ -166,7 +161,7 @@ def main_effects(result: SweepResult) -> Figure | None:
         axes = figure.subplots(len(outputs), len(inputs), squeeze=False, sharey="row")
         for row, name in zip(axes, outputs, strict=True):
             how = shown(name)
-            values = how.factor * _column(result, name)
+            values = how.factor * result.column(name)
             for ax, given in zip(row, inputs, strict=True):
                 _main_effect(ax, result, given, values)
             row[0].set_ylabel(how.axis)

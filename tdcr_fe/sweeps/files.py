@@ -1,22 +1,25 @@
-"""Files of a sweep: the table of cases, `summary.json`, and the head of the journal."""
+"""Files of a sweep: the journal that it continues from, the table of cases, `summary.json`, and the report."""
 
 from __future__ import annotations
 
 import hashlib
 import importlib.util
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from tdcr_fe.io.atomic import to_json, write_folder, write_json
 from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.store import Lines, OtherHead
 from tdcr_fe.io.summary import versions
-from tdcr_fe.sweeps.cases import Evaluate
+from tdcr_fe.sweeps.cases import Evaluate, Outcome
 from tdcr_fe.sweeps.description import Sweep, Variation
-from tdcr_fe.sweeps.result import SweepResult
+from tdcr_fe.sweeps.result import Message, SweepResult
 from tdcr_fe.sweeps.sampling import Design
 from tdcr_fe.sweeps.statistics import Summary
 
+JOURNAL = "cases.jsonl"
 TABLES = {"csv": "cases.csv", "parquet": "cases.parquet"}
 SUMMARY, REPORT = "summary.json", "report.html"
 #: Every picture that a sweep may have.
@@ -38,88 +41,111 @@ def check_format(table: str) -> None:
         raise InputError([Problem("--table", "", table, text)])
 
 
-def digest_of_design(design: Design) -> str:
-    """SHA-256 of all values, in hexadecimal: the same for the same cases."""
-    found = hashlib.sha256()
-    for column in design.columns:
-        found.update(repr(column.options).encode())
-        found.update(column.numbers.tobytes())
-    return found.hexdigest()
-
-
-def head_of(sweep: Sweep, design: str, evaluate: Evaluate | None) -> dict[str, Any]:
+def head_of(sweep: Sweep, design: Design, evaluate: Evaluate | None) -> dict[str, Any]:
     """First line of the journal: all that the outcomes depend on."""
+    values = hashlib.sha256()
+    for column in design.columns:
+        values.update(repr(column.options).encode())
+        values.update(column.numbers.tobytes())
     tables = [sweep.tables, *(tables for _, tables in sweep.robots)]
     contents = to_json([[t.scenario, t.robot] for t in tables])
+    function = evaluate and f"{evaluate.__module__}.{getattr(evaluate, '__qualname__', '')}"
     return {
         "input": {name: sha256 for name, sha256 in sweep.digests if name in sweep.effects},
         "tables": hashlib.sha256(contents.encode()).hexdigest(),
-        "variations": [described(v) for v in sweep.variations],
-        "design": design,
-        "output": {"steps": sweep.output.steps, "quantities": sweep.output.quantities},
-        "evaluate": ""
-        if evaluate is None
-        else f"{evaluate.__module__}.{getattr(evaluate, '__qualname__', '')}",
+        "variations": [_described(v) for v in sweep.variations],
+        "design": values.hexdigest(),
+        "output": asdict(sweep.output),
+        "evaluate": function or "",
         "versions": versions(),
     }
 
 
-def described(variation: Variation) -> dict[str, Any]:
+def _described(variation: Variation) -> dict[str, Any]:
     """A variation for the summary."""
-    found: dict[str, Any] = {
-        "name": variation.name,
-        "keys": [key.text for key in variation.keys],
-        "mode": variation.mode,
-    }
+    keys = [key.text for key in variation.keys]
+    found: dict[str, Any] = {"name": variation.name, "keys": keys, "mode": variation.mode}
     if variation.distribution is None:
         return {**found, "values": list(variation.options)}
-    numbers = {k: v for k, v in vars(variation.distribution).items() if v is not None}
-    return {**found, "distribution": {type(variation.distribution).__name__.lower(): numbers}}
+    return {**found, "distribution": dict([variation.distribution.described()])}
+
+
+class Journal:
+    """One line for every finished case, from which a sweep continues.
+
+    Parameters
+    ----------
+    folder
+        Of the files of the sweep.
+    head
+        First line: all that the outcomes depend on.
+    """
+
+    def __init__(self, folder: Path, head: Mapping[str, Any]) -> None:
+        self._path = folder / JOURNAL
+        self._lines = Lines(self._path, head)
+
+    def recall(self, fresh: bool, count: int) -> Iterator[Outcome]:
+        """Outcomes that are there; a new journal begins where there is none, or where it is asked for.
+
+        The end of a line that a kill cut off is removed.
+
+        Raises
+        ------
+        InputError
+            The journal is that of another sweep, or none, or has more than ``count`` cases.
+        """
+        if fresh or not self._path.exists():
+            self._lines.begin()
+            return
+        try:
+            for outcome in self._lines.records(Outcome.from_record):
+                if outcome.case > count:
+                    raise InputError([Problem("-o", "", str(self._path), f"there is no case {outcome.case}")])
+                yield outcome
+        except OtherHead as error:
+            what = "is no journal of a sweep"
+            if error.there:
+                what = f"is of another sweep: {', '.join(error.differing) or 'keys'} differ"
+            text = f"{what}; give another directory, or --fresh to replace what is there"
+            raise InputError([Problem("-o", "", str(self._path), text)]) from error
+
+    def write(self, outcomes: Iterable[Outcome]) -> None:
+        """Append outcomes, and hand them to the operating system."""
+        self._lines.append(outcome.record() for outcome in outcomes)
 
 
 def _statistics(found: Summary) -> dict[str, Any]:
-    low, middle, high = found.quantiles
-    return {
-        "count": found.count,
-        "mean": found.mean,
-        "std": found.std,
-        "min": found.smallest,
-        "max": found.largest,
-        "quantile_2.5": low,
-        "median": middle,
-        "quantile_97.5": high,
-    }
+    names = ("count", "mean", "std", "min", "max", "quantile_2.5", "median", "quantile_97.5")
+    numbers = (found.count, found.mean, found.std, found.smallest, found.largest, *found.quantiles)
+    return dict(zip(names, numbers, strict=True))
+
+
+def _message(found: Message, count: str, text: str) -> dict[str, Any]:
+    return {count: found.count, "first_case": found.case, text: found.example}
 
 
 def summary_of(result: SweepResult, head: Mapping[str, Any]) -> dict[str, Any]:
     """Contents of `summary.json`."""
-    sampling = result.sweep.sampling
+    names = ("first", "first_interval", "total", "total_interval")
     indices = {
-        name: {
-            i: {
-                "first": s.first[k],
-                "first_interval": s.first_interval[k],
-                "total": s.total[k],
-                "total_interval": s.total_interval[k],
-            }
-            for k, i in enumerate(result.inputs)
-        }
-        for name, s in result.sobol_indices().items()
+        output: {i: {n: getattr(s, n)[k] for n in names} for k, i in enumerate(result.inputs)}
+        for output, s in result.sobol_indices().items()
     }
     return {
         "versions": head["versions"],
         "input": {name: {"sha256": sha256} for name, sha256 in result.sweep.digests},
-        "sampling": {"method": sampling.method, "samples": sampling.samples, "seed": sampling.seed},
+        "sampling": asdict(result.sweep.sampling),
         "variations": head["variations"],
         "design": head["design"],
         "cases": len(result.cases),
-        "status": dict(result.counts),
+        "status": result.counts,
         "interrupted": result.interrupted,
         "failures": {
-            status: [{"cases": m.count, "first_case": m.case, "reason": m.example} for m in found]
+            status: [_message(m, "cases", "reason") for m in found]
             for status, found in result.failures.items()
         },
-        "warnings": [{"times": m.count, "first_case": m.case, "text": m.example} for m in result.warnings],
+        "warnings": [_message(m, "times", "text") for m in result.warnings],
         "statistics": {name: _statistics(s) for name, s in result.statistics().items()},
         **({"sobol_indices": indices} if indices else {}),
         "wall_time": result.wall_time,

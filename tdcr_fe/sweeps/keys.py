@@ -11,8 +11,8 @@ from tdcr_fe.io.keys import ROBOT, SCENARIO
 from tdcr_fe.io.toml import ScenarioTables
 from tdcr_fe.model.backbone import Backbone, StiffnessPatch
 from tdcr_fe.model.loading import Load, Model
-from tdcr_fe.model.schema import all_fields_of
-from tdcr_fe.model.wording import join, meant, quoted
+from tdcr_fe.model.messages import join, meant, quoted
+from tdcr_fe.model.schema import all_keys_of
 
 #: Tables and keys at the top of the two files.
 IN_SCENARIO = (*SCENARIO, "effects")
@@ -181,7 +181,7 @@ def _default_list(where: str) -> list[Any] | None:
     """Default of a list that a file may leave out, such as gravity; None where there is none."""
     name = where.rpartition(".")[2]
     for cls in (Backbone, Model, Load, StiffnessPatch):
-        found = all_fields_of(cls).get(name)
-        if found is not None and isinstance(found.default, tuple) and found.default:
-            return list(found.default)
+        default = all_keys_of(cls).defaults.get(name)
+        if isinstance(default, tuple) and default:
+            return list(default)
     return None

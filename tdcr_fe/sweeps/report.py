@@ -10,16 +10,15 @@ from matplotlib.figure import Figure
 
 from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.summary import versions
-from tdcr_fe.model.wording import shown as value_text
+from tdcr_fe.model.messages import shown as value_text
 from tdcr_fe.report import page as kit
 from tdcr_fe.report.environment import fixed, quantity, significant
 from tdcr_fe.report.page import Card, Level, Page, Picture, Section
 from tdcr_fe.report.style import svg
 from tdcr_fe.sweeps.description import Variation
 from tdcr_fe.sweeps.figures import MOST_INPUTS, MOST_OUTPUTS, drawn, save, tip_columns
-from tdcr_fe.sweeps.result import SweepResult
+from tdcr_fe.sweeps.result import SweepResult, shown, shown_outputs
 from tdcr_fe.sweeps.sampling import SAMPLED
-from tdcr_fe.sweeps.shown import shown, shown_outputs
 
 #: By picture: title of its section, caption.
 CAPTIONS = {

@@ -5,25 +5,19 @@ from __future__ import annotations
 import os
 import pickle
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
-from pathlib import Path
 from typing import Any, Literal
 
 from tdcr_fe.io.atomic import check_output_folder
-from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.model.arguments import check_callable, check_instance
-from tdcr_fe.sweeps import journal
-from tdcr_fe.sweeps.cases import Evaluate, Job, Outcome
-from tdcr_fe.sweeps.collected import Collected
-from tdcr_fe.sweeps.columns import columns_of_steps
+from tdcr_fe.sweeps.cases import Evaluate, Job
 from tdcr_fe.sweeps.description import Sweep
-from tdcr_fe.sweeps.execution import Case, ExecutorBroken, local_outcomes, outcomes
-from tdcr_fe.sweeps.files import check_format, digest_of_design, head_of, write_sweep
+from tdcr_fe.sweeps.execution import local_outcomes, outcomes
+from tdcr_fe.sweeps.files import Journal, check_format, head_of, write_sweep
 from tdcr_fe.sweeps.read import read_sweep
-from tdcr_fe.sweeps.result import SweepResult
-from tdcr_fe.sweeps.sampling import Design
+from tdcr_fe.sweeps.result import Collected, SweepResult
 
 #: Called with the number of cases that are finished, and the number of all.
 Progress = Callable[[int, int], None]
@@ -57,15 +51,15 @@ def sweep(
         Where cases are solved: any `concurrent.futures.Executor`, such as that of a `dask.distributed` client
         (``client.get_executor()``). None: processes of this machine.
     processes
-        Number of processes where no executor is given; None: one a core.
+        Number of processes where no executor is given; None: one per core.
     in_flight
-        Most batches of cases that an executor is given at a time; None: four a core of this machine, at least 32.
+        Most batches of cases that an executor is given at a time; None: four per core of this machine, at least 32.
     evaluate
         Function of a module, from a `SequenceResult` to further numbers by name, which become columns.
     effects
-        Python files with effects of one's own.
+        Python files with effects of your own.
     fresh
-        Begin anew where ``out`` has the journal of any sweep.
+        Start over where ``out`` has the journal of any sweep.
     retry
         Solve again the cases in the journal that did not converge.
     table
@@ -103,17 +97,33 @@ def sweep(
     design = described.design()
     collected = Collected(design.count)
     folder = None if out is None else check_output_folder(out)
-    head = head_of(described, digest_of_design(design), evaluate)
-    if folder is not None:
-        _recall(folder / journal.NAME, head, collected, fresh, retry)
-    before = int(collected.done.sum())
-    interrupted = False
+    head = head_of(described, design, evaluate)
+    journal = None if folder is None else Journal(folder, head)
+    for outcome in () if journal is None else journal.recall(fresh, design.count):
+        if not retry or outcome.status == "converged":
+            collected.add(outcome)
+    left = collected.left
+    report_progress = progress or (lambda finished, total: None)
+    report_progress(design.count - len(left), design.count)
+    cases = ((k + 1, design.case(k)) for k in left)
+    cores = os.cpu_count() or 1
+    if executor is None:
+        stream = local_outcomes(job, cases, min(processes or cores, len(left)))
+    else:
+        stream = outcomes(job, cases, executor, in_flight or max(32, 4 * cores))
+    solved = 0
     try:
-        _solve(job, design, collected, folder, executor, processes, in_flight, progress)
+        with closing(stream):  # explicitly: on an interruption workers end before this function does
+            for batch in stream:
+                if journal is not None:
+                    journal.write(batch)
+                for outcome in batch:
+                    collected.add(outcome)
+                solved += len(batch)
+                report_progress(design.count - len(left) + solved, design.count)
     except KeyboardInterrupt:
-        interrupted = True
-    solved = int(collected.done.sum()) - before
-    result = _result(described, design, collected, interrupted, time.perf_counter() - begun, solved)
+        pass  # the result says which cases were not run
+    result = collected.result(described, design, time.perf_counter() - begun, solved)
     if folder is not None:
         write_sweep(result, folder, head, table, report)
     return result
@@ -127,95 +137,3 @@ def _check_pickle(job: Job) -> None:
             f"sweep: evaluate is {job.evaluate!r}, which cannot be sent to another process ({error}); expected a "
             "function of a module"
         ) from error
-
-
-def _recall(path: Path, head: Mapping[str, Any], collected: Collected, fresh: bool, retry: bool) -> None:
-    """Take the outcomes of a journal that is there; begin one where there is none."""
-    if path.exists() and not fresh:
-        for outcome in journal.recall(path, head):
-            if outcome.case > len(collected.seconds):
-                raise InputError([Problem("-o", "", str(path), f"there is no case {outcome.case}")])
-            if not retry or outcome.status == "converged":
-                collected.add(outcome)
-    else:
-        journal.begin(path, head)
-
-
-def _solve(
-    job: Job,
-    design: Design,
-    collected: Collected,
-    folder: Path | None,
-    executor: Executor | None,
-    processes: int | None,
-    in_flight: int | None,
-    progress: Progress | None,
-) -> None:
-    """Solve the cases that are left, and note them as they come."""
-    done = collected.done.copy()
-    left = [k for k in range(design.count) if not done[k]]
-    finished = design.count - len(left)
-    if progress is not None:
-        progress(finished, design.count)
-    if not left:
-        return
-    cases: Iterator[Case] = ((k + 1, design.case(k)) for k in left)
-    if executor is None:
-        cores = min(processes or os.cpu_count() or 1, len(left))
-        stream = local_outcomes(job, cases, cores)
-    else:
-        stream = outcomes(job, cases, executor, in_flight or max(32, 4 * (os.cpu_count() or 1)))
-    # Both are closed explicitly: on an interruption workers end before this function does.
-    with closing(stream):
-        for batch in stream:
-            if folder is not None:
-                journal.write(folder / journal.NAME, batch)
-            for outcome in batch:
-                collected.add(outcome)
-            finished += len(batch)
-            if progress is not None:
-                progress(finished, design.count)
-
-
-def _result(
-    described: Sweep,
-    design: Design,
-    collected: Collected,
-    interrupted: bool,
-    wall_time: float,
-    solved: int,
-) -> SweepResult:
-    suffixes = [f"_step{k}" for k in described.output.steps] or [""]
-    tendons = _tendons(described)
-    order = [f"{name}{suffix}" for suffix in suffixes for name in columns_of_steps(tendons)]
-    cases = collected.frame(described, design, order)
-    inputs = tuple(v.name for v in described.variations)
-    first = 4 + len(inputs)
-    return SweepResult(
-        sweep=described,
-        design=design,
-        cases=cases,
-        inputs=inputs,
-        outputs=tuple(cases.columns[first:]),
-        counts=collected.counts(),
-        failures={
-            s: tuple(collected.messages(s))
-            for s in ("not converged", "invalid", "error")
-            if collected.messages(s)
-        },
-        warnings=tuple(collected.messages("warning")),
-        interrupted=interrupted,
-        wall_time=wall_time,
-        case_seconds=float(collected.seconds[collected.done].sum()),
-        solved_now=solved,
-    )
-
-
-def _tendons(described: Sweep) -> list[str]:
-    """Names of the tendons of all robots, in order."""
-    robots = [described.tables.robot, *(tables.robot for _, tables in described.robots)]
-    names = [str(t["name"]) for robot in robots if robot for t in robot.get("tendons", ())]
-    return list(dict.fromkeys(names))
-
-
-__all__ = ["ExecutorBroken", "Outcome", "sweep"]

@@ -1,16 +1,19 @@
-"""Designs of a sweep: which values each case has, from grids, lists and samples of the unit cube."""
+"""Distributions of uncertain numbers, and designs: which values each case of a sweep has."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from scipy import stats
 from scipy.stats import qmc
+
+from tdcr_fe.model.schema import Quantity, check_fields
 
 Array = NDArray[np.float64]
 
@@ -18,24 +21,176 @@ Array = NDArray[np.float64]
 METHODS = ("grid", "list", "latin-hypercube", "sobol", "saltelli")
 SAMPLED = ("latin-hypercube", "sobol", "saltelli")
 
+#: Probabilities stay this far from zero and one, so that quantiles are finite.
+_EDGE = 2.0**-53
+#: Least probability between the bounds of a truncated distribution.
+_LEAST = 1e-9
 #: Name of the argument of SciPy's samplers that takes the random numbers.
 _RANDOM = "rng" if tuple(map(int, scipy.__version__.split(".")[:2])) >= (1, 15) else "seed"
 
 
+class Distribution:
+    """A random number: fields with their meaning, and the distribution of `scipy.stats` that they give."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        lower, upper = getattr(self, "lower", None), getattr(self, "upper", None)
+        if lower is not None and upper is not None and not lower < upper:
+            raise ValueError(f"lower = {lower:g} and upper = {upper:g}; lower must be below upper")
+        self.frozen()  # refuses what does not fit together
+
+    def frozen(self) -> Any:
+        """The distribution of `scipy.stats`."""
+        raise NotImplementedError
+
+    def described(self) -> tuple[str, dict[str, float]]:
+        """Its key in the file, and its numbers."""
+        return type(self).__name__.lower(), {k: v for k, v in vars(self).items() if v is not None}
+
+    def quantile(self, probability: Array) -> Array:
+        """Values below which the number lies with these probabilities, shape ``probability.shape``."""
+        return np.asarray(self.frozen().ppf(np.clip(probability, _EDGE, 1.0 - _EDGE)))
+
+
 @dataclass(frozen=True)
-class Column:
-    """Values of one variation, by case.
+class Uniform(Distribution):
+    """Every value between two bounds is equally likely.
 
     Attributes
     ----------
-    options : tuple
-        Values to choose from; empty where `numbers` are the values.
-    numbers : ndarray, shape (n_cases,)
-        The values, or numbers of options.
+    lower, upper : float
     """
 
-    options: tuple[Any, ...]
-    numbers: NDArray[Any]
+    lower: Annotated[float, Quantity("smallest value")]
+    upper: Annotated[float, Quantity("largest value")]
+
+    def frozen(self) -> Any:
+        """See `Distribution.frozen`."""
+        return stats.uniform(self.lower, self.upper - self.lower)
+
+
+@dataclass(frozen=True)
+class LogUniform(Distribution):
+    """The logarithm is uniform.
+
+    Attributes
+    ----------
+    lower, upper : float
+        Of the value itself, above zero.
+    """
+
+    lower: Annotated[float, Quantity("smallest value", gt=0.0)]
+    upper: Annotated[float, Quantity("largest value", gt=0.0)]
+
+    def frozen(self) -> Any:
+        """See `Distribution.frozen`."""
+        return stats.loguniform(self.lower, self.upper)
+
+
+@dataclass(frozen=True)
+class Normal(Distribution):
+    """Gaussian, truncated where bounds are given.
+
+    Attributes
+    ----------
+    mean, std : float
+        Of the distribution before truncation.
+    lower, upper : float or None
+        Values beyond them do not occur.
+    """
+
+    mean: Annotated[float, Quantity("mean")]
+    std: Annotated[float, Quantity("standard deviation", gt=0.0)]
+    lower: Annotated[float | None, Quantity("smallest value")] = None
+    upper: Annotated[float | None, Quantity("largest value")] = None
+
+    def frozen(self) -> Any:
+        """See `Distribution.frozen`."""
+        return _truncated(self.mean, self.std, self.lower, self.upper)
+
+
+@dataclass(frozen=True)
+class LogNormal(Distribution):
+    """The logarithm is Gaussian.
+
+    Attributes
+    ----------
+    median : float
+    sigma : float
+        Standard deviation of the natural logarithm; about the relative standard deviation where it is small [1].
+    lower, upper : float or None
+        Values beyond them do not occur.
+    """
+
+    median: Annotated[float, Quantity("median", gt=0.0)]
+    sigma: Annotated[float, Quantity("standard deviation of the natural logarithm", gt=0.0)]
+    lower: Annotated[float | None, Quantity("smallest value", gt=0.0)] = None
+    upper: Annotated[float | None, Quantity("largest value", gt=0.0)] = None
+
+    def frozen(self) -> Any:
+        """The distribution of the logarithm."""
+        lower, upper = (None if x is None else math.log(x) for x in (self.lower, self.upper))
+        return _truncated(math.log(self.median), self.sigma, lower, upper)
+
+    def quantile(self, probability: Array) -> Array:
+        """See `Distribution.quantile`."""
+        return np.exp(super().quantile(probability))
+
+
+def _truncated(mean: float, std: float, lower: float | None, upper: float | None) -> Any:
+    """A Gaussian between bounds.
+
+    Raises
+    ------
+    ValueError
+        Hardly anything lies between them.
+    """
+    whole = stats.norm(mean, std)
+    if lower is None and upper is None:
+        return whole
+    low, high = (-math.inf if lower is None else lower), (math.inf if upper is None else upper)
+    if whole.cdf(high) - whole.cdf(low) < _LEAST:
+        raise ValueError("the bounds lower and upper leave out the whole distribution")
+    return stats.truncnorm((low - mean) / std, (high - mean) / std, mean, std)
+
+
+@dataclass(frozen=True)
+class Triangular(Distribution):
+    """Density that rises linearly to the mode and falls linearly from there.
+
+    Attributes
+    ----------
+    lower, mode, upper : float
+    """
+
+    lower: Annotated[float, Quantity("smallest value")]
+    mode: Annotated[float, Quantity("most likely value")]
+    upper: Annotated[float, Quantity("largest value")]
+
+    def frozen(self) -> Any:
+        """See `Distribution.frozen`."""
+        if not self.lower <= self.mode <= self.upper:
+            raise ValueError(f"mode = {self.mode:g}; must lie between lower and upper")
+        width = self.upper - self.lower
+        return stats.triang((self.mode - self.lower) / width, self.lower, width)
+
+
+#: Every distribution, by the key that gives it in ``[[vary]]``.
+DISTRIBUTIONS: dict[str, type[Distribution]] = {
+    "uniform": Uniform,
+    "loguniform": LogUniform,
+    "normal": Normal,
+    "lognormal": LogNormal,
+    "triangular": Triangular,
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """Values of one variation, by case."""
+
+    options: tuple[Any, ...]  # to choose from; empty where `numbers` are the values
+    numbers: NDArray[Any]  # the values, or numbers of options, shape (n_cases,)
 
     def __getitem__(self, case: int) -> Any:
         """Value of a case, counted from 0."""

@@ -36,16 +36,12 @@ class Summary:
 
 
 def summarise(values: Array) -> Summary:
-    """Statistics of a column; numbers that are not finite are left out."""
+    """Statistics of a column with at least one finite number; the others are left out."""
     values = values[np.isfinite(values)]
-    if not len(values):
-        nan = float("nan")
-        return Summary(0, nan, nan, nan, nan, (nan, nan, nan))
     std = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
     low, middle, high = (float(x) for x in np.quantile(values, [0.025, 0.5, 0.975]))
-    return Summary(
-        len(values), float(values.mean()), std, float(values.min()), float(values.max()), (low, middle, high)
-    )
+    found = (float(values.mean()), std, float(values.min()), float(values.max()))
+    return Summary(len(values), *found, (low, middle, high))
 
 
 def varies(values: Array) -> bool:
@@ -80,10 +76,10 @@ class SobolIndices:
 
 
 def sobol_indices(values: Array, dimensions: int, seed: int = 0) -> SobolIndices | None:
-    """Sobol indices of the first and the total order.
+    """Sobol indices of the first and the total order, with percentiles of a bootstrap.
 
-    First order by Saltelli et al. (2010, Computer Physics Communications 181, Table 2 b), total order by Jansen (1999;
-    ibid. Table 2 f); intervals are percentiles of a bootstrap.
+    `scipy.stats.sobol_indices` has the same formulas, but takes no sample from which cases that did not converge are
+    left out (their number must be a power of two), and its intervals cannot be repeated.
 
     Parameters
     ----------
@@ -103,26 +99,26 @@ def sobol_indices(values: Array, dimensions: int, seed: int = 0) -> SobolIndices
     rows = rows[np.isfinite(rows).all(axis=1)]
     if len(rows) < 2 or not varies(rows[:, :2].ravel()):
         return None
-    first, total = _indices(rows[None])
     random = np.random.default_rng(seed)
-    samples = [_indices(rows[random.integers(0, len(rows), len(rows))][None]) for _ in range(RESAMPLES)]
+    drawn = [_indices(rows[random.integers(0, len(rows), len(rows))]) for _ in range(RESAMPLES)]
     tail = 0.5 * (1.0 - LEVEL)
-    low_high = [
-        np.nanquantile(np.concatenate([s[k] for s in samples]), [tail, 1.0 - tail], axis=0).T for k in (0, 1)
-    ]
-    return SobolIndices(first[0], total[0], low_high[0], low_high[1], len(rows))
+    first_interval, total_interval = np.nanquantile(np.array(drawn), [tail, 1.0 - tail], axis=0).transpose(
+        1, 2, 0
+    )
+    return SobolIndices(*_indices(rows), first_interval, total_interval, len(rows))
 
 
 def _indices(rows: Array) -> tuple[Array, Array]:
-    """First and total indices of tables of results A, B, AB_1 ... AB_d, shape (tables, n, d + 2)."""
-    a, b, mixed = rows[..., 0], rows[..., 1], rows[..., 2:]
-    both = np.concatenate((a, b), axis=-1)
-    mean, variance = both.mean(axis=-1), both.var(axis=-1)
-    variance = np.where(variance > 0.0, variance, np.nan)[:, None]
-    change = mixed - a[..., None]
-    first = np.mean((b - mean[:, None])[..., None] * change, axis=1) / variance
-    total = 0.5 * np.mean(change**2, axis=1) / variance
-    return first, total
+    """First and total indices of results A, B, AB_1 ... AB_d, shape (n, d + 2).
+
+    First order by Saltelli et al. (2010, Computer Physics Communications 181, Table 2 b), total order by Jansen (1999;
+    ibid. Table 2 f).
+    """
+    a, b = rows[:, :1], rows[:, 1:2]
+    both = np.concatenate((a, b))
+    variance = both.var() or np.nan
+    change = rows[:, 2:] - a
+    return ((b - both.mean()) * change).mean(axis=0) / variance, 0.5 * (change**2).mean(axis=0) / variance
 
 
 def main_effect(inputs: NDArray[np.int64], values: Array, levels: int) -> tuple[Array, Array]:

@@ -12,10 +12,8 @@ from tdcr_fe.io.effects import effects_reader
 from tdcr_fe.io.own_effects import read_own_effects
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.toml import ScenarioTables, build_scenario, read_scenario_tables
-from tdcr_fe.model.wording import meant
-from tdcr_fe.sweeps.case_tables import with_values
-from tdcr_fe.sweeps.cases import Job, solve_cases
-from tdcr_fe.sweeps.columns import columns_of_steps
+from tdcr_fe.model.messages import meant
+from tdcr_fe.sweeps.cases import Job, columns_of_steps, solve_cases, tables_with
 from tdcr_fe.sweeps.description import Output, Sampling, Sweep, Variation
 from tdcr_fe.sweeps.keys import KeyProblem, parse_key
 
@@ -60,7 +58,7 @@ class ParameterFunction:
         variations = tuple(Variation(key.text, (key,)) for key, _ in named)
         values = tuple(v.item() if hasattr(v, "item") else v for _, v in named)
         one = Sweep(self.sweep.tables, variations, Sampling(), self.sweep.output, effects=self.sweep.effects)
-        with_values(one, list(zip(variations, values, strict=True)))  # a wrong key is the caller's mistake
+        tables_with(one, zip(variations, values, strict=True))  # a wrong key is the caller's mistake
         (outcome,) = solve_cases(Job(one), [(1, values)])
         return [outcome.numbers.get(name, math.nan) for name in self.columns]
 

@@ -14,10 +14,9 @@ from tdcr_fe.io.keys import DISKS, ROBOT, tendon_keys
 from tdcr_fe.io.templates import _EXAMPLES
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.channels import CHANNELS
-from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.routing import ROUTINGS, ParallelRouting
-from tdcr_fe.model.schema import fields_of
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
+from tdcr_fe.model.routing import ROUTINGS
+from tdcr_fe.model.schema import keys_of
 
 
 def begin(tmp_path, kind, *options):
@@ -39,11 +38,11 @@ def test_a_new_robot_is_solved(tmp_path, tendons):
 def test_every_key_of_the_files_is_there(tmp_path):
     folder = begin(tmp_path, "robot")
     robot = (folder / "robot.toml").read_text()
-    own = [f for routing in ROUTINGS.values() for f in fields_of(routing)]
-    for name in (*ROBOT, *fields_of(Backbone), *DISKS, *tendon_keys(ParallelRouting), *own):
+    own = [f for routing in ROUTINGS.values() for f in keys_of(routing)]
+    for name in (*ROBOT, *keys_of(Backbone), *DISKS, *tendon_keys("parallel"), *own):
         assert re.search(rf"\b{name}\b", robot), name
     scenario = (folder / "scenario.toml").read_text()
-    for name in (*fields_of(Model), *fields_of(SolverSettings), *fields_of(LoadStep)):
+    for name in (*keys_of(Model), *keys_of(SolverSettings), *keys_of(LoadStep)):
         assert re.search(rf"\b{name}\b", scenario), name
 
 

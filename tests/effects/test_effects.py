@@ -18,13 +18,10 @@ from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_scenario
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
-from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.material import Superelastic
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.backbone import Backbone, Superelastic
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import simulate
 

@@ -23,8 +23,7 @@ from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_scenario
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
-from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.solve.simulate import simulate
 
 MODEL = Model(elements_per_bay=1)

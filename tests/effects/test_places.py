@@ -13,9 +13,8 @@ from tdcr_fe.effects import EFFECTS, Experiment, PlaceEffect, effect, with_effec
 from tdcr_fe.io.toml import read_robot
 from tdcr_fe.io.write_toml import robot_to_toml
 from tdcr_fe.model.backbone import StiffnessPatch
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Robot, SideSpring
+from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.tendon import TightHole
 from tdcr_fe.validation.reference import Extras, HoleFriction, Spring, solve_reference
 

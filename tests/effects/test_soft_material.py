@@ -8,9 +8,8 @@ import pytest
 from robots import paper
 
 from tdcr_fe.effects import Experiment, effect, with_effect
-from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.backbone import Backbone, NonlinearMaterial
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.material import NonlinearMaterial
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon

@@ -14,9 +14,8 @@ from scipy.special import ellipk, ellipkinc
 from tdcr_fe.elements.backbone import ElementChain, relative_twists, subdivide
 from tdcr_fe.elements.poses import exp_se3, log_se3
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.scene.mesh import build_mesh
 
 ROD = Robot(BACKBONE, DISKS, (), name="rod")

@@ -18,8 +18,8 @@ from tdcr_fe.elements.section import (
     gauss_arc_lengths,
     nodal_sum,
 )
+from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.material import Superelastic
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import HelicalRouting
 from tdcr_fe.model.tendon import Tendon

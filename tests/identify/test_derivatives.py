@@ -18,11 +18,9 @@ from tdcr_fe.identify.screening import screen
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import CHANNELS
-from tdcr_fe.model.disks import Disks
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import HelicalRouting
-from tdcr_fe.model.settings import SolverSettings
 
 #: Relative error that derivatives must meet.
 TOLERANCE = 1e-5

@@ -9,7 +9,7 @@ from identify_data import MODEL, measured, problem_of
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.load_steps import join_steps
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import SolverSettings
 
 
 def timed(model):

@@ -15,9 +15,8 @@ from tdcr_fe.identify.search import MANY_EFFECTS, _worthwhile, forward_selection
 from tdcr_fe.identify.search_state import without
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.model.loading import LoadStep, SolverSettings
 from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
 
 SIGMA = 1e-4

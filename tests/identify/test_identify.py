@@ -31,8 +31,7 @@ from tdcr_fe.identify.sentences import summary
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import StiffnessPatch
-from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.solve.simulate import simulate
 
 # ------------------------------------------------------------------------------------------------ the pieces

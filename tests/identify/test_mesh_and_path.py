@@ -10,7 +10,7 @@ from tdcr_fe.identify import fitting
 from tdcr_fe.identify.forward import ForwardModel, Task, run_settings, simulate_experiment
 from tdcr_fe.identify.problem import ORDER, evaluate, fit_of_run, refine
 from tdcr_fe.identify.run import mesh_nodes
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import SolverSettings
 
 #: Far coarser than the noise: the path is then off by more than the mesh.
 LOOSE = 3e-3

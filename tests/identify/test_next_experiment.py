@@ -16,8 +16,7 @@ from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.sentences import next_sentence
 from tdcr_fe.io.loading_table import read_loading
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, SolverSettings
 
 SEARCH = searching()
 #: A stiffer backbone, where the tip forces were applied but nothing was read: a gain below one looks the same.

@@ -11,8 +11,8 @@ from tdcr_fe.effects.base import Observation
 from tdcr_fe.identify.derivatives import Column, Request, _Part
 from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.model.channels import channel
+from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.observed_step import ObservedChange
-from tdcr_fe.model.settings import SolverSettings
 
 
 @pytest.mark.parametrize("share", [1.0, 0.93])

@@ -15,8 +15,7 @@ from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.load_steps import blocks, divide_steps, held_out_branches
 from tdcr_fe.io.measured import join_measured, write_measured
 from tdcr_fe.io.problems import InputError
-from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, SolverSettings
 from tdcr_fe.solve.sensitivities.differences import tabulated
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter
 

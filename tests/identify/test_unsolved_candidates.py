@@ -13,7 +13,7 @@ from tdcr_fe.identify import fitting
 from tdcr_fe.identify.fitting import Race, descend
 from tdcr_fe.identify.problem import Fit, evaluate
 from tdcr_fe.identify.screening import screen
-from tdcr_fe.model.material import NonlinearMaterial
+from tdcr_fe.model.backbone import NonlinearMaterial
 
 
 def test_a_candidate_that_is_not_solved_is_not_improved():

@@ -16,8 +16,7 @@ from tdcr_fe.identify.reader import Reader
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured, write_measured
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 
 DECLARED = {
     "actuator_backlash": {"backlash": 3e-4},

@@ -17,17 +17,15 @@ from inputs import REMOVED, ROBOT, SCENARIO, changed, write
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.toml import digest, read_model, read_model_file, read_robot, read_scenario
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
-from tdcr_fe.model.backbone import Backbone, StiffnessPatch
+from tdcr_fe.model.backbone import Backbone, StiffnessPatch, Superelastic
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.friction import (
     ConstantFriction,
     ForceDependentFriction,
     StribeckFriction,
 )
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.material import Superelastic
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import (
     ROUTINGS,
     ConvergingRouting,
@@ -36,8 +34,7 @@ from tdcr_fe.model.routing import (
     PointsRouting,
     TwistedRouting,
 )
-from tdcr_fe.model.schema import fields_of
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.schema import keys_of
 from tdcr_fe.model.tendon import Tendon
 
 
@@ -157,7 +154,7 @@ ROBOT_MISTAKES = [
     ({"backbone.radius": [1.0]}, "backbone.radius", "[1.0]", ["a positive number [m]"]),
     ({"backbone.radius": 1e-90}, "backbone.radius", "1e-90", ["EI"]),
     ({"backbone.radius": 1e90}, "backbone.radius", "1e+90", ["EI"]),
-    ({"backbone.poisson_ratio": 0.51}, "backbone.poisson_ratio", "0.51", ["up to 0.5"]),
+    ({"backbone.poisson_ratio": 0.51}, "backbone.poisson_ratio", "0.51", ["at most 0.5"]),
     ({"backbone.density": -1}, "backbone.density", "-1", ["zero or more"]),
     ({"backbone.bending_stiffness": 0.0}, "backbone.bending_stiffness", "0.0", ["positive", "N m^2"]),
     ({"backbone": REMOVED}, "backbone", "", ["missing", "[backbone]"]),
@@ -444,7 +441,7 @@ def routings(draw, arcs):
         holes = draw(st.lists(st.tuples(component, component), min_size=len(arcs), max_size=len(arcs)))
         return PointsRouting(arcs, tuple(holes))
     by_key = {"offset": inside, "end_offset": inside, "angle_deg": degrees}
-    return ROUTINGS[kind](**{k: draw(by_key.get(k, st.floats(-5, 5))) for k in fields_of(ROUTINGS[kind])})
+    return ROUTINGS[kind](**{k: draw(by_key.get(k, st.floats(-5, 5))) for k in keys_of(ROUTINGS[kind])})
 
 
 @st.composite
@@ -506,7 +503,7 @@ def test_every_field_of_a_robot_is_in_the_file_or_follows_from_it():
         PointsRouting: {"arc_lengths"},  # those of the holes
     }
     for cls in (Robot, Backbone, Superelastic, StiffnessPatch, Disks, Tendon, *ROUTINGS.values()):
-        assert {f.name for f in dataclasses.fields(cls)} - set(fields_of(cls)) == follows.get(cls, set())
+        assert {f.name for f in dataclasses.fields(cls)} - set(keys_of(cls)) == follows.get(cls, set())
 
 
 number_of = st.floats(-1e3, 1e3)
@@ -579,8 +576,9 @@ def test_free_holes_and_positions_written_and_read_are_the_same(tmp_path):
 
 
 def test_what_the_format_cannot_express_is_refused_and_named():
+    @dataclasses.dataclass(frozen=True)
     class OwnLaw(ConstantFriction):
-        kind = "own"
+        kind: str = "own"
 
     tendons = (
         Tendon("t1", TwistedRouting(ParallelRouting(1e-3), 0.1)),

@@ -9,12 +9,11 @@ import pytest
 from inputs import REMOVED, ROBOT, SCENARIO, changed
 
 import tdcr_fe
-from tdcr_fe.io.json_schema import json_schema
+from tdcr_fe.io.keys import json_schema
 from tdcr_fe.io.templates import sweep_template
 from tdcr_fe.io.write_toml import model_to_toml
-from tdcr_fe.model.loading import Model
-from tdcr_fe.model.settings import SolverSettings
-from tdcr_fe.sweeps.schema import sweep_schema
+from tdcr_fe.model.loading import Model, SolverSettings
+from tdcr_fe.sweeps.read import sweep_schema
 from tdcr_fe.validation.paper import cases
 
 FOLDERS = [Path(tdcr_fe.__file__).parent / "data" / "demo", *(Path(cases.__file__).parent / "data").iterdir()]
@@ -26,7 +25,8 @@ def errors(schema, value, key=""):
     unknown = set(schema) - {
         "$schema", "title", "description", "default", "type", "properties", "required", "additionalProperties",
         "items", "minItems", "maxItems", "enum", "const", "anyOf", "oneOf", "minimum", "maximum",
-        "exclusiveMinimum", "exclusiveMaximum", "minLength",
+        "exclusiveMinimum", "exclusiveMaximum", "minLength", "prefixItems",
+        "unit", "note", "allowed",
     }  # fmt: skip
     assert not unknown, unknown
     kind = schema.get("type")
@@ -48,7 +48,9 @@ def errors(schema, value, key=""):
         if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
             found.append(key)
         for i, item in enumerate(value):
-            found += errors(schema.get("items", {}), item, f"{key}[{i}]")
+            prefix = schema.get("prefixItems", [])
+            inner = prefix[i] if i < len(prefix) else schema.get("items", {})
+            found += errors(inner, item, f"{key}[{i}]")
     if isinstance(value, dict):
         found += [f"{key}.{name}" for name in schema.get("required", []) if name not in value]
         for name, item in value.items():

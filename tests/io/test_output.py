@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.io import tables as output
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.tables import write_results
-from tdcr_fe.model.frames import quaternions
+from tdcr_fe.model.dataframes import quaternions
 from tdcr_fe.model.loading import LoadStep
 
 

@@ -10,10 +10,9 @@ from robots import BACKBONE, LENGTH, paper, solve, three
 
 import tdcr_fe
 from tdcr_fe.io.toml import read_robot, read_scenario
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.validation.crosscheck import cases as crosscheck
 from tdcr_fe.validation.paper import cases as paper_cases
 

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from robots import BACKBONE, DISKS, LENGTH, solve
 from scipy.integrate import quad
 
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import (
     ROUTINGS,
     ConvergingRouting,

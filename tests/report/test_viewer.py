@@ -22,10 +22,9 @@ from tdcr_fe import cli
 from tdcr_fe.io.result_folder import read_motion
 from tdcr_fe.io.tables import write_results
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.report.motion import Markers, motion_of

@@ -9,8 +9,8 @@ from contacts import CENTRE, DISK, QUAD, SPHERE, STIFFNESS
 from native_solvers import dynamic_settings, static_settings
 from robots import BACKBONE, LENGTH, distance, scene, three
 
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Model
+from tdcr_fe.model.robot import Disks
 from tdcr_fe.native import register
 from tdcr_fe.scene import TDCR, CreateTDCR
 from tdcr_fe.solve.load_steps.load_path import StepFailed

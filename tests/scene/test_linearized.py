@@ -8,7 +8,7 @@ from native_solvers import dynamic_settings
 from robots import LENGTH, scene, three
 from scipy.linalg import eig
 
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.native import register
 from tdcr_fe.solve.statics import SolveTDCR
 

@@ -9,8 +9,7 @@ import pytest
 from native_solvers import dynamic_settings, static_settings
 from robots import BACKBONE, LENGTH, distance, paper, scene, solve, three
 
-from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import Load, LoadStep, SolverSettings
 from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.solve.statics import SolveTDCR
 

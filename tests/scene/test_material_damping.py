@@ -13,7 +13,7 @@ from scipy.optimize import curve_fit
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.elements.poses import euler_rate_matrix
-from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.robot import Disks
 from tdcr_fe.native import register
 from tdcr_fe.solve.statics import SolveTDCR
 

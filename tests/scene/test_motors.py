@@ -11,7 +11,7 @@ import pytest
 from native_solvers import recommended
 from robots import BACKBONE, LENGTH, Robot, paper, scene, three
 
-from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.robot import Disks
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.statics import SolveTDCR

@@ -10,10 +10,9 @@ import pytest
 from native_solvers import damped, dynamic_settings, recommended, static_settings
 from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, scene, solve, three
 
-from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.material import Superelastic
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.native import register
 from tdcr_fe.scene.builder import CreateTDCR
 from tdcr_fe.solve.statics import SolveTDCR

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from robots import LENGTH, hinged_platform, scene, three
 
-from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.scene import TDCR, CreateTDCR
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.solve.statics import SolveTDCR, track_sensitivities

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from robots import LENGTH, paper, pull, tendon, three
 
-from tdcr_fe.model.disks import Disks
-from tdcr_fe.model.loading import LoadStep, Model, resolve
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.solve.equations import band
 from tdcr_fe.solve.equations.band import BandFactors, BandLayout
 from tdcr_fe.solve.equations.configuration import Target

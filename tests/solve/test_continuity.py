@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from tdcr_fe import Backbone, Disks, Load, LoadStep, Model, Robot, Tendon, simulate
-from tdcr_fe.model.loading import resolve
+from tdcr_fe.model.loading import SolverSettings, resolve
 from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.load_steps.load_path import Ramp
 from tdcr_fe.solve.load_steps.stepping import is_continuous
 from tdcr_fe.solve.load_steps.substep import SubstepSolver

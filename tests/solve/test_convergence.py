@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, solve, three
 
+from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.material import Superelastic
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
 from tdcr_fe.model.tendon import Tendon

@@ -10,9 +10,8 @@ from robots import LENGTH, distance, paper, pull, scene, solve
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import tdcr_fe.solve.newton.convergence as convergence
-from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.results import Interrupted
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps import substep

@@ -9,9 +9,8 @@ import pytest
 from robots import BACKBONE, LENGTH, paper
 
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import Simulation, simulate

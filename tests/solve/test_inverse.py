@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, tendon, three
 
-from tdcr_fe.model.disks import Disks
-from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.model.results import Interrupted
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.targets import ReachStatus, TensionLimits, TipTarget
 from tdcr_fe.solve.inverse_statics.inverse import REACHED, follow_path, reach
 from tdcr_fe.solve.inverse_statics.target_search import Effort

@@ -9,10 +9,8 @@ import pytest
 from differences import rotation_vectors
 from robots import BACKBONE, LENGTH, scene, tendon
 
-from tdcr_fe.model.disks import Disks
-from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.solve.sensitivities.local_response import local_response
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.solve.simulation import Simulation

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, paper, pull, three
 
-from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.backbone import Backbone, Superelastic
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
-from tdcr_fe.model.material import Superelastic
 from tdcr_fe.model.results import Interrupted, SequenceResult
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.scene.mesh import elements_of_bays

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from robots import LENGTH, paper, pull, solve, three
 
-from tdcr_fe.model.loading import LoadStep, Model, resolve
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.linearization import SolvedStep, input_changes, unknowns
 from tdcr_fe.solve.newton.prediction import predict

@@ -10,9 +10,8 @@ from robots import BACKBONE, LENGTH, distance, solve, tendon, three
 
 from tdcr_fe.effects import EFFECTS, Experiment, with_effect
 from tdcr_fe.io.write_toml import robot_to_toml
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import LoadStep, Model, resolve
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.reference import solve_reference
 

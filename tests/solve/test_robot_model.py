@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from robots import three
 
-from tdcr_fe.model.backbone import StiffnessPatch
+from tdcr_fe.model.backbone import StiffnessPatch, Superelastic
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
-from tdcr_fe.model.material import Superelastic
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.robot_model import (

@@ -7,9 +7,8 @@ from dataclasses import replace
 import pytest
 from robots import BACKBONE, LENGTH
 
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import LoadStep, Model, resolve
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import Simulation, simulate

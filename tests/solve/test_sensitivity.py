@@ -10,12 +10,10 @@ from differences import errors, run
 from robots import BACKBONE, LENGTH, tendon
 
 from tdcr_fe.effects import Experiment, with_effects
-from tdcr_fe.model.backbone import StiffnessPatch
-from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.backbone import StiffnessPatch, Superelastic
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.material import Superelastic
-from tdcr_fe.model.robot import Robot, SideSpring
+from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
 from tdcr_fe.model.tendon import TightHole
 from tdcr_fe.solve.sensitivities.parameters import effect_parameter, parameters

@@ -8,9 +8,8 @@ from balance import cables, capstan_violation, divide, random_cycles
 from robots import BACKBONE, DISKS, LENGTH, degrees, distance, paper, pull, solve, tendon, three
 
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.solve.simulate import SolverSettings, simulate
 
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from robots import BACKBONE, DISKS, LENGTH, degrees, distance, paper, pull, solve, tendon, three
 
-from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.material import Superelastic
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import SolverSettings, simulate

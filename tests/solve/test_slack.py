@@ -11,9 +11,8 @@ from robots import BACKBONE, DISKS, LENGTH, tendon
 
 from tdcr_fe.elements.complementarity import positive_definite_near, solve_nonnegative
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.equations.linearization import BorderedFactors, DenseFactors

@@ -13,11 +13,10 @@ from robots import BACKBONE, DISKS, distance, paper, pull, scene, solve, three
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.elements.backbone import strain_matrices
-from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.model.material import Superelastic
+from tdcr_fe.model.backbone import Superelastic
+from tdcr_fe.model.loading import LoadStep, SolverSettings
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import HelicalRouting
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.system import SceneSystem

@@ -8,8 +8,8 @@ import pytest
 from robots import paper, scene, three
 
 from tdcr_fe.elements.backbone import strain_matrices
+from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.kernel import Residual, StaticKernel
 from tdcr_fe.solve.equations.system import SceneSystem

@@ -11,10 +11,9 @@ from robots import BACKBONE, LENGTH, distance, solve, three
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.toml import read_robot
 from tdcr_fe.io.write_toml import robot_to_toml
-from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.material import Superelastic
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.reference import solve_reference
 

@@ -11,10 +11,9 @@ import pytest
 from tdcr_fe import CreateTDCR, SolveTDCR
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.model.backbone import Backbone, StiffnessPatch
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.plausibility import robot_warnings, strain_warnings
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import simulate

@@ -9,8 +9,17 @@ import pytest
 from scipy import stats
 
 from tdcr_fe.sweeps.description import Range
-from tdcr_fe.sweeps.distributions import LogNormal, LogUniform, Normal, Triangular, Uniform
-from tdcr_fe.sweeps.sampling import grid, numbers_of, together, unit_points
+from tdcr_fe.sweeps.sampling import (
+    LogNormal,
+    LogUniform,
+    Normal,
+    Triangular,
+    Uniform,
+    grid,
+    numbers_of,
+    together,
+    unit_points,
+)
 
 
 def test_the_last_variation_of_a_grid_changes_fastest():

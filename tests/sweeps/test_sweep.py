@@ -16,8 +16,7 @@ from sweep_files import SCENARIO, SWEEP, InProcess, write_files
 import tdcr_fe as tdcr
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.sweeps.cases import Outcome
-from tdcr_fe.sweeps.collected import Collected
-from tdcr_fe.sweeps.columns import columns_of_steps
+from tdcr_fe.sweeps.result import Collected
 
 
 def table(folder):
@@ -72,8 +71,9 @@ def test_rows_are_in_the_order_of_cases_whatever_the_order_of_completion(tmp_pat
         collected = Collected(design.count)
         for k in order:
             collected.add(outcomes[k - 1])
-        frames.append(collected.frame(described, design, columns_of_steps(("t1", "t2"))))
-        (message,) = collected.messages("warning")
+        result = collected.result(described, design, 0.0, 6)
+        frames.append(result.cases)
+        (message,) = result.warnings
         assert (message.case, message.count, message.example) == (1, 6, "step 1 is odd")
     pd.testing.assert_frame_equal(*frames)
 

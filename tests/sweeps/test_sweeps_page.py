@@ -9,8 +9,7 @@ import pytest
 
 import tdcr_fe as tdcr
 from tdcr_fe.sweeps.cases import STATUSES
-from tdcr_fe.sweeps.distributions import DISTRIBUTIONS
-from tdcr_fe.sweeps.sampling import METHODS
+from tdcr_fe.sweeps.sampling import DISTRIBUTIONS, METHODS
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "sweeps.md").read_text(encoding="utf-8")

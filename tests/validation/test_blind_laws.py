@@ -11,9 +11,8 @@ from tdcr_fe.identify.law_search import where
 from tdcr_fe.identify.law_terms import BENDING, CURVATURE, DEFLECTION, DISPLACED, Term
 from tdcr_fe.identify.result import Estimate, LawTerm
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.validation.blind.laws import LAWS, make_law_set
 from tdcr_fe.validation.blind_laws.campaign import PRODUCTS, judge
 from tdcr_fe.validation.reference import Extras, ReferenceSettings, solve_reference

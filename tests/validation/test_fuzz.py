@@ -10,9 +10,8 @@ import pytest
 from tdcr_fe.io.toml import read_robot
 from tdcr_fe.io.write_toml import robot_to_toml
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ROUTINGS, HelicalRouting, ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import simulate

@@ -12,8 +12,7 @@ from tdcr_fe.identify.forward import ForwardModel, Task, run_settings, simulate_
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.validation.given_effects import chosen_form, every_nth_step, fit_in_order
 from tdcr_fe.validation.given_effects.__main__ import main
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, Routing
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.public_codes.comparison import compare, draw

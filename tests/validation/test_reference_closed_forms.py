@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from tdcr_fe.model.backbone import Backbone, StiffnessPatch
-from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.backbone import Backbone, StiffnessPatch, Superelastic
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.material import Superelastic
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference

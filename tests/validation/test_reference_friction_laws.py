@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import simulate

@@ -11,8 +11,6 @@ FOLDER = Path(reference.__file__).parent
 SHARED = {
     "tdcr_fe.model.robot",
     "tdcr_fe.model.backbone",
-    "tdcr_fe.model.material",
-    "tdcr_fe.model.disks",
     "tdcr_fe.model.tendon",
     "tdcr_fe.model.routing",
     "tdcr_fe.model.loading",
@@ -46,7 +44,7 @@ def test_solving_loads_neither_exudyn_nor_the_solver():
 import sys
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
+from tdcr_fe.model.robot import Disks
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.model.routing import ParallelRouting

@@ -7,9 +7,8 @@ import pytest
 from random_robots import largest_gap, random_robot, random_steps
 
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import VaryingHelicalRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import simulate

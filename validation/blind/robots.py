@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting, Routing
 from tdcr_fe.model.tendon import Tendon
 

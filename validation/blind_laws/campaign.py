@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tdcr_fe.identify import IdentificationResult, IdentifySettings, identify
 from tdcr_fe.identify.result import LawTerm
-from tdcr_fe.io.records import Folder, Record, solve_all
+from tdcr_fe.io.store import Folder, Record, solve_all
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.blind.laws import LAWS, LawRecipe, make_law_set
 from tdcr_fe.validation.crosscheck.campaign import silence_exudyn

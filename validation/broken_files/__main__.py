@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tdcr_fe.commands.common import FAILURE, SUCCESS, at_least_one
 from tdcr_fe.io.atomic import write_text
-from tdcr_fe.io.records import Folder, solve_all
+from tdcr_fe.io.store import Folder, solve_all
 from tdcr_fe.validation.broken_files.campaign import Outcome, cases, run_case
 from tdcr_fe.validation.broken_files.report import summary, to_frame, to_markdown
 from tdcr_fe.validation.collecting import collect

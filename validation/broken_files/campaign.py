@@ -22,7 +22,7 @@ from types import FrameType
 
 import numpy as np
 
-from tdcr_fe.io.records import Record
+from tdcr_fe.io.store import Record
 from tdcr_fe.validation.broken_files.inputs import INPUTS, Inputs, files_of
 from tdcr_fe.validation.broken_files.mutations import Change, change
 

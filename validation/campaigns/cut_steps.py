@@ -18,8 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import Load, LoadStep, SolverSettings
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.random_robots import MOST_TENDONS, RandomCase, draw
 from tdcr_fe.validation.runner import Campaign, count

@@ -18,8 +18,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
+from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import Load, Model
-from tdcr_fe.model.material import Superelastic
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.tendon import Tendon

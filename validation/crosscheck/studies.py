@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult, StepResult
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import SolverSettings, simulate

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from tdcr_fe.model.backbone import StiffnessPatch
+from tdcr_fe.model.backbone import StiffnessPatch, Superelastic
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.material import Superelastic
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.crosscheck.case import (
     ELEMENTS_PER_BAY,

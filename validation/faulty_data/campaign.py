@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tdcr_fe.io.records import Folder, Record, solve_all
+from tdcr_fe.io.store import Folder, Record, solve_all
 from tdcr_fe.validation.blind.maker import make_blind
 from tdcr_fe.validation.blind.recipes import Recipe
 from tdcr_fe.validation.crosscheck.campaign import silence_exudyn

@@ -8,13 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tdcr_fe.effects import Experiment, with_effects
-from tdcr_fe.model.backbone import Backbone, StiffnessPatch
+from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, StiffnessPatch, Superelastic
 from tdcr_fe.model.checks import course_contradictions
-from tdcr_fe.model.disks import Disks
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.material import NonlinearMaterial, Superelastic
-from tdcr_fe.model.robot import Robot, SideSpring
+from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.routing import (
     ConvergingRouting,
     HelicalRouting,

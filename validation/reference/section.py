@@ -24,8 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.material import NonlinearMaterial, Superelastic
+from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, Superelastic
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -19,11 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import qmc
 
 from tdcr_fe.model import arguments
-from tdcr_fe.model.loading import LoadStep, Model, resolve
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.plausibility import strain_warnings
 from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.model.targets import (
     DriveBy,
     EffortKind,

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
-from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
+from tdcr_fe.model.loading import Actuation, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.settings import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Ramp, StepFailed

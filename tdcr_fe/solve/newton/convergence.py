@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.friction import FrictionState
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.layout import ResidualScales
 
 Array = NDArray[np.float64]

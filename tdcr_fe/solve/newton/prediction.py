@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.settings import SolverSettings
+from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target, Unknowns
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, same_loads, unknowns

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.sensitivities import LocalResponse
+from tdcr_fe.model.results import LocalResponse
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.layout import Numbering
@@ -54,12 +54,7 @@ def local_response(where: Simulation | TDCR, s: float | None = None, reversal: b
 
 
 def response_at(
-    system: SceneSystem,
-    state: SolverState,
-    robot: int,
-    presliding: float,
-    s: float | None,
-    reversal: bool,
+    system: SceneSystem, state: SolverState, robot: int, presliding: float, s: float | None, reversal: bool
 ) -> LocalResponse:
     """`local_response` of a robot in a system, by its number; the scene is left in this state."""
     actuation = system.robots[robot]

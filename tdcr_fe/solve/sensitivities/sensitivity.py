@@ -20,7 +20,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.elements.friction import FrictionState
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.sensitivities import Sensitivities, Sensitivity
+from tdcr_fe.model.results import Sensitivities, Sensitivity
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.scene.mesh import elements_of_bays

@@ -1,0 +1,126 @@
+"""Keys, values and load steps as text, what a key allows in words, and the option that was probably meant."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+_COUNTS = {1: "one", 2: "two", 3: "three"}
+_BOUNDS = {
+    "exclusiveMinimum": "above {:g}",
+    "minimum": "at least {:g}",
+    "exclusiveMaximum": "below {:g}",
+    "maximum": "at most {:g}",
+}
+
+
+def quoted(text: str) -> str:
+    """A text as TOML has it."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def steps_named(numbers: Sequence[int]) -> str:
+    """Load steps by their numbers, shortened where there are several."""
+    if len(numbers) == 1:
+        return f"step {numbers[0]}"
+    return f"{len(numbers)} steps ({numbers[0]} to {numbers[-1]})"
+
+
+def bare(name: str) -> str:
+    """A bare key, or a quoted one where TOML requires it."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
+
+
+def join(key: str, *parts: str | int) -> str:
+    """A dotted key with further parts: names, or indices of a list."""
+    for part in parts:
+        key += f"[{part}]" if isinstance(part, int) else f".{bare(part)}" if key else bare(part)
+    return key
+
+
+def shown(value: Any, limit: int = 60) -> str:
+    """A value as written in a TOML file, its middle left out where it is long."""
+    if isinstance(value, bool):
+        text = "true" if value else "false"
+    elif isinstance(value, str):
+        text = json.dumps(value, ensure_ascii=False)
+    elif isinstance(value, Mapping):
+        text = "{" + ", ".join(f"{bare(str(k))} = {shown(v)}" for k, v in value.items()) + "}"
+    elif isinstance(value, list | tuple):
+        text = "[" + ", ".join(shown(v) for v in value) + "]"
+    else:
+        try:
+            text = str(value)
+        except ValueError:
+            text = "a number of thousands of digits"
+    return text if len(text) <= limit else text[: limit - 10] + " ... " + text[-5:]
+
+
+def meant(given: Any, options: Iterable[str]) -> str:
+    """A question that names the option most like what was given, or nothing."""
+    near = difflib.get_close_matches(str(given), list(options), n=1, cutoff=0.6)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def options(node: Mapping[str, Any]) -> list[str]:
+    """Texts that a key takes, where there are few; from its JSON schema."""
+    found = [*node.get("enum", ()), *([node["const"]] if "const" in node else [])]
+    return found + [text for part in node.get("anyOf", ()) for text in options(part)]
+
+
+def allowed(node: Mapping[str, Any]) -> str:
+    """What a key allows, in words and without "must be"; from its JSON schema."""
+    if "allowed" in node:
+        return str(node["allowed"])
+    rest = {k: node[k] for k in ("unit", "note") if k in node}
+    if "anyOf" in node:
+        parts = sorted(node["anyOf"], key=lambda part: not options(part))
+        return " or ".join(allowed({**part, **rest}) for part in parts)
+    if "oneOf" in node:
+        names = ", ".join(quoted(part["properties"]["kind"]["const"]) for part in node["oneOf"])
+        return f"a table with kind (one of {names}) and the keys of that kind"
+    if options(node):
+        *first, last = (quoted(o) for o in options(node))
+        return f"{', '.join(first)} or {last}" if first else last
+    if node.get("type") in ("number", "integer"):
+        return numbers(node, "a ", "number" if node["type"] == "number" else "whole number", rest)
+    if node.get("type") == "array":
+        return _list(node, rest)
+    if "properties" in node:
+        return f"a table with {', '.join(node['properties'])}"
+    if isinstance(item := node.get("additionalProperties"), Mapping):
+        if "properties" in item:
+            return f"a table of tables by name, each with {', '.join(item['properties'])}"
+        return f"a table of values by name, each {allowed({**item, **rest})}"
+    return {"string": "a text in quotes", "object": "a table"}.get(node.get("type", ""), "another value")
+
+
+def numbers(node: Mapping[str, Any], article: str, noun: str, rest: Mapping[str, Any]) -> str:
+    """Numbers of a JSON schema with unit, bounds and note, such as "a positive number [m], at most 10"."""
+    words = [text.format(node[name]) for name, text in _BOUNDS.items() if name in node]
+    adjective = "" if words else "finite "
+    if node.get("exclusiveMinimum") == 0:
+        adjective, words = "positive ", words[1:]
+    elif node.get("minimum") == 0:
+        words[0] = "zero or more"
+    unit = f" [{rest['unit']}]" if "unit" in rest else ""
+    if len(words) == 2 and "minimum" in node and "maximum" in node and node["minimum"] != 0:
+        unit, words = f"{unit} from {node['minimum']:g} to {node['maximum']:g}", []
+    bounds = ", " + ", ".join(words) if words else ""
+    return f"{article}{adjective}{noun}{unit}{bounds}" + (f", {rest['note']}" if "note" in rest else "")
+
+
+def _list(node: Mapping[str, Any], rest: Mapping[str, Any]) -> str:
+    item = node.get("items") or node["prefixItems"][0]
+    if "properties" in item or "oneOf" in item:
+        return f"a list of tables with {', '.join(item.get('properties', ()))}"
+    if item.get("type") == "array":
+        return f"a list of lists, each {allowed({**item, **rest})}"
+    noun = {"number": "numbers", "integer": "whole numbers"}.get(item.get("type", ""))
+    if noun is None:
+        return "a list of texts in quotes"
+    count = len(node.get("prefixItems", ()))
+    return numbers(item, f"{_COUNTS.get(count, str(count))} " if count else "a list of ", noun, rest)

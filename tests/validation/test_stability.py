@@ -1,0 +1,129 @@
+"""Stability of solved states, against Euler's column and the potential of the forces."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.model.robot import Disks
+from tdcr_fe.solve.simulate import Simulation
+from tdcr_fe.solve.stability import stability, strain_tangent
+from tdcr_fe.validation.paper.cases import MODELS, paper_case
+from tdcr_fe.validation.paper.critical import euler_load
+from tdcr_fe.validation.paper.signs import three_tendon_robot
+
+ROBOT = paper_case("fig3").robot
+EULER = euler_load(ROBOT)
+
+
+def solved(robot, model, *steps):
+    targets = resolve(robot, steps)
+    simulation = Simulation(robot, model, targets)
+    for target in targets:
+        simulation.advance(target)
+    return simulation
+
+
+def push(share):
+    return LoadStep("push", loads={"tip": Load(ROBOT.backbone.length, (0.0, 0.0, -share * EULER))})
+
+
+def column_eigenvalue(share):
+    """Straight cantilever under a share of Euler's load P_E: w with ``1 - w = P/P_E (1 - P/EA + P/((1 - w) GA))``.
+
+    The second variation, ``(1 - w) (EI phi'^2 + GA g^2) - P (1 - P/EA) phi^2 - 2 P g phi`` along the rod, least over
+    the shear g; phi goes with ``sin(pi s / (2 L))``.
+    """
+    b = ROBOT.backbone
+    p = share * EULER
+    rest = share
+    for _ in range(5):
+        rest = share * (1.0 - p / b.EA + p / (rest * b.GA))
+    return 1.0 - rest
+
+
+@pytest.mark.parametrize("share", [1e-6, 0.25, 0.5, 0.9])
+def test_column_has_the_eigenvalue_one_minus_load_over_eulers_load(share):
+    found = stability(solved(ROBOT, MODELS["discrete"], push(share)))
+    assert found.smallest == pytest.approx(1.0 - share, abs=3e-6)
+    assert found.smallest == pytest.approx(column_eigenvalue(share), abs=2e-7)
+    assert found.divergence == pytest.approx(found.smallest, abs=1e-9)
+    assert found.stable
+
+
+def test_error_of_the_column_falls_with_order_four_of_the_mesh():
+    """Slope of the log error over log elements; one bay as long as the column."""
+    column = replace(ROBOT, disks=Disks((ROBOT.backbone.length,)), tendons=())
+    n = np.array([2, 4, 8])
+    errors = [
+        stability(solved(column, Model("straight", "none", int(k)), push(0.9))).smallest
+        - column_eigenvalue(0.9)
+        for k in n
+    ]
+    assert np.diff(np.log(errors)) / np.diff(np.log(n)) == pytest.approx([-4.0, -4.0], abs=0.1)
+    assert errors[0] < 4e-3
+
+
+def test_mode_of_the_column_is_a_quarter_cosine():
+    """1 - cos(pi s / (2 L)), in some horizontal direction."""
+    simulation = solved(ROBOT, MODELS["discrete"], push(0.5))
+    found = stability(simulation)
+    side = np.linalg.norm(found.mode[:, :2], axis=1)
+    s = simulation.handle.arc_lengths / ROBOT.backbone.length
+    assert side == pytest.approx(1.0 - np.cos(0.5 * np.pi * s), abs=2e-3)
+    assert np.max(np.abs(found.mode[:, 2])) < 1e-6
+
+
+@pytest.mark.parametrize("key", ["classical", "discrete"])
+def test_tangent_without_friction_is_symmetric_however_far_the_robot_bends(key):
+    """The forces have a potential."""
+    side = LoadStep("side", loads={"tip": Load(0.25, (0.0, 0.3, 0.0))})
+    found = stability(solved(ROBOT, MODELS[key], LoadStep("pull", {"t1": 1.5}), side))
+    assert found.asymmetry < 1e-6
+    assert 0.5 < found.smallest < 1.0
+
+
+def test_tangent_is_the_derivative_of_the_potential():
+    """Second difference of elastic energy, tendon work and load work along the softest mode."""
+    simulation = solved(ROBOT, MODELS["discrete"], LoadStep("pull", {"t1": 1.5}), push(0.3))
+    tangent, _ = strain_tangent(simulation.system, simulation.state)
+    space, unknowns = simulation.system.layout.space, simulation.state.configuration.unknowns
+    mesh = simulation.handle.mesh
+    direction = (
+        np.sin(np.arange(unknowns.twists[0].size)) * np.sqrt(mesh.lengths[:, None] / mesh.stiffness).ravel()
+    )
+    rest, twists = mesh.reference_twists, unknowns.twists[0]
+
+    def potential(step):
+        moved = space.build(unknowns._replace(twists=(twists + step * direction.reshape(-1, 6),)))
+        change = moved.twists[0] - rest
+        elastic = 0.5 * np.sum(change**2 * mesh.stiffness / mesh.lengths[:, None])
+        return elastic + 1.5 * np.sum(moved.measured[0].shape.lengths) + 0.3 * EULER * moved.positions[-1][2]
+
+    h = 1e-3
+    second = (potential(h) - 2.0 * potential(0.0) + potential(-h)) / h**2
+    assert direction @ tangent @ direction == pytest.approx(second, rel=1e-5)
+
+
+def test_friction_makes_the_tangent_unsymmetric():
+    found = stability(solved(ROBOT, MODELS["per-hole"], LoadStep("pull", {"t1": 1.5})))
+    assert found.asymmetry > 1e-3
+    assert found.divergence >= found.smallest - 1e-12
+
+
+def test_prescribed_displacements_stiffen_the_robot():
+    """Driven by displacement, only changes of shape that keep the lengths of the tendons are free."""
+    robot = three_tendon_robot().with_tendons(friction_coefficient=0.0)
+    free = solved(robot, MODELS["discrete"], LoadStep("", {"t1": 0.5, "t2": 0.5, "t3": 0.5}), push(0.5))
+    pulled = dict(zip(robot.tendon_names, free.displacement.tolist(), strict=True))
+    held = solved(
+        robot,
+        MODELS["discrete"],
+        LoadStep("", {"t1": 0.5, "t2": 0.5, "t3": 0.5}),
+        push(0.5),
+        LoadStep("", displacements=pulled),
+    )
+    assert stability(held).smallest > stability(free).smallest + 0.1

@@ -1,0 +1,143 @@
+"""Compare what the program computes now with what is stored, and say what moved, by how much, and where."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from tdcr_fe.validation.net.parts import PARTS, Record
+from tdcr_fe.validation.net.storage import read_part, solve_all
+
+#: Sizes below which a quantity does not become the measure of its movements [m, N].
+SIZES = {
+    "positions": 0.1,
+    "displacements": 0.1,
+    "slips": 0.1,
+    "estimates": 0.1,
+    "tip_position": 0.1,
+    "tensions": 0.1,
+    "forces": 0.1,
+}
+#: Those of other quantities.
+OTHER_SIZE = 1e-3
+IDENTICAL, WITHIN, BEYOND = "identical", "within tolerance", "beyond tolerance"
+
+
+class Difference(NamedTuple):
+    """One quantity of one case that is not the stored one."""
+
+    part: str
+    case: str
+    quantity: str
+    step: int | None  # from 1, where the movement is largest
+    place: str
+    size: float  # of the movement over that of the quantity; infinite where a text, a shape or a verdict has changed
+    text: str
+    tolerance: float
+
+    @property
+    def beyond(self) -> bool:
+        """Whether it is more than the tolerance of its part."""
+        return not self.size <= self.tolerance
+
+    def __str__(self) -> str:
+        at = "" if self.step is None else f", step {self.step}"
+        place = f" {self.place}" if self.place else ""
+        return f"{self.part} | {self.case}{at} | {self.quantity}{place} | {self.text}"
+
+
+def differences(part: str, case: str, stored: Record, found: Record, tolerance: float) -> list[Difference]:
+    """What differs between two records of a case, one difference a quantity."""
+    moved = []
+    for quantity in sorted({*stored, *found}):
+        a, b = stored.get(quantity, "nothing"), found.get(quantity, "nothing")
+        difference = _text(a, b) if isinstance(a, str) or isinstance(b, str) else _numbers(quantity, a, b)
+        if difference is not None:
+            moved.append(Difference(part, case, quantity, *difference, tolerance))
+    return moved
+
+
+def _text(a: object, b: object) -> tuple[int | None, str, float, str] | None:
+    """Difference of two texts, or of a text and numbers."""
+    was, now = ((x if isinstance(x, str) else "numbers") for x in (a, b))
+    if was == now and isinstance(a, str) and isinstance(b, str):
+        return None
+    steps = zip(was.split("/"), now.split("/"), strict=False)
+    step = next((k for k, (x, y) in enumerate(steps, start=1) if x != y), None) if "/" in was else None
+    if step is not None:
+        was, now = was.split("/")[step - 1], now.split("/")[step - 1]
+    return step, "", float("inf"), f"{was[:80]!r} is now {now[:80]!r}"
+
+
+def _numbers(quantity: str, a: np.ndarray, b: np.ndarray) -> tuple[int | None, str, float, str] | None:
+    """Largest movement of numbers, and where it is."""
+    if a.shape != b.shape:
+        return None, "", float("inf"), f"shape {a.shape} is now {b.shape}"
+    same = (a == b) | (np.isnan(a) & np.isnan(b))
+    if same.all():
+        return None
+    size = max(float(np.nanmax(np.abs(a), initial=0.0)), SIZES.get(quantity, OTHER_SIZE))
+    gap = np.where(same, 0.0, np.abs(a - b))
+    gap[np.isnan(gap)] = np.inf
+    at = np.unravel_index(int(gap.argmax()), gap.shape)
+    step, place = int(at[0]) + 1, str([int(k) for k in at[1:]]) if len(at) > 1 else ""
+    text = f"{a[at]:.12g} is now {b[at]:.12g}: moved by {gap[at] / size:.1e} of its size"
+    return step, place, float(gap[at] / size), text
+
+
+class Comparison(NamedTuple):
+    """What a comparison found."""
+
+    cases: Mapping[str, int]  # by part
+    differences: Sequence[Difference]
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing moved beyond its tolerance."""
+        return not any(d.beyond for d in self.differences)
+
+    def lines(self, most: int = 10) -> list[str]:
+        """Counts by part, and the largest movements."""
+        moved = {part: {d.case for d in self.differences if d.part == part} for part in self.cases}
+        off = {part: {d.case for d in self.differences if d.part == part and d.beyond} for part in self.cases}
+        lines = [f"{'part':12} {'cases':>6} {IDENTICAL:>10} {WITHIN:>17} {BEYOND:>17}"]
+        for part, count in self.cases.items():
+            numbers = (count - len(moved[part]), len(moved[part]) - len(off[part]), len(off[part]))
+            lines.append(f"{part:12} {count:6} {numbers[0]:10} {numbers[1]:17} {numbers[2]:17}")
+        largest = sorted(self.differences, key=lambda d: -d.size / d.tolerance)
+        lines += [str(d) for d in largest[:most]]
+        if len(largest) > most:
+            kinds = Counter(f"{d.part} {d.quantity}" for d in largest)
+            lines.append(f"{len(largest)} in all: " + ", ".join(f"{n} {k}" for k, n in kinds.most_common(12)))
+        return lines
+
+
+def compare(parts: Sequence[str], folder: Path, *, every: int | None = 1, processes: int = 1) -> Comparison:
+    """Compute parts again and compare them with what is stored.
+
+    Parameters
+    ----------
+    parts
+        Of `PARTS`.
+    folder
+        Of the stored files.
+    every
+        Take only every so many-th case; None takes those of the quick form.
+    processes
+        Number of cases at a time.
+    """
+    stored = {part: read_part(part, folder) for part in parts}
+    tasks = [(part, key) for part in parts for key in list(stored[part])[:: every or PARTS[part].quick]]
+    moved: list[Difference] = []
+    for part, key, record in solve_all(tasks, processes):
+        moved += differences(part, key, stored[part][key], record, PARTS[part].tolerance)
+    missing = [
+        Difference(part, key, "case", None, "", float("inf"), "is new, and not stored", 1.0)
+        for part in parts
+        for key in sorted({*PARTS[part].keys()} - {*stored[part]})
+    ]
+    return Comparison(Counter(part for part, _ in tasks), [*moved, *missing])
