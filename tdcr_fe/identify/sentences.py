@@ -459,6 +459,7 @@ def _explainable(result: IdentificationResult) -> list[str]:
     least, before, after = result.ceiling, result.before_held_out, result.after_held_out
     if least is None:
         return []
+    text: Callable[[float | None], str]
     if before.rms_position is not None and least.rms_position is not None and after.rms_position is not None:
         start, end, low, text = before.rms_position, after.rms_position, least.rms_position, _millimetres
     else:
