@@ -1,6 +1,6 @@
 """What a load step costs, and how far the finite elements are from the independent reference.
 
-``python docs/benchmarks.py`` prints the tables as they stand on the page "Benchmarks", within a minute.
+``python docs/benchmarks.py`` prints the tables of the page "Validation" within a minute.
 """
 
 from __future__ import annotations
@@ -186,7 +186,7 @@ def main() -> None:
         ("2.5 N in one step, no friction", Model(friction="none", elements_per_bay=1), PULL[-1:]),
         ("2.5 N in one step, friction", Model(friction="per-hole", elements_per_bay=1), PULL[-1:]),
         ("up to 2.5 N in five steps and down in five, friction", Model(elements_per_bay=1), PULL + RELEASE),
-        ("the same, two elements a bay", Model(elements_per_bay=2), PULL + RELEASE),
+        ("the same, two elements per bay", Model(elements_per_bay=2), PULL + RELEASE),
     ):
         spent = least_time(lambda model=model, steps=steps: simulate(robot(13), model, steps), 7)  # type: ignore[misc]
         print(f"| {name} | {1e3 * spent:.0f} |", flush=True)

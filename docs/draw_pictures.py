@@ -1,7 +1,6 @@
 """Draw the pictures of the pages, when these are built: those of the demo and of the page "Sweeps".
 
-The gallery draws its own, and ``tdcr-fe paper --docs docs`` writes the page of the paper with its pictures. ``python
-docs/draw_pictures.py`` draws the picture of the README anew, which is shown where no pages are built.
+The gallery draws its own. ``python docs/draw_pictures.py`` draws the picture of the README anew.
 """
 
 from pathlib import Path

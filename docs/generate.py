@@ -11,6 +11,7 @@ import importlib
 import io
 import os
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import redirect_stdout, suppress
 from pathlib import Path
@@ -35,8 +36,8 @@ SECTIONS = {
 #: Public names beside those of ``tdcr_fe``: what these give, and the interfaces of user-defined parts.
 FURTHER = (
     "tdcr_fe.model.routing.Routing",
-    "tdcr_fe.effects.Effect",
-    "tdcr_fe.effects.Parameter",
+    "tdcr_fe.effects.base.Effect",
+    "tdcr_fe.effects.base.Parameter",
     "tdcr_fe.report.plots.shapes",
     "tdcr_fe.report.plots.tensions",
     "tdcr_fe.report.plots.hysteresis",
@@ -62,7 +63,7 @@ def write_generated(folder: Path) -> None:
 def schema(file: str) -> dict[str, Any]:
     """JSON schema of an input file; for the scenario without the effects, which have a table of their own."""
     if file == "sweep":
-        from tdcr_fe.sweeps.schema import sweep_schema
+        from tdcr_fe.sweeps.read import sweep_schema
 
         found = sweep_schema()
     else:
@@ -218,10 +219,30 @@ def commands() -> str:
 
 
 def public_names() -> list[str]:
-    """Every public name with its module, as on the page "API"."""
-    named = [n for n in tdcr_fe.__all__ if not n.startswith("__")]
-    found = [(getattr(tdcr_fe, n), n) for n in named]
-    return [f"{value.__module__}.{name}" for value, name in found] + list(FURTHER)
+    """Every public name with its module, and the classes that these take and give."""
+    public = {name: getattr(tdcr_fe, name) for name in tdcr_fe.__all__ if not name.startswith("__")}
+    loaded = [m for m in sys.modules.values() if re.match(r"tdcr_fe\.(?!elements|solve|report)", m.__name__)]
+    classes = {
+        name: value
+        for module in loaded
+        for name, value in vars(module).items()
+        if isinstance(value, type) and value.__module__ == module.__name__
+    }
+    words = re.findall(
+        r"[A-Z]\w+", " ".join(str(a) for value in public.values() for a in _annotations(value))
+    )
+    found = public | {w: classes[w] for w in words if w in classes and not w.startswith("_")}
+    return list(dict.fromkeys([*(f"{v.__module__}.{name}" for name, v in found.items()), *FURTHER]))
+
+
+def _annotations(value: Any) -> Iterator[Any]:
+    """Of a function or of a class with its methods, but for private fields."""
+    yield from (a for name, a in getattr(value, "__annotations__", {}).items() if not name.startswith("_"))
+    if isinstance(value, type):
+        for name, member in vars(value).items():
+            function = member.fget if isinstance(member, property) else member
+            if not name.startswith("_") and hasattr(function, "__annotations__"):
+                yield function.__annotations__.get("return", "")
 
 
 def api() -> str:

@@ -127,12 +127,7 @@ def capstan_with_adhesion(
         by_base = np.ones((m, h + 1))
         slope.cumprod(axis=1, out=by_base[:, 1:])
         return HoleSlopes(
-            slope,
-            by_mobilisation,
-            -mu * s * multiplied,
-            lambda: -angles * s * multiplied,
-            chain,
-            by_base,
+            slope, by_mobilisation, -mu * s * multiplied, lambda: -angles * s * multiplied, chain, by_base
         )
 
     return tension, slopes

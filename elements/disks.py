@@ -73,11 +73,7 @@ def _cylinder(
 
 
 def base_plate(
-    position: Array,
-    rotation: Array,
-    radius: float,
-    thickness: float,
-    color: Sequence[float],
+    position: Array, rotation: Array, radius: float, thickness: float, color: Sequence[float]
 ) -> Any:
     """Graphics of a base plate, for a ground object.
 

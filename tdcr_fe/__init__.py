@@ -57,9 +57,9 @@ if TYPE_CHECKING:
     from tdcr_fe.native import register as register
     from tdcr_fe.scene.builder import CreateTDCR as CreateTDCR
     from tdcr_fe.scene.handle import TDCR as TDCR
+    from tdcr_fe.scene.linearized import TDCREigenvalues as TDCREigenvalues
     from tdcr_fe.scene.linearized import TDCRLinearized as TDCRLinearized
     from tdcr_fe.scene.loads import PointLoad as PointLoad
-    from tdcr_fe.scene.modes import TDCREigenvalues as TDCREigenvalues
     from tdcr_fe.solve.inverse_statics.inverse import follow_path as follow_path
     from tdcr_fe.solve.inverse_statics.inverse import reach as reach
     from tdcr_fe.solve.load_steps.load_path import StepFailed as StepFailed
@@ -120,8 +120,7 @@ _PUBLIC = {
     "tdcr_fe.solve.simulate": ("simulate",),
     "tdcr_fe.solve.simulation": ("Simulation",),
     "tdcr_fe.solve.stability": ("Stability", "stability"),
-    "tdcr_fe.scene.linearized": ("TDCRLinearized",),
-    "tdcr_fe.scene.modes": ("TDCREigenvalues",),
+    "tdcr_fe.scene.linearized": ("TDCREigenvalues", "TDCRLinearized"),
     "tdcr_fe.solve.statics": ("SolveTDCR", "track_sensitivities"),
     "tdcr_fe.solve.load_steps.load_path": ("StepFailed",),
     "tdcr_fe.sweeps.read": ("read_sweep",),

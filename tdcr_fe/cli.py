@@ -41,7 +41,6 @@ COMMANDS = (
     "tdcr_fe.commands.new:add_new_parser",
     "tdcr_fe.commands.identify:add_identify_parser",
     "tdcr_fe.commands.validate:add_validate_parser",
-    "tdcr_fe.commands.paper:add_paper_parser",
     "tdcr_fe.commands.new:add_schema_parser",
     "tdcr_fe.commands.new:add_completion_parser",
 )

@@ -8,8 +8,7 @@ from typing import Any
 import exudyn as exu
 
 from tdcr_fe.scene.builder import CreateTDCR
-from tdcr_fe.scene.linearized import TDCRLinearized
-from tdcr_fe.scene.modes import TDCREigenvalues
+from tdcr_fe.scene.linearized import TDCREigenvalues, TDCRLinearized
 from tdcr_fe.solve.statics import SolveTDCR
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
 from tdcr_fe.identify.forward import ForwardModel, Task, run_settings, simulate_experiment
 from tdcr_fe.identify.identification import _declared, _prepare
-from tdcr_fe.identify.judge import conclude
+from tdcr_fe.identify.judge import Found, conclude
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.search_state import Search, SearchState
@@ -105,6 +105,6 @@ def with_model(state, values):
     return replace(state.with_fit(best), best=best)
 
 
-def concluded(state, search=None, sigma_estimated=False, **rest):
+def concluded(state, search=None, **found):
     """The result of a search that ended in a state."""
-    return conclude(search or searching(), state, sigma_estimated, 0.0, **rest)
+    return conclude(search or searching(), state, Found(**found))

@@ -8,7 +8,6 @@ from tdcr_fe.identify.result import (
     Estimate,
     IdentificationResult,
     Misfit,
-    Noise,
     Remainder,
     Shapes,
     Structure,
@@ -59,7 +58,7 @@ def result(*effects, angles=(0.1, 0.5, 1.0, 0.6, 0.2, 1.1), **rest):
     )
     residual = (after - before)[:, nodes].ravel()
     shapes = Shapes(
-        ids, ("",) * len(ids), np.array([False] * 5 + [True]), np.array([0.1, 0.2]),
+        np.array([False] * 5 + [True]), np.array([0.1, 0.2]),
         after[:, nodes], before[:, nodes], after[:, nodes], before, after,
     )  # fmt: skip
     experiment = Experiment(ROBOT, Model(), STEPS)
@@ -75,7 +74,7 @@ def result(*effects, angles=(0.1, 0.5, 1.0, 0.6, 0.2, 1.1), **rest):
         "residual_before": residual, "residual_after": 0.0 * residual + 1e-4,
         "sigma": np.full(len(readings), 1e-4), "sigma_estimated": False, "outliers": (),
         "correlation": np.eye(2), "parameter_names": ("a", "b"), "mesh_error": 0.01,
-        "noise": Noise(1.73e-4, 1e-4, None, {"position_x": 1e-4}, False),
+        "noise": Misfit(1.73e-4, None, None, 1.0, rms_by_quantity={"position_x": 1e-4}),
         "shapes": shapes,
         "corrected": with_effects(experiment, {}), "commanded": experiment, "solver": SolverSettings(),
     }  # fmt: skip

@@ -10,7 +10,6 @@ import argparse
 import ast
 import difflib
 import hashlib
-import os
 import sys
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
@@ -139,7 +138,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(names())}"
         print(f"no campaign {name!r}; {hint}", file=sys.stderr)
         return 2
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     campaign = load(name)
     parser = _parser(name, campaign)
     options = parser.parse_args(rest)
@@ -213,7 +211,7 @@ def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argp
                 partial(_run, name, out),
                 store,
                 options.processes,
-                silence_exudyn,
+                start_worker,
                 own_process=False,
                 again=again,
             )
@@ -252,10 +250,12 @@ def _run(name: str, out: Path, case: Any) -> Record:
     return record
 
 
-def silence_exudyn() -> None:
-    """Suppress Exudyn's messages on the terminal."""
+def start_worker() -> None:
+    """One thread for linear algebra, and no messages of Exudyn on the terminal."""
     import exudyn
+    from threadpoolctl import threadpool_limits
 
+    threadpool_limits(1)
     exudyn.config.printToConsole = False
 
 

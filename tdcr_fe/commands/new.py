@@ -153,7 +153,7 @@ def add_schema_parser(commands: Any) -> None:
 def schema(args: argparse.Namespace) -> int:
     """Print the schema."""
     from tdcr_fe.io.keys import json_schema
-    from tdcr_fe.sweeps.schema import sweep_schema
+    from tdcr_fe.sweeps.read import sweep_schema
 
     found = sweep_schema() if args.file == "sweep" else json_schema(args.file)
     print(json.dumps(found, indent=2, ensure_ascii=False))

@@ -43,15 +43,9 @@ NOISE = (1e-4, 1e-2, 0.3)
 
 @dataclass(frozen=True)
 class StepFeatures:
-    """What the regression knows of every load step.
+    """What the regression knows of every load step."""
 
-    Attributes
-    ----------
-    groups : tuple of ndarray, each of shape (K, f)
-        Inputs, inputs of the step before, directions, time.
-    """
-
-    groups: tuple[Array, ...]
+    groups: tuple[Array, ...]  # inputs, inputs of the step before, directions, time, shape (K, f)
 
     @classmethod
     def of(cls, data: MeasuredData) -> StepFeatures:

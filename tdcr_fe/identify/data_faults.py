@@ -16,10 +16,10 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.forward import last_parts
 from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
+from tdcr_fe.identify.result import Jump
+from tdcr_fe.io.cells import number
 from tdcr_fe.io.measured import MeasuredData
-from tdcr_fe.io.spreadsheet import number
 from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.report.environment import quantity
 
 Array = NDArray[np.float64]
 
@@ -51,23 +51,14 @@ MOST_STEPS = 1500
 
 @dataclass(frozen=True)
 class _Grid:
-    """Readings of positions by step, marker and axis; NaN where there is none.
+    """Readings of positions by step, marker and axis; NaN where there is none."""
 
-    Attributes
-    ----------
-    measured, predicted, sigma : ndarray, shape (n_steps, n_markers, 3)
-        By the declared model [m].
-    steps : tuple of int
-        Numbers of the steps.
-    markers : tuple of float
-        Arc lengths [m].
-    """
-
+    # By the declared model [m], shape (n_steps, n_markers, 3)
     measured: Array
     predicted: Array
     sigma: Array
-    steps: tuple[int, ...]
-    markers: tuple[float, ...]
+    steps: tuple[int, ...]  # numbers of the steps
+    markers: tuple[float, ...]  # arc lengths [m]
 
     @classmethod
     def of(cls, problem: FitProblem, declared: Fit) -> _Grid:
@@ -156,7 +147,7 @@ def wrong_sigma(problem: FitProblem, best: Fit) -> str:
     if scatter < 1.0 / WRONG_SIGMA:
         return (
             f"the readings scatter about the model by {scatter:.2g} times their sigma: sigma is too large, and may "
-            "hide what the model lacks"
+            "hide what the model is missing"
         )
     if scatter < WRONG_SIGMA:
         return ""
@@ -168,26 +159,19 @@ def wrong_sigma(problem: FitProblem, best: Fit) -> str:
     if abs(correlation) > 0.1:
         return ""
     return (
-        f"the readings scatter about the model by {scatter:.2g} times their sigma, without any order along the steps: "
+        f"the readings scatter about the model by {scatter:.2g} times their sigma, with no pattern along the steps: "
         "sigma is too small, or the readings are noisier than assumed"
     )
 
 
-def jump_of_residual(problem: FitProblem, best: Fit) -> str:
-    """The clearest jump of the residual that the best model leaves, as a sentence; empty where there is none.
+def jump_of_residual(problem: FitProblem, best: Fit) -> Jump | None:
+    """The clearest jump of the residual that the best model leaves.
 
     Measurements on several days have markers that were glued on again, or a camera that was moved. One coordinate of a
     marker is then off by a constant from a step on, whatever effects the model has.
-
-    Parameters
-    ----------
-    problem
-        Readings with their sigma.
-    best
-        The final model.
     """
     grid = _Grid.of(problem, best)
-    residual, found = grid.measured - grid.predicted, (CLEAR_JUMP, "")
+    residual, found, clearest = grid.measured - grid.predicted, None, CLEAR_JUMP
     for column, axis in itertools.product(range(len(grid.markers)), range(3)):
         read = np.flatnonzero(np.isfinite(residual[:, column, axis]))
         r = residual[read, column, axis]
@@ -197,15 +181,10 @@ def jump_of_residual(problem: FitProblem, best: Fit) -> str:
         sigma = float(np.median(grid.sigma[read, column, axis]))
         clear = abs(size) / max(1.4826 * float(np.median(np.abs(left))), sigma)
         trend = r - np.polyval(np.polyfit(read, r, 1), read)
-        if clear > found[0] and np.sum(np.abs(left)) < BESIDE_TREND * np.sum(np.abs(trend)):
-            where = f"the marker at s = {grid.markers[column]:.4g} m"
-            text = (
-                f"From step {grid.steps[read[k]]} on, the readings of {where} are off by {quantity(size, 'm', 2)} "
-                f"along {'xyz'[axis]} against those before, beside what the model predicts: has the marker moved, or "
-                "was the setup changed?"
-            )
-            found = clear, text
-    return found[1]
+        if clear > clearest and np.sum(np.abs(left)) < BESIDE_TREND * np.sum(np.abs(trend)):
+            clearest = clear
+            found = Jump(grid.steps[read[k]], grid.markers[column], "xyz"[axis], size)
+    return found
 
 
 def _division(r: Array) -> tuple[int, float, Array]:
@@ -273,7 +252,7 @@ def _standing_still(problem: FitProblem, declared: Fit) -> str:
                 at = "" if first.location is None else f" at {_place(first.location)}"
                 text = (
                     f"{first.quantity}{at} is constant at {first.value:.6g} {first.unit} from step {first.step} to "
-                    f"{last.step}, where the model moves by {moves:.0f} sigma: the sensor stands still or is at a limit"
+                    f"{last.step}, where the model moves by {moves:.0f} sigma: the sensor is stuck or saturated"
                 )
                 found.append((run.size, text))
     if not found:
@@ -304,11 +283,11 @@ def _axes(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
             if order == (0, 1, 2) and min(signs) > 0.0:
                 continue
             read = ", ".join(
-                f"{'xyz'[a]} is {'-' if sign < 0.0 else ''}position_{'xyz'[b]}"
+                f"{'xyz'[a]} = {'-' if sign < 0.0 else ''}position_{'xyz'[b]}"
                 for a, b, sign in zip(range(3), order, signs, strict=True)
                 if a != b or sign < 0.0
             )
-            text = f"the readings fit if their axes are others than declared: {read}"
+            text = f"the readings fit if the axes are relabelled: {read}"
             yield grid.measured[..., order] * np.array(signs), 1, text
 
 
@@ -316,8 +295,8 @@ def _markers(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
     for a, b in itertools.combinations(range(len(grid.markers)), 2):
         order = np.arange(len(grid.markers))
         order[[a, b]] = b, a
-        text = f"the readings fit if the marker at s = {grid.markers[a]:g} m and that at s = {grid.markers[b]:g} m are"
-        yield grid.measured[:, order], 1, f"{text} exchanged"
+        text = f"the markers at s = {grid.markers[a]:g} m and s = {grid.markers[b]:g} m are exchanged"
+        yield grid.measured[:, order], 1, f"the readings fit if {text}"
 
 
 def _steps(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
@@ -384,7 +363,7 @@ def _drifts(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
         slope, start = np.polyfit(number, level, 1)
         moved = grid.measured.copy()
         moved[..., axis] -= (start + slope * number)[:, None]
-        text = f"the readings drift along {'xyz'[axis]} by {1e3 * slope:.3g} mm a step, in the order of the steps"
+        text = f"the readings drift along {'xyz'[axis]} by {1e3 * slope:.3g} mm per step, in the order of the steps"
         yield moved, 2, text
 
 
@@ -398,7 +377,7 @@ def _other_drives(problem: FitProblem, declared: Fit) -> Iterator[tuple[float, s
                 ({a.name: b.name, b.name: a.name}, 1.0, f"tendons {a.name} and {b.name} are exchanged")
             )
     if problem.data.driven_by_displacement:
-        changes.append(({}, -1.0, "displacements are counted with the other sign"))
+        changes.append(({}, -1.0, "displacements have the opposite sign"))
     changes = changes[: MOST_STEPS // max(1, len(steps))]
     experiments = [
         replace(problem.experiment, steps=_driven(steps, names, sign)) for names, sign, _ in changes
@@ -454,8 +433,8 @@ def other_sign_solves(problem: FitProblem) -> str:
     if run.solved < len(problem.data.steps):
         return ""
     return (
-        "With all displacements counted with the other sign it does: they are positive where a tendon is pulled in, "
-        "negative where it is let out."
+        "With the opposite sign of all displacements it does: they are positive where a tendon is pulled in, negative "
+        "where it is let out."
     )
 
 

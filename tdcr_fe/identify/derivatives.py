@@ -36,22 +36,12 @@ FEWEST_DIVIDED = 12
 
 
 class Column(NamedTuple):
-    """By what the predictions are differentiated.
-
-    Attributes
-    ----------
-    effect : Effect
-    parameter : str
-    values : mapping
-        Of all its parameters, at which the derivative is taken.
-    step : float
-        Change of the coordinate, where the derivative is a difference of two runs.
-    """
+    """By what the predictions are differentiated."""
 
     effect: Effect
     parameter: str
-    values: Mapping[str, float]
-    step: float
+    values: Mapping[str, float]  # of all its parameters, at which the derivative is taken
+    step: float  # change of the coordinate, where the derivative is a difference of two runs
 
     @property
     def key(self) -> tuple[str, str]:
@@ -60,47 +50,24 @@ class Column(NamedTuple):
 
 
 class Request(NamedTuple):
-    """A model whose predictions are linearised.
-
-    Attributes
-    ----------
-    effects : tuple of Effect
-    values : dict
-        By effect and parameter.
-    columns : tuple of Column
-        Of these effects, or of others at values where they change nothing.
-    reference : Run or None
-        Path that the run follows.
-    record : bool
-        Whether the run keeps its own path.
-    """
+    """A model whose predictions are linearised."""
 
     effects: tuple[Effect, ...]
-    values: Point
-    columns: tuple[Column, ...]
-    reference: Run | None = None
-    record: bool = True
+    values: Point  # by effect and parameter
+    columns: tuple[Column, ...]  # of these effects, or of others at values where they change nothing
+    reference: Run | None = None  # path that the run follows
+    record: bool = True  # whether the run keeps its own path
 
 
 class Linear(NamedTuple):
-    """Predictions around a point, to first order.
+    """Predictions around a point, to first order."""
 
-    Attributes
-    ----------
-    residual : ndarray, shape (n,)
-        Reading less prediction over sigma.
-    matrix : ndarray, shape (n, P)
-        Derivatives of the predictions over sigma by the coordinates of the columns; zero where not solved.
-    run : Run
-        Without its derivatives.
-    differenced : mapping of int to str
-        Columns that are differences of two runs, with the reason.
-    """
-
-    residual: Array
+    residual: Array  # reading less prediction over sigma, shape (n,)
+    # derivatives of the predictions over sigma by the coordinates of the columns; zero where not solved,
+    # shape (n, P)
     matrix: Array
-    run: Run
-    differenced: Mapping[int, str]
+    run: Run  # without its derivatives
+    differenced: Mapping[int, str]  # columns that are differences of two runs, with the reason
 
 
 def linearize(problem: FitProblem, requests: Sequence[Request]) -> list[Linear]:

@@ -104,9 +104,9 @@ def _tip_path(axes: Axes, result: IdentificationResult) -> bool:
 def _runs(result: IdentificationResult) -> list[list[int]]:
     """Positions of the steps of each branch; all of them where branches have no names."""
     found: dict[str, list[int]] = {}
-    for k, name in enumerate(result.shapes.branches):
+    for k, name in enumerate(result.data.branches):
         found.setdefault(name, []).append(k)
-    return list(found.values()) or [list(range(len(result.shapes.step_ids)))]
+    return list(found.values()) or [list(range(len(result.data.step_ids)))]
 
 
 def _connect(axes: Axes, measured: Array, predicted: Array) -> None:
@@ -139,7 +139,7 @@ def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
                 axes.plot(*markers.T, "x", color=colour, ms=4)
             _connect(axes, measured, after)
         _dots(axes, measured[:, 0], measured[:, 1], np.full(len(measured), s.held_out[k]))
-        axes.annotate(f"step {s.step_ids[k]}", (side * float(tip @ across), float(_tip(result)[0][k, 2])),
+        axes.annotate(f"step {result.data.step_ids[k]}", (side * float(tip @ across), float(_tip(result)[0][k, 2])),
                       xytext=(0, 7), textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(y=0.1)

@@ -40,27 +40,15 @@ DIVISIONS = 16
 
 
 class Task(NamedTuple):
-    """What is simulated in one run.
-
-    Attributes
-    ----------
-    experiment : Experiment
-    settings : SolverSettings
-    reference : Trajectory or None
-        Path that the run follows.
-    record : bool
-        Whether the run keeps its own path.
-    parameters : tuple of Parameter
-        By which the run is differentiated, see `tdcr_fe.solve.sensitivities.differences.tabulated`.
-    deadline : float
-        Reading of `tdcr_fe.identify.settings.clock` at which the simulation ends [s].
-    """
+    """What is simulated in one run."""
 
     experiment: Experiment
     settings: SolverSettings
-    reference: Trajectory | None = None
-    record: bool = False
+    reference: Trajectory | None = None  # path that the run follows
+    record: bool = False  # whether the run keeps its own path
+    # by which the run is differentiated, see `tdcr_fe.solve.sensitivities.differences.tabulated`
     parameters: tuple[Parameter, ...] = ()
+    # reading of `tdcr_fe.identify.settings.clock` at which the simulation ends [s]
     deadline: float = math.inf
 
 
@@ -239,23 +227,12 @@ CACHE = 24
 
 
 class Job(NamedTuple):
-    """One simulation asked for.
-
-    Attributes
-    ----------
-    experiment : Experiment
-    reference : Run or None
-        A neighbouring run with its trajectory, used as reference path.
-    record : bool
-        Record the trajectory.
-    parameters : tuple of Parameter
-        By which the run is differentiated.
-    """
+    """One simulation asked for."""
 
     experiment: Experiment
-    reference: Run | None = None
-    record: bool = False
-    parameters: tuple[Parameter, ...] = ()
+    reference: Run | None = None  # A neighbouring run with its trajectory, used as reference path
+    record: bool = False  # record the trajectory
+    parameters: tuple[Parameter, ...] = ()  # by which the run is differentiated
 
     def task(self, settings: SolverSettings, deadline: float) -> Task:
         """What the process is given."""

@@ -11,7 +11,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.criteria import residual_is_noise, robust_threshold, unusable_data
 from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.judge import conclude
+from tdcr_fe.identify.judge import Found, conclude
 from tdcr_fe.identify.law_search import LEAST_ITERATIONS, find_law
 from tdcr_fe.identify.load_steps import choose_held_out, held_out_branches
 from tdcr_fe.identify.long_data import (
@@ -24,9 +24,9 @@ from tdcr_fe.identify.long_data import (
     without_friction,
 )
 from tdcr_fe.identify.next_experiment import choose_next
-from tdcr_fe.identify.noise import estimate_sigma, find_input_scatter
+from tdcr_fe.identify.noise import estimate_sigma, find_input_noise
 from tdcr_fe.identify.problem import FitProblem, evaluate, fit_of_run, refine
-from tdcr_fe.identify.result import FoundLaw, IdentificationResult, InputScatter, NextExperiment
+from tdcr_fe.identify.result import FoundLaw, IdentificationResult, InputNoise, NextExperiment
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.search import search_effects, with_intermediate_models
 from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short, in_time
@@ -35,7 +35,7 @@ from tdcr_fe.identify.settings import (
     FAULTS,
     FRICTION,
     FURTHER_EFFECTS,
-    INPUT_SCATTER,
+    INPUT_NOISE,
     NEXT_EXPERIMENT,
     IdentifySettings,
     OutOfTime,
@@ -102,63 +102,29 @@ def identify(
             prepared = _prepare(without_unread_steps(data), settings, forward)
             state = _declared(prepared.searched, prepared.run)
             schedule = Schedule.of(begun, settings.time_limit, prepared.all_steps, prepared.with_friction)
-            found = _search(search, state, prepared, schedule)
+            state, found = _search(search, state, prepared, schedule)
             search.report("conclusions", 0.97)
     except _Interrupted as interruption:  # the workers have ended
-        found, prepared = _Found(interruption.state), interruption.prepared
-    return conclude(
-        replace(search, deadline=begun + settings.time_limit),
-        found.state,
-        prepared.sigma_estimated,
-        begun,
-        found.law,
-        found.next_experiment,
-        prepared.rows,
-        found.input_scatter,
-    )
+        state, found, prepared = interruption.state, Found(), interruption.prepared
+    found = found._replace(rows=prepared.rows, sigma_estimated=prepared.sigma_estimated)
+    return conclude(replace(search, deadline=begun + settings.time_limit), state, found, begun)
 
 
 class _Prepared(NamedTuple):
-    """What a search begins with.
+    """What a search begins with."""
 
-    Attributes
-    ----------
-    problem : FitProblem
-        Of all load steps.
-    searched : FitProblem
-        Of those that the search uses, with mesh and path fine enough; the same readings where it uses all.
-    run : Run
-        Of the declared model, in that problem.
-    rows : RowChoice or None
-        Load steps that the search uses; None for all.
-    frictional : FitProblem or None
-        Where the search runs without friction: what its end runs with.
-    sigma_estimated : bool
-        Whether any sigma was not given.
-    all_steps : float
-        About how long a run over all load steps takes, where the search uses some of them; else zero [s].
-    with_friction : float
-        About how long a run with friction over the chosen load steps takes, where the search runs without; else zero
-        [s].
-    """
-
-    problem: FitProblem
+    problem: FitProblem  # of all load steps
+    # of those that the search uses, with mesh and path fine enough; the same readings where it uses all
     searched: FitProblem
-    run: Run
-    rows: RowChoice | None
-    frictional: FitProblem | None
-    sigma_estimated: bool
+    run: Run  # of the declared model, in that problem
+    rows: RowChoice | None  # load steps that the search uses; None for all
+    frictional: FitProblem | None  # where the search runs without friction: what its end runs with
+    sigma_estimated: bool  # whether any sigma was not given
+    # about how long a run over all load steps takes, where the search uses some of them; else zero [s]
     all_steps: float = 0.0
+    # about how long a run with friction over the chosen load steps takes, where the search runs without; else
+    # zero [s]
     with_friction: float = 0.0
-
-
-class _Found(NamedTuple):
-    """What a search has found: its last state, a law on no list, the experiment that helps most, scatter of inputs."""
-
-    state: SearchState
-    law: FoundLaw | None = None
-    next_experiment: NextExperiment | None = None
-    input_scatter: InputScatter | None = None
 
 
 class _Interrupted(KeyboardInterrupt):
@@ -169,7 +135,9 @@ class _Interrupted(KeyboardInterrupt):
         self.state, self.prepared = state, prepared
 
 
-def _search(search: Search, state: SearchState, prepared: _Prepared, schedule: Schedule) -> _Found:
+def _search(
+    search: Search, state: SearchState, prepared: _Prepared, schedule: Schedule
+) -> tuple[SearchState, Found]:
     """Run the search to its end, with a law where effects do not suffice; an interruption carries the last state.
 
     A search on some of the load steps ends with a fit to all of them.
@@ -179,33 +147,32 @@ def _search(search: Search, state: SearchState, prepared: _Prepared, schedule: S
     latest = schedule.end + schedule.grace
     try:
         if unusable_data(state.problem, state.declared):
-            return _Found(state)
+            return state, Found()
         state = _with_data_fault(state.ending_at(latest))
         if state.data_fault:
-            return _Found(state)
+            return state, Found()
         state = state.ending_at(schedule.search + schedule.grace)
         listed = replace(search, deadline=schedule.search, laws=prepared.rows is None)
         for latest_state in search_effects(listed, state):
             state = latest_state
         state = cut_short(listed, with_intermediate_models(state), FURTHER_EFFECTS)
         whole = replace(search, deadline=schedule.end)
+        law = None
         if prepared.rows is None:
             # A law may take as many iterations to find as the listed effects took.
-            law, state = _law(
-                whole, state.ending_at(latest), max(LEAST_ITERATIONS, forward.iterations - begun)
-            )
+            most = max(LEAST_ITERATIONS, forward.iterations - begun)
+            law, state = _law(whole, state.ending_at(latest), most)
             planned, state = _planned(whole, state)
-            scatter, state = _input_scatter(whole, state)
-            return _Found(state, law, planned, scatter)
-        planned, state = _planned(whole, state.ending_at(schedule.friction + schedule.grace))
-        if prepared.frictional is not None:
-            frictional = replace(prepared.frictional, deadline=schedule.friction + schedule.grace)
-            own = replace(search, deadline=schedule.friction)
-            for latest_state in in_time(state, restore_friction(own, state, frictional), FRICTION):
-                state = latest_state
-        state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
-        scatter, state = _input_scatter(whole, state)
-        return _Found(state, None, planned, scatter)
+        else:
+            planned, state = _planned(whole, state.ending_at(schedule.friction + schedule.grace))
+            if prepared.frictional is not None:
+                frictional = replace(prepared.frictional, deadline=schedule.friction + schedule.grace)
+                own = replace(search, deadline=schedule.friction)
+                for latest_state in in_time(state, restore_friction(own, state, frictional), FRICTION):
+                    state = latest_state
+            state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
+        noise, state = _input_noise(whole, state)
+        return state, Found(law, planned, noise)
     except KeyboardInterrupt:
         last = replace(state, interrupted=True)
         last = last.with_history("interrupted; what was found until then is reported")
@@ -221,7 +188,7 @@ def _with_data_fault(state: SearchState) -> SearchState:
 
 
 def _law(search: Search, state: SearchState, iterations: int) -> tuple[FoundLaw | None, SearchState]:
-    """A law on no list, if the time suffices."""
+    """An unlisted law, if the time suffices."""
     try:
         law, state = find_law(search, state, iterations)
     except OutOfTime:
@@ -237,14 +204,14 @@ def _planned(search: Search, state: SearchState) -> tuple[NextExperiment | None,
         return None, state.without_trying(NEXT_EXPERIMENT)
 
 
-def _input_scatter(search: Search, state: SearchState) -> tuple[InputScatter | None, SearchState]:
+def _input_noise(search: Search, state: SearchState) -> tuple[InputNoise | None, SearchState]:
     """Scatter of the inputs that would account for what is left, where that is not noise, if the time suffices."""
     if residual_is_noise(state.problem, state.best, search.significance):
         return None, state
     try:
-        return find_input_scatter(state.problem, state.best), state
+        return find_input_noise(state.problem, state.best), state
     except OutOfTime:
-        return None, state.without_trying(INPUT_SCATTER)
+        return None, state.without_trying(INPUT_NOISE)
 
 
 def _prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> _Prepared:

@@ -27,6 +27,7 @@ from tdcr_fe.identify.noise import outliers, structure
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import (
     NOT_EVALUATED,
+    NOT_KNOWN,
     THE_DATA,
     THE_INPUTS,
     THE_NOISE,
@@ -34,90 +35,81 @@ from tdcr_fe.identify.result import (
     Estimate,
     FoundLaw,
     IdentificationResult,
-    InputScatter,
+    InputNoise,
     Misfit,
     NextExperiment,
-    Noise,
     Remainder,
     SetErrors,
     Shapes,
     Structure,
     Verdict,
+    tip_force,
 )
 from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.identify.settings import CEILING, MAY_EXPLAIN, clock
 from tdcr_fe.model.interpolation import interpolate_positions
+from tdcr_fe.model.loading import LoadStep
 
 Array = NDArray[np.float64]
 
 
-#: What remains where errors of the inputs account for it.
-INPUTS_EXPLAIN = "errors of the inputs, other ones in every step, would account for all that is left"
+#: What remains where errors of the inputs account for it, and where nothing remains.
+INPUTS_EXPLAIN = (
+    "random errors of the inputs, independent in every step, would explain all of the remaining error"
+)
+ONLY_NOISE = "what is left has the size and the structure of the noise"
 
 
-def conclude(
-    search: Search,
-    state: SearchState,
-    sigma_estimated: bool,
-    begun: float,
-    law: FoundLaw | None = None,
-    next_experiment: NextExperiment | None = None,
-    rows: RowChoice | None = None,
-    input_scatter: InputScatter | None = None,
-) -> IdentificationResult:
+class Found(NamedTuple):
+    """What an identification has found besides the last state of its search."""
+
+    law: FoundLaw | None = None  # unlisted, and part of the state's best model
+    next_experiment: NextExperiment | None = None
+    input_noise: InputNoise | None = None
+    rows: RowChoice | None = None  # load steps that the search used; None for all
+    sigma_estimated: bool = False  # whether any sigma was not given
+
+
+def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.0) -> IdentificationResult:
     """What a search has found.
 
-    Parameters
-    ----------
-    search, state
-        The search, with the deadline of these conclusions, and its last state.
-    sigma_estimated
-        Whether any sigma was not given.
-    begun
-        Reading of `tdcr_fe.identify.settings.clock` at the begin of the identification [s].
-    law
-        On no list, and part of the state's best model.
-    next_experiment
-        That helps most.
-    rows
-        Load steps that the search used; None for all.
-    input_scatter
-        That would account for a part of what is left.
+    ``search``: with the deadline of these conclusions; ``begun``: reading of the clock when the identification began.
     """
     wall_time = clock() - begun
     problem, best, declared = state.problem, state.best, state.declared
     data, held_out, fitted = problem.data, problem.held_out, problem.fitted
-    judged = _judged(search, state, law, input_scatter)
-    doubtful = bool(judged.insufficient or judged.faulty)
-    state, ceiling = (state, None) if doubtful else _with_ceiling(search, state)
+    judged = _judged(search, state, found)
+    if not (judged.insufficient or judged.faulty):
+        state, ceiling = _with_ceiling(search, state)
+    else:
+        ceiling = None
     tests = structure(data, best.residual, len(best.free))
     spread = covariance(problem, best)
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
-    moment, edges = missing_moment(problem, best)
     held_ids = sorted({data.readings[i].step for i in np.flatnonzero(held_out)}, key=data.step_ids.index)
     corrected = problem.with_effects(best.effects, best.values)
     declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
     return IdentificationResult(
         data=data,
-        verdict=_verdict(state, judged, law),
+        verdict=_verdict(state, judged, found.law),
         effects=added_effects(search, state, deviation),
         before_fit=problem.misfit(declared.residual, fitted),
         before_held_out=problem.misfit(declared.residual, held_out),
         after_fit=problem.misfit(best.residual, fitted, len(best.free)),
         after_held_out=problem.misfit(best.residual, held_out),
         held_out_steps=tuple(held_ids),
-        remaining=_remaining(state, judged, tests, moment, edges),
+        remaining=_remaining(state, judged, tests),
         candidates=state.candidates,
         structure=tests[:12],
         residual_before=declared.residual * problem.sigma,
         residual_after=best.residual * problem.sigma,
         sigma=problem.sigma,
-        sigma_estimated=sigma_estimated,
+        sigma_estimated=found.sigma_estimated,
         outliers=outliers(best.residual),
         correlation=spread / np.maximum(np.outer(deviation, deviation), 1e-300),
         parameter_names=tuple(f"{a}.{b}" for a, b in best.free),
         mesh_error=problem.mesh_error,
-        noise=_noise(problem, sigma_estimated),
+        noise=problem.misfit(np.ones(problem.count), np.ones(problem.count, dtype=bool)),
         shapes=_shapes(problem, declared, best, set(held_ids)),
         corrected=replace(corrected, model=declared_mesh),
         commanded=problem.experiment,
@@ -129,11 +121,11 @@ def conclude(
         interrupted=state.interrupted,
         history=state.history,
         catalogue=problem.catalogue,
-        law=law,
-        next_experiment=next_experiment,
-        input_scatter=input_scatter,
-        jump="" if judged.explained or judged.faulty else jump_of_residual(problem, best),
-        searched=None if rows is None else rows.described(data),
+        law=found.law,
+        next_experiment=found.next_experiment,
+        input_noise=found.input_noise,
+        jump=None if judged.explained or judged.faulty else jump_of_residual(problem, best),
+        searched=None if found.rows is None else found.rows.described(data),
         by_set=_by_set(problem, declared, best),
         ceiling=ceiling,
         path=best.run.trajectory,
@@ -141,24 +133,15 @@ def conclude(
 
 
 class _Judgement(NamedTuple):
-    """What is to be thought of the data and of what is left.
+    """What is to be thought of the data and of what is left."""
 
-    Attributes
-    ----------
-    explained : bool
-        Whether what is left is noise.
-    insufficient, faulty : str
-        Why the data do not suffice, and their fault; empty where they do, and have none.
-    inputs_explain : bool
-        Whether errors of the inputs account for all that is left.
-    unknown_noise : str
-        Why what the declared model leaves cannot be told from noise, although it looks like noise; empty where it can.
-    """
-
-    explained: bool
+    explained: bool  # whether what is left is noise
+    # Why the data do not suffice, and their fault; empty where they do, and have none
     insufficient: str
     faulty: str
-    inputs_explain: bool
+    inputs_explain: bool  # whether errors of the inputs account for all that is left
+    # why what the declared model leaves cannot be told from noise, although it looks like noise; empty where
+    # it can
     unknown_noise: str = ""
 
     @property
@@ -167,15 +150,13 @@ class _Judgement(NamedTuple):
         return bool(self.insufficient or self.faulty or self.inputs_explain or self.unknown_noise)
 
 
-def _judged(
-    search: Search, state: SearchState, law: FoundLaw | None, input_scatter: InputScatter | None
-) -> _Judgement:
+def _judged(search: Search, state: SearchState, found: Found) -> _Judgement:
     """What is to be thought of the data and of what is left."""
     problem, best = state.problem, state.best
     explained = residual_is_noise(problem, best, search.significance)
     insufficient = insufficient_data(problem, state.declared, best, explained)
-    alone = not (insufficient or best.effects or law)
-    inputs_explain = alone and input_scatter is not None and input_scatter.explains_all
+    alone = not (insufficient or best.effects or found.law)
+    inputs_explain = alone and found.input_noise is not None and found.input_noise.explains_all
     faulty = state.data_fault or (wrong_sigma(problem, best) if alone and not inputs_explain else "")
     unknown_noise = mostly_estimated_noise(problem.data) if explained and alone and not faulty else ""
     return _Judgement(explained, insufficient, faulty, inputs_explain, unknown_noise)
@@ -193,16 +174,16 @@ def _with_ceiling(search: Search, state: SearchState) -> tuple[SearchState, Misf
 def _verdict(state: SearchState, judged: _Judgement, law: FoundLaw | None) -> Verdict:
     """The verdict."""
     if state.interrupted:
-        return "unfinished"
+        return Verdict.UNFINISHED
     if judged.undecided:
-        return "cannot tell"
+        return Verdict.CANNOT_TELL
     if not judged.explained and not MAY_EXPLAIN.isdisjoint(state.not_tried):
-        return "unfinished"
+        return Verdict.UNFINISHED
     if not judged.explained:
-        return "partly explained" if state.best.effects or law is not None else "unexplained"
+        return Verdict.PARTLY_EXPLAINED if state.best.effects or law is not None else Verdict.UNEXPLAINED
     if law is not None:
-        return "explained by a law found"
-    return "explained" if state.best.effects else "nothing missing"
+        return Verdict.LAW_FOUND
+    return Verdict.EXPLAINED if state.best.effects else Verdict.NOTHING_MISSING
 
 
 def _by_set(problem: FitProblem, declared: Fit, best: Fit) -> tuple[SetErrors, ...]:
@@ -216,13 +197,6 @@ def _by_set(problem: FitProblem, declared: Fit, best: Fit) -> tuple[SetErrors, .
         found.append(SetErrors(name, first + 1, first + count, *misfits))
         first += count
     return tuple(found)
-
-
-def _noise(problem: FitProblem, estimated: bool) -> Noise:
-    """Noise given by sigma, in the measures of a misfit."""
-    all_readings = np.ones(len(problem.readings.values), dtype=bool)
-    size = problem.misfit(np.ones(len(problem.readings.values)), all_readings)
-    return Noise(size.rms_position, size.rms_coordinate, size.rms_angle, size.rms_by_quantity, estimated)
 
 
 def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Shapes:
@@ -247,8 +221,6 @@ def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Sh
         seen[: len(fit.run.positions)] = observation.seen(fit.run.positions)
         backbones.append(seen)
     return Shapes(
-        step_ids=data.step_ids,
-        branches=data.branches,
         held_out=np.array([n in held_out for n in data.step_ids]),
         arc_lengths=locations,
         measured=table[0],
@@ -259,30 +231,25 @@ def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Sh
     )
 
 
-def _remaining(
-    state: SearchState,
-    judged: _Judgement,
-    tests: Sequence[Structure],
-    moment: Array,
-    edges: Array,
-) -> Remainder:
+def _remaining(state: SearchState, judged: _Judgement, tests: Sequence[Structure]) -> Remainder:
     """Location and kind of the remaining error, as texts."""
     problem = state.problem
+    moment, edges = missing_moment(problem, state.best)
     if judged.faulty:
-        return Remainder(THE_DATA, judged.faulty, moment, edges)
-    if judged.insufficient:
-        return Remainder("not known", judged.insufficient, moment, edges)
-    if judged.inputs_explain:
-        return Remainder(THE_INPUTS, INPUTS_EXPLAIN, moment, edges)
-    if judged.unknown_noise:
-        return Remainder(THE_NOISE, judged.unknown_noise, moment, edges)
-    if judged.explained:
-        text = "what is left has the size and the structure of the noise"
-        return Remainder("nowhere", text, moment, edges)
-    where, text = describe_moment(problem, moment, edges)
-    significant = [t for t in tests if t.p_value < 1e-4][:3]
-    if significant:
-        text += "; the residual is largest in: " + ", ".join(t.group for t in significant)
+        where, text = THE_DATA, judged.faulty
+    elif judged.insufficient:
+        where, text = NOT_KNOWN, judged.insufficient
+    elif judged.inputs_explain:
+        where, text = THE_INPUTS, INPUTS_EXPLAIN
+    elif judged.unknown_noise:
+        where, text = THE_NOISE, judged.unknown_noise
+    elif judged.explained:
+        where, text = "nowhere", ONLY_NOISE
+    else:
+        where, text = describe_moment(problem, moment, edges)
+        significant = [t.group for t in tests if t.p_value < 1e-4][:3]
+        if significant:
+            text += "; the residual is largest in: " + ", ".join(significant)
     return Remainder(where, text, moment, edges)
 
 
@@ -326,14 +293,7 @@ def added_effects(search: Search, state: SearchState, deviation: Array) -> tuple
 def separating_experiments(e: Effect, rivals: Sequence[str], catalogue: Sequence[Effect]) -> str:
     """Experiments that separate an effect from its rivals, those of each listed effect once; empty without rivals.
 
-    Parameters
-    ----------
-    e
-        In the final model.
-    rivals
-        Names of effects that explain the data as well, which may be other forms of the same listed effect.
-    catalogue
-        The candidates.
+    Rivals may be other forms of the same listed effect.
     """
     if not rivals:
         return ""
@@ -385,49 +345,14 @@ def missing_moment(problem: FitProblem, fit: Fit) -> tuple[Array, Array]:
     """
     edges = problem.data.robot.bay_edges
     bays = len(edges) - 1
-    data, run = problem.data, fit.run
-    experiment = problem.with_effects(fit.effects, fit.values)
-    moment = np.zeros((len(data.steps), bays, 2))
-    stiffness = experiment.robot.backbone.EI
-    difference = np.diff(np.eye(bays), n=1, axis=0)
-    smooth = np.kron(difference, np.eye(2))
-    width = np.diff(edges)
-    middle = 0.5 * (edges[1:] + edges[:-1])
+    moment = np.zeros((len(problem.data.steps), bays, 2))
+    stiffness = problem.with_effects(fit.effects, fit.values).robot.backbone.EI
+    smooth = np.kron(np.diff(np.eye(bays), n=1, axis=0), np.eye(2))
     prior = 1e-3 * np.eye(2 * bays)
-    for k in range(run.solved):
-        mine = np.flatnonzero(problem.readings.reader.step == k)
-        mine = mine[np.isfinite(fit.residual[mine])]
-        rows, right = [], []
-        p, rot = run.positions[k], run.rotations[k]
-        centres = interpolate_positions(run.s, p, rot, middle)
-        node = [int(np.argmin(np.abs(run.s - m))) for m in middle]
-        axes = rot[node][:, :, :2]
-        for i in mine:
-            r = data.readings[i]
-            row = np.zeros((bays, 2))
-            if r.quantity.startswith("position_") and isinstance(r.location, float):
-                x = interpolate_positions(run.s, p, rot, np.array([r.location]))[0]
-                axis = "xyz".index(r.quantity[-1])
-                share = np.clip((r.location - edges[:-1]) / width, 0.0, 1.0)
-                arm = np.cross(np.swapaxes(axes, 1, 2), (x - centres)[:, None, :])[:, :, axis]
-                row = arm * (share * width)[:, None]
-            elif r.quantity == "bending_angle":
-                t = rot[-1][:, 2]
-                out = np.array([t[0], t[1], 0.0])
-                if np.linalg.norm(out) < 1e-6:
-                    continue
-                hinge = np.cross(np.array([0.0, 0.0, 1.0]), out / np.linalg.norm(out))
-                row = np.einsum("bij,i->bj", axes, hinge) * width[:, None]
-            elif r.quantity.startswith("curvature_") and isinstance(r.location, float):
-                bay = int(np.clip(np.searchsorted(edges, r.location) - 1, 0, bays - 1))
-                row[bay, "xy".index(r.quantity[-1])] = 1.0
-            else:
-                continue
-            rows.append(row.ravel() / problem.sigma[i])
-            right.append(fit.residual[i])
-        if not rows:
+    for k in range(fit.run.solved):
+        a, b = _by_curvature(problem, fit, k, edges)
+        if not len(a):
             continue
-        a, b = np.array(rows), np.array(right)
         # The weight of smoothness: the largest at which the residual is noise.
         best = np.zeros(2 * bays)
         for weight in np.logspace(4, -4, 17) * np.mean(a**2):
@@ -439,6 +364,41 @@ def missing_moment(problem: FitProblem, fit: Fit) -> tuple[Array, Array]:
     return moment, edges
 
 
+def _by_curvature(problem: FitProblem, fit: Fit, k: int, edges: Array) -> tuple[Array, Array]:
+    """Readings of a step over sigma by the curvatures of the bays, shape (r, 2 n_bays), and their residual."""
+    data, run = problem.data, fit.run
+    width, middle = np.diff(edges), 0.5 * (edges[1:] + edges[:-1])
+    p, rot = run.positions[k], run.rotations[k]
+    centres = interpolate_positions(run.s, p, rot, middle)
+    node = [int(np.argmin(np.abs(run.s - m))) for m in middle]
+    axes = rot[node][:, :, :2]
+    rows, right = [], []
+    for i in np.flatnonzero((problem.readings.reader.step == k) & np.isfinite(fit.residual)):
+        r = data.readings[i]
+        row = np.zeros((len(width), 2))
+        if r.quantity.startswith("position_") and isinstance(r.location, float):
+            x = interpolate_positions(run.s, p, rot, np.array([r.location]))[0]
+            axis = "xyz".index(r.quantity[-1])
+            share = np.clip((r.location - edges[:-1]) / width, 0.0, 1.0)
+            arm = np.cross(np.swapaxes(axes, 1, 2), (x - centres)[:, None, :])[:, :, axis]
+            row = arm * (share * width)[:, None]
+        elif r.quantity == "bending_angle":
+            t = rot[-1][:, 2]
+            out = np.array([t[0], t[1], 0.0])
+            if np.linalg.norm(out) < 1e-6:
+                continue
+            hinge = np.cross(np.array([0.0, 0.0, 1.0]), out / np.linalg.norm(out))
+            row = np.einsum("bij,i->bj", axes, hinge) * width[:, None]
+        elif r.quantity.startswith("curvature_") and isinstance(r.location, float):
+            bay = int(np.clip(np.searchsorted(edges, r.location) - 1, 0, len(width) - 1))
+            row[bay, "xy".index(r.quantity[-1])] = 1.0
+        else:
+            continue
+        rows.append(row.ravel() / problem.sigma[i])
+        right.append(fit.residual[i])
+    return np.array(rows), np.array(right)
+
+
 def describe_moment(problem: FitProblem, moment: Array, edges: Array) -> tuple[str, str]:
     """Where along the backbone and at which loads the missing moment acts, as texts."""
     size = np.sqrt(np.sum(moment**2, axis=2))
@@ -446,25 +406,18 @@ def describe_moment(problem: FitProblem, moment: Array, edges: Array) -> tuple[s
     if not np.any(by_bay > 0.0):
         return "nowhere", "no missing moment"
     b = int(np.argmax(by_bay))
-    by_step = np.sqrt(np.mean(size**2, axis=1))
-    order = np.argsort(by_step)[::-1][:3]
-    ids = problem.data.step_ids
-    steps = ", ".join(str(ids[k]) for k in sorted(order))
-    what: Sequence[str] = [
-        f"the missing bending moment is largest in bay {b + 1} (s = {edges[b]:.4g} to {edges[b + 1]:.4g} m), "
-        f"{1e3 * by_bay[b]:.3g} N mm rms over the steps",
-        f"it acts most in steps {steps} ({_inputs_text(problem, order[0])})",
-    ]
-    return f"bay {b + 1} (s = {edges[b]:.4g} to {edges[b + 1]:.4g} m), steps {steps}", "; ".join(what)
+    order = np.argsort(np.sqrt(np.mean(size**2, axis=1)))[::-1][:3]
+    steps = ", ".join(str(problem.data.step_ids[k]) for k in sorted(order))
+    bay = f"bay {b + 1} (s = {edges[b]:.4g} to {edges[b + 1]:.4g} m)"
+    text = (
+        f"the missing bending moment is largest in {bay}, {1e3 * by_bay[b]:.3g} N mm rms over the steps; it acts most "
+        f"in steps {steps} ({_inputs_text(problem.data.steps[order[0]])})"
+    )
+    return f"{bay}, steps {steps}", text
 
 
-def _inputs_text(problem: FitProblem, k: int) -> str:
-    step = problem.data.steps[int(k)]
+def _inputs_text(step: LoadStep) -> str:
     parts = [f"{n} = {v:.3g} N" for n, v in step.tensions.items() if v > 0.0]
     parts += [f"{n} = {1e3 * v:.3g} mm" for n, v in step.displacements.items() if v != 0.0]
-    parts += [
-        f"tip force ({', '.join(f'{x:.3g}' for x in load.force)}) N"
-        for load in step.loads.values()
-        if any(load.force)
-    ]
+    parts += [tip_force(load.force) for load in step.loads.values() if any(load.force)]
     return ", ".join(parts) or "no tendon pulled"

@@ -37,31 +37,17 @@ FIT_ITERATIONS = 8
 
 @dataclass(frozen=True)
 class LawFit:
-    """A model of listed effects and a law, fitted together.
+    """A model of listed effects and a law, fitted together."""
 
-    Attributes
-    ----------
-    base : Fit
-        The effects, whose sensitivities are used.
-    values : dict
-        Of their parameters, fitted beside the law.
-    terms : tuple of Term
-    coefficients : ndarray, shape (q,)
-        In the terms' units.
-    acted : ActedRun
-    cost, held_cost : float
-        Robust sums of squares over fitted and held-out readings.
-    jacobian : ndarray, shape (n, p + q)
-        Of the predictions over sigma, by the base's free parameters and the coefficients.
-    """
-
-    base: Fit
-    values: Point
+    base: Fit  # the effects, whose sensitivities are used
+    values: Point  # of their parameters, fitted beside the law
     terms: tuple[Term, ...]
-    coefficients: Array
+    coefficients: Array  # in the terms' units, shape (q,)
     acted: ActedRun
+    # Robust sums of squares over fitted and held-out readings
     cost: float
     held_cost: float
+    # of the predictions over sigma, by the base's free parameters and the coefficients, shape (n, p + q)
     jacobian: Array
 
     @property
@@ -285,24 +271,15 @@ CLOSER, PRIOR = 0.1, 0.3
 
 @dataclass(frozen=True)
 class LawSearch:
-    """A base of listed effects with the missing moment read from the shapes, ready for laws beside it.
-
-    Attributes
-    ----------
-    problem : FitProblem
-    base : Fit
-    reading : ActedRun
-        Run in which the missing moments act, so that its state is that of the measured shapes.
-    response : ActionResponse
-        Of readings and bays in that state.
-    total : ndarray, shape (n,)
-        What all actions together have to explain, over sigma: residual of that run, and what its action brings.
-    """
+    """A base of listed effects with the missing moment read from the shapes, ready for laws beside it."""
 
     problem: FitProblem
     base: Fit
+    # run in which the missing moments act, so that its state is that of the measured shapes
     reading: ActedRun
-    response: ActionResponse
+    response: ActionResponse  # of readings and bays in that state
+    # what all actions together have to explain, over sigma: residual of that run, and what its action brings,
+    # shape (n,)
     total: Array
 
     @classmethod
@@ -359,23 +336,12 @@ def missing_action(problem: FitProblem, run: ActedRun, response: ActionResponse)
 
 @dataclass(frozen=True)
 class Columns:
-    """Candidate terms as columns, freed of what the base's parameters can bring.
-
-    Attributes
-    ----------
-    terms : tuple of Term
-    free : ndarray, shape (m, q)
-        Weighted changes of the fitted readings over sigma by a term, of norm one.
-    size : ndarray, shape (q,)
-        Coefficient that belongs to a column of norm one.
-    rest : ndarray, shape (m,)
-        What has to be explained.
-    """
+    """Candidate terms as columns, freed of what the base's parameters can bring."""
 
     terms: tuple[Term, ...]
-    free: Array
-    size: Array
-    rest: Array
+    free: Array  # weighted changes of the fitted readings over sigma by a term, of norm one, shape (m, q)
+    size: Array  # coefficient that belongs to a column of norm one, shape (q,)
+    rest: Array  # what has to be explained, shape (m,)
 
     @classmethod
     def of(cls, search: LawSearch) -> Columns:

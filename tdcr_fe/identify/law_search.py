@@ -33,7 +33,7 @@ from tdcr_fe.identify.law_terms import CURVATURE, Term
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import Estimate, FoundLaw, LawTerm
 from tdcr_fe.identify.search_state import Search, SearchState, with_rival
-from tdcr_fe.identify.settings import Budget, OutOfTime
+from tdcr_fe.identify.settings import A_LAW, Budget, OutOfTime
 
 Array = NDArray[np.float64]
 
@@ -52,17 +52,10 @@ LOWER = 0.95
 
 @dataclass(frozen=True)
 class LawAhead:
-    """A law beside the declared model that leaves noise.
-
-    Attributes
-    ----------
-    fit : LawFit
-    alternatives : tuple of Term
-        That explain as much in its place.
-    """
+    """A law beside the declared model that leaves noise."""
 
     fit: LawFit
-    alternatives: tuple[Term, ...]
+    alternatives: tuple[Term, ...]  # that explain as much in its place
 
 
 def law_bic(problem: FitProblem, fit: LawFit) -> float:
@@ -232,14 +225,14 @@ def law_ahead(search: Search, state: SearchState, iterations: int = LEAST_ITERAT
     )
     if law is None or not residual_is_noise(problem, law.as_fit(), search.significance):
         return state
-    state = state.with_history(f"a law on no list is ahead, and leaves noise: {law.terms[0].key}")
+    state = state.with_history(f"an unlisted law leaves only noise: {law.terms[0].key}")
     return replace(state, law_ahead=LawAhead(law, others))
 
 
 def find_law(
     search: Search, state: SearchState, iterations: int = LEAST_ITERATIONS
 ) -> tuple[FoundLaw | None, SearchState]:
-    """The law on no list that explains more than the listed effects; sought where these leave more than noise.
+    """The unlisted law that explains more than the listed effects; sought where these leave more than noise.
 
     The law is sought beside the declared model, the best model, and the best model without each of its effects. It
     counts only if it explains more than all listed effects together, by the criterion of all models and on the
@@ -389,8 +382,8 @@ def _beside_the_effects(search: Search, state: SearchState, law: LawFit, best: F
     if not best.effects or not bic(problem, law.as_fit()) - bic(problem, best) < BIC_DIFFERENCE * noise:
         return state.with_history("no law explains more than the listed effects")
     for effect in best.effects:
-        state = with_rival(state, effect.name, f"a law on no list ({formula})")
-    return state.with_history(f"a law on no list explains the data as well: {formula}")
+        state = with_rival(state, effect.name, f"{A_LAW} ({formula})")
+    return state.with_history(f"an unlisted law explains the data equally well: {formula}")
 
 
 def _on_its_own_path(state: SearchState, law: LawFit) -> LawFit:

@@ -41,38 +41,19 @@ LOAD = "law"
 
 @dataclass(frozen=True)
 class BayState:
-    """State of all bays at the end of every commanded load step.
+    """State of all bays at the end of every commanded load step."""
 
-    Attributes
-    ----------
-    edges : ndarray, shape (n_bays + 1,)
-        Arc lengths of base plate, disks and tip [m].
-    curvature : ndarray, shape (K, n_bays, 3)
-        Mean curvatures about x and y and twist, section frame [1/m].
-    rotation : ndarray, shape (K, n_bays, 3, 3)
-        Of the middle section of every bay.
-    moved : ndarray, shape (K, n_bays, 3)
-        Displacement of the distal end of every bay since the unloaded state [m].
-    tension : ndarray, shape (K, n_bays, n_tendons)
-        Of the tendon segment that passes a bay, zero beyond a tendon's end [N].
-    lever : ndarray, shape (n_bays, n_tendons, 2)
-        Bending moment of a unit tension about x and y [m].
-    direction : ndarray, shape (K, n_tendons)
-        Sign of the last change of every tendon's command [1].
-    time : ndarray, shape (K,)
-        [s].
-    load_moment : ndarray, shape (K, n_bays, 2)
-        Bending moment of the concentrated loads in the middle section [N m].
-    """
-
-    edges: Array
-    curvature: Array
-    rotation: Array
+    edges: Array  # arc lengths of base plate, disks and tip [m], shape (n_bays + 1,)
+    curvature: Array  # mean curvatures about x and y and twist, section frame [1/m], shape (K, n_bays, 3)
+    rotation: Array  # of the middle section of every bay, shape (K, n_bays, 3, 3)
+    # displacement of the distal end of every bay since the unloaded state [m], shape (K, n_bays, 3)
     moved: Array
+    # of the tendon segment that passes a bay, zero beyond a tendon's end [N], shape (K, n_bays, n_tendons)
     tension: Array
-    lever: Array
-    direction: Array
-    time: Array
+    lever: Array  # bending moment of a unit tension about x and y [m], shape (n_bays, n_tendons, 2)
+    direction: Array  # sign of the last change of every tendon's command [1], shape (K, n_tendons)
+    time: Array  # [s], shape (K,)
+    # bending moment of the concentrated loads in the middle section [N m], shape (K, n_bays, 2)
     load_moment: Array
 
     @property
@@ -94,34 +75,16 @@ class BayState:
 
 @dataclass(frozen=True)
 class ActedRun:
-    """A solved loading sequence with actions.
+    """A solved loading sequence with actions."""
 
-    Attributes
-    ----------
-    run : Run
-        At the ends of the commanded steps.
-    state : BayState
-    residual : ndarray, shape (n,)
-        Reading less prediction over sigma; NaN where a step was not solved.
-    action : ndarray, shape (K, n_bays, 5)
-        That acted.
-    path : list
-        Reference path for runs with other actions.
-    ends : tuple
-        Division of the steps to which the path belongs.
-    result : SequenceResult
-    steps : tuple of LoadStep
-        That were simulated, with the action as loads.
-    """
-
-    run: Run
+    run: Run  # at the ends of the commanded steps
     state: BayState
-    residual: Array
-    action: Array
-    path: PathRecord
-    ends: Ends
+    residual: Array  # reading less prediction over sigma; NaN where a step was not solved, shape (n,)
+    action: Array  # that acted, shape (K, n_bays, 5)
+    path: PathRecord  # reference path for runs with other actions
+    ends: Ends  # division of the steps to which the path belongs
     result: SequenceResult
-    steps: tuple[LoadStep, ...]
+    steps: tuple[LoadStep, ...]  # that were simulated, with the action as loads
 
     @property
     def solved(self) -> bool:
@@ -286,17 +249,12 @@ def last_direction(commands: Array) -> Array:
 
 @dataclass(frozen=True)
 class ActionResponse:
-    """Derivatives by the action of the same load step, everything before the step unchanged.
+    """Derivatives by the action of the same load step, everything before the step unchanged."""
 
-    Attributes
-    ----------
-    readings : list of (ndarray of int, ndarray)
-        By step, the readings of the step and their derivatives over sigma, shape (r, 5 n_bays).
-    state : ndarray, shape (K, 5 n_bays, 5 n_bays)
-        Of curvatures about x and y and displacements of the bays, in the order of an action.
-    """
-
+    # by step, the readings of the step and their derivatives over sigma, shape (r, 5 n_bays)
     readings: list[tuple[NDArray[np.int_], Array]]
+    # of curvatures about x and y and displacements of the bays, in the order of an action, shape (K, 5
+    # n_bays, 5 n_bays)
     state: Array
 
 

@@ -16,44 +16,22 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Factor:
-    """A number that the robot knows in every bay.
+    """A number that the robot knows in every bay."""
 
-    Attributes
-    ----------
-    name : str
-        In sentences.
-    symbol : str
-        In formulas.
-    powers : tuple of int
-        Of metre, newton and second.
-    value : callable
-        From a `BayState` to shape (K, n_bays).
-    """
-
-    name: str
-    symbol: str
-    powers: tuple[int, int, int]
-    value: Callable[[BayState], Array]
+    name: str  # in sentences
+    symbol: str  # in formulas
+    powers: tuple[int, int, int]  # of metre, newton and second
+    value: Callable[[BayState], Array]  # from a `BayState` to shape (K, n_bays)
 
 
 @dataclass(frozen=True)
 class Direction:
-    """What a moment or force points along.
-
-    Attributes
-    ----------
-    name, symbol : str
-    powers : tuple of int
-        Of metre, newton and second.
-    value : callable
-        From a `BayState` to an action of shape (K, n_bays, 5).
-    is_force : bool
-    """
+    """What a moment or force points along."""
 
     name: str
     symbol: str
-    powers: tuple[int, int, int]
-    value: Callable[[BayState], Array]
+    powers: tuple[int, int, int]  # of metre, newton and second
+    value: Callable[[BayState], Array]  # from a `BayState` to an action of shape (K, n_bays, 5)
     is_force: bool = False
 
 
@@ -170,19 +148,11 @@ _LISTED = {((), BENDING), ((), ABOUT_X), ((), ABOUT_Y), ((), TENDONS)}
 
 @dataclass(frozen=True)
 class Term:
-    """One term of a law, without its coefficient.
-
-    Attributes
-    ----------
-    factors : tuple of Factor
-    direction : Direction
-    bay : int or None
-        The only bay where it acts, from 0; None: all bays.
-    """
+    """One term of a law, without its coefficient."""
 
     factors: tuple[Factor, ...]
     direction: Direction
-    bay: int | None = None
+    bay: int | None = None  # the only bay where it acts, from 0; None: all bays
 
     @property
     def key(self) -> str:

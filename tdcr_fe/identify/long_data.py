@@ -60,21 +60,11 @@ HELD_OUT = 0.33
 
 @dataclass(frozen=True)
 class RowChoice:
-    """The load steps that a search takes.
+    """The load steps that a search takes."""
 
-    Attributes
-    ----------
-    steps : tuple of int
-        Positions in the loading sequence, ascending.
-    readings : tuple of int
-        Indices of their readings.
-    total : int
-        Steps of the loading sequence.
-    """
-
-    steps: tuple[int, ...]
-    readings: tuple[int, ...]
-    total: int
+    steps: tuple[int, ...]  # positions in the loading sequence, ascending
+    readings: tuple[int, ...]  # indices of their readings
+    total: int  # steps of the loading sequence
 
     def of(self, data: MeasuredData) -> MeasuredData:
         """The data of the chosen steps."""

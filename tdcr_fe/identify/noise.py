@@ -15,7 +15,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.forward import Job, last_parts
 from tdcr_fe.identify.load_steps import directions, inputs
 from tdcr_fe.identify.problem import Fit, FitProblem
-from tdcr_fe.identify.result import InputScatter, ScatterKind, Structure
+from tdcr_fe.identify.result import InputNoise, Structure
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import resolve
@@ -174,7 +174,7 @@ def outliers(r: Array) -> tuple[tuple[int, float], ...]:
     return tuple((int(i), float(r[i])) for i in np.flatnonzero(np.abs(r) > OUTLIER * scale))
 
 
-#: Chance of reporting scatter that is not there [1].
+#: Chance of reporting noise of the inputs that is not there [1].
 SIGNIFICANCE = 1e-4
 
 
@@ -182,7 +182,7 @@ SIGNIFICANCE = 1e-4
 MOST_REMAINING = 0.8
 
 
-#: Largest relative error of an input that is called scatter [1]; beyond, something else is wrong.
+#: Largest relative error of an input that is called noise [1]; beyond, something else is wrong.
 LARGEST = 0.25
 
 
@@ -195,30 +195,18 @@ EXPONENTS = (-6.0, 6.0)
 
 
 class _Block(NamedTuple):
-    """One step: its readings, the residual in the directions of its inputs, and how strong these are.
+    """One step: its readings, the residual in the directions of its inputs, and how strong these are."""
 
-    Attributes
-    ----------
-    readings : ndarray of int, shape (r,)
-    left, right : ndarray, shape (r, q), (q, q)
-        Singular vectors of the derivatives.
-    strength : ndarray, shape (q,)
-        Singular values.
-    along : ndarray, shape (q,)
-        Residual in the directions of ``left``.
-    rest : float
-        Sum of squares of the residual across them.
-    """
-
-    readings: NDArray[np.int_]
+    readings: NDArray[np.int_]  # shape (r,)
+    # Singular vectors of the derivatives, shape (r, q), (q, q)
     left: Array
-    strength: Array
+    strength: Array  # singular values, shape (q,)
     right: Array
-    along: Array
-    rest: float
+    along: Array  # residual in the directions of ``left``, shape (q,)
+    rest: float  # sum of squares of the residual across them
 
 
-def find_input_scatter(problem: FitProblem, fit: Fit) -> InputScatter | None:
+def find_input_noise(problem: FitProblem, fit: Fit) -> InputNoise | None:
     """Scatter of the inputs that would account for the residual of a model.
 
     Parameters
@@ -230,8 +218,8 @@ def find_input_scatter(problem: FitProblem, fit: Fit) -> InputScatter | None:
 
     Returns
     -------
-    InputScatter or None
-        None where it would account for little, the errors would be systematic or larger than scatter is, or the model
+    InputNoise or None
+        None where it would account for little, the errors would be systematic or larger than noise is, or the model
         was not solved.
 
     Raises
@@ -245,31 +233,31 @@ def find_input_scatter(problem: FitProblem, fit: Fit) -> InputScatter | None:
     by_input = _input_response(problem, fit, experiment)
     values, displaced = _inputs(experiment)
     steps = problem.readings.reader.step
-    found = [_likeliest(problem, fit, by_input * values[steps], "relative", "1")]
+    found = [_likeliest(problem, fit, by_input * values[steps], "1")]
     driven = np.any(values != 0.0, axis=0)
     if len(set(displaced[driven].tolist())) == 1:
         unit = "m" if displaced[driven][0] else "N"
-        found.append(_likeliest(problem, fit, by_input * (values[steps] != 0.0), "absolute", unit))
+        found.append(_likeliest(problem, fit, by_input * (values[steps] != 0.0), unit))
     best = max(found, key=lambda x: x.likelihood)
     if best.likelihood < 0.5 * chdtri(1, SIGNIFICANCE) or best.systematic:
         return None
-    size = best.scatter.size
-    relative = size if best.scatter.kind == "relative" else size / float(np.max(np.abs(values)))
-    before, after = best.scatter.before.chi2_per_dof, best.scatter.after.chi2_per_dof
+    size = best.noise.size
+    relative = size if best.noise.kind == "relative" else size / float(np.max(np.abs(values)))
+    before, after = best.noise.before.chi2_per_dof, best.noise.after.chi2_per_dof
     if relative > LARGEST or after > MOST_REMAINING**2 * before:
         return None
-    return best.scatter
+    return best.noise
 
 
 class _Candidate(NamedTuple):
-    """Scatter of one kind, the gain of its logarithmic likelihood, and whether its errors have a mean."""
+    """Noise of one kind, the gain of its logarithmic likelihood, and whether its errors have a mean."""
 
-    scatter: InputScatter
+    noise: InputNoise
     likelihood: float
     systematic: bool
 
 
-def _likeliest(problem: FitProblem, fit: Fit, derivatives: Array, kind: ScatterKind, unit: str) -> _Candidate:
+def _likeliest(problem: FitProblem, fit: Fit, derivatives: Array, unit: str) -> _Candidate:
     """The variances of the largest likelihood, for inputs whose errors change the readings over sigma by these."""
     blocks = _blocks(problem, fit.residual, derivatives)
     usual = float(np.median(np.concatenate([b.strength for b in blocks]) ** 2)) if blocks else 0.0
@@ -285,15 +273,11 @@ def _likeliest(problem: FitProblem, fit: Fit, derivatives: Array, kind: ScatterK
     for b, a in zip(blocks, errors, strict=True):
         left[b.readings] -= b.left @ (b.strength * (b.right @ a))
     everything = np.ones(left.size, dtype=bool)
-    scatter = InputScatter(
-        kind,
-        float(np.sqrt(ratio * _noise_variance(blocks, ratio))),
-        unit,
-        problem.misfit(fit.residual, everything),
-        problem.misfit(left, everything),
-    )
+    before, after = problem.misfit(fit.residual, everything), problem.misfit(left, everything)
+    size = float(np.sqrt(ratio * _noise_variance(blocks, ratio)))
+    noise = InputNoise("relative" if unit == "1" else "absolute", size, unit, before, after)
     gain = _log_likelihood(blocks, ratio) - _log_likelihood(blocks, 0.0)
-    return _Candidate(scatter, gain, _is_systematic(errors))
+    return _Candidate(noise, gain, _is_systematic(errors))
 
 
 def _is_systematic(errors: Sequence[Array]) -> bool:

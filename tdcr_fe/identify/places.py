@@ -236,21 +236,11 @@ PAIRS = 3
 
 
 class _Pair(NamedTuple):
-    """A local cause at full strength and another effect.
+    """A local cause at full strength and another effect."""
 
-    Attributes
-    ----------
-    expected : float
-        BIC of the fitted readings to first order.
-    cause : Fit
-        The model with the local cause alone.
-    score : Score
-        Of the other effect beside it.
-    """
-
-    expected: float
-    cause: Fit
-    score: Score
+    expected: float  # BIC of the fitted readings to first order
+    cause: Fit  # the model with the local cause alone
+    score: Score  # of the other effect beside it
 
 
 def saturated_pairs(search: Search, state: SearchState) -> Stage:

@@ -43,24 +43,14 @@ PARTS = 4
 
 @dataclass(frozen=True)
 class Readings:
-    """Arrays that follow from the readings alone, in their order, and their predictor.
+    """Arrays that follow from the readings alone, in their order, and their predictor."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n,)
-        In the unit of each.
-    quantities : ndarray of str, shape (n,)
-    is_position, is_angle : ndarray of bool, shape (n,)
-    markers : ndarray of int, shape (n,)
-        Which marker in which step a reading belongs to.
-    reader : Reader
-    """
-
-    values: Array
-    quantities: NDArray[np.str_]
+    values: Array  # in the unit of each, shape (n,)
+    quantities: NDArray[np.str_]  # shape (n,)
+    # shape (n,)
     is_position: NDArray[np.bool_]
     is_angle: NDArray[np.bool_]
-    markers: NDArray[np.int_]
+    markers: NDArray[np.int_]  # which marker in which step a reading belongs to, shape (n,)
     reader: Reader
 
     @classmethod
@@ -79,47 +69,22 @@ class Readings:
 
 @dataclass(frozen=True)
 class FitProblem:
-    """Readings, their sigma, and the forward model that predicts them. Never written to: `refine` gives a new one.
-
-    Attributes
-    ----------
-    data : MeasuredData
-    readings : Readings
-    forward : ForwardModel
-        Solves experiments; caches its runs.
-    sigma : ndarray, shape (n,)
-        Standard uncertainty of every reading, in its unit.
-    held_out : ndarray of bool, shape (n,)
-    experiment : Experiment
-        The declared one, with the mesh and the divided steps that are used.
-    path_tolerance : float
-        Of the solver, over the length [1].
-    robust_threshold : float
-        Residuals over sigma count in full up to this [1].
-    correction : ndarray, shape (n,)
-        Extrapolated discretisation error, added to the residual over sigma.
-    mesh_error : float
-        Estimated discretisation error, rms over sigma [1].
-    scales : mapping
-        Typical step of a parameter in its fitted coordinate, by effect and parameter; from the score tests.
-    catalogue : tuple of Effect
-        The candidates, in the order in which several are applied.
-    deadline : float
-        Reading of `tdcr_fe.identify.settings.clock` at which simulations end with `OutOfTime` [s].
-    """
+    """Readings, their sigma, and the forward model that predicts them. Never written to: `refine` gives a new one."""
 
     data: MeasuredData
     readings: Readings
-    forward: ForwardModel
-    sigma: Array
-    held_out: NDArray[np.bool_]
-    experiment: Experiment
-    path_tolerance: float
-    robust_threshold: float
-    correction: Array
-    mesh_error: float = 0.0
+    forward: ForwardModel  # solves experiments; caches its runs
+    sigma: Array  # standard uncertainty of every reading, in its unit, shape (n,)
+    held_out: NDArray[np.bool_]  # shape (n,)
+    experiment: Experiment  # the declared one, with the mesh and the divided steps that are used
+    path_tolerance: float  # of the solver, over the length [1]
+    robust_threshold: float  # residuals over sigma count in full up to this [1]
+    correction: Array  # extrapolated discretisation error, added to the residual over sigma, shape (n,)
+    mesh_error: float = 0.0  # estimated discretisation error, rms over sigma [1]
+    # typical step of a parameter in its fitted coordinate, by effect and parameter; from the score tests
     scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
-    catalogue: tuple[Effect, ...] = EFFECTS
+    catalogue: tuple[Effect, ...] = EFFECTS  # the candidates, in the order in which several are applied
+    # reading of `tdcr_fe.identify.settings.clock` at which simulations end with `OutOfTime` [s]
     deadline: float = math.inf
 
     @classmethod
@@ -273,42 +238,22 @@ def huber(r: Array, threshold: float) -> Array:
 
 @dataclass(frozen=True)
 class Fit:
-    """A model with its parameters fitted.
+    """A model with its parameters fitted."""
 
-    Attributes
-    ----------
-    effects : tuple of Effect
-        In the order of adding.
-    values : dict
-        By effect and parameter.
-    residual : ndarray, shape (n,)
-        Reading less model, over sigma, of all readings.
-    cost, held_cost : float
-        Robust sums of squares over fitted and held-out readings.
-    jacobian : ndarray, shape (n, p)
-        Of the predictions over sigma, by coordinate of every free parameter.
-    free : tuple of (str, str)
-        Effect and name of every free parameter.
-    run : Run
-    path_residual : ndarray or None, shape (n,)
-        Residual of the run whose substeps this one has taken; None where it followed no other one.
-    differenced : mapping
-        Parameters by which the derivatives are differences of two runs, with the reason.
-    given_up : bool
-        Whether the fit was stopped because it could not come near the best.
-    """
-
-    effects: tuple[Effect, ...]
-    values: Point
-    residual: Array
+    effects: tuple[Effect, ...]  # in the order of adding
+    values: Point  # by effect and parameter
+    residual: Array  # reading less model, over sigma, of all readings, shape (n,)
+    # Robust sums of squares over fitted and held-out readings
     cost: float
     held_cost: float
-    jacobian: Array
-    free: tuple[tuple[str, str], ...]
+    jacobian: Array  # of the predictions over sigma, by coordinate of every free parameter, shape (n, p)
+    free: tuple[tuple[str, str], ...]  # effect and name of every free parameter
     run: Run
+    # residual of the run whose substeps this one has taken; None where it followed no other one, shape (n,)
     path_residual: Array | None = None
+    # parameters by which the derivatives are differences of two runs, with the reason
     differenced: Mapping[tuple[str, str], str] = field(default_factory=dict)
-    given_up: bool = False
+    given_up: bool = False  # whether the fit was stopped because it could not come near the best
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -32,21 +32,13 @@ class _Markers(NamedTuple):
     """Readings of the coordinates of markers, which are predicted for all steps at once.
 
     What `ObservedStep.markers` and `ObservedStep.marker_changes` give step by step.
-
-    Attributes
-    ----------
-    which : ndarray of int, shape (k,)
-        Which readings.
-    steps, axes : ndarray of int, shape (k,)
-        Their steps and coordinates.
-    s : ndarray, shape (k,)
-        Arc lengths of the markers [m].
     """
 
-    which: NDArray[np.int_]
+    which: NDArray[np.int_]  # which readings, shape (k,)
+    # Their steps and coordinates, shape (k,)
     steps: NDArray[np.int_]
     axes: NDArray[np.int_]
-    s: Array
+    s: Array  # arc lengths of the markers [m], shape (k,)
 
     @classmethod
     def of(cls, readings: Sequence[Reading], steps: NDArray[np.int_]) -> _Markers:
@@ -82,23 +74,12 @@ class _Markers(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """Markers in the steps in which they are seen.
+    """Markers in the steps in which they are seen."""
 
-    Attributes
-    ----------
-    steps : ndarray of int, shape (m,)
-    s : ndarray, shape (m,)
-        Arc lengths [m].
-    nodes : ndarray of int, shape (m,)
-        The nodes nearest to them.
-    inverse : ndarray of int, shape (k,)
-        For every reading, its marker.
-    """
-
-    steps: NDArray[np.int_]
-    s: Array
-    nodes: NDArray[np.int_]
-    inverse: NDArray[np.int_]
+    steps: NDArray[np.int_]  # shape (m,)
+    s: Array  # arc lengths [m], shape (m,)
+    nodes: NDArray[np.int_]  # the nodes nearest to them, shape (m,)
+    inverse: NDArray[np.int_]  # for every reading, its marker, shape (k,)
 
     def _at_nodes(self, run: Run) -> bool:
         """Whether every marker is at a node."""

@@ -45,103 +45,60 @@ LEVELS: dict[str, Level] = {
 
 
 def _effect_rows(result: IdentificationResult) -> list[dict[str, Any]]:
-    """One row a parameter, as the first screen shows them: value, standard error and half-width in one unit."""
+    """One row per parameter, as the first screen shows them: value, standard error and half-width in one unit."""
     rows = []
     for e in result.effects:
         for name, p in e.parameters.items():
             width = half_width(p)
             factor, unit = shown_unit(p.unit, max(abs(p.value), width or 0.0))
-            decimals = 1 - math.floor(math.log10(factor * width)) if width else None
-            rows.append(
-                {
-                    "effect": words(e.name),
-                    "parameter": name,
-                    "value": significant(factor * p.value, 4)
-                    if decimals is None
-                    else fixed(factor * p.value, max(decimals, 0)),
-                    "std_error": significant(None if p.std_error is None else factor * p.std_error, 2),
-                    "half_width": significant(None if width is None else factor * width, 2),
-                    "unit": unit,
-                    "note": p.note,
-                }
-            )
+            value = significant(factor * p.value, 4)
+            if width:
+                value = fixed(factor * p.value, max(1 - math.floor(math.log10(factor * width)), 0))
+            error, half = (significant(None if x is None else factor * x, 2) for x in (p.std_error, width))
+            row = {"value": value, "std_error": error, "half_width": half, "unit": unit, "note": p.note}
+            rows.append({"effect": words(e.name), "parameter": name, **row})
     return rows
 
 
 def _errors(result: IdentificationResult) -> list[dict[str, str]]:
     rows = [{"steps": "fitted", "before": size(result.before_fit), "after": size(result.after_fit)}]
     if result.held_out_steps:
-        rows.append(
-            {
-                "steps": "held out",
-                "before": size(result.before_held_out),
-                "after": size(result.after_held_out),
-            }
-        )
+        before, after = size(result.before_held_out), size(result.after_held_out)
+        rows.append({"steps": "held out", "before": before, "after": after})
     return rows
 
 
 def _first_screen(result: IdentificationResult) -> Section:
-    return Section(
-        "summary",
-        "",
-        "summary.html.j2",
-        {
-            "effects": _effect_rows(result),
-            "errors": _errors(result),
-            "noise": noise_size(result),
-            "measure": measure(result),
-            "remarks": [t for texts in remarks(result).values() for t in texts],
-            "block": effects_block(result),
-            "scenarios": scenario_names(result),
-            "law": result.law,
-            "observation": [words(n) for n in observation_effects(result)],
-        },
-    )
+    context = {
+        "effects": _effect_rows(result),
+        "errors": _errors(result),
+        "noise": noise_size(result),
+        "measure": measure(result),
+        "remarks": [t for texts in remarks(result).values() for t in texts],
+        "block": effects_block(result),
+        "scenarios": scenario_names(result),
+        "law": result.law,
+        "observation": [words(n) for n in observation_effects(result)],
+    }
+    return Section("summary", "", "summary.html.j2", context)
 
 
 def _evidence_section(result: IdentificationResult) -> Section:
-    steps = [
-        {
-            "name": words(e.name),
-            "sentence": effect(e.name, result.catalogue).description,
-            "evidence": e.evidence,
-            "after_fit": size(e.after_fit),
-            "after_held_out": size(e.after_held_out),
-            "others": [words(n) for n in e.indistinguishable_from],
-            "experiment": e.separating_experiment,
-            "remarks": remarks(result).get(e.name, []),
-        }
-        for e in result.effects
+    noted = remarks(result)
+    described = [
+        (e, effect(e.name, result.catalogue).description, noted.get(e.name, [])) for e in result.effects
     ]
-    correlation = [
-        (n, [fixed(float(x), 2) for x in row])
-        for n, row in zip(result.parameter_names, result.correlation, strict=True)
-    ]
-    context = {
-        "effects": steps,
-        "correlation": correlation,
-        "held_out": bool(result.held_out_steps),
-        "law": result.law,
-        "law_errors": None
-        if result.law is None
-        else (size(result.law.after_fit), size(result.law.after_held_out)),
-    }
+    rows = zip(result.parameter_names, result.correlation, strict=True)
+    context = {"result": result, "effects": described, "size": size, "correlation": list(rows)}
     return Section("effects", "Effects added, and the evidence", "effects.html.j2", context)
 
 
 def _error_section(result: IdentificationResult) -> Section:
+    by_step = "Error in every load step"
+    over_input = "Error over the largest input"
     pictures = [
-        Picture(
-            figures.by_step(result),
-            "Error in every load step",
-            "Error in every load step. Shaded steps were held out.",
-        ),
-        Picture(
-            figures.over_input(result),
-            "Error over the largest input",
-            "Error over the largest input, by direction of loading.",
-        ),
+        Picture(figures.by_step(result), by_step, f"{by_step}. Shaded steps were held out."),
+        Picture(figures.over_input(result), over_input, f"{over_input}, by direction of loading."),
     ]
     svg = figures.along(result)
     if svg:
@@ -152,11 +109,10 @@ def _error_section(result: IdentificationResult) -> Section:
 def _rest_section(result: IdentificationResult) -> Section:
     text = result.remaining.description
     svg = figures.missing_moment(result) if result.verdict in ("unexplained", "partly explained") else ""
-    picture = Picture(
-        svg,
-        "Missing bending moment by step and arc length",
-        "Bending moment that the model lacks, computed from the measured shapes, by arc length and step.",
+    caption = (
+        "Bending moment that the model is missing, computed from the measured shapes, by arc length and step."
     )
+    picture = Picture(svg, "Missing bending moment by step and arc length", caption)
     context = {
         "text": f"{text[:1].upper()}{text[1:]}.",
         "picture": picture if svg else None,
@@ -167,126 +123,72 @@ def _rest_section(result: IdentificationResult) -> Section:
 
 def _candidate_section(result: IdentificationResult) -> Section:
     rows = sorted(result.candidates, key=lambda c: (c.round, c.model, -c.drop))
-    context = {
-        "candidates": [c for c in rows if c.drop > 0.5 or c.fitted],
-        "left_out": result.left_out_candidates,
-        "history": result.history,
-    }
+    shown = [c for c in rows if c.drop > 0.5 or c.fitted]
+    context = {"result": result, "candidates": shown}
     return Section("candidates", "Candidates and search", "candidates.html.j2", context)
 
 
 def _data_section(result: IdentificationResult) -> Section:
-    readings = result.data.readings
-    outliers = [
-        {
-            "line": readings[i].line,
-            "step": readings[i].step,
-            "quantity": words(readings[i].quantity),
-            "location": "" if readings[i].location is None else readings[i].location,
-            "value": f"{readings[i].value:.6g} {readings[i].unit}",
-            "sigma": f"{r:+.1f}",
-        }
-        for i, r in result.outliers
-    ]
-    context = {
-        "robot": result.data.robot,
-        "model": result.data.model,
-        "steps": len(result.data.steps),
-        "readings": len(readings),
-        "held_out": result.held_out_steps,
-        "sigma_estimated": result.sigma_estimated,
-        "noise": [
-            (words(name), quantity(value, channel(name).unit))
-            for name, value in result.noise.rms_by_quantity.items()
-        ],
-        "mesh_error": result.mesh_error,
-        "left_out": result.data.left_out,
-        "outliers": outliers,
-    }
+    noise = [(words(q), quantity(x, channel(q).unit)) for q, x in result.noise.rms_by_quantity.items()]
+    outliers = [(result.data.readings[i], r) for i, r in result.outliers]
+    context = {"result": result, "noise": noise, "outliers": outliers}
     return Section("data", "Declared robot, readings, rows left out", "data.html.j2", context)
 
 
 def _scenario_section(result: IdentificationResult) -> Section:
-    return Section(
-        "scenario",
-        "Scenario of the corrected robot",
-        "scenario.html.j2",
-        {
-            "scenarios": {n: t for n, t in corrected_files(result).items() if n.startswith("effects")},
-            "count": len(result.data.steps),
-        },
-    )
+    scenarios = {n: t for n, t in corrected_files(result).items() if n.startswith("effects")}
+    context = {"scenarios": scenarios, "count": len(result.data.steps)}
+    return Section("scenario", "Scenario of the corrected robot", "scenario.html.j2", context)
 
 
 # ---------------------------------------------------------------------------------------------------- page
 
 
 def _cards(result: IdentificationResult) -> tuple[Card, ...]:
-    arrow = "→"
     changed = bool(result.effects or result.law)
 
     def both(before: Misfit, after: Misfit) -> str:
-        return f"{size(before)} {arrow} {size(after)}" if changed else size(before)
+        return f"{size(before)} → {size(after)}" if changed else size(before)
 
     cards = [Card(both(result.before_fit, result.after_fit), "error on fitted steps (rms)")]
     if result.held_out_steps:
-        cards.append(
-            Card(both(result.before_held_out, result.after_held_out), "error on held-out steps (rms)")
-        )
+        held_out = both(result.before_held_out, result.after_held_out)
+        cards.append(Card(held_out, "error on held-out steps (rms)"))
     space = ", distance in space" if result.noise.rms_position is not None else ""
     cards.append(Card(noise_size(result), f"noise of the measurement alone (rms{space})"))
-    cards.append(
-        Card(
-            f"{len(result.data.steps)} / {len(result.data.readings)}",
-            f"load steps / readings, {len(result.held_out_steps)} steps held out",
-        )
-    )
+    count = f"{len(result.data.steps)} / {len(result.data.readings)}"
+    cards.append(Card(count, f"load steps / readings, {len(result.held_out_steps)} steps held out"))
     return tuple(cards)
 
 
 def _motion_section(result: IdentificationResult, motion: Motion) -> Section:
-    context = {
-        "panel": viewer.panel(motion),
-        "declared": bool(motion.markers and motion.markers.declared.size),
-        "law": result.law is not None,
-    }
-    return Section(
-        "robot", "The robot in 3D, measured and predicted", "motion.html.j2", context, folded=False
-    )
+    declared = bool(motion.markers and motion.markers.declared.size)
+    context = {"panel": viewer.panel(motion), "declared": declared, "law": result.law is not None}
+    title = "The robot in 3D, measured and predicted"
+    return Section("robot", title, "motion.html.j2", context, folded=False)
 
 
 def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
     """What the report shows; with a motion of the corrected robot (see `replay`) it has the 3D panel."""
-    sections = [
-        _error_section(result),
-        _rest_section(result),
-        _candidate_section(result),
-        _data_section(result),
-    ]
+    sections = [f(result) for f in (_error_section, _rest_section, _candidate_section, _data_section)]
     changed = bool(result.effects) or result.law is not None
     if changed:
         sections = [_evidence_section(result), *sections, _scenario_section(result)]
     if motion is not None:
         sections = [_motion_section(result, motion), *sections]
+    caption = "Measured against predicted" + (", before and after" if changed else "")
+    if figures.loops(result):
+        caption += ". Right: a run of steps in which one tendon is pulled and released"
+    shown = "Measured and predicted tip path, shapes and a loop of loading and unloading"
     what = f"{measure(result)[0].upper()}{measure(result)[1:]}."
     made = ", ".join(f"{name} {number}" for name, number in versions().items())
-    picture = Picture(
-        figures.comparison(result),
-        "Measured and predicted tip path, shapes and a loop of loading and unloading",
-        ("Measured against predicted, before and after" if changed else "Measured against predicted")
-        + (
-            ". Right: a run of steps in which one tendon is pulled and released."
-            if figures.loops(result)
-            else "."
-        ),
-    )
     return Page(
         title=f"Identification of {result.data.name}",
         verdict=headline(result),
-        level=LEVELS.get(result.verdict, "open") if not result.interrupted else "open",
+        level=LEVELS[result.verdict],
         sentences=tuple(sentences(result)),
         cards=_cards(result),
-        pictures=(picture,),
+        pictures=(Picture(figures.comparison(result), shown, f"{caption}."),),
         summary=_first_screen(result),
         sections=tuple(sections),
         styles=() if motion is None else (viewer.style(),),
@@ -308,21 +210,12 @@ def write_report(
 
 
 class Written(NamedTuple):
-    """What was written.
+    """What was written."""
 
-    Attributes
-    ----------
-    result : IdentificationResult
-        With the tables among what was not tried, if the time did not suffice for them.
-    names : list of str
-        Files and folders, relative to the output folder.
-    interrupted : bool
-        Whether the identification, or the simulation for the tables, was interrupted.
-    """
-
+    # with the tables among what was not tried, if the time did not suffice for them
     result: IdentificationResult
-    names: list[str]
-    interrupted: bool
+    names: list[str]  # files and folders, relative to the output folder
+    interrupted: bool  # whether the identification, or the simulation for the tables, was interrupted
 
 
 def write_result(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any, Literal
 
 import numpy as np
@@ -18,65 +19,52 @@ from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.summary import versions
 from tdcr_fe.model.loading import LoadStep, SolverSettings
 
+Array = NDArray[np.float64]
+
 
 @dataclass(frozen=True)
 class Estimate:
-    """One fitted number.
-
-    Attributes
-    ----------
-    value : float
-    std_error : float or None
-        None where the data do not determine it (it keeps its null value) or it sits at a bound.
-    unit : str
-    note : str
-        Such as "at its bound".
-    """
+    """One fitted number."""
 
     value: float
+    # none where the data do not determine it (it keeps its null value) or it sits at a bound
     std_error: float | None
     unit: str
-    note: str = ""
+    note: str = ""  # such as "at its bound"
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """How far a model is from the readings.
+    """How far a model is from the readings."""
 
-    Attributes
-    ----------
-    rms_position, max_position : float or None
-        Distance between measured and predicted markers in space, over all markers and steps [m]; of a marker of
-        which not all three coordinates were measured, those that were. None where there are none.
-    rms_coordinate : float or None
-        Of single position coordinates, over all markers, axes and steps [m]; `rms_position` over the square root of
-        three where all three coordinates were measured.
-    rms_angle : float or None
-        [rad].
-    rms_by_quantity : mapping of str to float
-        Root mean square by measured quantity, in the unit of the quantity, such as "position_x" [m].
-    chi2_per_dof : float
-        Sum of squares in units of sigma over the number of readings less fitted parameters [1].
-    count : int
-        Readings.
-    """
-
+    # Distance between measured and predicted markers in space, over all markers and steps [m]; of a marker of
+    # which not all three coordinates were measured, those that were. None where there are none
     rms_position: float | None
-    rms_angle: float | None
+    rms_angle: float | None  # [rad]
     max_position: float | None
+    # sum of squares in units of sigma over the number of readings less fitted parameters [1]
     chi2_per_dof: float
-    count: int = 0
+    count: int = 0  # readings
+    # of single position coordinates, over all markers, axes and steps [m]; `rms_position` over the square
+    # root of three where all three coordinates were measured
     rms_coordinate: float | None = None
+    # root mean square by measured quantity, in the unit of the quantity, such as "position_x" [m]
     rms_by_quantity: Mapping[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, float | None]:
         """As in ``result.json``."""
-        return {
-            "rms_position": self.rms_position,
-            "rms_angle": self.rms_angle,
-            "max_position": self.max_position,
-            "chi2_per_dof": self.chi2_per_dof,
-        }
+        names = ("rms_position", "rms_angle", "max_position", "chi2_per_dof")
+        return {name: getattr(self, name) for name in names}
+
+
+def tip_force(force: Sequence[float]) -> str:
+    """A force at the tip, in words."""
+    return f"tip force ({', '.join(f'{x:.3g}' for x in force)}) N"
+
+
+def errors(fit: Misfit, held_out: Misfit) -> dict[str, Any]:
+    """Errors on fitted and on held-out steps, as in ``result.json``."""
+    return {"fit": fit.to_json(), "held_out": held_out.to_json()}
 
 
 #: Of a model that was not evaluated, for want of time.
@@ -84,89 +72,35 @@ NOT_EVALUATED = Misfit(None, None, None, math.nan)
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Noise of the measurement that misfits are compared with; from sigma, given or estimated.
-
-    Attributes
-    ----------
-    rms_position, rms_coordinate, rms_angle : float or None
-        What the noise alone gives for the measures of `Misfit` of the same names [m, m, rad].
-    rms_by_quantity : mapping of str to float
-        Root mean square of sigma by measured quantity, in its unit.
-    estimated : bool
-        Whether any sigma was not given, and so estimated.
-    """
-
-    rms_position: float | None
-    rms_coordinate: float | None
-    rms_angle: float | None
-    rms_by_quantity: Mapping[str, float]
-    estimated: bool
-
-
-@dataclass(frozen=True)
 class Structure:
-    """One test of whether a residual is noise.
+    """One test of whether a residual is noise."""
 
-    Attributes
-    ----------
-    group : str
-        Which readings, or which kind of pattern.
-    statistic : float
-        In standard deviations of what noise would give [1].
-    p_value : float
-        Chance of as much from noise alone [1].
-    """
-
-    group: str
-    statistic: float
-    p_value: float
+    group: str  # which readings, or which kind of pattern
+    statistic: float  # in standard deviations of what noise would give [1]
+    p_value: float  # chance of as much from noise alone [1]
 
 
 @dataclass(frozen=True)
 class LawTerm:
-    """One term of a law.
+    """One term of a law."""
 
-    Attributes
-    ----------
-    product : str
-        Factors and direction, such as ``"|kappa| kappa"``.
-    coefficient : Estimate
-    where : str
-        "all bays", or one bay or disk.
-    is_force : bool
-        A force on a disk; else a bending moment.
-    """
-
-    product: str
+    product: str  # factors and direction, such as ``"|kappa| kappa"``
     coefficient: Estimate
-    where: str
-    is_force: bool = False
+    where: str  # "all bays", or one bay or disk
+    is_force: bool = False  # A force on a disk; else a bending moment
 
 
 @dataclass(frozen=True)
 class FoundLaw:
-    """A law on no list: what acts besides the declared model, as a function of the state.
+    """An unlisted law: what acts besides the declared model, as a function of the state."""
 
-    Attributes
-    ----------
-    terms : tuple of LawTerm
-        Their sum is the law.
-    sentence : str
-        The law in words.
-    after_fit, after_held_out : Misfit
-        With the law.
-    alternatives : tuple of str
-        Other single terms that explain these data as well.
-    steps : tuple of LoadStep
-        The simulated loading sequence, with the moments and forces of the law as concentrated loads.
-    """
-
-    terms: tuple[LawTerm, ...]
-    sentence: str
+    terms: tuple[LawTerm, ...]  # their sum is the law
+    sentence: str  # the law in words
+    # With the law
     after_fit: Misfit
     after_held_out: Misfit
-    alternatives: tuple[str, ...]
+    alternatives: tuple[str, ...]  # other single terms that explain these data as well
+    # the simulated loading sequence, with the moments and forces of the law as concentrated loads
     steps: tuple[LoadStep, ...]
 
     @property
@@ -185,7 +119,7 @@ class FoundLaw:
         return {
             "formula": self.formula,
             "where": "; ".join(dict.fromkeys(t.where for t in self.terms)),
-            "after": {"fit": self.after_fit.to_json(), "held_out": self.after_held_out.to_json()},
+            "after": errors(self.after_fit, self.after_held_out),
             "sentence": self.sentence,
             "terms": [
                 {
@@ -201,131 +135,75 @@ class FoundLaw:
         }
 
 
-Array = NDArray[np.float64]
-
-
 @dataclass(frozen=True)
 class Shapes:
-    """Measured and predicted positions, for pictures; NaN where nothing was measured or solved.
+    """Measured and predicted positions by step of ``loading.csv``; NaN where nothing was measured or solved."""
 
-    Attributes
-    ----------
-    step_ids : tuple of int
-        As ``loading.csv`` numbers the steps; the first axis of all arrays.
-    branches : tuple of str
-        Label of the branch of every step; empty where the file has none.
-    held_out : ndarray of bool, shape (n_steps,)
-    arc_lengths : ndarray, shape (n_locations,)
-        Where positions were measured [m].
-    measured, before, after : ndarray, shape (n_steps, n_locations, 3)
-        Measured positions, and those predicted by the declared and by the final model, in the measuring frame [m].
-    backbone_before, backbone_after : ndarray, shape (n_steps, n_nodes, 3)
-        Predicted backbone (without marker offsets) in the measuring frame, base first, tip last [m].
-    """
-
-    step_ids: tuple[int, ...]
-    branches: tuple[str, ...]
-    held_out: NDArray[np.bool_]
-    arc_lengths: Array
+    held_out: NDArray[np.bool_]  # shape (n_steps,)
+    arc_lengths: Array  # where positions were measured [m], shape (n_locations,)
+    # Measured positions, and those predicted by the declared and by the final model, in the measuring frame
+    # [m], shape (n_steps, n_locations, 3)
     measured: Array
     before: Array
     after: Array
+    # Predicted backbone (without marker offsets) in the measuring frame, base first, tip last [m], shape
+    # (n_steps, n_nodes, 3)
     backbone_before: Array
     backbone_after: Array
 
 
 @dataclass(frozen=True)
 class AddedEffect:
-    """An effect that was added.
-
-    Attributes
-    ----------
-    name : str
-    parameters : mapping of str to Estimate
-        From the final model.
-    after_fit, after_held_out : Misfit
-        With this effect and all before it; `NOT_EVALUATED` where the time did not suffice for that model.
-    evidence : mapping
-        Evidence for it; empty where the model with it, or that before it, was not evaluated.
-    indistinguishable_from : tuple of str
-        Effects that explain these data as well.
-    separating_experiment : str
-        Experiment that separates them.
-    """
+    """An effect that was added."""
 
     name: str
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, Estimate]  # from the final model
+    # With this effect and all before it; `NOT_EVALUATED` where the time did not suffice for that model
     after_fit: Misfit
     after_held_out: Misfit
+    # evidence for it; empty where the model with it, or that before it, was not evaluated
     evidence: Mapping[str, Any]
-    indistinguishable_from: tuple[str, ...] = ()
-    separating_experiment: str = ""
+    indistinguishable_from: tuple[str, ...] = ()  # effects that explain these data as well
+    separating_experiment: str = ""  # experiment that separates them
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """Result of one candidate in one round.
-
-    Attributes
-    ----------
-    round : int
-    model : tuple of str
-        Effects already in the model.
-    name : str
-    drop : float
-        By how much the misfit would fall to first order, over the misfit per degree of freedom [1].
-    fitted : bool
-    chi2_fit, chi2_held_out : float or None
-        Per reading, after the fit [1].
-    note : str
-    """
+    """Result of one candidate in one round."""
 
     round: int
-    model: tuple[str, ...]
+    model: tuple[str, ...]  # effects already in the model
     name: str
-    drop: float
+    drop: float  # by how much the misfit would fall to first order, over the misfit per degree of freedom [1]
     fitted: bool = False
+    # Per reading, after the fit [1]
     chi2_fit: float | None = None
     chi2_held_out: float | None = None
     note: str = ""
 
 
-#: Where the error remains if the data have a fault, or if errors of the inputs account for all of it.
-THE_DATA, THE_INPUTS, THE_NOISE = "the data", "the inputs", "the noise"
+#: Where the error remains if the data have a fault, errors of the inputs account for all of it, the noise is not known,
+#: or the data do not suffice.
+THE_DATA, THE_INPUTS, THE_NOISE, NOT_KNOWN = "the data", "the inputs", "the noise", "not known"
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """What is left.
-
-    Attributes
-    ----------
-    where, description : str
-    moment : ndarray or None
-        Missing bending moment about the section's x and y axes, shape (n_steps, n_bays, 2) [N m].
-    bays : ndarray or None
-        Edges of the bays [m], shape (n_bays + 1,).
-    """
+    """What is left."""
 
     where: str
     description: str
+    # missing bending moment about the section's x and y axes, shape (n_steps, n_bays, 2) [N m]
     moment: Array | None = None
-    bays: Array | None = None
+    bays: Array | None = None  # edges of the bays [m], shape (n_bays + 1,)
 
 
 @dataclass(frozen=True)
 class SetErrors:
-    """Errors on one of several data sets.
-
-    Attributes
-    ----------
-    name : str
-    first, last : int
-        Its steps in the joined numbering.
-    before_fit, before_held_out, after_fit, after_held_out : Misfit
-    """
+    """Errors on one of several data sets."""
 
     name: str
+    # Its steps in the joined numbering
     first: int
     last: int
     before_fit: Misfit
@@ -338,8 +216,8 @@ class SetErrors:
         return {
             "dataset": self.name,
             "steps": [self.first, self.last],
-            "before": {"fit": self.before_fit.to_json(), "held_out": self.before_held_out.to_json()},
-            "after": {"fit": self.after_fit.to_json(), "held_out": self.after_held_out.to_json()},
+            "before": errors(self.before_fit, self.before_held_out),
+            "after": errors(self.after_fit, self.after_held_out),
         }
 
 
@@ -349,29 +227,16 @@ LEAST_SEPARATION, MOST_REMAINING = 2.0, 0.9
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """A loading sequence, from the unloaded robot, that helps most.
-
-    Attributes
-    ----------
-    steps : tuple of LoadStep
-    purpose : str
-        What it shows, with the expected separation or reduction.
-    separated : tuple of str
-        Explanations that it separates from the result's; empty where it refines a parameter.
-    separation : tuple of float
-        Expected difference from each, over the noise and the uncertainty of the parameters [sigma].
-    parameter : str
-        Whose standard error it reduces; empty where it separates explanations.
-    remaining_share : float
-        Of that standard error [1].
-    """
+    """A loading sequence, from the unloaded robot, that helps most."""
 
     steps: tuple[LoadStep, ...]
-    purpose: str
+    purpose: str  # what it shows, with the expected separation or reduction
+    # explanations that it separates from the result's; empty where it refines a parameter
     separated: tuple[str, ...] = ()
+    # expected difference from each, over the noise and the uncertainty of the parameters [sigma]
     separation: tuple[float, ...] = ()
-    parameter: str = ""
-    remaining_share: float = 1.0
+    parameter: str = ""  # whose standard error it reduces; empty where it separates explanations
+    remaining_share: float = 1.0  # of that standard error [1]
 
     @property
     def helps(self) -> bool:
@@ -392,29 +257,16 @@ class NextExperiment:
 MOST_NOISE = 2.0
 
 
-#: In proportion to every input, or alike for all.
-ScatterKind = Literal["relative", "absolute"]
-
-
 @dataclass(frozen=True)
-class InputScatter:
-    """Scatter of the inputs that would account for a part of the residual.
+class InputNoise:
+    """Noise of the inputs that would account for a part of the residual."""
 
-    Attributes
-    ----------
-    kind : str
-        "relative": in proportion to every input; "absolute": alike for all.
-    size : float
-        Standard deviation, over the input [1] or in `unit`.
-    unit : str
-        "1", "N" or "m".
-    before, after : Misfit
-        Of all readings: the final model's, and with the most likely errors of the inputs.
-    """
-
-    kind: ScatterKind
-    size: float
-    unit: str
+    kind: Literal[
+        "relative", "absolute"
+    ]  # "relative": in proportion to every input; "absolute": alike for all
+    size: float  # standard deviation, over the input [1] or in `unit`
+    unit: str  # "1", "N" or "m"
+    # Of all readings: the final model's, and with the most likely errors of the inputs
     before: Misfit
     after: Misfit
 
@@ -430,22 +282,22 @@ class InputScatter:
 
 
 @dataclass(frozen=True)
+class Jump:
+    """A jump of one coordinate of a marker that the final model leaves."""
+
+    step: int  # the first one after it
+    marker: float  # arc length [m]
+    axis: str
+    size: float  # [m]
+
+
+@dataclass(frozen=True)
 class SearchedSteps:
-    """Load steps that the search used, where that are not all.
+    """Load steps that the search used, where that are not all."""
 
-    Attributes
-    ----------
-    steps : tuple of int
-        Numbers of the load steps.
-    total : int
-        Load steps of the data.
-    fitted_to_all : bool
-        Whether the final fit and all errors are of all load steps; else they are of these.
-    """
-
-    steps: tuple[int, ...]
-    total: int
-    fitted_to_all: bool
+    steps: tuple[int, ...]  # numbers of the load steps
+    total: int  # load steps of the data
+    fitted_to_all: bool  # whether the final fit and all errors are of all load steps; else they are of these
 
     @property
     def sentence(self) -> str:
@@ -456,15 +308,16 @@ class SearchedSteps:
         return f"The search used {count}, and all errors are of these: there is no fit to all load steps."
 
 
-Verdict = Literal[
-    "explained",
-    "explained by a law found",
-    "partly explained",
-    "unexplained",
-    "nothing missing",
-    "cannot tell",
-    "unfinished",
-]
+class Verdict(StrEnum):
+    """The verdict; `tdcr_fe.identify.sentences.HEADLINES` has the sentence of each."""
+
+    EXPLAINED = "explained"
+    LAW_FOUND = "explained by a law found"
+    PARTLY_EXPLAINED = "partly explained"
+    UNEXPLAINED = "unexplained"
+    NOTHING_MISSING = "nothing missing"
+    CANNOT_TELL = "cannot tell"
+    UNFINISHED = "unfinished"
 
 
 @dataclass(frozen=True)
@@ -509,8 +362,8 @@ class IdentificationResult:
     interrupted : bool
     history : tuple of str
         What was done, in sentences.
-    noise : Noise
-        Noise that the misfits are compared with.
+    noise : Misfit
+        What the noise alone gives, which the misfits are compared with.
     shapes : Shapes
         Measured and predicted positions, for pictures.
     corrected : Experiment
@@ -522,15 +375,15 @@ class IdentificationResult:
     catalogue : tuple of Effect
         The candidates.
     law : FoundLaw or None
-        A law on no list that is part of the final model.
+        An unlisted law that is part of the final model.
     ceiling : Misfit or None
         Held-out misfit that a flexible regression of the residual leaves at best; None where it was not tried.
     next_experiment : NextExperiment or None
         None where nothing is to be separated or refined.
-    input_scatter : InputScatter or None
+    input_noise : InputNoise or None
         Errors of the inputs that would account for a part of what is left; None where there are none such.
-    jump : str
-        The clearest jump of the residual that is left, as a sentence; empty where there is none.
+    jump : Jump or None
+        The clearest jump of the residual that is left; None where there is none.
     by_set : tuple of SetErrors
         Of every data set, where several were given.
     searched : SearchedSteps or None
@@ -558,7 +411,7 @@ class IdentificationResult:
     correlation: Array
     parameter_names: tuple[str, ...]
     mesh_error: float
-    noise: Noise
+    noise: Misfit
     shapes: Shapes
     corrected: Experiment
     commanded: Experiment
@@ -572,8 +425,8 @@ class IdentificationResult:
     law: FoundLaw | None = None
     ceiling: Misfit | None = None
     next_experiment: NextExperiment | None = None
-    input_scatter: InputScatter | None = None
-    jump: str = ""
+    input_noise: InputNoise | None = None
+    jump: Jump | None = None
     by_set: tuple[SetErrors, ...] = ()
     searched: SearchedSteps | None = None
     not_tried: tuple[str, ...] = ()
@@ -601,12 +454,14 @@ class IdentificationResult:
 
     def to_json(self) -> dict[str, Any]:
         """As ``result.json`` has it; numbers that are not finite become null."""
+        from tdcr_fe.identify.sentences import jump_sentence
+
         readings = self.data.readings
         document = {
             "dataset": self.data.name,
             "observations": len(readings),
             "held_out_steps": list(self.held_out_steps),
-            "before": {"fit": self.before_fit.to_json(), "held_out": self.before_held_out.to_json()},
+            "before": errors(self.before_fit, self.before_held_out),
             "effects": [
                 {
                     "effect": e.name,
@@ -615,21 +470,21 @@ class IdentificationResult:
                         | ({"note": p.note} if p.note else {})
                         for n, p in e.parameters.items()
                     },
-                    "after": {"fit": e.after_fit.to_json(), "held_out": e.after_held_out.to_json()},
+                    "after": errors(e.after_fit, e.after_held_out),
                     "evidence": dict(e.evidence),
                     "indistinguishable_from": list(e.indistinguishable_from),
                 }
                 | ({"separating_experiment": e.separating_experiment} if e.separating_experiment else {})
                 for e in self.effects
             ],
-            "after": {"fit": self.after_fit.to_json(), "held_out": self.after_held_out.to_json()},
+            "after": errors(self.after_fit, self.after_held_out),
             "verdict": self.verdict,
             **({"datasets": [s.to_json() for s in self.by_set]} if self.by_set else {}),
             **({} if self.law is None else {"law": self.law.to_json()}),
             **({} if self.ceiling is None else {"ceiling": {"held_out": self.ceiling.to_json()}}),
             **({} if self.next_experiment is None else {"next_experiment": self.next_experiment.to_json()}),
-            **({} if self.input_scatter is None else {"input_scatter": self.input_scatter.to_json()}),
-            **({"jump": self.jump} if self.jump else {}),
+            **({} if self.input_noise is None else {"input_scatter": self.input_noise.to_json()}),
+            **({} if self.jump is None else {"jump": jump_sentence(self)[0]}),
             "remaining": {"where": self.remaining.where, "description": self.remaining.description},
             "left_out": [str(b) for b in self.data.left_out],
             "outliers": [

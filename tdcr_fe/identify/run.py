@@ -28,21 +28,11 @@ Ends = tuple[tuple[int, float], ...]
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Path of a run, as reference path for neighbouring runs.
+    """Path of a run, as reference path for neighbouring runs."""
 
-    Attributes
-    ----------
-    waypoints : list of list of Increment
-        By step, see `tdcr_fe.solve.simulate.PathRecord`.
-    ends : tuple of (int, float)
-        Of its steps.
-    s : ndarray, shape (n,)
-        Arc lengths of the nodes [m].
-    """
-
-    waypoints: PathRecord
-    ends: Ends
-    s: Array
+    waypoints: PathRecord  # by step, see `tdcr_fe.solve.simulate.PathRecord`
+    ends: Ends  # of its steps
+    s: Array  # arc lengths of the nodes [m], shape (n,)
 
     def part(self, first: int, last: int) -> Trajectory:
         """Of the commanded steps from ``first`` up to ``last``, which is not included; they count from 0."""
@@ -145,27 +135,17 @@ def _divide(joined: dict[int, list[Increment]], ends: Ends) -> PathRecord:
 
 @dataclass(frozen=True, eq=False)
 class RunDerivatives:
-    """Derivatives of a run by parameters, which are the last axis; NaN for steps that were not solved.
+    """Derivatives of a run by parameters, which are the last axis; NaN for steps that were not solved."""
 
-    Attributes
-    ----------
-    positions, rotations : ndarray, shape (n_steps, n, 3, P)
-        As in `tdcr_fe.model.results.Sensitivity`.
-    displacements, distal_tensions : ndarray, shape (n_steps, n_tendons, P)
-    arc_lengths : ndarray, shape (n, P)
-        Of the nodes.
-    names : tuple of str
-        Of the parameters.
-    refused : mapping of str to str
-        Parameters asked for by which there is no derivative, with the reason.
-    """
-
+    # As in `tdcr_fe.model.results.Sensitivity`, shape (n_steps, n, 3, P)
     positions: Array
     rotations: Array
+    # shape (n_steps, n_tendons, P)
     displacements: Array
     distal_tensions: Array
-    arc_lengths: Array
-    names: tuple[str, ...]
+    arc_lengths: Array  # of the nodes, shape (n, P)
+    names: tuple[str, ...]  # of the parameters
+    # parameters asked for by which there is no derivative, with the reason
     refused: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
@@ -224,44 +204,23 @@ def _padded(values: Array, steps: int) -> Array:
 
 @dataclass(frozen=True)
 class Run:
-    """Results of one simulated loading sequence that predictions need.
+    """Results of one simulated loading sequence that predictions need."""
 
-    Attributes
-    ----------
-    s : ndarray, shape (n,)
-        Arc lengths of the nodes [m].
-    positions : ndarray, shape (n_steps, n, 3)
-        [m].
-    rotations : ndarray, shape (n_steps, n, 3, 3)
-    displacements, base_tensions, distal_tensions : ndarray, shape (n_steps, n_tendons)
-        [m, N, N].
-    solved : int
-        Number of steps solved, from the first on; the others are NaN.
-    message : str
-        Why it ended.
-    trajectory : Trajectory or None
-        Reference path for neighbouring runs; None where none was recorded.
-    derivatives : RunDerivatives or None
-        By the parameters of the task.
-    refinement_errors : ndarray, shape (n_steps,)
-        By commanded step, what is left of its path dependence over the length where the solver could not resolve it,
-        else zero [1].
-    iterations : int
-        Newton iterations that it took.
-    """
-
-    s: Array
-    positions: Array
-    rotations: Array
+    s: Array  # arc lengths of the nodes [m], shape (n,)
+    positions: Array  # [m], shape (n_steps, n, 3)
+    rotations: Array  # shape (n_steps, n, 3, 3)
+    # [m, N, N], shape (n_steps, n_tendons)
     displacements: Array
     base_tensions: Array
     distal_tensions: Array
-    solved: int
-    message: str
-    trajectory: Trajectory | None = None
-    derivatives: RunDerivatives | None = None
+    solved: int  # number of steps solved, from the first on; the others are NaN
+    message: str  # why it ended
+    trajectory: Trajectory | None = None  # reference path for neighbouring runs; None where none was recorded
+    derivatives: RunDerivatives | None = None  # by the parameters of the task
+    # by commanded step, what is left of its path dependence over the length where the solver could not
+    # resolve it, else zero [1], shape (n_steps,)
     refinement_errors: Array = field(default_factory=lambda: np.zeros(0))
-    iterations: int = 0
+    iterations: int = 0  # Newton iterations that it took
 
     @classmethod
     def of(cls, steps: Sequence[StepResult], count: int, experiment: Experiment, message: str) -> Run:

@@ -19,37 +19,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Score:
-    """One candidate beside one fitted model.
-
-    Attributes
-    ----------
-    effect : Effect
-    drop : float
-        Fall of the sum of squares over the fitted readings, to first order.
-    drop_held : float
-        Fall of the sum of squares over the held-out readings for the same change.
-    starts : list of Point
-        Where a fit may begin.
-    predicted : ndarray, shape (n,)
-        Residual over sigma that it would leave, to first order.
-    signature : ndarray, shape (n, k)
-        Change of the predictions over sigma, by direction.
-    note : str
-        Reason of refusal; empty where it is not refused.
-    scales : mapping
-        Typical steps of its parameters in their fitted coordinates.
-    differenced : mapping of str to str
-        Parameters whose part of the signature is a difference of two runs, with the reason.
-    """
+    """One candidate beside one fitted model."""
 
     effect: Effect
-    drop: float
-    drop_held: float
-    starts: list[Point]
-    predicted: Array
-    signature: Array
-    note: str = ""
+    drop: float  # fall of the sum of squares over the fitted readings, to first order
+    drop_held: float  # fall of the sum of squares over the held-out readings for the same change
+    starts: list[Point]  # where a fit may begin
+    predicted: Array  # residual over sigma that it would leave, to first order, shape (n,)
+    signature: Array  # change of the predictions over sigma, by direction, shape (n, k)
+    note: str = ""  # reason of refusal; empty where it is not refused
+    # typical steps of its parameters in their fitted coordinates
     scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    # parameters whose part of the signature is a difference of two runs, with the reason
     differenced: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -122,26 +103,15 @@ def _column_key(column: Column) -> _ColumnKey:
 
 @dataclass(frozen=True)
 class _ProbeSet:
-    """One of the alternatives of `Effect.probe_points`.
-
-    Attributes
-    ----------
-    effect : Effect
-    points : list of dict
-    null, start : dict
-        Null values; the same with those parameters that are held at the values of the points.
-    directions : list of dict
-        Changes of the coordinates from the start to each point.
-    differentiated : Effect
-        Whose derivatives are taken, see `Effect.near_null`.
-    """
+    """One of the alternatives of `Effect.probe_points`."""
 
     effect: Effect
     points: list[dict[str, float]]
+    # Null values; the same with those parameters that are held at the values of the points
     null: dict[str, float]
     start: dict[str, float]
-    directions: list[dict[str, float]]
-    differentiated: Effect
+    directions: list[dict[str, float]]  # changes of the coordinates from the start to each point
+    differentiated: Effect  # whose derivatives are taken, see `Effect.near_null`
 
     @classmethod
     def of(cls, e: Effect, points: list[dict[str, float]], experiment: Experiment) -> _ProbeSet:

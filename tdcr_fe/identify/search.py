@@ -222,7 +222,7 @@ def search_effects(search: Search, state: SearchState) -> Stage:
 
 
 def _law_is_ahead(search: Search, state: SearchState) -> bool:
-    """Whether a law on no list leaves noise, and the best listed effects do not."""
+    """Whether an unlisted law leaves noise, and the best listed effects do not."""
     return state.law_ahead is not None and not residual_is_noise(
         state.problem, state.best, search.significance
     )
@@ -317,7 +317,7 @@ def _accepted(search: Search, state: SearchState, fits: Sequence[Fit]) -> list[F
 
 
 def _causes_ahead(search: Search, state: SearchState, number: int, iterations: int) -> Stage:
-    """After a round that leaves more than noise: a single local cause as the best model, or a law on no list ahead."""
+    """After a round that leaves more than noise: a single local cause as the best model, or an unlisted law ahead."""
     if number == 1:
         state = _with_local_cause(search, state)
         yield state
@@ -328,7 +328,7 @@ def _causes_ahead(search: Search, state: SearchState, number: int, iterations: i
 
 
 def _ahead(state: SearchState, located: SearchState | None) -> Fit | None:
-    """A model that leaves noise, which further effects must come near: a local cause, or a law on no list."""
+    """A model that leaves noise, which further effects must come near: a local cause, or an unlisted law."""
     if located is not None:
         return located.best
     return None if state.law_ahead is None else state.law_ahead.fit.as_fit()

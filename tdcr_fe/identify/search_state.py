@@ -36,23 +36,14 @@ REPETITIONS = 3
 
 @dataclass(frozen=True)
 class Search:
-    """What does not change during a search.
-
-    Attributes
-    ----------
-    settings : IdentifySettings
-    report : Progress
-    deadline : float
-        Reading of `tdcr_fe.identify.settings.clock` after which nothing further of the search begins, and fits end
-        where they are [s].
-    laws : bool
-        Whether a law on no list is looked for besides the listed effects.
-    """
+    """What does not change during a search."""
 
     settings: IdentifySettings
     report: Progress
+    # reading of `tdcr_fe.identify.settings.clock` after which nothing further of the search begins, and fits
+    # end where they are [s]
     deadline: float = math.inf
-    laws: bool = False
+    laws: bool = False  # whether an unlisted law is looked for besides the listed effects
 
     @property
     def late(self) -> bool:
@@ -67,53 +58,30 @@ class Search:
 
 @dataclass(frozen=True)
 class SearchState:
-    """State of the search; every stage returns a new one.
-
-    Attributes
-    ----------
-    problem : FitProblem
-    declared, best : Fit
-        The declared model, and the best so far.
-    fits : mapping
-        Every model that was fitted, by the names of its effects.
-    scores, local_scores : mapping
-        Scores of candidates, and of local causes, beside a model.
-    first_order_local_scores : mapping
-        Scores of local causes beside a model without those that were simulated.
-    candidates : tuple of Candidate
-        Result of each, for the report.
-    refused : mapping of str to str
-        Effects that are not tried, with the reason.
-    rivals : mapping of str to tuple of str
-        By effect of the best model, those that explain the data as well.
-    history : tuple of str
-    not_tried : tuple of str
-        Parts of the identification for which its time did not suffice.
-    interrupted : bool
-    data_fault : str
-        The fault of the data that explains the misfit of the declared model; empty where there is none.
-    law_ahead : LawAhead or None
-        A law on no list that leaves noise where the effects found before it do not.
-    law_sought : bool
-        Whether such a law was looked for.
-    """
+    """State of the search; every stage returns a new one."""
 
     problem: FitProblem
+    # The declared model, and the best so far
     declared: Fit
     best: Fit
-    fits: Mapping[Names, Fit]
+    fits: Mapping[Names, Fit]  # every model that was fitted, by the names of its effects
+    # Scores of candidates, and of local causes, beside a model
     scores: Mapping[Names, Sequence[Score]] = field(default_factory=dict)
     local_scores: Mapping[Names, Sequence[Score]] = field(default_factory=dict)
+    # scores of local causes beside a model without those that were simulated
     first_order_local_scores: Mapping[Names, Sequence[Score]] = field(default_factory=dict)
-    candidates: tuple[Candidate, ...] = ()
-    refused: Mapping[str, str] = field(default_factory=dict)
+    candidates: tuple[Candidate, ...] = ()  # result of each, for the report
+    refused: Mapping[str, str] = field(default_factory=dict)  # effects that are not tried, with the reason
+    # by effect of the best model, those that explain the data as well
     rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     history: tuple[str, ...] = ()
-    not_tried: tuple[str, ...] = ()
+    not_tried: tuple[str, ...] = ()  # parts of the identification for which its time did not suffice
     interrupted: bool = False
+    # the fault of the data that explains the misfit of the declared model; empty where there is none
     data_fault: str = ""
+    # An unlisted law that leaves noise where the effects found before it do not
     law_ahead: LawAhead | None = None
-    law_sought: bool = False
+    law_sought: bool = False  # whether such a law was looked for
 
     @classmethod
     def start(cls, problem: FitProblem, declared: Fit) -> SearchState:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.identify.result import (
+    NOT_KNOWN,
     THE_DATA,
     THE_INPUTS,
     THE_NOISE,
@@ -17,7 +19,10 @@ from tdcr_fe.identify.result import (
     Estimate,
     IdentificationResult,
     Misfit,
+    Verdict,
+    tip_force,
 )
+from tdcr_fe.identify.settings import A_LAW
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.report.environment import SPACE, estimate, quantity, significant, words
@@ -34,52 +39,48 @@ LEAST_THRESHOLD = 3e-3
 EARTH, EARTH_TOLERANCE = 9.81, 0.15
 
 
-def _stiffness(robot: Robot, model: Model) -> float | None:
-    return _common([t.axial_stiffness for t in robot.tendons])
-
-
-def _friction(robot: Robot, model: Model) -> float | None:
-    return _common([t.friction_coefficient for t in robot.tendons])
-
-
-def _thickness(robot: Robot, model: Model) -> float | None:
-    return robot.disks.thickness or None
-
-
-def _precurvature(axis: int) -> Callable[[Robot, Model], float | None]:
-    return lambda robot, model: (
-        robot.backbone.precurvature[axis] if any(robot.backbone.precurvature) else None
-    )
-
-
-def _gravity(axis: int) -> Callable[[Robot, Model], float | None]:
-    return lambda robot, model: model.gravity[axis] if any(model.gravity) else None
-
-
 def _common(values: list[float | None]) -> float | None:
     """The value that all tendons have; None where they differ or one has none."""
     first = values[0] if values else None
     return first if first is not None and all(v == first for v in values) else None
 
 
+def _component(
+    i: int, of: Callable[[Robot, Model], Sequence[float]]
+) -> Callable[[Robot, Model], float | None]:
+    """A component of a vector; None where all are zero, as is the default."""
+    return lambda robot, model: of(robot, model)[i] if any(of(robot, model)) else None
+
+
 #: Parameters for which the files declare a value: what it is, and where it is declared.
 DECLARED: dict[tuple[str, str], tuple[str, Callable[[Robot, Model], float | None]]] = {
-    ("tendon_stretch", "axial_stiffness"): ("the axial stiffness of the tendons", _stiffness),
-    ("friction_coefficient", "mu"): ("the friction coefficient", _friction),
-    ("rigid_disks", "thickness"): ("the thickness of the disks", _thickness),
-    ("precurvature", "kappa_x"): ("the precurvature about x", _precurvature(0)),
-    ("precurvature", "kappa_y"): ("the precurvature about y", _precurvature(1)),
-    ("gravity", "g_x"): ("gravity along x", _gravity(0)),
-    ("gravity", "g_y"): ("gravity along y", _gravity(1)),
-    ("gravity", "g_z"): ("gravity along z", _gravity(2)),
-    ("stiffness_scale", "bending"): (
-        "the factor on the declared bending stiffness",
-        lambda robot, model: 1.0,
+    ("tendon_stretch", "axial_stiffness"): (
+        "the axial stiffness of the tendons",
+        lambda robot, model: _common([t.axial_stiffness for t in robot.tendons]),
     ),
-    ("stiffness_scale", "torsion"): (
-        "the factor on the declared torsional stiffness",
-        lambda robot, model: 1.0,
+    ("friction_coefficient", "mu"): (
+        "the friction coefficient",
+        lambda robot, model: _common([t.friction_coefficient for t in robot.tendons]),
     ),
+    ("rigid_disks", "thickness"): (
+        "the thickness of the disks",
+        lambda robot, model: robot.disks.thickness or None,
+    ),
+    **{
+        ("precurvature", f"kappa_{a}"): (
+            f"the precurvature about {a}",
+            _component(i, lambda robot, model: robot.backbone.precurvature),
+        )
+        for i, a in enumerate("xy")
+    },
+    **{
+        ("gravity", f"g_{a}"): (f"gravity along {a}", _component(i, lambda robot, model: model.gravity))
+        for i, a in enumerate("xyz")
+    },
+    **{
+        ("stiffness_scale", name): (f"the factor on the declared {which} stiffness", lambda robot, model: 1.0)
+        for name, which in (("bending", "bending"), ("torsion", "torsional"))
+    },
 }
 
 
@@ -107,14 +108,11 @@ def _contradictions(e: AddedEffect, robot: Robot, model: Model) -> list[str]:
                 "modulus and diameter."
             )
             continue
-        text = (
-            f"The fit contradicts a declared value: {what} is fitted as {estimate(p.value, half_width(p), p.unit)}, "
-            f"declared as {quantity(declared, p.unit, 4)}."
-        )
-        others = " or ".join(words(n) for n in e.indistinguishable_from)
+        others = " or ".join(words(n) for n in e.indistinguishable_from) or "none of the listed effects"
         found.append(
-            text
-            + f" If the declared value is certain, the data have another cause: {others or 'none on the list'}."
+            f"The fit contradicts a declared value: {what} is fitted as {estimate(p.value, half_width(p), p.unit)}, "
+            f"declared as {quantity(declared, p.unit, 4)}. If the declared value is certain, the error has another "
+            f"cause: {others}."
         )
     return found
 
@@ -145,11 +143,7 @@ def _implausible(e: AddedEffect, result: IdentificationResult) -> list[str]:
     value = {name: p.value for name, p in e.parameters.items()}
     if e.name == "superelastic" and value["threshold_strain"] < LEAST_THRESHOLD:
         strain = largest_strain(result)
-        seen = (
-            f", and the largest strain in these data is about {_percent(strain)}"
-            if strain is not None
-            else ""
-        )
+        seen = "" if strain is None else f", and the largest strain in these data is about {_percent(strain)}"
         return [
             f"A superelastic backbone is not plausible here: the fitted threshold is a strain of "
             f"{_percent(value['threshold_strain'])}{seen}. Nickel-titanium transforms near 1 %, polymers yield above "
@@ -158,7 +152,7 @@ def _implausible(e: AddedEffect, result: IdentificationResult) -> list[str]:
     if e.name == "gravity":
         size = math.sqrt(sum(x * x for x in value.values()))
         if abs(size - EARTH) <= EARTH_TOLERANCE:
-            return [f"The magnitude of the fitted gravity is {quantity(size, 'm/s^2')}, as on earth."]
+            return [f"The magnitude of the fitted gravity is {quantity(size, 'm/s^2')}, as on Earth."]
         return [
             f"The magnitude of the fitted gravity is {quantity(size, 'm/s^2')}, not {EARTH} m/s²: either "
             "the declared masses are wrong, or the effect represents another cause."
@@ -179,42 +173,47 @@ def remarks(result: IdentificationResult) -> dict[str, list[str]]:
     return {name: texts for name, texts in found.items() if texts}
 
 
-def _joined(names: list[str]) -> str:
+def _joined(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
+
+
+#: The verdict in one sentence, by verdict and, where it has several, by where the error remains; the last of a verdict
+#: holds for all other places. ``names``: the effects; ``found``, ``beside``: a sentence and a part of one with them.
+HEADLINES: dict[Verdict, dict[str, str]] = {
+    Verdict.NOTHING_MISSING: {
+        "": "Nothing is missing: the declared model explains the measurements down to their noise."
+    },
+    Verdict.EXPLAINED: {"": "Explained: the declared model is missing {names}."},
+    Verdict.LAW_FOUND: {"": "Explained by a discovered law{beside}."},
+    Verdict.PARTLY_EXPLAINED: {
+        NOT_KNOWN: "Partly explained: {names} may explain the measurements, but there are too few readings to test "
+        "that.",
+        A_LAW: "Partly explained: a discovered law{beside}; part of the error remains.",
+        "": "Partly explained: {names} {removes} part of the error; no listed effect explains the rest.",
+    },
+    Verdict.UNEXPLAINED: {"": "Unexplained: the model is missing something that no listed effect explains."},
+    Verdict.CANNOT_TELL: {
+        THE_DATA: "Inconclusive: the data contain an error. Correct the files and run again.",
+        THE_INPUTS: "Inconclusive: the inputs are too noisy to decide what the model is missing.",
+        THE_NOISE: "Inconclusive: no effect is visible, but the noise of the sensors is not known.",
+        "": "Inconclusive: these readings are too few or too noisy to decide what the model is missing.{found}",
+    },
+    Verdict.UNFINISHED: {"": "Unfinished: the search {stopped} before it could decide.{found}"},
+}
 
 
 def headline(result: IdentificationResult) -> str:
     """The verdict in one sentence."""
     names = _joined([words(e.name) for e in result.effects]) if result.effects else ""
-    verdict: str = result.verdict
-    if verdict == "nothing missing":
-        return "Nothing is missing: the declared model explains the measurement down to its noise."
-    if verdict == "explained":
-        return f"Explained: the declared model lacks {names}."
-    if result.law is not None:
-        beside = f" beside {names}" if names else ""
-        rest = "" if verdict == "explained by a law found" else "; part of the error remains"
-        return f"{verdict[0].upper()}{verdict[1:]}: a law on no list{beside}{rest}."
-    if verdict == "partly explained" and result.remaining.where == "not known":
-        return f"Partly explained: {names} may explain the measurement, but it has too few readings to test that."
-    if verdict == "partly explained":
-        verb = "remove" if len(result.effects) > 1 else "removes"
-        return f"Partly explained: {names} {verb} part of the error; no listed effect explains the rest."
-    if verdict == "unexplained":
-        return "Unexplained: the model lacks something that no listed effect explains."
-    found = f" Found so far: {names}." if names else ""
-    if verdict == "cannot tell" and result.remaining.where == THE_DATA:
-        return "Cannot tell: the data have a fault. Mend it in the files, and run this again."
-    if verdict == "cannot tell" and result.remaining.where == THE_INPUTS:
-        return "Cannot tell: the inputs scatter too much to decide what the model lacks."
-    if verdict == "cannot tell" and result.remaining.where == THE_NOISE:
-        return "Cannot tell: no effect is seen, but the noise of the sensors is not known."
-    if verdict == "cannot tell":
-        return f"Cannot tell: these readings are too few or too noisy to decide what the model lacks.{found}"
-    if verdict == "unfinished":
-        why = "was interrupted" if result.interrupted else "ran out of time"
-        return f"Unfinished: the search {why} before it could decide.{found}"
-    return f"{verdict[0].upper()}{verdict[1:]}{': ' + names if names else ''}."
+    by_place = HEADLINES[result.verdict]
+    where = A_LAW if result.law is not None else result.remaining.where
+    return by_place.get(where, by_place[""]).format(
+        names=names,
+        removes="remove" if len(result.effects) > 1 else "removes",
+        beside=f" beside {names}" if names else "",
+        found=f" Found so far: {names}." if names else "",
+        stopped="was interrupted" if result.interrupted else "ran out of time",
+    )
 
 
 def measure(result: IdentificationResult) -> str:
@@ -242,41 +241,40 @@ def size(misfit: Misfit) -> str:
 
 def noise_size(result: IdentificationResult) -> str:
     """The noise in the same measure."""
-    if result.before_fit.rms_position is not None:
-        return _millimetres(result.noise.rms_position)
-    if result.before_fit.rms_angle is not None:
-        return quantity(result.noise.rms_angle, "rad")
-    return "1 sigma"
+    noise, before = result.noise, result.before_fit
+    return size(
+        replace(
+            noise,
+            rms_position=None if before.rms_position is None else noise.rms_position,
+            rms_angle=None if before.rms_angle is None else noise.rms_angle,
+        )
+    )
 
 
 def sentences(result: IdentificationResult) -> list[str]:
     """Further sentences on the first screen."""
-    found = [
-        *_reason(result),
-        *_law(result),
-        *_errors(result),
-        *_held_out(result),
-        *_search(result),
-        *_ceiling_sentence(result),
-        *_by_set(result),
-        *_indistinguishable(result),
-        *_remaining(result),
-        *_scatter_sentence(result),
-        *([result.jump] if result.jump else []),
-        *_readings(result),
-        *next_sentence(result),
-    ]
-    if result.interrupted and result.verdict != "unfinished":
-        found.append("Unfinished: the search was interrupted, and this is its state at that time.")
-    return found
+    parts = (
+        _reason,
+        _law,
+        _errors,
+        _held_out,
+        _search,
+        _explainable,
+        _by_set,
+        _indistinguishable,
+        _remaining,
+        _input_noise,
+        jump_sentence,
+        _readings,
+        next_sentence,
+    )
+    return [text for part in parts for text in part(result)]
 
 
 def _reason(result: IdentificationResult) -> list[str]:
     """Why the data do not tell."""
-    if result.verdict != "cannot tell":
-        return []
     reason = result.remaining.description
-    return [f"{reason[:1].upper()}{reason[1:]}."]
+    return [f"{reason[:1].upper()}{reason[1:]}."] if result.verdict == Verdict.CANNOT_TELL else []
 
 
 def _law(result: IdentificationResult) -> list[str]:
@@ -294,7 +292,7 @@ def _errors(result: IdentificationResult) -> list[str]:
     found = [f"{text}; the noise alone gives {noise_size(result)}.", *_estimated_noise(result)]
     if result.law is not None and result.law.alternatives:
         others = " or ".join(result.law.alternatives)
-        found.append(f"Another form of the law explains these data as well: {others}.")
+        found.append(f"Another form of the law explains these data equally well: {others}.")
     return found
 
 
@@ -303,20 +301,21 @@ def _held_out(result: IdentificationResult) -> list[str]:
     if not result.held_out_steps or not (result.effects or result.law):
         return []
     before, after = result.before_held_out, result.after_held_out
-    predicts = after.chi2_per_dof < min(2.0, 0.5 * before.chi2_per_dof)
-    return [
-        f"{len(result.held_out_steps)} of {len(result.data.steps)} steps were held out and not used for fitting. "
-        f"On them it goes from {size(before)} to {size(after)}"
-        + (": the corrected model predicts steps that it was not fitted to." if predicts else ".")
-    ]
+    change = f"the error goes from {size(before)} to {size(after)}."
+    if after.chi2_per_dof < min(2.0, 0.5 * before.chi2_per_dof):
+        change = (
+            f"the error drops from {size(before)} to {size(after)}, so the corrected model predicts data it was not "
+            "fitted to."
+        )
+    count = f"{len(result.held_out_steps)} of {len(result.data.steps)} steps"
+    return [f"{count} were held out and not used for fitting. On these held-out steps {change}"]
 
 
 def _search(result: IdentificationResult) -> list[str]:
     """What the search used, and what it left out."""
     found = [] if result.searched is None else [result.searched.sentence]
     if result.not_tried:
-        left_out = _joined(list(result.not_tried))
-        found.append(f"The time limit did not suffice for {left_out}; --minutes sets it.")
+        found.append(f"The time limit (--minutes) was too short for {_joined(result.not_tried)}.")
     return found
 
 
@@ -324,12 +323,12 @@ def _by_set(result: IdentificationResult) -> list[str]:
     """Errors on every one of several data sets."""
     found = []
     for s in result.by_set:
-        errors = []
-        if s.after_fit.count:
-            errors.append(f"fitted steps {size(s.before_fit)} to {size(s.after_fit)}")
-        if s.after_held_out.count:
-            errors.append(f"held out {size(s.before_held_out)} to {size(s.after_held_out)}")
-        found.append(f"{s.name} (steps {s.first} to {s.last}): {', '.join(errors)}.")
+        parts = (
+            ("fitted steps", s.before_fit, s.after_fit),
+            ("held out", s.before_held_out, s.after_held_out),
+        )
+        changes = [f"{what} {size(before)} to {size(after)}" for what, before, after in parts if after.count]
+        found.append(f"{s.name} (steps {s.first} to {s.last}): {', '.join(changes)}.")
     return found
 
 
@@ -355,22 +354,25 @@ def _rival(name: str, added: str) -> str:
 
 def _remaining(result: IdentificationResult) -> list[str]:
     """Where the error is that no effect explains."""
-    if result.verdict not in ("partly explained", "unexplained"):
+    if result.verdict not in (Verdict.PARTLY_EXPLAINED, Verdict.UNEXPLAINED):
         return []
     # What is known of the location; the size of the moment and the tests are in the section on the rest.
+    where = result.remaining.where
     first = result.remaining.description.split("; ")[0]
-    plain = first.startswith("not on the list") or not result.remaining.where.startswith("bay")
-    where = first if plain else f"largest in {result.remaining.where}"
+    where = f"largest in {where}" if where.startswith("bay") else first
     return [f"Remaining error: {where}.", *_never_driven(result)]
 
 
 def _readings(result: IdentificationResult) -> list[str]:
     """Rows that were left out, and outliers."""
+    rows, outliers = len(result.data.left_out), len(result.outliers)
     found = []
-    if result.data.left_out:
-        found.append(f"{len(result.data.left_out)} faulty rows were left out; they are listed below.")
-    if result.outliers:
-        found.append(f"{len(result.outliers)} readings are outliers; they are listed below.")
+    if rows:
+        found.append(f"{rows} faulty {'row was' if rows == 1 else 'rows were'} left out; see the list below.")
+    if outliers:
+        found.append(
+            f"{outliers} {'reading is an outlier' if outliers == 1 else 'readings are outliers'}; see below."
+        )
     return found
 
 
@@ -383,28 +385,39 @@ def _estimated_noise(result: IdentificationResult) -> list[str]:
     without = sorted({r.channel.family for r in result.data.readings if r.sigma is None})
     return [
         f"No sigma is given for {_joined(without)}: the noise is estimated from the scatter of the readings about "
-        "smooth curves. An error that changes from step to step without order counts as noise."
+        "smooth curves. An error that changes irregularly from step to step counts as noise."
     ]
 
 
-def _scatter_sentence(result: IdentificationResult) -> list[str]:
+def _input_noise(result: IdentificationResult) -> list[str]:
     """Errors of the inputs that would account for a part of what is left."""
-    scatter = result.input_scatter
-    if scatter is None:
+    noise = result.input_noise
+    if noise is None:
         return []
-    if scatter.kind == "relative":
-        how = f"{significant(100.0 * scatter.size, 2)}{SPACE}% of each"
-    else:
-        how = quantity(scatter.size, scatter.unit)
-    what, measured = (
-        ("displacements", "them") if scatter.unit == "m" else ("tensions", "them with load cells")
-    )
-    if scatter.unit == "1":
-        what, measured = "inputs", "tensions and displacements at the base"
+    how = quantity(noise.size, noise.unit)
+    if noise.kind == "relative":
+        how = f"{significant(100.0 * noise.size, 2)}{SPACE}% of their values"
+    what, measured = {
+        "m": ("displacements", "the displacements"),
+        "N": ("tensions", "the tensions with load cells"),
+        "1": ("inputs", "tensions and displacements at the base"),
+    }[noise.unit]
     return [
-        f"Errors of the {what} of {how} (standard deviation), other ones in every step, would account for a part of "
-        f"what is left: {size(scatter.before)} fall to {size(scatter.after)} over all steps. No effect predicts such "
-        f"errors; measure {measured}."
+        f"Random errors of the {what} with a standard deviation of {how}, independent in every step, would explain "
+        f"part of the remaining error: it would fall from {size(noise.before)} to {size(noise.after)} over all steps. "
+        f"No effect predicts such errors; measure {measured}."
+    ]
+
+
+def jump_sentence(result: IdentificationResult) -> list[str]:
+    """A jump of the residual that is left."""
+    jump = result.jump
+    if jump is None:
+        return []
+    return [
+        f"From step {jump.step} on, the readings of the marker at s = {jump.marker:.4g} m lie "
+        f"{quantity(abs(jump.size), 'm', 2)} {'higher' if jump.size > 0.0 else 'lower'} in {jump.axis} than before, "
+        "beyond what the model predicts. Did the marker move, or was the setup changed?"
     ]
 
 
@@ -417,7 +430,7 @@ def _never_driven(result: IdentificationResult) -> list[str]:
     if not idle or not driven:
         return []
     what, verb = ("Tendon", "has") if len(idle) == 1 else ("Tendons", "have")
-    return [f"{what} {_joined(idle)} {verb} no input in any step: is that recorded in loading.csv?"]
+    return [f"{what} {_joined(idle)} {verb} no input in any step. Is it missing from loading.csv?"]
 
 
 def next_sentence(result: IdentificationResult) -> list[str]:
@@ -429,58 +442,50 @@ def next_sentence(result: IdentificationResult) -> list[str]:
     for step in planned.steps:
         parts = [f"{n} = {quantity(v, 'N')}" for n, v in step.tensions.items() if v != 0.0]
         parts += [f"{n} = {quantity(v, 'm')}" for n, v in step.displacements.items() if v != 0.0]
-        parts += [
-            f"tip force ({', '.join(f'{x:.3g}' for x in load.force)}) N"
-            for load in step.loads.values()
-            if any(load.force)
-        ]
+        parts += [tip_force(load.force) for load in step.loads.values() if any(load.force)]
         commands.append(", ".join(parts) or "all tendons at zero, no force at the tip")
     # a step in which nothing changes is no step of the experiment
     how = "; then ".join(text for text, _ in itertools.groupby(commands))
-    if not planned.helps:
-        return [
-            "No experiment within the inputs measured helps much. The best one (next/loading.csv) "
-            f"{planned.purpose}: {how}. Measure other quantities (tensions at the base, further markers), or apply "
-            "forces at the tip."
-        ]
-    return [f"Next experiment (next/loading.csv), which {planned.purpose}: {how}."]
+    if planned.helps:
+        return [f"Next experiment (next/loading.csv), which {planned.purpose}: {how}."]
+    return [
+        f"No experiment within the measured inputs helps much. The best one (next/loading.csv) {planned.purpose}: "
+        f"{how}. Measure other quantities (tensions at the base, more markers), or apply forces at the tip."
+    ]
 
 
-def _ceiling_sentence(result: IdentificationResult) -> list[str]:
-    """How much of what can be removed on the held-out steps is removed; nothing where that is not known."""
-    if result.ceiling is None:
+def _explainable(result: IdentificationResult) -> list[str]:
+    """How much of the held-out error could be explained, and how much is; nothing where that is not known."""
+    least, before, after = result.ceiling, result.before_held_out, result.after_held_out
+    if least is None:
         return []
-    before, after, least = result.before_held_out, result.after_held_out, result.ceiling
-    how = "a flexible regression of the residual (Gaussian process on inputs, their history and time)"
+    text: Callable[[float | None], str]
     if before.rms_position is not None and least.rms_position is not None and after.rms_position is not None:
-        removable, removed = (
-            before.rms_position - least.rms_position,
-            before.rms_position - after.rms_position,
-        )
-        text = f"{_millimetres(removed)} of the {_millimetres(removable)}"
+        start, end, low, text = before.rms_position, after.rms_position, least.rms_position, _millimetres
     else:
         start, end, low = (math.sqrt(m.chi2_per_dof) for m in (before, after, least))
-        removable, removed = start - low, start - end
-        text = f"{significant(removed)} of the {significant(removable)} sigma"
-    if removable <= 0.0:
-        return [f"On the held-out steps, {how} removes nothing from the error of the declared model."]
-    what = "law" if result.law is not None and not result.effects else "effects"
-    verb = "removes" if what == "law" else "remove"
-    if not result.effects and result.law is None:
-        return [
-            f"On the held-out steps, {how} leaves {size(least)} of {size(before)}: so much could be explained."
-        ]
-    return [f"On the held-out steps the {what} {verb} {text} that can be removed, as {how} shows."]
+        text = _sigmas
+    how = "A Gaussian-process regression of the residual (on the inputs, their history and time)"
+    if start <= low:
+        return [f"{how} explains none of the error of the declared model on the held-out steps."]
+    shows = f"{how} shows that at most {text(start - low)} of the error on the held-out steps is explainable"
+    if not (result.effects or result.law):
+        return [f"{shows}."]
+    what, verb = ("law", "explains") if not result.effects else ("effects", "explain")
+    return [f"{shows}; the {what} above {verb} {text(start - end)}."]
+
+
+def _sigmas(number: float | None) -> str:
+    return f"{significant(number)} sigma"
 
 
 def summary(result: IdentificationResult) -> str:
     """The verdict and the effects with their values, as plain text."""
     lines = [headline(result), *sentences(result)]
+    noted = remarks(result)
     for e in result.effects:
         for name, p in e.parameters.items():
-            text = f"    {e.name}.{name} = {estimate(p.value, half_width(p), p.unit)}"
-            lines.append(
-                text + (" (95 %)" if p.std_error is not None else "") + (f" ({p.note})" if p.note else "")
-            )
-        lines += [f"    {text}" for text in remarks(result).get(e.name, [])]
+            notes = (" (95 %)" if p.std_error is not None else "") + (f" ({p.note})" if p.note else "")
+            lines.append(f"    {e.name}.{name} = {estimate(p.value, half_width(p), p.unit)}{notes}")
+        lines += [f"    {text}" for text in noted.get(e.name, [])]
     return "\n".join(lines)

@@ -66,7 +66,7 @@ class IdentifySettings:
 
 
 #: Parts of an identification that are left out where its time does not suffice.
-FAULTS = "faults of the data"
+FAULTS = "errors in the data"
 
 
 FURTHER_EFFECTS = "further effects"
@@ -81,13 +81,13 @@ PLACES = "places along the backbone"
 FRICTION = "the best model with friction"
 
 
-A_LAW = "a law on no list"
+A_LAW = "an unlisted law"
 
 
 NEXT_EXPERIMENT = "the next experiment"
 
 
-INPUT_SCATTER = "the scatter of the inputs"
+INPUT_NOISE = "the noise of the inputs"
 
 
 ALL_STEPS = "the fit to all load steps"
@@ -96,7 +96,7 @@ ALL_STEPS = "the fit to all load steps"
 SMALLER_MODELS = "the errors after each effect"
 
 
-CEILING = "the ceiling"
+CEILING = "the explainable part of the error"
 
 
 TABLES = "the tables of the corrected robot"
@@ -124,24 +124,12 @@ class OutOfTime(Exception):
 
 
 class Schedule(NamedTuple):
-    """First deadlines of the parts of an identification, as readings of `clock` [s].
+    """First deadlines of the parts of an identification, as readings of `clock` [s]."""
 
-    Attributes
-    ----------
-    search : float
-        Of the search for effects.
-    friction : float
-        Of the best model with friction, where the search runs without.
-    end : float
-        Of everything else but the tables of the corrected robot.
-    grace : float
-        From a first deadline to the second.
-    """
-
-    search: float
-    friction: float
-    end: float
-    grace: float
+    search: float  # of the search for effects
+    friction: float  # of the best model with friction, where the search runs without
+    end: float  # of everything else but the tables of the corrected robot
+    grace: float  # from a first deadline to the second
 
     @classmethod
     def of(cls, begun: float, seconds: float, all_steps: float = 0.0, with_friction: float = 0.0) -> Schedule:
@@ -194,22 +182,13 @@ def ending_at(deadline: float) -> Callable[[Any], None] | None:
 
 @dataclass(frozen=True)
 class Budget:
-    """What a search may cost.
+    """What a search may cost."""
 
-    Attributes
-    ----------
-    forward : ForwardModel
-        Which counts the runs.
-    runs, iterations : int
-        Counts at which the budget is spent.
-    deadline : float
-        Reading of `tdcr_fe.identify.settings.clock` at which it is spent [s].
-    """
-
-    forward: ForwardModel
+    forward: ForwardModel  # which counts the runs
+    # Counts at which the budget is spent
     runs: int
     iterations: int
-    deadline: float
+    deadline: float  # reading of `tdcr_fe.identify.settings.clock` at which it is spent [s]
 
     @property
     def spent(self) -> bool:

@@ -17,10 +17,65 @@ from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.scene.inputs import InputsOverTime, named_inputs
 from tdcr_fe.scene.mesh import softened_stiffness
 
 Array = NDArray[np.float64]
+#: A tension this far below zero is taken as zero: round-off of the user's function [N].
+TENSION_ROUND_OFF = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class InputsOverTime:
+    """Inputs as a function of time, checked whenever a solver asks for them."""
+
+    names: tuple[str, ...]  # of the tendons
+    actuation: TendonActuation  # of the robot
+    #: From time [s] to tensions [N] or displacements [m], shape (m,).
+    function: Callable[[float], Sequence[float]]
+
+    def __call__(self, t: float) -> Array:
+        """Inputs at a time [s], shape (m,).
+
+        Raises
+        ------
+        ValueError
+            Not one finite number per tendon, or a negative tension.
+        """
+        where = f"robot {self.actuation.name!r}: the function of set_inputs_over_time, at time {t:g} s"
+        expected = f"a number for each of {len(self.names)} tendons ({', '.join(self.names)})"
+        try:
+            values = np.array(self.function(t), dtype=float)
+        except (TypeError, ValueError) as wrong:
+            raise ValueError(f"{where}: {wrong}; must return {expected}") from wrong
+        if values.shape != (len(self.names),):
+            raise ValueError(f"{where}, returned {values.tolist()}; must be {expected}")
+        push = ~self.actuation.by_displacement & (values < 0.0)
+        wrong_ones = ~np.isfinite(values) | (push & (values < -TENSION_ROUND_OFF))
+        if np.any(wrong_ones):
+            k = int(np.argmax(wrong_ones))
+            raise ValueError(
+                f"{where}, returned {values[k]:g} for tendon {self.names[k]!r}; must be finite, a tension >= 0"
+            )
+        values[push] = 0.0
+        return values
+
+
+def named_inputs(
+    names: Sequence[str], given: Mapping[str, float] | Sequence[float], by_displacement: bool
+) -> dict[str, float]:
+    """Tensions [N] or displacements [m] by tendon, checked; given by name, or of every tendon in order."""
+    if not isinstance(given, Mapping):
+        if len(given) != len(names):
+            raise ValueError(f"{len(given)} values for {len(names)} tendons ({', '.join(names)})")
+        given = dict(zip(names, given, strict=True))
+    unknown = sorted(set(given) - set(names))
+    if unknown:
+        raise ValueError(f"no tendon {unknown[0]!r}; the robot has {', '.join(names) or 'none'}")
+    values = {name: float(value) for name, value in given.items()}
+    for name, value in values.items():
+        if not np.isfinite(value) or (value < 0.0 and not by_displacement):
+            raise ValueError(f"tendon {name!r}: {value} is not allowed; must be finite, a tension >= 0")
+    return values
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -76,7 +131,7 @@ class AssembledRobot:
         if not callable(inputs):
             hint = "set_tensions and set_displacements take values."
             raise TypeError(f"set_inputs_over_time needs a function of the time [s], not {inputs!r}. {hint}")
-        self.actuation.inputs = InputsOverTime(self.name, self.robot.tendon_names, self.actuation, inputs)
+        self.actuation.inputs = InputsOverTime(self.robot.tendon_names, self.actuation, inputs)
 
     def _set_inputs(self, given: Mapping[str, float] | Sequence[float], by_displacement: bool) -> None:
         self._need_robot()

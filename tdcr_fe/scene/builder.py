@@ -3,86 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal, overload
+from dataclasses import replace
+from typing import Any
 
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-from numpy.typing import NDArray
 
-from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneItems, BackboneMesh, add_backbone
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION, add_backbone
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.history import HistoryNodes
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.elements.native.items import Clamp, Connectors
-from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.model import arguments
 from tdcr_fe.model.checks import course_contradictions, size_contradictions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.scene.dynamics import add_material_damping
-from tdcr_fe.scene.exudyn_names import as_dict, check_drawing, one_of, with_gravity
 from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.mesh import build_mesh
 from tdcr_fe.scene.parts import (
-    BasePose,
     add_base_joint,
     add_disks,
     add_gravity,
     add_ground,
+    add_material_damping,
+    add_tendons,
     add_tip_mass,
     base_pose,
     section_marker,
 )
-from tdcr_fe.scene.tendons import TendonItems, add_tendons
 
 #: Colour of the backbone (RGBA).
 BACKBONE_COLOR = (0.20, 0.25, 0.35, 1.0)
-
-
-@overload
-def CreateTDCR(
-    mbs: exu.MainSystem,
-    robot: Robot,
-    model: Model | None = None,
-    *,
-    name: str | None = None,
-    basePosition: Sequence[float] | None = None,
-    baseRotationMatrix: Any = None,
-    baseMarker: Any = None,
-    loadPositions: Sequence[float] = (),
-    presliding: float = 1e-6,
-    show: bool = True,
-    referencePosition: Sequence[float] | None = None,
-    referenceRotationMatrix: Any = None,
-    gravity: Sequence[float] | None = None,
-    color: Sequence[float] | None = None,
-    graphicsDataList: Sequence[Any] = (),
-    returnDict: Literal[False] = False,
-) -> TDCR: ...
-
-
-@overload
-def CreateTDCR(
-    mbs: exu.MainSystem,
-    robot: Robot,
-    model: Model | None = None,
-    *,
-    name: str | None = None,
-    basePosition: Sequence[float] | None = None,
-    baseRotationMatrix: Any = None,
-    baseMarker: Any = None,
-    loadPositions: Sequence[float] = (),
-    presliding: float = 1e-6,
-    show: bool = True,
-    referencePosition: Sequence[float] | None = None,
-    referenceRotationMatrix: Any = None,
-    gravity: Sequence[float] | None = None,
-    color: Sequence[float] | None = None,
-    graphicsDataList: Sequence[Any] = (),
-    returnDict: Literal[True],
-) -> dict[str, Any]: ...
 
 
 def CreateTDCR(
@@ -103,7 +56,7 @@ def CreateTDCR(
     color: Sequence[float] | None = None,
     graphicsDataList: Sequence[Any] = (),
     returnDict: bool = False,
-) -> TDCR | dict[str, Any]:
+) -> TDCR | Any:
     """Add a tendon-driven continuum robot to a system.
 
     Call before ``mbs.Assemble()``. The system, its assembly, the settings and the solver call remain the user's; the
@@ -144,8 +97,8 @@ def CreateTDCR(
 
     Returns
     -------
-    TDCR or dict
-        The handle: all items, and methods that set and read the state.
+    TDCR
+        The handle: all items, and methods that set and read the state. A dict with ``returnDict``.
 
     Raises
     ------
@@ -159,61 +112,55 @@ def CreateTDCR(
     model = _checked_model(robot, model, gravity)
     positions = {"basePosition": basePosition, "referencePosition": referencePosition}
     _check_placement(name, positions, loadPositions, presliding)
-    check_drawing(show, color, graphicsDataList, baseMarker is not None)
-    check_arc_lengths(loadPositions, robot.backbone.length)
+    _check_drawing(show, color, graphicsDataList, baseMarker is not None)
+    outside = [s for s in loadPositions if not -1e-9 <= s <= robot.backbone.length + 1e-9]
+    if outside:
+        raise ValueError(
+            f"loadPositions: {outside[0]:g} m; the backbone spans 0 to {robot.backbone.length:g} m"
+        )
     pose = base_pose(
         mbs,
-        one_of("basePosition", basePosition, "referencePosition", referencePosition),
-        one_of("baseRotationMatrix", baseRotationMatrix, "referenceRotationMatrix", referenceRotationMatrix),
+        _one_of("basePosition", basePosition, "referencePosition", referencePosition),
+        _one_of("baseRotationMatrix", baseRotationMatrix, "referenceRotationMatrix", referenceRotationMatrix),
         baseMarker,
     )
-    name = _new_name(mbs, name or robot.name)
+    name, hooks = name or robot.name, SceneHooks.of(mbs)
+    if name in (actuation.name for actuation in hooks.actuations):
+        raise ValueError(f"the system has a robot {name!r} already; give another name")
     mesh, rigid = build_mesh(robot, model, loadPositions)
-    backbone = add_backbone(
-        mbs,
-        mesh,
-        pose.position,
-        pose.rotation,
-        name,
-        robot.backbone.radius,
-        BACKBONE_COLOR if color is None else tuple(color),
-    )
+    drawn = BACKBONE_COLOR if color is None else tuple(color)
+    backbone = add_backbone(mbs, mesh, pose.position, pose.rotation, name, robot.backbone.radius, drawn)
     disks = add_disks(mbs, robot, mesh, backbone.nodes, name)
     bodies = [*disks, *add_tip_mass(mbs, robot, backbone.nodes[-1], name)]
     with_mass = [*backbone.beams, *bodies] if robot.backbone.density > 0.0 else bodies
-    gravity = add_gravity(mbs, with_mass, model.gravity, name)
+    weight = add_gravity(mbs, with_mass, model.gravity, name)
     base = section_marker(mbs, backbone.nodes[0], f"{name}.mBase")
-    carrier = (
-        add_ground(mbs, pose, robot.plate_radius, name, graphicsDataList)
-        if baseMarker is None
-        else baseMarker
-    )
+    on_ground = baseMarker is None
+    carrier = add_ground(mbs, pose, robot.plate_radius, name, graphicsDataList) if on_ground else baseMarker
     joint = add_base_joint(mbs, carrier, base, name)
-    clamp = Clamp(joint, pose.position, pose.rotation @ BEAM_TO_SECTION) if baseMarker is None else None
-    tendons = add_tendons(mbs, robot, mesh, backbone.beams[0], disks, name, bool(show))
-    damping = add_material_damping(SceneHooks.of(mbs).system, robot, mesh, backbone.nodes, name)
-    actuation = add_actuation(
-        mbs, robot, model, mesh, rigid, backbone, tendons, [*bodies, joint], clamp, name, presliding, pose, damping
-    )  # fmt: skip
+    tendons = add_tendons(mbs, robot, mesh, [backbone.beams[0], *disks], name)
+    damping = add_material_damping(hooks.system, robot, mesh, backbone.nodes, name)
+    forces = force_model(robot, model, mesh, rigid, presliding, pose)
+    item = _force_item(mbs, backbone.nodes, name)
+    others = [*bodies, joint] if damping is None else [*bodies, joint, damping.item]
+    connectors = Connectors(item, tendons.segments, tendons.holes, backbone.beams, others)
+    history = HistoryNodes(
+        hooks.system, forces.law, [f"{name}.{tendon.name}.history" for tendon in robot.tendons]
+    )
+    has_mass = max(robot.backbone.density, robot.tip_mass, robot.disks.mass if disks else 0.0) > 0.0
+    clamp = Clamp(joint, pose.position, pose.rotation @ BEAM_TO_SECTION) if on_ground else None
+    actuation = TendonActuation(
+        name, hooks.system, backbone.nodes, forces, connectors, history, has_mass, clamp=clamp
+    )
+    hooks.add(actuation, damping)
     handle = TDCR(
         mbs=mbs, name=name, robot=robot, model=model, mesh=mesh, nNodes=backbone.nodes, oBeams=backbone.beams,
         bDisks=disks, mHoles=tendons.holes, oTendons=tendons.segments, oBaseJoint=joint, mBase=base,
-        lGravity=gravity, actuation=actuation, rigid=rigid, damping=damping,
+        lGravity=weight, actuation=actuation, rigid=rigid, damping=damping,
     )  # fmt: skip
     if not show:
-        hide(mbs, handle)
-    return as_dict(handle) if returnDict else handle
-
-
-def hide(mbs: exu.MainSystem, handle: TDCR) -> None:
-    """Draw nothing of a robot."""
-    objects = list(handle.actuation.connectors.object_numbers)
-    if handle.actuation.clamp is not None:
-        objects.append(int(mbs.GetObjectNumber(f"{handle.name}.ground")))
-    for item in objects:
-        mbs.SetObjectParameter(item, "Vshow", False)
-    for node in handle.nNodes:
-        mbs.SetNodeParameter(node, "Vshow", False)
+        _hide(mbs, handle)
+    return _as_dict(handle) if returnDict else handle
 
 
 def check_system(function: str, mbs: Any) -> None:
@@ -223,20 +170,21 @@ def check_system(function: str, mbs: Any) -> None:
 
 
 def _checked_model(robot: Any, model: Any, gravity: Sequence[float] | None) -> Model:
-    """The model of a robot, with the gravity given beside it; refuses what is none, or needs too much memory."""
+    """The model of a robot, with the gravity given beside it; refuses one that needs too much memory."""
     arguments.check_robot("CreateTDCR", robot)
     model = Model.default_for(robot) if model is None else model
     arguments.check_model("CreateTDCR", model)
-    model = with_gravity(model, gravity)
-    check_size(robot, model)
+    if gravity is not None:
+        hint = "[0, 0, -9.81] is that on earth."
+        arguments.check_numbers("CreateTDCR", "gravity", gravity, hint, count=3)
+        if any(model.gravity):
+            raise ValueError(
+                "CreateTDCR: gravity is given by the argument and by the model; give one of them"
+            )
+        model = replace(model, gravity=tuple(float(g) for g in gravity))
+    for c in course_contradictions(robot, model) + size_contradictions(robot, model):
+        raise ValueError(f"{c.key} = {c.value}: {c.allowed}")
     return model
-
-
-def _new_name(mbs: exu.MainSystem, name: str) -> str:
-    """The name of a new robot; refuses that of another one in the system."""
-    if name in robot_names(mbs):
-        raise ValueError(f"the system has a robot {name!r} already; give another name")
-    return name
 
 
 def _check_placement(name: Any, positions: dict[str, Any], load_positions: Any, presliding: Any) -> None:
@@ -252,79 +200,63 @@ def _check_placement(name: Any, positions: dict[str, Any], load_positions: Any, 
     arguments.check_number("CreateTDCR", "presliding", presliding, hint, positive=True)
 
 
-def check_size(robot: Robot, model: Model) -> None:
-    """Refuse a model that needs too much memory.
-
-    Raises
-    ------
-    ValueError
-        Names the field, its value and what is allowed.
-    """
-    for c in course_contradictions(robot, model) + size_contradictions(robot, model):
-        raise ValueError(f"{c.key} = {c.value}: {c.allowed}")
-
-
-def check_arc_lengths(arc_lengths: Sequence[float], length: float) -> None:
-    """Refuse arc lengths [m] that are not on the backbone."""
-    outside = [s for s in arc_lengths if not -1e-9 <= s <= length + 1e-9]
-    if outside:
-        raise ValueError(f"loadPositions: {outside[0]:g} m; the backbone spans 0 to {length:g} m")
-
-
-def robot_names(mbs: exu.MainSystem) -> list[str]:
-    """Names of the robots of a system; none again after ``mbs.Reset()``."""
-    return [actuation.name for actuation in SceneHooks.of(mbs).actuations]
-
-
-def add_actuation(
-    mbs: exu.MainSystem,
-    robot: Robot,
-    model: Model,
-    mesh: BackboneMesh,
-    rigid: NDArray[np.bool_],
-    backbone: BackboneItems,
-    tendons: TendonItems,
-    others: list[Any],
-    clamp: Clamp | None,
-    name: str,
-    presliding: float,
-    base: BasePose,
-    damping: MaterialDamping | None,
-) -> TendonActuation:
-    """Create the forces of tendons and section, the item that applies them, and the nodes of their history."""
-    if damping is not None:
-        others = [*others, damping.item]
-    hooks = SceneHooks.of(mbs)
-    model_of_forces = force_model(robot, model, mesh, rigid, presliding, base)
-    item = mbs.AddObject(
-        eii.ObjectGenericODE2(
-            name=f"{name}.forces",
-            nodeNumbers=list(backbone.nodes),
-            visualization=eii.VObjectGenericODE2(show=False),
+def _check_drawing(show: Any, color: Any, graphics: Any, on_marker: bool) -> None:
+    """Refuse a colour other than four numbers in [0, 1], and graphics where no base of its own draws them."""
+    check = arguments.check_instance
+    check("CreateTDCR", "show", show, (bool, np.bool_), "True or False", "False draws nothing.")
+    hint, expected = "[exudyn.graphics.Sphere(radius=0.01)] is one.", "a list of graphics"
+    check("CreateTDCR", "graphicsDataList", graphics, (list, tuple), expected, hint)
+    for each in graphics:
+        check("CreateTDCR", "graphicsDataList", each, dict, expected, hint)
+    if color is not None:
+        hint = "[1, 0, 0, 1] is red; exudyn.graphics.color has others."
+        arguments.check_numbers("CreateTDCR", "color", color, hint, count=4)
+        if np.any((np.asarray(color) < 0.0) | (np.asarray(color) > 1.0)):
+            raise ValueError(f"CreateTDCR: color = {list(color)}; must be four numbers from 0 to 1. {hint}")
+    if len(graphics) and on_marker:
+        raise ValueError(
+            "CreateTDCR: graphicsDataList is drawn on the base of a robot on ground; with baseMarker, give it to your "
+            "own body"
         )
-    )
-    history = HistoryNodes(
-        hooks.system, model_of_forces.law, [f"{name}.{tendon.name}.history" for tendon in robot.tendons]
-    )
-    actuation = TendonActuation(
-        name,
-        hooks.system,
-        backbone.nodes,
-        model_of_forces,
-        Connectors(item, tendons.segments, tendons.holes, backbone.beams, others),
-        history,
-        has_mass(robot),
-        clamp=clamp,
-    )
-    hooks.add(actuation, damping)
-    return actuation
 
 
-def has_mass(robot: Robot) -> bool:
-    """Whether anything of a robot has a mass."""
-    disks = robot.disks
-    return (
-        robot.backbone.density > 0.0
-        or robot.tip_mass > 0.0
-        or (disks.mass > 0.0 and len(disks.positions) > 0)
-    )
+def _one_of(ours: str, value: Any, theirs: str, other: Any) -> Any:
+    """The value of an argument that has two names, only one of which may be given."""
+    if value is not None and other is not None:
+        raise ValueError(f"CreateTDCR: {ours} and {theirs} are two names of one argument; give one of them")
+    return other if value is None else value
+
+
+def _force_item(mbs: exu.MainSystem, nodes: Sequence[Any], name: str) -> Any:
+    """Add the item that applies the forces of tendons and section to the nodes; its functions follow."""
+    drawn = eii.VObjectGenericODE2(show=False)
+    item = eii.ObjectGenericODE2(name=f"{name}.forces", nodeNumbers=list(nodes), visualization=drawn)
+    return mbs.AddObject(item)
+
+
+def _hide(mbs: exu.MainSystem, handle: TDCR) -> None:
+    """Draw nothing of a robot."""
+    objects = list(handle.actuation.connectors.object_numbers)
+    if handle.actuation.clamp is not None:
+        objects.append(int(mbs.GetObjectNumber(f"{handle.name}.ground")))
+    for item in objects:
+        mbs.SetObjectParameter(item, "Vshow", False)
+    for node in handle.nNodes:
+        mbs.SetNodeParameter(node, "Vshow", False)
+
+
+def _as_dict(handle: TDCR) -> dict[str, Any]:
+    """Numbers of the items of a robot by name, and the handle itself as ``"tdcr"``."""
+    return {
+        "tdcr": handle,
+        "nodeNumbers": handle.nNodes,
+        "beamNumbers": handle.oBeams,
+        "diskNumbers": handle.bDisks,
+        "holeMarkers": handle.mHoles,
+        "tendonNumbers": handle.oTendons,
+        "forcesNumber": handle.oForces,
+        "historyNodes": handle.nHistory,
+        "baseJoint": handle.oBaseJoint,
+        "baseMarker": handle.mBase,
+        "gravityLoads": handle.lGravity,
+    }

@@ -1,52 +1,50 @@
-"""Energy balance of a robot in Exudyn's own solvers: what it stores, the work of tendons and loads, what it dissipates.
+"""Energy of a robot in Exudyn's own solvers: what it stores, the work of tendons and loads, what it dissipates.
 
 The works and dissipations are summed over the steps and kept in data coordinates, so that Exudyn itself restores them
 with the state. All sums are by the trapezoidal rule between the beginning and the end of a step.
 
-The integration in time has an error, and with ``spectralRadius`` below 1 it damps; both change the energy. How much
-follows from forces and accelerations. In a step the coordinates change by ``dq``, and the equation of motion holds at
-both ends, so that by the trapezoidal rule the forces ``f`` do the work ``dq (f0 + f1) / 2`` that the inertial forces
-``M a`` do, ``dq (M a0 + M a1) / 2``. The numerical dissipation is the difference of the second from what the
-kinetic energy gains, which is zero with ``spectralRadius = 1``, and that of the first from the true work: the sums of
-the tendons and of the material less what tendons and backbone store. What then remains is the work on other items of
-the scene. The true work of a force is that on its own way: tension times the tendon that passes, stress of the material
-times the change of strain. On the coordinates the same forces do another work where these turn within a step.
+The integration in time has an error, and with ``spectralRadius`` below 1 it damps; both change the energy. In a step
+the coordinates change by ``dq``. By the trapezoidal rule the forces on the coordinates do the work
+``dq (f0 + f1) / 2``, of which the masses take ``dq (M a0 + M a1) / 2``; the rest, the balance, is the work on other
+items of the scene. The true work of a force is that on its own way: tension times the tendon that passes, stress of the
+material times the change of strain. The true works, less dissipation, balance and growth of the stored energy, are the
+numerical dissipation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import spence
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, relative_twists, strain_matrices
+from tdcr_fe.elements.disks import disk_inertia
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.condensation import ElasticTendons
-from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_forces
-from tdcr_fe.elements.native.history import RobotHistory
-from tdcr_fe.elements.native.items import SystemReference
+from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_forces, twists_by_coordinates
 from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.elements.poses import log_so3
-from tdcr_fe.elements.section import wrenches_on_nodes
+from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection, wrenches_on_nodes
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.scene.loads import Frame, PointLoad
-from tdcr_fe.scene.motion import Masses, Motion
-from tdcr_fe.scene.stored_energy import elastic_energy
+from tdcr_fe.scene.loads import PointLoad
 
 Array = NDArray[np.float64]
 _CURRENT, _START = exu.ConfigurationType.Current, exu.ConfigurationType.StartOfStep
 
-#: What the robot stores, the first columns of the sensor [J].
-STORED_COLUMNS = ("kinetic", "elastic", "gravity")
-#: Sums over the steps, the other columns [J].
-SUM_COLUMNS = (
+#: Columns of the sensor, all in J: what the robot stores, then sums over the steps.
+ENERGY_COLUMNS = (
+    "kinetic",
+    "elastic",
+    "gravity",
     "tendon_work",
     "load_work",
     "friction_dissipation",
@@ -54,78 +52,183 @@ SUM_COLUMNS = (
     "numerical_dissipation",
     "balance",
 )
-#: Columns of the sensor, all in J.
-ENERGY_COLUMNS = STORED_COLUMNS + SUM_COLUMNS
+#: How many of them are sums.
+_SUMS = 6
+#: Points and weights of a rule on [-1, 1] that is exact up to degree 7.
+_GAUSS = np.polynomial.legendre.leggauss(4)
 
 
-class Instant(NamedTuple):
-    """A robot at the beginning or at the end of a step.
-
-    Attributes
-    ----------
-    motion : Motion
-    forces : TendonForces
-        With the history at the beginning of the step.
-    nodal : ndarray, shape (7 N,)
-        Forces of tendons, backbone and springs to ground on the coordinates of the nodes.
-    stored : ndarray, shape (3,)
-        Energies, see `STORED_COLUMNS` [J].
-    load_factor : float
-        By which the static solver multiplies loads and weight [1].
-    """
-
-    motion: Motion
-    forces: TendonForces
-    nodal: Array
-    stored: Array
-    load_factor: float
+# ---------------------------------------------------------------- motion and inertia
 
 
-class Step(NamedTuple):
-    """A step that was solved.
+class NodeMotion(NamedTuple):
+    """Nodes of a robot at one time."""
 
-    Attributes
-    ----------
-    start, end : Instant
-    last : Instant or None
-        The end of the step before, where this one continues it. Inputs that are set in between act in this step, but
-        not in the accelerations with which it begins.
-    """
-
-    start: Instant
-    end: Instant
-    last: Instant | None
+    coordinates: Array  # without reference values, shape (7 N,); so are the next two
+    velocities: Array
+    accelerations: Array
+    positions: Array  # shape (N, 3)
+    rotations: Array  # shape (N, 3, 3)
+    parameters: Array  # Euler parameters, shape (N, 4)
+    linear: Array  # velocities of the positions in world axes, shape (N, 3)
+    angular: Array  # angular velocities in the nodes' own axes, shape (N, 3)
 
     @classmethod
-    def after(cls, last: Instant | None, start: Instant, end: Instant) -> Step:
-        """A step after the one that ended at `last`, if it continues that one."""
-        continues = last is not None and all(
-            np.array_equal(getattr(start.motion, key), getattr(last.motion, key))
-            for key in ("coordinates", "velocities")
-        )
-        return cls(start, end, last if continues else None)
+    def of(cls, mbs: exu.MainSystem, nodes: NodeCoordinates, configuration: Any) -> NodeMotion:
+        """In one of Exudyn's configurations of a system."""
+        data, numbers = mbs.systemData, nodes.numbers
+        moved = np.asarray(data.GetODE2Coordinates(configuration))[numbers]
+        rates = np.asarray(data.GetODE2Coordinates_t(configuration))[numbers]
+        accelerations = np.asarray(data.GetODE2Coordinates_tt(configuration))[numbers]
+        positions, rotations, parameters = nodes.poses(moved)
+        twists = (twists_by_coordinates(rotations, parameters) @ rates[:, :, None])[:, :, 0]
+        return cls(
+            moved.ravel(), rates.ravel(), accelerations.ravel(),
+            positions, rotations, parameters, rates[:, :3], twists[:, 3:],
+        )  # fmt: skip
 
-    @property
-    def statics(self) -> bool:
-        """Whether the static solver has taken it, which leaves velocities as they are."""
-        return np.array_equal(self.start.motion.velocities, self.end.motion.velocities)
 
-    @property
-    def load_factors(self) -> Array:
-        """By which the solver has multiplied loads and weight at the beginning and the end, shape (2,)."""
-        if not self.statics:
-            return np.ones(2)
-        return np.array([(self.last or self.end).load_factor, self.end.load_factor])
+@dataclass(frozen=True)
+class Masses:
+    """Inertia of a robot, in beam axes."""
 
-    @property
-    def gained(self) -> Array:
-        """Change of the stored energies [J], shape (3,)."""
-        return self.end.stored - self.start.stored
+    of_elements: Array  # [kg], shape (E,)
+    rotary: Array  # of the elements [kg m^2], shape (E, 3)
+    of_nodes: Array  # disks and tip [kg], shape (N,)
+    inertia: Array  # of the disks [kg m^2], shape (N, 3)
+    gravity: Array  # [m/s^2], shape (3,)
 
-    def work(self, at_start: Array, at_end: Array) -> float:
-        """Work of forces on the coordinates by the trapezoidal rule [J]."""
-        way = self.end.motion.coordinates - self.start.motion.coordinates
-        return 0.5 * float((at_start + at_end) @ way)
+    @classmethod
+    def of(cls, robot: Robot, actuation: TendonActuation, gravity: Vector) -> Masses:
+        """Of a robot and its mesh, with the acceleration of gravity."""
+        mesh, disks = actuation.mesh, robot.disks
+        masses = np.zeros(len(mesh.arc_lengths))
+        inertia = np.zeros((len(masses), 3))
+        for s in disks.positions:
+            k = mesh.node_at(s)
+            masses[k] += disks.mass
+            inertia[k] += disk_inertia(disks.mass, disks.radius, disks.thickness)[:3]
+        masses[-1] += robot.tip_mass
+        lengths = mesh.lengths
+        rotary = mesh.rotary_inertia * lengths[:, None]
+        return cls(mesh.mass_per_length * lengths, rotary, masses, inertia, np.array(gravity, dtype=float))
+
+    def kinetic(self, motion: NodeMotion) -> float:
+        """Kinetic energy [J]: velocities are linear between the nodes, as in Exudyn's beams."""
+        found = np.sum(self.of_nodes[:, None] * motion.linear**2) + np.sum(self.inertia * motion.angular**2)
+        for of_elements, v in ((self.of_elements[:, None], motion.linear), (self.rotary, motion.angular)):
+            near, far = v[:-1], v[1:]
+            found += np.sum(of_elements * (near**2 + near * far + far**2)) / 3.0
+        return 0.5 * float(found)
+
+    def potential(self, positions: Array) -> float:
+        """Potential energy in the field of gravity [J], zero at the origin of the world."""
+        middle = 0.5 * (positions[:-1] + positions[1:])
+        moment = self.of_elements @ middle + self.of_nodes @ positions
+        return -float(self.gravity @ moment)
+
+    def inertial_forces(self, motion: NodeMotion) -> Array:
+        """Forces that accelerate the masses, on the coordinates of the nodes, shape (7 N,); zero in statics."""
+        rotations, parameters = motion.rotations, motion.parameters
+        rates = motion.accelerations.reshape(-1, 7)
+        turning = (twists_by_coordinates(rotations, parameters) @ rates[:, :, None])[:, 3:, 0]
+        linear = _distributed(self.of_elements[:, None], self.of_nodes[:, None], rates[:, :3])
+        moment = _distributed(self.rotary, self.inertia, turning)
+        moment += np.cross(motion.angular, _distributed(self.rotary, self.inertia, motion.angular))
+        linear = (rotations.swapaxes(1, 2) @ linear[:, :, None])[:, :, 0]
+        return generalized_forces(np.concatenate((linear, moment), axis=1), rotations, parameters)
+
+
+def _distributed(of_elements: Array, of_nodes: Array, rates: Array) -> Array:
+    """Masses or inertias times what is linear between the nodes, by node, shape (N, 3)."""
+    found = of_nodes * rates
+    found[:-1] += of_elements * (2.0 * rates[:-1] + rates[1:]) / 6.0
+    found[1:] += of_elements * (2.0 * rates[1:] + rates[:-1]) / 6.0
+    return np.asarray(found)
+
+
+# ---------------------------------------------------------------- elastic energy
+
+
+def elastic_energy(
+    actuation: TendonActuation, motion: NodeMotion, forces: TendonForces, law: TendonLaw
+) -> float:
+    """Elastic energy of backbone, tendons and springs to ground [J].
+
+    Parameters
+    ----------
+    actuation
+        Of the robot.
+    motion
+        The configuration.
+    forces, law
+        Forces of the tendons in this configuration, and how tension passes along them.
+    """
+    mesh, section, springs = actuation.mesh, actuation.section, actuation.model.springs
+    twists = relative_twists(motion.positions, motion.rotations)
+    away = twists - mesh.reference_twists
+    found = 0.5 * float(np.sum(mesh.twist_stiffness * away**2))
+    if section is not None and section.superelastic is not None:
+        found += superelastic_energy(section.superelastic, twists, mesh.lengths)
+    if section is not None and section.nonlinear is not None:
+        found += fibre_energy(section.nonlinear, away, twists, mesh.lengths)
+    if law.elastic:  # T^2 l0 / (2 EA) of every segment
+        p, field = law.parameters, forces.field
+        stretched = p.compliance[:, None] * field.tension**2 * (p.material - field.released_length)
+        found += 0.5 * float(np.sum(np.where(p.mask, stretched, 0.0)))
+    if springs is not None:
+        moved = springs.rest - motion.positions[springs.nodes]
+        found += 0.5 * float(np.einsum("qi,qij,qj->", moved, springs.stiffness, moved))
+    return found
+
+
+def superelastic_energy(law: SuperelasticSection, twists: Array, lengths: Array) -> float:
+    """Energy of a superelastic section beyond that of linear elasticity [J]: the integral of its moment."""
+    bend = twists[:, 4:] / lengths[:, None] - law.precurvature[:, 1:]
+    k = np.sqrt(np.einsum("ei,ei->e", bend, bend))
+    w, kc = law.threshold / 40.0, law.threshold
+    at_zero = np.logaddexp(0.0, -kc / w)
+    area = w * (_softplus_integral((k - kc) / w) - _softplus_integral(-kc / w)) - at_zero * k
+    return -float(np.sum((1.0 - law.ratio) * w * law.bending_stiffness * lengths * area))
+
+
+def fibre_energy(law: NonlinearSection, away: Array, twists: Array, lengths: Array) -> float:
+    """Energy of nonlinear fibres beyond that of linear elasticity [J].
+
+    The integral of their forces on the straight way from the unloaded twists, exact because these are cubic on it.
+
+    Parameters
+    ----------
+    law
+        The fibres.
+    away, twists
+        Twists of the elements less those of the unloaded state, and the twists, shape (E, 6).
+    lengths
+        Of the elements [m], shape (E,).
+    """
+    shares = 0.5 * (_GAUSS[0] + 1.0)
+    forces = law.gradient(twists - (1.0 - shares)[:, None, None] * away, lengths)
+    return 0.5 * float(np.einsum("s,sei,ei->", _GAUSS[1], forces, away))
+
+
+def _softplus_integral(x: Array) -> Array:
+    """Integral of ``log(1 + exp(x))`` from minus infinity: ``-Li2(-exp(x))``."""
+    low = -spence(1.0 + np.exp(np.minimum(x, 0.0)))
+    high = np.pi**2 / 6.0 + 0.5 * x**2 + spence(1.0 + np.exp(-np.maximum(x, 0.0)))
+    return np.where(x > 0.0, high, low)
+
+
+# ---------------------------------------------------------------- sums over the steps
+
+
+class _Instant(NamedTuple):
+    """A robot at the beginning or at the end of a step, with the history at the beginning of the step."""
+
+    motion: NodeMotion
+    forces: TendonForces
+    nodal: Array  # forces of tendons, backbone and springs to ground on the coordinates, shape (7 N,)
+    stored: Array  # kinetic, elastic and gravitational energy [J], shape (3,)
+    load_factor: float  # by which the static solver multiplies loads and weight [1]
 
 
 class EnergyBalance:
@@ -133,65 +236,41 @@ class EnergyBalance:
 
     Parameters
     ----------
-    system
-        The system.
-    robot
-        Description.
-    name
-        Of the robot, prefix of the item.
-    actuation, damping
-        Tendons, friction and section forces; damping by the material, or None.
-    gravity
-        [m/s^2].
+    actuation, masses, damping
+        Tendons, friction and section forces; inertia; damping by the material, or None.
     loads
         Concentrated loads by name; those added later count, too.
 
     Attributes
     ----------
     node
-        Data node of the sums, see `SUM_COLUMNS` [J].
+        Data node of the sums, see `ENERGY_COLUMNS` [J].
     """
 
     def __init__(
         self,
-        system: SystemReference,
-        robot: Robot,
-        name: str,
         actuation: TendonActuation,
+        masses: Masses,
         damping: MaterialDamping | None,
-        gravity: Vector,
         loads: Mapping[str, PointLoad],
     ) -> None:
-        self._system, self._actuation, self._damping, self._loads = system, actuation, damping, loads
-        self._masses = Masses.of(robot, actuation, gravity)
-        self._coordinates = NodeCoordinates(system, actuation.nodes)
+        self._actuation, self._masses, self._damping, self._loads = actuation, masses, damping, loads
+        self._system = actuation.system
+        self._coordinates = NodeCoordinates(self._system, actuation.nodes)
         #: The end of the last step.
-        self._last: Instant | None = None
-        count = len(SUM_COLUMNS)
-        self.node = system.mbs.AddNode(
-            eii.NodeGenericData(
-                name=f"{name}.energy",
-                numberOfDataCoordinates=count,
-                initialCoordinates=[0.0] * count,
-            )
-        )
+        self._last: _Instant | None = None
+        sums = {"numberOfDataCoordinates": _SUMS, "initialCoordinates": [0.0] * _SUMS}
+        self.node = self._system.mbs.AddNode(eii.NodeGenericData(name=f"{actuation.name}.energy", **sums))
 
-    # ------------------------------------------------------------------ stored
+    def measure(self, *arguments: Any) -> list[float]:
+        """All columns, as a function of a sensor of Exudyn."""
+        return [float(x) for x in self.values()]
 
-    def stored(self) -> Array:
-        """Kinetic, elastic and gravitational energy in the current configuration [J], shape (3,).
-
-        Elastic energy is that of the backbone, of elastic tendons and of springs to ground.
-        """
-        motion = Motion.of(self._system, self._coordinates, _CURRENT)
-        tendons = self._tendons(self._actuation.history)
-        return self._stored(motion, tendons.at_rest(self._measured(motion)))
-
-    def _stored(self, motion: Motion, forces: TendonForces) -> Array:
-        elastic = elastic_energy(self._actuation, motion, forces, self._tendons(self._actuation.history))
-        return np.array([self._masses.kinetic(motion), elastic, self._masses.potential(motion.positions)])
-
-    # ------------------------------------------------------------------ sums
+    def values(self) -> Array:
+        """All columns in the current configuration, see `ENERGY_COLUMNS` [J], shape (9,)."""
+        motion = NodeMotion.of(self._system.mbs, self._coordinates, _CURRENT)
+        forces = self._tendons().at_rest(self._measured(motion))
+        return np.concatenate((self._stored(motion, forces), self._sums()))
 
     def observe(self, t: float) -> None:
         """Add what a step has brought, after it was solved and before its history is committed.
@@ -201,112 +280,99 @@ class EnergyBalance:
         t
             At the end of the step [s].
         """
-        begin = Motion.of(self._system, self._coordinates, _START)
-        finish = Motion.of(self._system, self._coordinates, _CURRENT)
-        last, self._last = self._last, self._instant(finish, t, _CURRENT)
+        mbs = self._system.mbs
+        begin, finish = (NodeMotion.of(mbs, self._coordinates, which) for which in (_START, _CURRENT))
+        last, end = self._last, self._instant(finish, t, _CURRENT)
+        self._last = end
         if np.array_equal(begin.coordinates, finish.coordinates):
             # A step at rest, or a solver that begins, with the inputs for its initial accelerations.
             return
-        start = self._instant(begin, self._system.mbs.systemData.GetTime(_START), _START)
-        step = Step.after(last, start, self._last)
-        law = self._tendons(self._actuation.history).law()
-        tendon_work, friction = tendon_work_and_dissipation(law, start.forces, step.end.forces)
-        load_work, load_trapezoid = self._work_of_loads(step)
-        material, material_trapezoid = self._material_dissipation(begin, finish)
-        kinetic, elastic, gravity = step.gained
+        start = self._instant(begin, mbs.systemData.GetTime(_START), _START)
+        # Inputs that are set after a step act in the next one, but not in the accelerations with which that begins.
+        if last is not None and not _continues(last.motion, begin):
+            last = None
+        # The static solver leaves velocities as they are, and ramps loads and weight.
+        statics = np.array_equal(begin.velocities, finish.velocities)
+        factors = np.array([(last or end).load_factor, end.load_factor]) if statics else np.ones(2)
+        way = finish.coordinates - begin.coordinates
+
+        def by_trapezoid(at_start: Array, at_end: Array) -> float:
+            return 0.5 * float((at_start + at_end) @ way)
+
+        tendon_work, friction = tendon_work_and_dissipation(self._tendons().law(), start.forces, end.forces)
+        loads = np.zeros(2)  # true work, and by the trapezoidal rule
+        for load in self._loads.values():
+            value, moved = load.value, _moved(self._actuation.nodes.index(load.node), begin, finish)
+            mean = 0.5 * (factors @ [value if last is None else load.applied, value])
+            true = mean if statics else value
+            loads += [_load_work(load, force, moved) for force in (true, mean)]
+        gained = end.stored - start.stored
         # The part of the weight that the static solver does not apply yet.
-        load_work += (1.0 - step.load_factors.mean()) * gravity
-        load_trapezoid += (1.0 - step.load_factors.mean()) * gravity
-        numerical = (
-            self._work_of_inertia(step) - kinetic + load_work - load_trapezoid + material_trapezoid - material
-        )
-        numerical += tendon_work - friction - elastic - step.work((step.last or start).nodal, step.end.nodal)
-        balance = tendon_work + load_work - friction - material - numerical - (kinetic + elastic + gravity)
+        load_work, load_trapezoid = loads + (1.0 - factors.mean()) * gained[2]
+        material, viscous = 0.0, 0.0
+        if self._damping is not None:
+            ends = ((motion.coordinates, motion.velocities) for motion in (begin, finish))
+            material, forces = self._damping.in_step(self._actuation.mesh.twist_stiffness, *ends)
+            viscous = -0.5 * float(forces @ way)
+        inertia = 0.0 if statics else by_trapezoid(*map(self._masses.inertial_forces, (begin, finish)))
+        balance = by_trapezoid((last or start).nodal, end.nodal) + load_trapezoid - gained[2]
+        balance -= inertia + viscous
+        numerical = tendon_work + load_work - friction - material - balance - gained.sum()
         sums = self._sums()
         sums += [tendon_work, load_work, friction, material, numerical, balance]
 
-    def _work_of_loads(self, step: Step) -> tuple[float, float]:
-        """Work of the concentrated loads as set, and that of the mean of those at both ends of the step [J]."""
-        found = np.zeros(2)
-        for load in self._loads.values():
-            moved, value = self._moved(load, step.start.motion, step.end.motion), load.value
-            before = value if step.last is None else load.applied
-            mean = 0.5 * (step.load_factors @ [before, value])
-            true = mean if step.statics else value
-            found += [_load_work(load.frame, force, moved) for force in (true, mean)]
-        return float(found[0]), float(found[1])
-
-    def _work_of_inertia(self, step: Step) -> float:
-        """Of the forces that accelerate the masses, by the trapezoidal rule [J]."""
-        if step.statics:
-            return 0.0
-        of = self._masses.inertial_forces
-        return step.work(of(step.start.motion), of(step.end.motion))
-
-    def values(self) -> Array:
-        """All columns, see `ENERGY_COLUMNS` [J], shape (9,)."""
-        return np.concatenate((self.stored(), self._sums()))
+    def _stored(self, motion: NodeMotion, forces: TendonForces) -> Array:
+        """Kinetic, elastic and gravitational energy [J], shape (3,)."""
+        elastic = elastic_energy(self._actuation, motion, forces, self._tendons().law())
+        return np.array([self._masses.kinetic(motion), elastic, self._masses.potential(motion.positions)])
 
     def _sums(self) -> Array:
         """The coordinates of the data node, in the memory of Exudyn."""
         data = self._system.mbs.systemData
         first = int(data.GetNodeLTGData(self.node)[0])
         everything: Array = data.GetDataCoordinates(_CURRENT, copy=False)
-        return everything[first : first + len(SUM_COLUMNS)]
+        return everything[first : first + _SUMS]
 
-    def _material_dissipation(self, start: Motion, end: Motion) -> tuple[float, float]:
-        """By the rates of strain, and that which the generalised forces on the coordinates give [J]."""
-        if self._damping is None:
-            return 0.0, 0.0
-        first, last = ((motion.coordinates, motion.velocities) for motion in (start, end))
-        energy, forces = self._damping.in_step(self._actuation.mesh.twist_stiffness, first, last)
-        return energy, -0.5 * float(forces @ (end.coordinates - start.coordinates))
-
-    def _moved(self, load: PointLoad, start: Motion, end: Motion) -> tuple[Array, Array, Array]:
-        """Way, rotation vector in world axes, and the mean rotation matrix of the node of a load."""
-        k = self._actuation.nodes.index(load.node)
-        first, last = start.rotations[k], end.rotations[k]
-        turned = first @ log_so3(first.T @ last)
-        return end.positions[k] - start.positions[k], turned, 0.5 * (first + last) @ BEAM_TO_SECTION.T
-
-    # ------------------------------------------------------------------ state
-
-    def _instant(self, motion: Motion, t: float, configuration: Any) -> Instant:
+    def _instant(self, motion: NodeMotion, t: float, configuration: Any) -> _Instant:
         """With the history at the beginning of the step, at a time [s]; motors are as in a configuration of Exudyn."""
-        history = self._actuation.history
+        mesh, history = self._actuation.mesh, self._actuation.history
         values = self._actuation.input_values(t, configuration)
-        forces = self._tendons(history).forces(self._measured(motion), values, history.base_tension, t)
-        return Instant(
-            motion,
-            forces,
-            self._nodal_forces(motion, forces),
-            self._stored(motion, forces),
-            static_load_factor(self._system.mbs),
-        )
-
-    def _nodal_forces(self, motion: Motion, forces: TendonForces) -> Array:
-        """Forces of tendons, backbone and springs to ground on the coordinates of the nodes, shape (7 N,)."""
-        mesh = self._actuation.mesh
+        forces = self._tendons().forces(self._measured(motion), values, history.base_tension, t)
         twists = relative_twists(motion.positions, motion.rotations)
         strained = mesh.twist_stiffness * (twists - mesh.reference_twists)
         wrenches = forces.nodal_wrenches() + wrenches_on_nodes(strained, strain_matrices(twists))
-        return generalized_forces(wrenches, motion.rotations, motion.parameters)
-
-    def _measured(self, motion: Motion) -> Any:
-        return self._actuation.model.measure(motion.positions, motion.rotations)
-
-    def _tendons(self, history: RobotHistory) -> ElasticTendons:
-        actuation = self._actuation
-        return ElasticTendons(
-            actuation.model, actuation.by_displacement, history, actuation.inextensible_stiffness
+        nodal = generalized_forces(wrenches, motion.rotations, motion.parameters)
+        return _Instant(
+            motion, forces, nodal, self._stored(motion, forces), static_load_factor(self._system.mbs)
         )
 
+    def _measured(self, motion: NodeMotion) -> Any:
+        return self._actuation.model.measure(motion.positions, motion.rotations)
 
-def _load_work(frame: Frame, value: Array, moved: tuple[Array, Array, Array]) -> float:
+    def _tendons(self) -> ElasticTendons:
+        a = self._actuation
+        return ElasticTendons(a.model, a.by_displacement, a.history, a.inextensible_stiffness)
+
+
+def _continues(last: NodeMotion, begin: NodeMotion) -> bool:
+    """Whether a step begins where the last one ended."""
+    return np.array_equal(begin.coordinates, last.coordinates) and np.array_equal(
+        begin.velocities, last.velocities
+    )
+
+
+def _moved(k: int, begin: NodeMotion, finish: NodeMotion) -> tuple[Array, Array, Array]:
+    """Way, rotation vector in world axes, and mean rotation matrix of the section of a node."""
+    first, last = begin.rotations[k], finish.rotations[k]
+    turned = first @ log_so3(first.T @ last)
+    return finish.positions[k] - begin.positions[k], turned, 0.5 * (first + last) @ BEAM_TO_SECTION.T
+
+
+def _load_work(load: PointLoad, value: Array, moved: tuple[Array, Array, Array]) -> float:
     """Work of a concentrated load that is constant in a step, in its own frame [J]."""
     way, turned, mean_rotation = moved
     force, moment = value.reshape(2, 3)
-    if frame == "section":
+    if load.frame == "section":
         force, moment = mean_rotation @ force, mean_rotation @ moment
     return float(force @ way + moment @ turned)
 
@@ -323,21 +389,17 @@ def static_load_factor(mbs: exu.MainSystem) -> float:
     return float(solver.ComputeLoadFactor(settings))
 
 
-def material_force(tension: Array, compliance: Array) -> Array:
-    """Energy that tendon material carries along, per length without tension: ``T + T^2 / (2 EA)`` [N], (m, n).
-
-    The work that a tendon does at a cross section, per unstretched length ``du`` that passes it, is its tension times
-    the stretched length less the elastic energy that leaves with the material.
-    """
-    return np.asarray(tension + 0.5 * compliance[:, None] * tension**2)
-
-
 def tendon_work_and_dissipation(
     law: TendonLaw, before: TendonForces, after: TendonForces
 ) -> tuple[float, float]:
-    """Work of the tendons at the base plate, and dissipation at all holes [J], by the trapezoidal rule."""
+    """Work of the tendons at the base plate, and dissipation at all holes [J], by the trapezoidal rule.
+
+    The work that a tendon does at a cross section, per unstretched length ``du`` that passes it, is its tension times
+    the stretched length less the elastic energy that leaves with the material: ``T + T^2 / (2 EA)``.
+    """
     compliance, mask = law.parameters.compliance, law.parameters.mask
-    carried = [np.where(mask, material_force(f.field.tension, compliance), 0.0) for f in (before, after)]
+    tensions = [f.field.tension for f in (before, after)]
+    carried = [np.where(mask, t + 0.5 * compliance[:, None] * t**2, 0.0) for t in tensions]
     mean = 0.5 * (carried[0] + carried[1])
     released = after.field.released_length - before.field.released_length
     # Material that passes the base plate and every hole on its way to the base.
@@ -345,15 +407,3 @@ def tendon_work_and_dissipation(
     work = float(np.sum(mean[:, 0] * passed[:, 0]))
     drop = np.where(mask[:, 1:], mean[:, :-1] - mean[:, 1:], 0.0)
     return work, float(np.sum(drop * passed[:, 1:]))
-
-
-def energy_sensor(balance: EnergyBalance, name: str, output: Mapping[str, Any]) -> Any:
-    """Add the sensor of an energy balance, with the columns `ENERGY_COLUMNS`; return its number."""
-
-    def measure(
-        mbs: exu.MainSystem, t: float, sensors: Sequence[int], factors: Sequence[float], configuration: Any
-    ) -> list[float]:
-        return [float(x) for x in balance.values()]
-
-    mbs = balance._system.mbs
-    return mbs.AddSensor(eii.SensorUserFunction(name=f"{name}.energy", sensorUserFunction=measure, **output))

@@ -5,20 +5,32 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.backbone import BackboneMesh
-from tdcr_fe.elements.forces import ForceModel
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, reference_poses
+from tdcr_fe.elements.forces import ForceModel, GroundSprings
+from tdcr_fe.elements.friction import TendonLaw
+from tdcr_fe.elements.friction_models import FRICTION_MODELS, TendonParameters
+from tdcr_fe.elements.section import (
+    ContinuousTendons,
+    NonlinearSection,
+    SectionForces,
+    SuperelasticSection,
+    gauss_arc_lengths,
+)
+from tdcr_fe.elements.tendons import CableGeometry
+from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.scene.parts import BasePose, ground_springs
-from tdcr_fe.scene.section import section_forces
-from tdcr_fe.scene.tendons import cable_geometry, cable_lengths, continuous_lengths, tendon_law
+from tdcr_fe.scene.parts import BasePose
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 def force_model(
     robot: Robot,
     model: Model,
     mesh: BackboneMesh,
-    rigid: NDArray[np.bool_],
+    rigid: Mask,
     presliding: float,
     base: BasePose | None = None,
 ) -> ForceModel:
@@ -37,23 +49,151 @@ def force_model(
     """
     # Nodes of base plate and disks; without disks the tip in place of them.
     hole_nodes = np.array([0, *(mesh.node_at(s) for s in robot.disks.positions or (robot.backbone.length,))])
-    section = section_forces(robot, model, mesh, rigid)
     # Without tendons the two tendon paths are the same.
     continuous = model.tendon_path == "continuous" and bool(robot.tendons)
-    geometry = None if continuous else cable_geometry(robot)
-    if geometry is not None:
+    section = section_forces(robot, mesh, rigid, continuous)
+    geometry = None
+    if not continuous:
+        geometry = cable_geometry(robot)
         lengths, mask = cable_lengths(geometry, mesh, hole_nodes), geometry.mask
-    elif section is not None and section.tendons is not None:
-        lengths = continuous_lengths(section.tendons, mesh)
-        mask = np.ones_like(lengths, dtype=bool)
     else:
-        lengths, mask = np.zeros((0, 1)), np.zeros((0, 1), dtype=bool)
-    law = tendon_law(
-        robot.tendons,
-        [robot.hole_arc_lengths(t) for t in robot.tendons],
-        lengths,
-        mask,
-        model.friction,
-        presliding,
-    )
+        assert section is not None and section.tendons is not None
+        lengths = section.tendons.evaluate(mesh.reference_twists, mesh.lengths)[0][:, None]
+        mask = np.ones_like(lengths, dtype=bool)
+    law = tendon_law(robot, model.friction, lengths, mask, presliding)
     return ForceModel(mesh, hole_nodes, geometry, law, section, ground_springs(robot, mesh, base))
+
+
+# ---------------------------------------------------------------- tendons
+
+
+def cable_geometry(robot: Robot) -> CableGeometry:
+    """Straight segments between the holes of all tendons; shorter tendons are padded at the end.
+
+    The nodes with holes are the base plate and the disks, in this order.
+    """
+    counts = [len(robot.hole_arc_lengths(t)) - 1 for t in robot.tendons]
+    m, n = len(counts), max(counts, default=1)
+    offsets = np.zeros((m, n + 1, 3))
+    nodes = np.zeros((m, n + 1), dtype=int)
+    mask = np.zeros((m, n), dtype=bool)
+    for i, (tendon, count) in enumerate(zip(robot.tendons, counts, strict=True)):
+        offsets[i, : count + 1] = robot.hole_points(tendon) @ BEAM_TO_SECTION
+        offsets[i, count + 1 :] = offsets[i, count]
+        nodes[i] = np.minimum(np.arange(n + 1), count)
+        mask[i, :count] = True
+    clearance = np.array([t.clearance for t in robot.tendons])
+    return CableGeometry(nodes, offsets, mask, 1 + max(1, len(robot.disks.positions)), clearance)
+
+
+def cable_lengths(geometry: CableGeometry, mesh: BackboneMesh, hole_nodes: NDArray[np.int_]) -> Array:
+    """Lengths of all segments of the unloaded robot [m], shape (m, n), with tendons shifted in their holes."""
+    positions, rotations = reference_poses(mesh, np.zeros(3), BEAM_TO_SECTION)
+    geometry.shift_in_holes(positions[hole_nodes], rotations[hole_nodes])
+    return geometry.lengths(positions[hole_nodes], rotations[hole_nodes])
+
+
+def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Mask, presliding: float) -> TendonLaw:
+    """How tension passes along the tendons of a robot.
+
+    Parameters
+    ----------
+    robot
+        Description.
+    friction
+        Name of the friction model, a key of `FRICTION_MODELS`.
+    lengths, mask
+        Unloaded length of every segment [m], and which segments exist; shapes (m, n).
+    presliding
+        Slip within which the friction at a hole goes from zero to full [m].
+    """
+    tendons = robot.tendons
+    m, inner = len(tendons), mask[:, 1:]
+    coefficient = np.array([t.friction_coefficient for t in tendons]).reshape(m, 1)
+    adhesion = np.array([t.adhesion for t in tendons]).reshape(m, 1) * inner
+    for i, tendon in enumerate(tendons):
+        # Without the base plate's hole, in which there is no friction, and the anchor.
+        holes = robot.hole_arc_lengths(tendon)[1:-1]
+        for hole in tendon.tight_holes:
+            adhesion[i, int(np.argmin(np.abs(holes - hole.at)))] = hole.drop
+    compliance = np.array([0.0 if t.axial_stiffness is None else 1.0 / t.axial_stiffness for t in tendons])
+    pretension = np.array([t.pretension for t in tendons])
+    laws = tuple(t.friction for t in tendons)
+    parameters = TendonParameters(lengths, mask, coefficient * inner, adhesion, compliance, pretension, laws)
+    return TendonLaw(parameters, FRICTION_MODELS[friction], presliding)
+
+
+def ground_springs(robot: Robot, mesh: BackboneMesh, base: BasePose | None = None) -> GroundSprings | None:
+    """Springs from the backbone to ground, at rest where the unloaded robot is; None where there are none.
+
+    Parameters
+    ----------
+    robot, mesh
+        Description and mesh, with a node at every spring.
+    base
+        Pose of the base plate in the world; None is that of the world.
+    """
+    if not robot.springs:
+        return None
+    base = BasePose(np.zeros(3), np.eye(3)) if base is None else base
+    positions, _ = reference_poses(mesh, base.position, base.rotation @ BEAM_TO_SECTION)
+    nodes = np.array([mesh.node_at(spring.at, ARC_TOLERANCE) for spring in robot.springs])
+    sideways = base.rotation @ np.diag([1.0, 1.0, 0.0]) @ base.rotation.T
+    stiffness = np.array([spring.stiffness for spring in robot.springs])[:, None, None] * sideways
+    return GroundSprings(nodes, stiffness, positions[nodes])
+
+
+# ---------------------------------------------------------------- section
+
+
+def section_forces(robot: Robot, mesh: BackboneMesh, rigid: Mask, continuous: bool) -> SectionForces | None:
+    """Forces inside the section, those of continuous tendons too; None where there are none."""
+    parts = (
+        continuous_tendons(robot, mesh) if continuous else None,
+        superelastic_section(robot, mesh, rigid),
+        nonlinear_section(robot, mesh, rigid),
+    )
+    return None if all(part is None for part in parts) else SectionForces(mesh.lengths, *parts)
+
+
+def continuous_tendons(robot: Robot, mesh: BackboneMesh) -> ContinuousTendons:
+    """Tendons that follow the backbone, at the integration points of every element."""
+    s = gauss_arc_lengths(mesh.arc_lengths)
+    offset = np.zeros((len(robot.tendons), *s.shape, 3))
+    slope = np.zeros_like(offset)
+    weight = np.zeros((len(robot.tendons), len(s)))
+    middle = 0.5 * (mesh.arc_lengths[1:] + mesh.arc_lengths[:-1])
+    for i, tendon in enumerate(robot.tendons):
+        end = robot.end(tendon)
+        along = np.minimum(s, end)
+        offset[i, ..., 1:] = tendon.routing.position(along.ravel(), end).reshape(*s.shape, 2)
+        slope[i, ..., 1:] = tendon.routing.position(along.ravel(), end, 1).reshape(*s.shape, 2)
+        weight[i] = middle < end
+    return ContinuousTendons(offset, slope, weight)
+
+
+def superelastic_section(robot: Robot, mesh: BackboneMesh, rigid: Mask) -> SuperelasticSection | None:
+    """Superelastic bending of every element, none in rigid inserts; None where the backbone has no such law."""
+    law = robot.backbone.superelastic
+    if law is None:
+        return None
+    radius = robot.backbone.radius_at(0.5 * (mesh.arc_lengths[1:] + mesh.arc_lengths[:-1]))
+    bending = np.where(rigid, 0.0, mesh.stiffness[:, 5])
+    return SuperelasticSection(bending, law.threshold_strain / radius, law.plateau_ratio, mesh.precurvature)
+
+
+def nonlinear_section(robot: Robot, mesh: BackboneMesh, rigid: Mask) -> NonlinearSection | None:
+    """Fibres of every element that harden or soften, none in rigid inserts; None where the material is linear."""
+    law = robot.backbone.nonlinear
+    if law is None:
+        return None
+    axial, bending = mesh.stiffness[:, 0], mesh.stiffness[:, 5]
+    one = np.ones_like(axial)
+    return NonlinearSection(
+        np.where(rigid, 0.0, axial),
+        np.where(rigid, 0.0, bending),
+        2.0 * np.sqrt(bending / axial),
+        law.quadratic * one,
+        law.cubic * one,
+        mesh.precurvature,
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,28 +10,30 @@ from typing import Any
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-from numpy.typing import NDArray
 
-from tdcr_fe.elements.native.hooks import SceneHooks
+from tdcr_fe.elements.native.hooks import SceneHooks, round_off
 from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.elements.native.motors import Motor
 from tdcr_fe.model.loading import Model
 from tdcr_fe.scene.assembled_robot import AssembledRobot
-from tdcr_fe.scene.disk_contact import (
+from tdcr_fe.scene.contact import (
     ContactLaw,
     DiskContact,
     Sphere,
-    add_contact,
-    add_robot_contact,
+    check_obstacle,
+    check_quad,
+    check_spacing,
+    obstacle_sphere,
+    pairs_within,
     spheres_of,
 )
-from tdcr_fe.scene.dynamics import recommended_settings
-from tdcr_fe.scene.energy import EnergyBalance, energy_sensor
+from tdcr_fe.scene.energy import EnergyBalance, Masses
 from tdcr_fe.scene.loads import Frame, PointLoad, add_point_load
 from tdcr_fe.scene.parts import section_marker
-from tdcr_fe.scene.sensors import add_disk_sensors, add_tendon_sensors, add_tip_sensors, sensor_output
+from tdcr_fe.scene.sensors import SensorMaker
 
-Array = NDArray[np.float64]
+#: Up to this number of coordinates of a scene the linear equations are solved densely.
+DENSE = 200
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -210,16 +213,15 @@ class TDCR(AssembledRobot):
             the friction that acts at every hole but the anchor, in [-1, 1]) and ``slip_NAME`` (tendon that has passed
             each of these holes towards the base since the unloaded state) [m].
         """
-        made = add_tip_sensors(self.mbs, self.nNodes[-1], self.name, fileName, storeInternal)
-        disks = [self.nNodes[self.mesh.node_at(s)] for s in self.robot.disks.positions]
-        made |= add_disk_sensors(self.mbs, disks, self.name, fileName, storeInternal)
+        maker, variable = SensorMaker(self.mbs, self.name, fileName, storeInternal), exu.OutputVariableType
+        made = maker.of_node("tip_position", self.nNodes[-1], variable.Position)
+        made |= maker.of_node("tip_rotation", self.nNodes[-1], variable.RotationMatrix)
+        for k, s in enumerate(self.robot.disks.positions, 1):
+            made |= maker.of_node(f"disk_position_{k}", self.nNodes[self.mesh.node_at(s)], variable.Position)
         history = self.actuation.history_nodes
         for i, (tendon, node) in enumerate(zip(self.robot.tendons, history.nodes, strict=True)):
             segments = 1 if self.actuation.geometry is None else self._count(i)
-            quantities = history.sensed(segments)
-            made |= add_tendon_sensors(
-                self.mbs, node, quantities, self.name, tendon.name, fileName, storeInternal
-            )
+            made |= maker.of_tendon(tendon.name, node, history.sensed(segments))
         self.sensors.update(made)
         return made
 
@@ -279,27 +281,33 @@ class TDCR(AssembledRobot):
         if self.mbs.systemIsConsistent:
             raise ValueError(f"robot {self.name!r}: add_disk_contact must be called before mbs.Assemble()")
         law = ContactLaw(contactStiffness, contactDamping, dynamicFriction, frictionProportionalZone)
-        own = self._contact_spheres(backbone)
+        contact, own = DiskContact(self.mbs, [], [], [], law), self._contact_spheres(backbone)
         if isinstance(other, TDCR):
             if other.mbs is not self.mbs or sphereRadius is not None or quadPoints is not None:
                 raise ValueError(
                     "add_disk_contact: another robot is one of the same system, without sphereRadius and quadPoints"
                 )
-            made = add_robot_contact(self.mbs, own, other._contact_spheres(backbone), law, show)
+            theirs = other._contact_spheres(backbone)
+            for these, those in ((own, theirs), (theirs, own)):
+                largest = max(those, key=lambda sphere: sphere.radius)
+                check_spacing(these, largest.radius, largest.name)
+            pairs = pairs_within(own) if other is self else itertools.product(own, theirs)
+            contact.add_spheres(list(pairs), show)
         else:
-            made = add_contact(
-                self.mbs, own, other, law,
-                radius=sphereRadius, quad=quadPoints, position=localPosition, show=show,
-            )  # fmt: skip
-        self.contacts.append(made)
-        return made
+            check_obstacle(other, sphereRadius, quadPoints, localPosition)
+            if sphereRadius is None:
+                contact.add_quad(own, other, check_quad(quadPoints), show)
+            else:
+                obstacle = obstacle_sphere(self.mbs, other, localPosition, sphereRadius)
+                check_spacing(own, sphereRadius, obstacle.name)
+                contact.add_spheres([(sphere, obstacle) for sphere in own], show)
+        self.contacts.append(contact)
+        return contact
 
     def _contact_spheres(self, backbone: bool) -> list[Sphere]:
         """Spheres in contact, added when first used."""
         if backbone not in self._spheres:
-            self._spheres[backbone] = spheres_of(
-                self.mbs, self.robot, self.mesh, self.nNodes, backbone, self.name
-            )
+            self._spheres[backbone] = spheres_of(self, self.nNodes, backbone)
         return self._spheres[backbone]
 
     def add_energy_sensor(self, fileName: str = "", storeInternal: bool = True) -> Any:
@@ -321,25 +329,58 @@ class TDCR(AssembledRobot):
         storeInternal
             Keep the values in memory.
         """
-        hooks = SceneHooks.of(self.mbs)
-        balance = EnergyBalance(
-            hooks.system, self.robot, self.name, self.actuation, self.damping, self.model.gravity, self.loads
-        )
-        hooks.robot(self.actuation).add_observer(balance)
-        sensor = energy_sensor(balance, self.name, sensor_output(fileName, "energy", storeInternal))
-        self.sensors["energy"] = sensor
-        return sensor
+        masses = Masses.of(self.robot, self.actuation, self.model.gravity)
+        balance = EnergyBalance(self.actuation, masses, self.damping, self.loads)
+        SceneHooks.of(self.mbs).robot(self.actuation).add_observer(balance)
+        maker = SensorMaker(self.mbs, self.name, fileName, storeInternal)
+        self.sensors |= maker.of_function("energy", balance.measure)
+        return self.sensors["energy"]
 
     # ------------------------------------------------------------------ after Assemble
 
     def recommended_settings(self, end_time: float, step_size: float) -> exu.SimulationSettings:
-        """Settings for ``mbs.SolveDynamic`` with tolerances that suit this robot; both times in [s].
+        """Settings for ``mbs.SolveDynamic`` with tolerances above the round-off of the stiffest element.
 
-        Everything else in them is yours to change: output, damping (``spectralRadius``), modified Newton.
+        Exudyn's defaults ask for a residual below round-off: the axial stiffness of a thin backbone turns the last
+        digit of a node's position into a force, all the more so inside thick disks. Everything else in the settings is
+        yours to change: output, damping (``spectralRadius``), modified Newton.
+
+        Parameters
+        ----------
+        end_time, step_size
+            [s].
+
+        Raises
+        ------
+        ValueError
+            A time that is not positive and finite, or a step longer than the whole.
         """
-        system = self.mbs
-        count = system.systemData.ODE2Size() if system.systemIsConsistent else 7 * len(self.nNodes)
-        return recommended_settings(self.mesh, end_time, step_size, count)
+        if not (np.isfinite(end_time) and 0.0 < step_size <= end_time):
+            raise ValueError(
+                f"recommended_settings: end_time = {end_time} s, step_size = {step_size} s; must be positive, and the "
+                "step no longer than the whole"
+            )
+        settings = exu.SimulationSettings()
+        integration = settings.timeIntegration
+        integration.endTime = end_time
+        integration.numberOfSteps = round(end_time / step_size)
+        # After a sudden change the bending between the disks rings with a period shorter than the steps; without
+        # numerical damping it goes on for long, and Newton's method then converges in very short steps only. Slow
+        # motion is not damped: a vibration of a hundred steps a period loses 3e-5 of its amplitude in each.
+        integration.generalizedAlpha.spectralRadius = 0.5
+        integration.newton.relativeTolerance = 1e-6
+        # Otherwise a first iteration that diverges sets the scale, and what follows counts as converged.
+        integration.newton.adaptInitialResidual = False
+        # A Jacobian left over from another step size, or from an iteration that diverged, costs more than a new one.
+        integration.newton.modifiedNewtonJacUpdatePerStep = True
+        # After a sudden change the step grows again as soon as two in a row have converged.
+        integration.adaptiveStepRecoverySteps, integration.adaptiveStepRecoveryIterations = 2, 12
+        integration.newton.absoluteTolerance = max(1e-8, round_off(self.mesh))
+        # Friction couples nearly all coordinates of a robot; for one robot a dense factorisation is the fastest.
+        data, solvers = self.mbs.systemData, exu.LinearSolverType
+        count = data.ODE2Size() if self.mbs.systemIsConsistent else 7 * len(self.nNodes)
+        settings.linearSolver.solverType = solvers.EigenDense if count <= DENSE else solvers.EigenSparse
+        return settings
 
     def reset(self) -> None:
         """Reset the friction history of all holes to that of a robot that was never loaded."""

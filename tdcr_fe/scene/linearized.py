@@ -1,4 +1,4 @@
-"""Linearised system of a scene with robots, its inputs the tendons, its outputs sensors: `TDCRLinearized`."""
+"""A scene with robots linearised about its present state: `TDCREigenvalues`, and `TDCRLinearized` with its inputs."""
 
 from __future__ import annotations
 
@@ -9,14 +9,55 @@ from typing import Any
 import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eig
 
-from tdcr_fe.elements.native.actuation import Holes
-from tdcr_fe.scene.modes import checked_hooks, linearized_about_the_present
+from tdcr_fe.elements.native.hooks import SceneHooks
+from tdcr_fe.elements.native.scene_forces import Holes
+from tdcr_fe.model import arguments
+from tdcr_fe.scene.builder import check_system
 
 Array = NDArray[np.float64]
 
 #: Change of a coordinate in the differences of sensors [m, 1].
 DIFFERENCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Modes of a scene.
+
+    Attributes
+    ----------
+    frequencies : ndarray, shape (k,)
+        Ascending [Hz]; zero for a mode that does not swing, because it is unstable or moves freely.
+    growth : ndarray, shape (k,)
+        Rate at which the mode grows by itself [1/s]: positive where the state is unstable.
+    shapes : ndarray, shape (n, k)
+        By column, change of all ODE2 coordinates of the scene, the largest 1.
+    """
+
+    frequencies: Array
+    growth: Array
+    shapes: Array
+
+    def show(self, mbs: exu.MainSystem, number: int, amplitude: float) -> None:
+        """Put a scene into its present state plus a mode, to draw it; `hide` takes the mode away again.
+
+        Parameters
+        ----------
+        mbs
+            The scene, in the state of which these are the modes.
+        number
+            Of the mode, from 0.
+        amplitude
+            Of the coordinate that moves most [m], or [1] for an Euler parameter.
+        """
+        data = mbs.systemData
+        data.SetODE2Coordinates(np.array(data.GetODE2Coordinates()) + amplitude * self.shapes[:, number])
+
+    def hide(self, mbs: exu.MainSystem, number: int, amplitude: float) -> None:
+        """Take a mode away again; arguments as in `show`."""
+        self.show(mbs, number, -amplitude)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +98,49 @@ class LinearSystem:
 
     def static_gain(self) -> Array:
         """Change of the outputs at rest with the inputs, ``C K^-1 B``, shape (p, m)."""
-        found: Array = self.outputs @ np.linalg.solve(self.stiffness, self.inputs)
-        return found
+        return np.asarray(self.outputs @ np.linalg.solve(self.stiffness, self.inputs))
+
+
+def TDCREigenvalues(mbs: exu.MainSystem, *, holes: Holes = "stuck", numberOfEigenvalues: int = 10) -> Modes:
+    """Eigenfrequencies and modes of small undamped vibrations about the present state of a scene.
+
+    The state must be at rest, as `SolveTDCR` leaves it. Mass and stiffness are those of
+    ``mbs.ComputeLinearizedSystem``, projected on what joints permit; the stiffness includes that of the tendons.
+    ``mbs.ComputeLinearizedSystem`` and ``mbs.ComputeODE2Eigenvalues`` themselves take the initial configuration, with
+    stuck holes.
+
+    Parameters
+    ----------
+    mbs
+        An assembled system with at least one robot.
+    holes
+        "stuck": no hole slips beyond its presliding, as in vibrations that are small enough. "sliding": every hole
+        slides on, as on top of a motion that goes on.
+    numberOfEigenvalues
+        Number of modes, the lowest ones.
+
+    Returns
+    -------
+    Modes
+
+    Raises
+    ------
+    ValueError
+        The system is not assembled or has no robot, or an argument is another.
+    """
+    arguments.check_count("TDCREigenvalues", "numberOfEigenvalues", numberOfEigenvalues)
+    mass, stiffness, _, basis = _matrices(mbs, _checked_hooks("TDCREigenvalues", mbs, holes), holes)
+    squared, vectors = eig(stiffness, mass)
+    moving = np.isfinite(squared)
+    squared, vectors = squared[moving], vectors[:, moving]
+    rates = 1j * np.sqrt(squared.astype(complex))
+    order = np.argsort(np.abs(squared))[:numberOfEigenvalues]
+    coordinates = basis @ np.real(vectors[:, order])
+    return Modes(
+        np.abs(rates.imag[order]) / (2.0 * np.pi),
+        np.abs(rates.real[order]),
+        coordinates / np.abs(coordinates).max(axis=0),
+    )
 
 
 def TDCRLinearized(
@@ -89,12 +171,8 @@ def TDCRLinearized(
     ValueError
         The system is not assembled or has no robot, or an argument is another.
     """
-    hooks = checked_hooks("TDCRLinearized", mbs, holes)
-    with linearized_about_the_present(mbs, hooks, holes), hooks.without_post_step():
-        mass, stiffness, damping, _, free = mbs.ComputeLinearizedSystem(
-            projectIntoConstraintNullspace=True, returnConstraintNullspace=True
-        )
-    basis = np.asarray(free).T
+    hooks = _checked_hooks("TDCRLinearized", mbs, holes)
+    mass, stiffness, damping, basis = _matrices(mbs, hooks, holes)
     columns, names = [], []
     for robot in hooks.actuations:
         forces = np.zeros((len(basis), robot.count))
@@ -102,15 +180,52 @@ def TDCRLinearized(
         columns.append(forces)
         names += [mbs.GetNode(node)["name"].removesuffix(".history") for node in robot.history_nodes.nodes]
     return LinearSystem(
-        np.asarray(mass),
-        np.asarray(damping),
-        np.asarray(stiffness),
+        mass,
+        damping,
+        stiffness,
         basis.T @ np.hstack(columns),
         tuple(names),
         np.concatenate([robot.by_displacement for robot in hooks.actuations]),
         _outputs(mbs, sensors, basis),
         basis,
     )
+
+
+def _checked_hooks(function: str, mbs: exu.MainSystem, holes: Holes) -> SceneHooks:
+    """Hooks of an assembled system with a robot; anything else is refused in the name of a function."""
+    check_system(function, mbs)
+    if holes not in ("stuck", "sliding"):
+        raise ValueError(f"{function}: holes = {holes!r}; must be 'stuck' or 'sliding'")
+    hooks = SceneHooks.of(mbs)
+    if not hooks.actuations:
+        raise ValueError("no robot in this system; add one with CreateTDCR")
+    if not mbs.systemIsConsistent:
+        raise ValueError("the system is not assembled; call mbs.Assemble()")
+    hooks.refuse_motors(function)
+    return hooks
+
+
+def _matrices(mbs: exu.MainSystem, hooks: SceneHooks, holes: Holes) -> tuple[Array, Array, Array, Array]:
+    """Mass, stiffness and damping on the coordinates that joints permit, and what these change, see `LinearSystem`.
+
+    Exudyn linearises about the initial configuration, so the present state is made the initial one meanwhile.
+    """
+    data, initial = mbs.systemData, exu.ConfigurationType.Initial
+    present, before = data.GetSystemState(), data.GetSystemState(initial)
+    data.SetSystemState(present, initial)
+    for robot in hooks.actuations:
+        robot.holes = holes
+    try:
+        with hooks.without_post_step():
+            mass, stiffness, damping, _, free = mbs.ComputeLinearizedSystem(
+                projectIntoConstraintNullspace=True, returnConstraintNullspace=True
+            )
+    finally:
+        for robot in hooks.actuations:
+            robot.holes = "present"
+        data.SetSystemState(before, initial)
+        data.SetSystemState(present)
+    return np.asarray(mass), np.asarray(stiffness), np.asarray(damping), np.asarray(free).T
 
 
 def _outputs(mbs: exu.MainSystem, sensors: Sequence[Any], basis: Array) -> Array:

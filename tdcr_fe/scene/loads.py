@@ -16,7 +16,6 @@ from tdcr_fe.elements.native.items import SystemReference
 
 Array = NDArray[np.float64]
 Frame = Literal["world", "section"]
-_EYE3 = np.eye(3)
 
 
 @dataclass
@@ -48,19 +47,15 @@ class PointLoad:
 
     def set(self, force: Sequence[float] | Array, moment: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> None:
         """Set force [N] and moment [N m], each of shape (3,), in the load's frame."""
-        self.system.mbs.SetLoadParameter(
-            self.lForce, "loadVector", self._turn @ np.asarray(force, dtype=float)
-        )
-        self.system.mbs.SetLoadParameter(
-            self.lTorque, "loadVector", self._turn @ np.asarray(moment, dtype=float)
-        )
+        for load, vector in ((self.lForce, force), (self.lTorque, moment)):
+            turned = self._turn @ np.asarray(vector, dtype=float)
+            self.system.mbs.SetLoadParameter(load, "loadVector", turned)
 
     @property
     def value(self) -> Array:
         """Force [N] and moment [N m] that were set, in the load's frame, shape (6,)."""
-        vectors = [
-            self.system.mbs.GetLoadParameter(load, "loadVector") for load in (self.lForce, self.lTorque)
-        ]
+        mbs = self.system.mbs
+        vectors = [mbs.GetLoadParameter(load, "loadVector") for load in (self.lForce, self.lTorque)]
         return (np.array(vectors, dtype=float) @ self._turn).ravel()
 
     @property
@@ -93,7 +88,7 @@ class PointLoad:
     @property
     def _turn(self) -> Array:
         """Rotation from the load's frame to the axes in which Exudyn applies it."""
-        return BEAM_TO_SECTION.T if self.frame == "section" else _EYE3
+        return BEAM_TO_SECTION.T if self.frame == "section" else np.eye(3)
 
 
 def add_point_load(system: SystemReference, node: Any, robot: str, name: str, frame: Frame) -> PointLoad:
@@ -119,12 +114,10 @@ def add_point_load(system: SystemReference, node: Any, robot: str, name: str, fr
         raise ValueError(f"load {name!r}: frame {frame!r}; must be 'world' or 'section'")
     mbs = system.mbs
     marker = mbs.AddMarker(eii.MarkerNodeRigid(name=f"{robot}.mLoad.{name}", nodeNumber=node))
-    zero, follows = [0.0, 0.0, 0.0], frame == "section"
-    force = eii.Force(name=f"{robot}.force.{name}", markerNumber=marker, loadVector=zero, bodyFixed=follows)
-    torque = eii.Torque(
-        name=f"{robot}.torque.{name}", markerNumber=marker, loadVector=zero, bodyFixed=follows
-    )
+    acts = {"markerNumber": marker, "loadVector": [0.0, 0.0, 0.0], "bodyFixed": frame == "section"}
+    force = mbs.AddLoad(eii.Force(name=f"{robot}.force.{name}", **acts))
+    torque = mbs.AddLoad(eii.Torque(name=f"{robot}.torque.{name}", **acts))
     applied = eii.NodeGenericData(
         name=f"{robot}.applied.{name}", numberOfDataCoordinates=6, initialCoordinates=[0.0] * 6
     )
-    return PointLoad(system, mbs.AddLoad(force), mbs.AddLoad(torque), frame, mbs.AddNode(applied), node)
+    return PointLoad(system, force, torque, frame, mbs.AddNode(applied), node)

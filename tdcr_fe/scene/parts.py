@@ -1,7 +1,8 @@
-"""The bodies of a robot in a scene: disks, tip mass, gravity on them, the joint of the base; and springs to ground."""
+"""Exudyn's items of a robot: disks, tip mass, gravity, the joint of the base, markers and connectors of the tendons."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,12 +12,14 @@ import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, reference_poses
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
 from tdcr_fe.elements.disks import add_disk, base_plate
-from tdcr_fe.elements.forces import GroundSprings
+from tdcr_fe.elements.native.items import SystemReference
+from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.tendon import Tendon
 
 Array = NDArray[np.float64]
 
@@ -24,52 +27,35 @@ Array = NDArray[np.float64]
 DISK_COLOR = (0.55, 0.65, 0.80, 0.6)
 #: Smallest thickness of drawn disks, and radius and thickness of the drawn base plate [disk radius].
 DRAWN_DISK, DRAWN_PLATE_RADIUS, DRAWN_PLATE = 0.1, 1.2, 0.2
+#: Colours of the tendons in turn (RGBA).
+TENDON_COLORS = (
+    (0.85, 0.33, 0.10, 1.0),
+    (0.00, 0.45, 0.70, 1.0),
+    (0.00, 0.60, 0.45, 1.0),
+    (0.80, 0.47, 0.65, 1.0),
+)
+
+
+# ---------------------------------------------------------------- base
 
 
 @dataclass(frozen=True)
 class BasePose:
-    """Pose of the base plate in the world.
+    """Pose of the base plate in the world."""
 
-    Attributes
-    ----------
-    position : ndarray, shape (3,)
-        [m].
-    rotation : ndarray, shape (3, 3)
-        The robot points along the third column.
-    """
-
-    position: Array
-    rotation: Array
-
-    @classmethod
-    def of(cls, position: Any, rotation: Any) -> BasePose:
-        """Pose from the arguments of the user; None is the origin, and the identity.
-
-        Raises
-        ------
-        ValueError
-            The position does not have three finite components, or the rotation is no rotation matrix.
-        """
-        p = np.zeros(3) if position is None else np.asarray(position, dtype=float)
-        r = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
-        if p.shape != (3,) or not np.all(np.isfinite(p)):
-            raise ValueError(f"basePosition {position!r}; must be three finite coordinates [m]")
-        if r.shape != (3, 3) or not np.allclose(r @ r.T, np.eye(3), atol=1e-9):
-            raise ValueError("baseRotationMatrix must be a rotation matrix of shape (3, 3)")
-        if np.linalg.det(r) < 0.0:
-            raise ValueError("baseRotationMatrix is a reflection; must be a rotation matrix")
-        return cls(p, r)
+    position: Array  # [m], shape (3,)
+    rotation: Array  # the robot points along the third column, shape (3, 3)
 
 
 def base_pose(mbs: exu.MainSystem, position: Any, rotation: Any, marker: Any) -> BasePose:
-    """Pose of the base plate: as given, else that of the marker which carries it.
+    """Pose of the base plate: as given by the user, else that of the marker which carries it.
 
     Parameters
     ----------
     mbs
         The system.
     position, rotation
-        As given by the user, or None.
+        As given by the user; None is the origin and the identity, or the marker's.
     marker
         Rigid marker that carries the base plate, or None.
 
@@ -78,9 +64,16 @@ def base_pose(mbs: exu.MainSystem, position: Any, rotation: Any, marker: Any) ->
     ValueError
         Position or rotation are not valid, or differ from those of the marker in the reference configuration.
     """
-    pose = BasePose.of(position, rotation)
+    p = np.zeros(3) if position is None else np.asarray(position, dtype=float)
+    r = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
+    if p.shape != (3,) or not np.all(np.isfinite(p)):
+        raise ValueError(f"basePosition {position!r}; must be three finite coordinates [m]")
+    if r.shape != (3, 3) or not np.allclose(r @ r.T, np.eye(3), atol=1e-9):
+        raise ValueError("baseRotationMatrix must be a rotation matrix of shape (3, 3)")
+    if np.linalg.det(r) < 0.0:
+        raise ValueError("baseRotationMatrix is a reflection; must be a rotation matrix")
     if marker is None:
-        return pose
+        return BasePose(p, r)
     variable, reference = exu.OutputVariableType, exu.ConfigurationType.Reference
     try:
         at = np.array(mbs.GetMarkerOutput(marker, variable.Position, reference), dtype=float)
@@ -91,17 +84,41 @@ def base_pose(mbs: exu.MainSystem, position: Any, rotation: Any, marker: Any) ->
         ) from unknown
     axes = axes.reshape(3, 3)
     scale = max(1.0, float(np.abs(at).max()))
-    if position is not None and not np.allclose(pose.position, at, rtol=0.0, atol=1e-6 * scale):
+    if position is not None and not np.allclose(p, at, rtol=0.0, atol=1e-6 * scale):
         raise ValueError(
-            f"basePosition {pose.position.tolist()} differs from that of baseMarker {marker}, {at.tolist()}, in the "
-            "reference configuration; leave it out to take that of the marker"
+            f"basePosition {p.tolist()} differs from that of baseMarker {marker}, {at.tolist()}, in the reference "
+            "configuration; leave it out to take that of the marker"
         )
-    if rotation is not None and not np.allclose(pose.rotation, axes, rtol=0.0, atol=1e-6):
+    if rotation is not None and not np.allclose(r, axes, rtol=0.0, atol=1e-6):
         raise ValueError(
             f"baseRotationMatrix differs from the axes of baseMarker {marker}, {axes.tolist()}, in the reference "
             "configuration; leave it out to take those of the marker"
         )
-    return BasePose.of(at, axes)
+    return BasePose(at, axes)
+
+
+def add_ground(
+    mbs: exu.MainSystem, pose: BasePose, disk_radius: float, name: str, graphics: Sequence[Any] = ()
+) -> Any:
+    """Add a base plate on ground and return the marker to which the robot is joined."""
+    radius, thickness = DRAWN_PLATE_RADIUS * disk_radius, DRAWN_PLATE * disk_radius
+    plate = base_plate(pose.position, pose.rotation, radius, thickness, DISK_COLOR)
+    drawn = eii.VObjectGround(graphicsData=[plate, *graphics])
+    ground = mbs.AddObject(eii.ObjectGround(name=f"{name}.ground", visualization=drawn))
+    frame = exu.HT(rotation=pose.rotation, translation=pose.position)
+    return mbs.AddMarker(eii.MarkerBodyRigid(name=f"{name}.mGround", bodyNumber=ground, localHT=frame))
+
+
+def add_base_joint(mbs: exu.MainSystem, carrier: Any, base: Any, name: str) -> Any:
+    """Join the base marker to the marker that carries it, in all six motions; return the joint."""
+    return mbs.AddObject(
+        eii.GenericJoint(
+            name=f"{name}.baseJoint",
+            markerNumbers=[carrier, base],
+            constrainedAxes=[1, 1, 1, 1, 1, 1],
+            visualization=eii.VObjectJointGeneric(show=False),
+        )
+    )
 
 
 def section_marker(mbs: exu.MainSystem, node: Any, name: str) -> Any:
@@ -110,22 +127,17 @@ def section_marker(mbs: exu.MainSystem, node: Any, name: str) -> Any:
     return mbs.AddMarker(eii.MarkerNodeRigid(name=name, nodeNumber=node, localHT=turn))
 
 
+# ---------------------------------------------------------------- bodies
+
+
 def add_disks(
     mbs: exu.MainSystem, robot: Robot, mesh: BackboneMesh, nodes: list[Any], name: str
 ) -> list[Any]:
     """Add a rigid body for every disk and return the body numbers, base first."""
     disks = robot.disks
+    cylinder, drawn = (disks.mass, disks.radius, disks.thickness), DRAWN_DISK * disks.radius
     return [
-        add_disk(
-            mbs,
-            nodes[mesh.node_at(s)],
-            disks.mass,
-            disks.radius,
-            disks.thickness,
-            f"{name}.disk{k}",
-            DISK_COLOR,
-            DRAWN_DISK * disks.radius,
-        )
+        add_disk(mbs, nodes[mesh.node_at(s)], *cylinder, f"{name}.disk{k}", DISK_COLOR, drawn)
         for k, s in enumerate(disks.positions, start=1)
     ]
 
@@ -151,53 +163,98 @@ def add_gravity(mbs: exu.MainSystem, bodies: list[Any], gravity: Vector, name: s
     return loads
 
 
-def add_ground(
-    mbs: exu.MainSystem, pose: BasePose, disk_radius: float, name: str, graphics: Sequence[Any] = ()
-) -> Any:
-    """Add a base plate on ground and return the marker to which the robot is joined."""
-    plate = base_plate(
-        pose.position,
-        pose.rotation,
-        DRAWN_PLATE_RADIUS * disk_radius,
-        DRAWN_PLATE * disk_radius,
-        DISK_COLOR,
-    )
-    ground = mbs.AddObject(
-        eii.ObjectGround(
-            name=f"{name}.ground", visualization=eii.VObjectGround(graphicsData=[plate, *graphics])
-        )
-    )
-    frame = exu.HT(rotation=pose.rotation, translation=pose.position)
-    return mbs.AddMarker(eii.MarkerBodyRigid(name=f"{name}.mGround", bodyNumber=ground, localHT=frame))
+def add_material_damping(
+    system: SystemReference, robot: Robot, mesh: BackboneMesh, nodes: Sequence[Any], name: str
+) -> MaterialDamping | None:
+    """Add the damping by the material of a backbone; None where the backbone has none."""
+    if not robot.backbone.retardation_time > 0.0:
+        return None
+    retardation = np.full(len(mesh.lengths), robot.backbone.retardation_time)
+    if robot.base_stiffness is not None:
+        # The first element stands for the base that gives way, which is not of the material of the backbone.
+        retardation[0] = 0.0
+    return MaterialDamping(system, f"{name}.damping", nodes, retardation)
 
 
-def ground_springs(robot: Robot, mesh: BackboneMesh, base: BasePose | None = None) -> GroundSprings | None:
-    """Springs from the backbone to ground, at rest where the unloaded robot is; None where there are none.
+# ---------------------------------------------------------------- tendons
+
+
+@dataclass(frozen=True)
+class TendonItems:
+    """Exudyn's numbers of the items of the tendons."""
+
+    holes: list[list[Any]]  # by tendon, markers of its holes, base plate first, anchor last
+    segments: list[list[Any]]  # by tendon, the spring-damper of every segment
+
+
+def add_tendons(
+    mbs: exu.MainSystem, robot: Robot, mesh: BackboneMesh, bodies: Sequence[Any], name: str
+) -> TendonItems:
+    """Add markers at all holes and a connector for every tendon segment, which is drawn and carries no force.
 
     Parameters
     ----------
+    mbs
+        The system.
     robot, mesh
-        Description and mesh, with a node at every spring.
-    base
-        Pose of the base plate in the world; None is that of the world.
+        Description and mesh.
+    bodies
+        The first beam, which begins at the base and carries the base plate's holes, then the disks.
+    name
+        Prefix of the items.
     """
-    if not robot.springs:
-        return None
-    base = BasePose.of((0.0, 0.0, 0.0), None) if base is None else base
-    positions, _ = reference_poses(mesh, base.position, base.rotation @ BEAM_TO_SECTION)
-    nodes = np.array([mesh.node_at(spring.at, ARC_TOLERANCE) for spring in robot.springs])
-    sideways = base.rotation @ np.diag([1.0, 1.0, 0.0]) @ base.rotation.T
-    stiffness = np.array([spring.stiffness for spring in robot.springs])[:, None, None] * sideways
-    return GroundSprings(nodes, stiffness, positions[nodes])
+    items = TendonItems([], [])
+    for i, tendon in enumerate(robot.tendons):
+        prefix = f"{name}.{tendon.name}"
+        places = (_along_backbone if robot.without_disks else _in_disks)(robot, tendon, mesh, bodies)
+        holes = [
+            mbs.AddMarker(
+                eii.MarkerBodyRigid(
+                    name=f"{prefix}.mHole{k}",
+                    bodyNumber=body,
+                    localPosition=[float(x) for x in at],
+                    visualization={"show": False},
+                )
+            )
+            for k, (body, at) in enumerate(places)
+        ]
+        color = list(TENDON_COLORS[i % len(TENDON_COLORS)])
+        segments = [
+            mbs.AddObject(
+                eii.SpringDamper(
+                    name=f"{prefix}.segment{k}",
+                    markerNumbers=list(pair),
+                    referenceLength=1.0,
+                    stiffness=0.0,
+                    force=0.0,
+                    activeConnector=False,
+                    visualization=eii.VObjectConnectorSpringDamper(drawSize=0.0, color=color),
+                )
+            )
+            for k, pair in enumerate(itertools.pairwise(holes), start=1)
+        ]
+        items.holes.append(holes)
+        items.segments.append(segments)
+    return items
 
 
-def add_base_joint(mbs: exu.MainSystem, carrier: Any, base: Any, name: str) -> Any:
-    """Join the base marker to the marker that carries it, in all six motions; return the joint."""
-    return mbs.AddObject(
-        eii.GenericJoint(
-            name=f"{name}.baseJoint",
-            markerNumbers=[carrier, base],
-            constrainedAxes=[1, 1, 1, 1, 1, 1],
-            visualization=eii.VObjectJointGeneric(show=False),
-        )
-    )
+def _in_disks(
+    robot: Robot, tendon: Tendon, mesh: BackboneMesh, bodies: Sequence[Any]
+) -> list[tuple[Any, Any]]:
+    """Bodies and local positions of the holes of a tendon [m]."""
+    points = robot.hole_points(tendon)
+    along = [-0.5 * mesh.lengths[0]] + [0.0] * (len(points) - 1)
+    return [(body, (x + p[2], p[0], p[1])) for body, x, p in zip(bodies, along, points, strict=False)]
+
+
+def _along_backbone(
+    robot: Robot, tendon: Tendon, mesh: BackboneMesh, bodies: Sequence[Any]
+) -> list[tuple[Any, Any]]:
+    """The same of a tendon that follows the backbone: every node up to its end, on the beam before it."""
+    end = robot.end(tendon)
+    s = mesh.arc_lengths[mesh.arc_lengths <= end + ARC_TOLERANCE]
+    offsets = tendon.routing.position(np.minimum(s, end), end)
+    return [
+        (bodies[0] + max(k - 1, 0), ((-0.5 if k == 0 else 0.5) * mesh.lengths[max(k - 1, 0)], *offset))
+        for k, offset in enumerate(offsets)
+    ]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import exudyn as exu
@@ -10,94 +11,66 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 
-def sensor_output(fileName: str, key: str, storeInternal: bool) -> dict[str, Any]:
-    """Arguments for a sensor's output: a file of its own if a prefix is given, and memory if requested."""
-    file = f"{fileName}_{key}.txt" if fileName else ""
-    return {"storeInternal": storeInternal, "fileName": file, "writeToFile": bool(fileName)}
+@dataclass(frozen=True)
+class SensorMaker:
+    """Adds sensors of one robot to its system."""
 
+    mbs: exu.MainSystem
+    robot: str  # its name, prefix of the names of the sensors
+    fileName: str  # prefix of the files; empty writes none
+    storeInternal: bool
 
-def add_tip_sensors(
-    mbs: exu.MainSystem, tip_node: Any, robot: str, fileName: str, storeInternal: bool
-) -> dict[str, Any]:
-    """Add sensors of the tip's position [m] and rotation matrix; return them by name."""
-    out = exu.OutputVariableType
-    variables = {"tip_position": out.Position, "tip_rotation": out.RotationMatrix}
-    return {
-        key: mbs.AddSensor(
-            eii.SensorNode(
-                name=f"{robot}.{key}",
-                nodeNumber=tip_node,
-                outputVariableType=variable,
-                **sensor_output(fileName, key, storeInternal),
-            )
+    def output(self, key: str) -> dict[str, Any]:
+        """Arguments for a sensor's output: a file of its own if a prefix is given, and memory if requested."""
+        file = f"{self.fileName}_{key}.txt" if self.fileName else ""
+        return {"storeInternal": self.storeInternal, "fileName": file, "writeToFile": bool(file)}
+
+    def of_node(self, key: str, node: Any, variable: Any) -> dict[str, Any]:
+        """Add a sensor of a node; return it by its key."""
+        sensor = eii.SensorNode(
+            name=f"{self.robot}.{key}", nodeNumber=node, outputVariableType=variable, **self.output(key)
         )
-        for key, variable in variables.items()
-    }
+        return {key: self.mbs.AddSensor(sensor)}
 
+    def of_function(self, key: str, function: Callable[..., list[float]], **rest: Any) -> dict[str, Any]:
+        """Add a sensor whose values a function gives; return it by its key.
 
-def add_disk_sensors(
-    mbs: exu.MainSystem, nodes: Sequence[Any], robot: str, fileName: str, storeInternal: bool
-) -> dict[str, Any]:
-    """Add a sensor of the position of every disk [m], whose nodes are given from the base on; return them by name."""
-    keys = [f"disk_position_{k}" for k in range(1, len(nodes) + 1)]
-    return {
-        key: mbs.AddSensor(
-            eii.SensorNode(
-                name=f"{robot}.{key}",
-                nodeNumber=node,
-                outputVariableType=exu.OutputVariableType.Position,
-                **sensor_output(fileName, key, storeInternal),
-            )
+        Parameters
+        ----------
+        key
+            Its name.
+        function
+            Of the arguments that Exudyn passes: system, time, sensors, factors, configuration.
+        rest
+            Further arguments of ``SensorUserFunction``.
+        """
+        sensor = eii.SensorUserFunction(
+            name=f"{self.robot}.{key}", sensorUserFunction=function, **rest, **self.output(key)
         )
-        for key, node in zip(keys, nodes, strict=True)
-    }
+        return {key: self.mbs.AddSensor(sensor)}
 
+    def of_tendon(self, tendon: str, history: Any, quantities: dict[str, slice]) -> dict[str, Any]:
+        """Add sensors of a tendon after every solved step; return them by name.
 
-def add_tendon_sensors(
-    mbs: exu.MainSystem,
-    history: Any,
-    quantities: Mapping[str, slice],
-    robot: str,
-    tendon: str,
-    fileName: str,
-    storeInternal: bool,
-) -> dict[str, Any]:
-    """Add sensors of a tendon after every solved step; return them by name.
-
-    Parameters
-    ----------
-    mbs
-        The system.
-    history
-        Data node of the tendon's history.
-    quantities
-        Which coordinates of the node, by quantity.
-    robot, tendon
-        Names.
-    fileName, storeInternal
-        As in `TDCR.add_sensors`.
-    """
-    node = mbs.AddSensor(
-        eii.SensorNode(
-            name=f"{robot}.{tendon}.history",
-            nodeNumber=history,
-            outputVariableType=exu.OutputVariableType.Coordinates,
-            writeToFile=False,
+        Parameters
+        ----------
+        tendon
+            Its name.
+        history
+            Data node of its history.
+        quantities
+            Which coordinates of the node, by quantity.
+        """
+        name, coordinates = f"{self.robot}.{tendon}.history", exu.OutputVariableType.Coordinates
+        node = self.mbs.AddSensor(
+            eii.SensorNode(name=name, nodeNumber=history, outputVariableType=coordinates, writeToFile=False)
         )
-    )
-    return {
-        f"{quantity}_{tendon}": mbs.AddSensor(
-            eii.SensorUserFunction(
-                name=f"{robot}.{quantity}_{tendon}",
-                sensorNumbers=[node],
-                factors=[float(which.start), float(which.stop)],
-                sensorUserFunction=_part,
-                **sensor_output(fileName, f"{quantity}_{tendon}", storeInternal),
-            )
-        )
-        for quantity, which in quantities.items()
-        if which.stop > which.start
-    }
+        made: dict[str, Any] = {}
+        for quantity, which in quantities.items():
+            if which.stop > which.start:
+                part = [float(which.start), float(which.stop)]
+                made |= self.of_function(f"{quantity}_{tendon}", _part, sensorNumbers=[node], factors=part)
+        return made
 
 
 def _part(

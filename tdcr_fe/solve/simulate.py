@@ -103,18 +103,19 @@ def simulate(
     settings = settings or SolverSettings()
     begun = time.perf_counter()
     targets = resolve(robot, steps)
-    chosen = parameters(Experiment(robot, model, tuple(steps)), sensitivities)
+    experiment = Experiment(robot, model, tuple(steps))
+    request = _Request(
+        experiment,
+        targets,
+        settings,
+        progress,
+        reference_path,
+        parameters(experiment, sensitivities),
+        responses,
+        record_path is not None,
+    )
     with one_thread():
-        kept, last, stop = _refined_runs(
-            robot,
-            model,
-            steps,
-            targets,
-            settings,
-            progress,
-            reference_path,
-            _Request(chosen, responses, record_path is not None),
-        )
+        kept, last, stop = _refined_runs(request)
     if record_path is not None:
         record_path[:] = kept.path
     estimates = kept.monitor.estimates
@@ -146,43 +147,36 @@ def simulate(
 
 
 class _Request(NamedTuple):
-    """What is computed beside the solution: derivatives by parameters, responses of the tip, and the path's record.
+    """What is asked for."""
 
-    And whether the error of the mesh may be estimated for steps to come, see `_Run._pilot`.
-    """
-
-    parameters: tuple[Parameter, ...]
+    experiment: Experiment
+    targets: Sequence[Actuation]
+    settings: SolverSettings
+    progress: Callable[[StepResult], None] | None
+    reference_path: PathRecord | None
+    parameters: tuple[Parameter, ...]  # By which results are differentiated
     responses: bool
-    records: bool
-    pilots: bool = True
+    records: bool  # Whether the path is recorded
+    pilots: bool = True  # Whether the error of the mesh may be estimated for steps to come, see `_Run._pilot`
 
 
-def _refined_runs(
-    robot: Robot,
-    model: Model,
-    steps: Sequence[LoadStep],
-    targets: Sequence[Actuation],
-    settings: SolverSettings,
-    progress: Callable[[StepResult], None] | None,
-    reference_path: PathRecord | None,
-    request: _Request,
-) -> tuple[_Run, _Run, KeyboardInterrupt | None]:
+def _refined_runs(request: _Request) -> tuple[_Run, _Run, KeyboardInterrupt | None]:
     """Run on finer and finer meshes; the run that solved most steps, the last one, and what interrupted it.
 
     They differ where a run on a refined mesh fails, or is interrupted, before it reaches the steps that the run on the
     coarser mesh has solved.
     """
+    robot, model = request.experiment.robot, request.experiment.model
     counts = elements_of_bays(robot, model)
-    automatic = model.elements_per_bay == "auto" and reference_path is None
+    automatic = model.elements_per_bay == "auto" and request.reference_path is None
     kept: _Run | None = None
     last: _Run | None = None
     stop: KeyboardInterrupt | None = None
     for mesh in range(1, MOST_MESHES + 1):
-        meshed = replace(model, elements_per_bay=counts)
-        last = _Run(robot, meshed, steps, targets, settings, progress, request, last)
+        last = _Run(request, replace(model, elements_per_bay=counts), last)
         finer = None
         try:
-            finer = last.take_steps(reference_path, automatic and mesh < MOST_MESHES)
+            finer = last.take_steps(automatic and mesh < MOST_MESHES)
         except KeyboardInterrupt as interruption:
             last.failed, last.message, stop = last.next_step, INTERRUPTED, interruption
         if kept is None or len(last.solved) >= len(kept.solved):
@@ -221,35 +215,24 @@ def _estimated(step: StepResult, estimate: MeshEstimate | None) -> StepResult:
     if estimate is None:
         return step
     return replace(
-        step,
-        discretisation_error=estimate.largest,
-        buckling_load_fraction=float(estimate.bay_loads.max()),
+        step, discretisation_error=estimate.largest, buckling_load_fraction=float(estimate.bay_loads.max())
     )
 
 
 class _Run:
     """One run through a loading sequence with one mesh."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        model: Model,
-        steps: Sequence[LoadStep],
-        targets: Sequence[Actuation],
-        settings: SolverSettings,
-        progress: Callable[[StepResult], None] | None,
-        request: _Request,
-        before: _Run | None = None,
-    ) -> None:
-        self.steps, self.targets, self.progress = steps, targets, progress
-        self.simulation = Simulation(robot, model, targets, settings)
+    def __init__(self, request: _Request, model: Model, before: _Run | None = None) -> None:
+        experiment, settings = request.experiment, request.settings
+        self.request, self.steps = request, experiment.steps
+        self.simulation = Simulation(experiment.robot, model, request.targets, settings)
         self.tolerance = settings.mesh_tolerance
-        self.goal = self.tolerance * robot.backbone.length
+        self.goal = self.tolerance * experiment.robot.backbone.length
         self.monitor = MeshMonitor(self.simulation, self.goal)
-        self.responses, self.records, self.history = request.responses, request.records, None
+        self.history: SensitivityHistory | None = None
         if request.parameters:
-            experiment = Experiment(robot, model, tuple(steps))
-            self.history = SensitivityHistory.of(self.simulation, experiment, request.parameters)
+            meshed = replace(experiment, model=model)
+            self.history = SensitivityHistory.of(self.simulation, meshed, request.parameters)
         self.solved: list[StepResult] = []
         self.path: PathRecord = []
         self.warnings: list[str] = []
@@ -269,13 +252,13 @@ class _Run:
         """Number of the first step that is not solved."""
         return len(self.solved) + 1 if len(self.solved) < len(self.steps) else None
 
-    def take_steps(self, reference_path: PathRecord | None, refine: bool) -> tuple[int, ...] | None:
+    def take_steps(self, refine: bool) -> tuple[int, ...] | None:
         """Solve all steps; or return the elements per bay of the finer mesh that they need."""
-        estimated = isfinite(self.tolerance)
-        for number, (step, target) in enumerate(zip(self.steps, self.targets, strict=True), start=1):
+        request, estimated = self.request, isfinite(self.tolerance)
+        for number, (step, target) in enumerate(zip(self.steps, request.targets, strict=True), start=1):
             try:
-                increments: list[Increment] | None = [] if self.records else None
-                reference = None if reference_path is None else reference_path[number - 1]
+                increments: list[Increment] | None = [] if request.records else None
+                reference = None if request.reference_path is None else request.reference_path[number - 1]
                 follow = None if self.history is None else self.history.advance
                 report = self.simulation.advance(
                     target,
@@ -296,7 +279,7 @@ class _Run:
             if increments is not None:
                 self.path.append(increments)
             self.solved.append(result)
-            if reference_path is None and is_unstable(self.simulation, self.compression, result):
+            if request.reference_path is None and is_unstable(self.simulation, self.compression, result):
                 self.unstable.append(number)
             self.warnings += step_warnings(number, report)
             if estimated and self._enough_estimated(number, report, refine) and refine and self._too_coarse():
@@ -304,8 +287,8 @@ class _Run:
                 if finer is not None:
                     return finer
                 refine = False
-            if self.progress is not None:
-                self.progress(self.solved[-1])
+            if request.progress is not None:
+                request.progress(self.solved[-1])
         self.monitor.flush()
         return self._refined_mesh() if refine and self._too_coarse() else None
 
@@ -330,7 +313,7 @@ class _Run:
         """
         start, monitor = self.simulation.position, MeshMonitor(self.simulation, self.goal)
         try:
-            for number, target in enumerate(self.targets[solved:], start=solved + 1):
+            for number, target in enumerate(self.request.targets[solved:], start=solved + 1):
                 report = self.simulation.advance(target, substeps=1)
                 monitor.record()
                 self._keep_warm_start(number, report)
@@ -355,7 +338,7 @@ class _Run:
     def _result(self, number: int, step: LoadStep, report: LoadStepReport, target: Actuation) -> StepResult:
         """The present state as a result, with the responses of the tip where they are asked for."""
         found = self.simulation.result(number, step.label, report, target)
-        if not self.responses:
+        if not self.request.responses:
             return found
         responses = tuple(local_response(self.simulation, reversal=x) for x in (False, True))
         return replace(found, responses=responses)

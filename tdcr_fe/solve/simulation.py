@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
 from functools import lru_cache
-from typing import NamedTuple
 
 import exudyn as exu
 import numpy as np
@@ -22,9 +21,16 @@ from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.friction_path.response import Equilibrium
-from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Ramp, SolvedPath, StepFailed
-from tdcr_fe.solve.load_steps.stepping import solve_ramp
+from tdcr_fe.solve.load_steps.load_path import (
+    Increment,
+    LoadStepReport,
+    Position,
+    Ramp,
+    SolvedPath,
+    StepFailed,
+)
+from tdcr_fe.solve.load_steps.stepping import LoadStepper
+from tdcr_fe.solve.load_steps.substep import SubstepSolver
 
 Array = NDArray[np.float64]
 LoadKey = tuple[str, float, str]
@@ -46,14 +52,6 @@ def one_thread() -> AbstractContextManager[object]:
 
 #: Sees every solved load step: scene, ramp, state at its beginning, load factors and states of its substeps.
 PathObserver = Callable[[SceneSystem, Ramp, SolverState, tuple[tuple[float, SolverState], ...]], None]
-
-
-class Position(NamedTuple):
-    """Where a simulation is: the last solved state, and what is known there."""
-
-    state: SolverState
-    linearization: Linearization | None  # The last one
-    end: Equilibrium | None  # The state with its linearisation
 
 
 class Simulation:
@@ -106,10 +104,14 @@ class Simulation:
         }
         mbs.Assemble()
         self.system = SceneSystem(mbs)
-        self.state: SolverState = self.system.current_state()
+        #: Where the simulation is, see `return_to`.
+        self.position = Position(self.system.current_state())
         self.located = False
-        self._last: Linearization | None = None
-        self._end: Equilibrium | None = None
+
+    @property
+    def state(self) -> SolverState:
+        """Last solved state."""
+        return self.position.state
 
     @staticmethod
     def load_key(name: str, load: Load) -> LoadKey:
@@ -143,7 +145,7 @@ class Simulation:
             Called with the scene, the ramp, the state at its beginning, and load factors and states at the ends of all
             substeps.
         divide
-            See `tdcr_fe.solve.load_steps.stepping.LoadStepper`; always so where the path is recorded. Where it is
+            As of `tdcr_fe.solve.load_steps.stepping.LoadStepper`; always so where the path is recorded. Where it is
             only followed, it is solved once more in this way if need be.
         at_end
             Where the path has reversals located within a substep, `follow` is only called with its end, and as if the
@@ -171,26 +173,16 @@ class Simulation:
         guess = None if warm_start is None else self.system.warm_start(self.state, warm_start)
 
         def solved(divide: bool) -> SolvedPath:
+            solver = SubstepSolver(self.system, ramp, self.settings)
             with one_thread():
-                return solve_ramp(
-                    self.system,
-                    self.state,
-                    ramp,
-                    self.settings,
-                    substeps,
-                    reference_path,
-                    self._end,
-                    self._last,
-                    divide=divide,
-                    warm_start=guess,
-                )
+                return LoadStepper(solver, self.position, divide, guess).solve(substeps, reference_path)
 
         try:
             # Derivatives need a path that is divided where slips reverse.
             path = solved(divide)
             followed = solved(True) if follow is not None and path.located and not at_end else path
         except StepFailed as failure:
-            self.state, self._last, self._end = failure.state, None, None
+            self.position = Position(failure.state)
             raise
         if follow is not None:
             if followed.located:
@@ -201,7 +193,7 @@ class Simulation:
             ramp.apply(self.system, 1.0)
             if followed is not path or not self.system.tangent_follows_from_elements():
                 self.system.store(path.state)
-        self.state, self._last, self._end = path.state, path.linearization, path.end
+        self.position = Position(path.state, path.linearization, path.end)
         self.located = path.located
         if record_path is not None:
             record_path.extend(Increment(factor, state.stored()) for factor, state in path.increments)
@@ -209,31 +201,27 @@ class Simulation:
 
     def linearization(self) -> Linearization:
         """Equilibrium at fixed friction, linearised in the last solved state or at most an iteration before."""
-        if self._last is None:
+        found = self.position.linearization
+        if found is None:
             target = Target(self.state.inputs, self.state.loads, self.state.time)
             numbering = self.system.numbering()
             residual = self.system.residual(self.state, target, numbering)
-            self._last = self.system.linearize(residual, numbering)
-        return self._last
+            found = self.system.linearize(residual, numbering)
+            self.position = self.position._replace(linearization=found)
+        return found
 
     def _set_creep(self, moment: float) -> None:
         """Set the compliance of the backbone to that at a time [s]."""
         self.handle.set_compliance_factor(self.handle.robot.backbone.compliance_factor(moment))
 
-    @property
-    def position(self) -> Position:
-        """Where the simulation is, to return to."""
-        return Position(self.state, self._last, self._end)
-
     def return_to(self, position: Position) -> None:
-        """Return to where the simulation was before."""
+        """Return to where the simulation was before, with the loads that acted there."""
         self.system.store(position.state)
-        self.state, self._last, self._end = position
+        self.position = position
 
     def restore(self, state: SolverState) -> None:
         """Return to a state that was solved before, with the loads that acted in it."""
-        self.system.store(state)
-        self.state, self._last, self._end = state, None, None
+        self.return_to(Position(state))
 
     @property
     def displacement(self) -> Array:

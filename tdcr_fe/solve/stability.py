@@ -36,7 +36,7 @@ from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.messages import steps_named
 from tdcr_fe.model.results import StepResult
-from tdcr_fe.scene.motion import Masses
+from tdcr_fe.scene.energy import Masses
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.simulation import Simulation

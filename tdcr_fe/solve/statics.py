@@ -16,7 +16,8 @@ from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.continuation import recall, remember
 from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Ramp, SolvedPath
-from tdcr_fe.solve.load_steps.stepping import solve_ramp
+from tdcr_fe.solve.load_steps.stepping import LoadStepper
+from tdcr_fe.solve.load_steps.substep import SubstepSolver
 from tdcr_fe.solve.newton.contact_stability import freely_moving
 from tdcr_fe.solve.sensitivities.parameters import Parameter
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
@@ -144,17 +145,8 @@ def _solve(
     state = start.state
     ramp = Ramp.of(system, state, start_time, end_time, before, user_loads)
     with one_thread():
-        path = solve_ramp(
-            system,
-            state,
-            ramp,
-            settings,
-            substeps,
-            None,
-            start.end,
-            start.linearization,
-            divide=bool(sensitivities),
-        )
+        solver = SubstepSolver(system, ramp, settings)
+        path = LoadStepper(solver, start, divide=bool(sensitivities)).solve(substeps)
         for each in sensitivities:
             each.advance(system, ramp, state, path.increments, settings.presliding)
         if sensitivities:

@@ -27,6 +27,7 @@ MOST_CASES = 1_000_000
 Method = Literal["grid", "list", "latin-hypercube", "sobol", "saltelli"]
 #: How a value acts on the one that the files declare.
 Mode = Literal["value", "factor", "offset"]
+Spacing = Literal["linear", "logarithmic"]
 
 
 @dataclass(frozen=True)
@@ -45,9 +46,7 @@ class Range:
     start: Annotated[float, Quantity("first value")]
     stop: Annotated[float, Quantity("last value")]
     count: Annotated[int, Quantity("number of values", ge=1, le=MOST_CASES)]
-    spacing: Annotated[Literal["linear", "logarithmic"], Quantity("equal distances or equal ratios")] = (
-        "linear"
-    )
+    spacing: Annotated[Spacing, Quantity("equal distances or equal ratios")] = "linear"
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -86,6 +85,11 @@ class Sampling:
     def __post_init__(self) -> None:
         check_fields(self)
 
+    @property
+    def is_sample(self) -> bool:
+        """Whether values are drawn from distributions."""
+        return self.method in SAMPLED
+
 
 @dataclass(frozen=True)
 class Variation:
@@ -111,6 +115,11 @@ class Variation:
     options: tuple[Any, ...] = ()
     distribution: Distribution | None = None
 
+    @property
+    def names_robot(self) -> bool:
+        """Whether the robot as a whole is exchanged."""
+        return any(key.names_robot for key in self.keys)
+
 
 @dataclass(frozen=True)
 class Output:
@@ -130,7 +139,7 @@ class Output:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep as read from `sweep.toml`.
+    """Everything that decides the cases of a sweep.
 
     Attributes
     ----------
@@ -139,8 +148,8 @@ class Sweep:
     variations : tuple of Variation
     sampling : Sampling
     output : Output
-    robots : mapping of str to ScenarioTables
-        Where robots are varied: by their paths, the tables with that robot.
+    robots : tuple of (str, ScenarioTables)
+        Where robots are varied: their paths, and the tables with each robot.
     workspace : bool
         Whether the tensions are varied to find the workspace.
     digests : tuple of (str, str)
@@ -164,11 +173,10 @@ class Sweep:
     def design(self) -> Design:
         """The cases; the same ones for the same sweep."""
         method, samples = self.sampling.method, self.sampling.samples
-        if method == "grid":
-            return grid([v.options for v in self.variations])
-        if method == "list":
-            return together([v.options for v in self.variations])
-        assert samples is not None and method in SAMPLED
+        if not self.sampling.is_sample:
+            combine = grid if method == "grid" else together
+            return combine([v.options for v in self.variations])
+        assert samples is not None
         points = unit_points(method, samples, len(self.variations), self.sampling.seed)
         columns = [
             Column(v.options, numbers_of(v.options, p))

@@ -97,5 +97,6 @@ def test_without_held_out_steps_there_is_none():
 def test_result_and_report_say_how_much_can_be_removed():
     found = result(GRAVITY, ceiling=Misfit(1.7e-4, None, 4e-4, 1.0))
     assert found.to_json()["ceiling"]["held_out"]["rms_position"] == 1.7e-4
-    (text,) = [s for s in sentences(found) if "that can be removed" in s]
-    assert text.startswith("On the held-out steps the effects remove ") and "mm of the" in text
+    (text,) = [s for s in sentences(found) if "is explainable" in s]
+    assert "at most 17.2\N{NO-BREAK SPACE}mm of the error" in text
+    assert text.endswith("the effects above explain 17.2\N{NO-BREAK SPACE}mm.")

@@ -237,7 +237,7 @@ def test_the_result_carries_what_pictures_and_next_steps_need():
     assert np.sqrt(np.mean(distance**2)) == pytest.approx(result.after_fit.rms_position)
     assert result.after_fit.rms_position == pytest.approx(np.sqrt(3.0) * result.after_fit.rms_coordinate)
     assert set(result.after_fit.rms_by_quantity) == {"position_x", "position_y", "position_z"}
-    assert result.noise.rms_position == pytest.approx(np.sqrt(3.0) * 1e-4) and not result.noise.estimated
+    assert result.noise.rms_position == pytest.approx(np.sqrt(3.0) * 1e-4)
     # The corrected robot predicts the tip that the result shows, on a mesh that is fine enough.
     fine = replace(result.corrected.model, elements_per_bay=4)
     again = simulate(result.corrected.robot, fine, result.corrected.steps)

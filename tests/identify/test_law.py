@@ -201,7 +201,7 @@ def test_result_and_report_have_the_law(found):
     law = json.loads(json.dumps(found.to_json()))["law"]
     assert law["formula"].startswith("m = (") and law["formula"].endswith("N m s^-1 t e_x")
     assert law["where"] == "all bays" and law["after"]["held_out"]["chi2_per_dof"] < 1.5
-    assert headline(found) == "Explained by a law found: a law on no list."
+    assert headline(found) == "Explained by a discovered law."
     assert found.law.sentence in summary(found) and found.law.formula in render(found)
 
 
@@ -277,7 +277,7 @@ def test_where_a_law_explains_as_much_as_the_effects_both_are_named(drifting):
     problem, declared, law = drifting
     state = SearchState.start(problem, declared)
     alike = _beside_the_effects(searching(), state, law, rival(law))
-    assert alike.rivals == {"gravity": ("a law on no list (t e_x)",)}
+    assert alike.rivals == {"gravity": ("an unlisted law (t e_x)",)}
     assert _beside_the_effects(searching(), state, law, rival(law, cost=-60.0)).rivals == {}
     assert _beside_the_effects(searching(), state, law, declared).rivals == {}
 

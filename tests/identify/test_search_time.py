@@ -72,7 +72,7 @@ def test_search_without_time_ends_with_the_first_effect_and_says_what_is_not_tri
     assert result.not_tried[0] == FURTHER_EFFECTS and result.to_json()["not_tried"] == list(result.not_tried)
     assert {PLACES, A_LAW, NEXT_EXPERIMENT, CEILING} < set(result.not_tried) and result.ceiling is None
     assert headline(result).startswith("Unfinished: the search ran out of time")
-    assert any("did not suffice for further effects" in s for s in sentences(result))
+    assert any("too short for further effects" in s for s in sentences(result))
     assert result.after_fit.rms_position < result.before_fit.rms_position
 
 
@@ -86,7 +86,7 @@ def test_simulations_end_with_the_time_limit_and_the_declared_model_is_reported(
 
 @pytest.mark.integration
 def test_what_is_left_is_not_called_unexplained_before_places_and_laws_were_tried(monkeypatch):
-    """It ended "partly explained", although the missing effect might have been at one place, or a law on no list."""
+    """It ended "partly explained", although the missing effect might have been at one place, or an unlisted law."""
     data = measured(TWO)
     result = identified(monkeypatch, data, {"local causes": 1.05}, candidates=2, max_effects=1)
     assert len(result.effects) == 1 and result.verdict == "unfinished"
@@ -103,7 +103,7 @@ def test_a_search_that_is_late_keeps_its_model_and_notes_what_it_has_not_tried()
     assert result.verdict == "unfinished" and headline(result).startswith(
         "Unfinished: the search ran out of time"
     )
-    assert any("did not suffice for" in s for s in sentences(result))
+    assert any("too short for" in s for s in sentences(result))
 
 
 @pytest.mark.parametrize(("deadline", "noted"), [(0.0, (A_LAW,)), (float("inf"), ())])

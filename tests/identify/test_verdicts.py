@@ -64,7 +64,7 @@ def test_unusable_data_give_no_verdict(bent, data, reason):
     state = begun(data(bent))
     assert unusable_data(state.problem, state.declared).startswith(reason)
     result = concluded(state)
-    assert result.verdict == "cannot tell" and headline(result).startswith("Cannot tell")
+    assert result.verdict == "cannot tell" and headline(result).startswith("Inconclusive")
     assert sentences(result)[0].lower().startswith(reason.lower())
 
 

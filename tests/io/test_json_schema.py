@@ -13,7 +13,7 @@ from tdcr_fe.io.keys import json_schema
 from tdcr_fe.io.templates import template
 from tdcr_fe.io.write_toml import model_to_toml
 from tdcr_fe.model.loading import Model, SolverSettings
-from tdcr_fe.sweeps.schema import sweep_schema
+from tdcr_fe.sweeps.read import sweep_schema
 from tdcr_fe.validation.paper import cases
 
 FOLDERS = [Path(tdcr_fe.__file__).parent / "data" / "demo", *(Path(cases.__file__).parent / "data").iterdir()]

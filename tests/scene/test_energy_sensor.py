@@ -15,8 +15,7 @@ from scipy.integrate import quad
 from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection
 from tdcr_fe.model.robot import Disks
 from tdcr_fe.native import register
-from tdcr_fe.scene.energy import ENERGY_COLUMNS
-from tdcr_fe.scene.stored_energy import fibre_energy, superelastic_energy
+from tdcr_fe.scene.energy import ENERGY_COLUMNS, fibre_energy, superelastic_energy
 from tdcr_fe.solve.statics import SolveTDCR
 
 register()
@@ -85,7 +84,9 @@ def test_kinetic_energy_is_that_of_exudyns_bodies():
 
 def test_energy_of_a_superelastic_section_is_the_integral_of_its_moment():
     stiffness, lengths = np.array([2e-3, 3e-3]), np.array([0.02, 0.03])
-    law = SuperelasticSection(stiffness, 15.0, 0.3, np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]))
+    law = SuperelasticSection(
+        stiffness, np.array([15.0, 12.0]), 0.3, np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    )
     bend = np.array([[0.0, 9.0, 4.0], [0.0, 30.0, -40.0]])
     twists = np.zeros((2, 6))
     twists[:, 3:] = lengths[:, None] * bend

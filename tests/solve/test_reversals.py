@@ -21,10 +21,10 @@ from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.friction_path.follow import follow_friction
 from tdcr_fe.solve.friction_path.rates import columns_of
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
-from tdcr_fe.solve.friction_path.reversals import InterpolationPoint, SubstepSlips
+from tdcr_fe.solve.friction_path.reversals import InterpolationPoint, SolvedStates, SubstepSlips
 from tdcr_fe.solve.load_steps.load_path import Ramp
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
-from tdcr_fe.solve.load_steps.substep_reversals import solve_within
+from tdcr_fe.solve.load_steps.substep_reversals import KnownStates, Span, solve_within
 from tdcr_fe.solve.newton.steps import FrictionCoupling
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.solve.simulation import Simulation
@@ -143,9 +143,8 @@ def test_slips_and_their_derivatives_are_those_of_the_solved_ends(given):
     targets = tuple(Target((x,), start.state.loads, 0.0) for x in (np.array([0.6, 0.9]), after))
     clamped, both = simulation.system.layout.clamped, TautTendons.of([start, end])
     start, end = (at.with_response(clamped, both.numbers) for at in (start, end))
-    substep = SubstepSlips.of(
-        [InterpolationPoint(0.0, start), InterpolationPoint(1.0, end)], both, targets, DELTA
-    )
+    points = [InterpolationPoint(0.0, start), InterpolationPoint(1.0, end)]
+    substep = SubstepSlips.of(SolvedStates(points, both, targets, DELTA, LENGTH, 1e-6))
     for x, at in ((0.0, start), (1.0, end)):
         tension = np.concatenate([f.field.tension.reshape(-1) for f in at.forces])
         state = substep.model.slips.at(x, at.mobilisation, tension)
@@ -172,13 +171,15 @@ def test_slips_are_interpolated_better_through_a_state_within_the_substep():
     def ready(at):
         return at.with_response(system.layout.clamped, both.numbers)
 
-    whole = [InterpolationPoint(0.0, ready(start)), InterpolationPoint(1.0, ready(end))]
-    substep = SubstepSlips.of(whole, both, targets, DELTA)
+    whole = (InterpolationPoint(0.0, ready(start)), InterpolationPoint(1.0, ready(end)))
+    states = SolvedStates(whole, both, targets, DELTA, LENGTH, 1e-6)
+    known = KnownStates(Span(0.0, 1.0), both, whole)
+    substep = SubstepSlips.of(states)
     path = substep.follow()
-    middle = ready(solve_within(solver, whole, both, path, 0.5, 0.5))
-    refined = SubstepSlips.of([whole[0], InterpolationPoint(0.5, middle), whole[1]], both, targets, DELTA)
+    middle = InterpolationPoint(0.5, ready(solve_within(solver, known, path, 0.5)))
+    refined = SubstepSlips.of(states._replace(points=[whole[0], middle, whole[1]]))
     for factor in (0.25, 0.75):
-        inside = solve_within(solver, whole, both, path, factor, factor)
+        inside = solve_within(solver, known, path, factor)
         assert np.array_equal(inside.mobilisation, path.at(factor)[0])
         tension = both.tensions(inside)
         errors = [

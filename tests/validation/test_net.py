@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tdcr_fe.validation.net.__main__ import main
-from tdcr_fe.validation.net.comparison import Comparison, compare, differences
-from tdcr_fe.validation.net.parts import PARTS
+from tdcr_fe.validation.campaigns.net import CAMPAIGN, Case
+from tdcr_fe.validation.net.comparison import differences, report
+from tdcr_fe.validation.net.identified import read_identified
 from tdcr_fe.validation.net.storage import read_part, write_part
+from tdcr_fe.validation.runner import main
 
 STORED = Path(__file__).parents[1] / "net"
 
 
-@pytest.mark.parametrize("part", ["robots", "cases", "scenes", "derivatives"])
-def test_a_few_cases_are_those_stored(part: str) -> None:
-    """The whole net is compared by ``python -m tdcr_fe.validation.net``."""
-    found = compare([part], STORED, every=len(read_part(part, STORED)) // 3)
-    assert found.passed, "\n".join(found.lines())
+@pytest.mark.parametrize(
+    ("part", "key"),
+    [
+        ("robots", "18"),
+        ("robots", "40"),
+        ("cases", "converging_straight_per-hole_gravity_10"),
+        ("scenes", "ball"),
+        ("scenes", "swing"),
+        ("derivatives", "tension, per hole: friction_coefficient.mu"),
+        ("files", "120"),
+    ],
+)
+def test_a_case_is_the_stored_one(part: str, key: str, tmp_path: Path) -> None:
+    """The whole net is compared by ``python -m tdcr_fe.validation net``."""
+    found = CAMPAIGN.run(Case(part, key, STORED, None), tmp_path)
+    assert found.passed, found.moved
 
 
 def test_a_movement_is_named_with_its_place_and_size() -> None:
@@ -29,19 +42,17 @@ def test_a_movement_is_named_with_its_place_and_size() -> None:
         "tensions": np.ones((5, 4)),
         "states": "pp/pr",
     }
-    assert not differences("robots", "7", stored, {k: v for k, v in stored.items()}, 1e-9)
+    assert not differences("robots", "7", stored, dict(stored), 1e-9)
     positions, tensions = stored["positions"].copy(), stored["tensions"].copy()
     positions[3, 1, 2] += 2e-6
     tensions[0, 0] += 1e-12
-    moved = differences(
-        "robots", "7", stored, {"positions": positions, "tensions": tensions, "states": "pp/ps"}, 1e-9
-    )
-    by_quantity = {d.quantity: d for d in moved}
-    assert by_quantity["positions"].step == 4 and by_quantity["positions"].place == "[1, 2]"
-    assert by_quantity["positions"].size == pytest.approx(1e-5) and by_quantity["positions"].beyond
-    assert not by_quantity["tensions"].beyond
-    assert by_quantity["states"].step == 2 and "'pr' is now 'ps'" in by_quantity["states"].text
-    lines = Comparison({"robots": 3}, moved).lines()
+    found = {"positions": positions, "tensions": tensions, "states": "pp/ps"}
+    moved = {d.quantity: d for d in differences("robots", "7", stored, found, 1e-9)}
+    assert moved["positions"].step == 4 and moved["positions"].place == "[1, 2]"
+    assert moved["positions"].size == pytest.approx(1e-5) and moved["positions"].beyond
+    assert not moved["tensions"].beyond
+    assert moved["states"].step == 2 and "'pr' is now 'ps'" in moved["states"].text
+    lines = report({"robots": 3}, list(moved.values()))
     assert lines[1].split() == ["robots", "3", "2", "0", "1"]
     assert any("robots | 7, step 4 | positions [1, 2]" in line for line in lines)
     shorter = differences("robots", "7", stored, {**stored, "positions": positions[:4]}, 1e-9)
@@ -50,13 +61,31 @@ def test_a_movement_is_named_with_its_place_and_size() -> None:
 
 
 def test_the_command_ends_with_status_1_where_a_stored_number_is_another(tmp_path: Path, capsys) -> None:
-    keys = [str(k) for k in range(len(PARTS["robots"].keys()))]
-    records = {**{key: {} for key in keys}, "0": PARTS["robots"].solve("0")}
-    write_part("robots", records, tmp_path)
-    arguments = ["robots", "--folder", str(tmp_path), "--every", str(len(keys))]
-    assert main(arguments) == 0
-    tips = records["0"]["positions"].copy()
+    record = read_part("robots", STORED)["0"]
+    tips = record["positions"].copy()
     tips[2, -1, 0] += 1e-7
-    write_part("robots", {**records, "0": {**records["0"], "positions": tips}}, tmp_path)
-    assert main(arguments) == 1
+    for name, status, stored in (("same", 0, record), ("other", 1, {**record, "positions": tips})):
+        write_part("robots", {"0": stored}, tmp_path / name)
+        arguments = ["--stored", str(tmp_path / name), "-o", str(tmp_path / name)]
+        assert main(["net", "--parts", "robots", *arguments]) == status
     assert "robots | 0, step 3 | positions" in capsys.readouterr().out
+
+
+def test_values_that_were_identified_move_in_standard_errors(tmp_path: Path) -> None:
+    """A verdict, a value within its standard error and one beyond, from the files of a campaign."""
+    document = {
+        "seed": 3, "verdict": "explained", "named": ["gravity"], "before": 1e-2, "after": 2e-4,
+        "found": {"gravity": {"g_x": [1.0, 0.1], "g_y": [2.0, 0.1]}},
+    }  # fmt: skip
+    (tmp_path / "plan" / "results").mkdir(parents=True)
+    file = tmp_path / "plan" / "results" / "3.json"
+    file.write_text(json.dumps(document))
+    stored = read_identified(tmp_path)
+    document["found"]["gravity"] = {"g_x": [1.001, 0.1], "g_y": [2.5, 0.1]}
+    file.write_text(json.dumps({**document, "verdict": "partly explained"}))
+    now = read_identified(tmp_path)
+    assert list(now) == ["plan/3"]
+    moved = differences("identify", "plan/3", stored["plan/3"], now["plan/3"], 0.1)
+    assert {d.quantity: d.beyond for d in moved} == {
+        "gravity.g_x": False, "gravity.g_y": True, "verdict": True
+    }  # fmt: skip

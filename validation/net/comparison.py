@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from tdcr_fe.validation.net.parts import PARTS, Record
-from tdcr_fe.validation.net.storage import read_part, solve_all
+from tdcr_fe.validation.net.identified import measure
+from tdcr_fe.validation.net.parts import Record
 
 #: Sizes below which a quantity does not become the measure of its movements [m, N].
 SIZES = {
@@ -24,7 +23,6 @@ SIZES = {
 }
 #: Those of other quantities.
 OTHER_SIZE = 1e-3
-IDENTICAL, WITHIN, BEYOND = "identical", "within tolerance", "beyond tolerance"
 
 
 class Difference(NamedTuple):
@@ -35,7 +33,7 @@ class Difference(NamedTuple):
     quantity: str
     step: int | None  # from 1, where the movement is largest
     place: str
-    size: float  # of the movement over that of the quantity; infinite where a text, a shape or a verdict has changed
+    size: float  # of the movement over that of the quantity; infinite where a text or a shape has changed
     text: str
     tolerance: float
 
@@ -55,7 +53,10 @@ def differences(part: str, case: str, stored: Record, found: Record, tolerance: 
     moved = []
     for quantity in sorted({*stored, *found}):
         a, b = stored.get(quantity, "nothing"), found.get(quantity, "nothing")
-        difference = _text(a, b) if isinstance(a, str) or isinstance(b, str) else _numbers(quantity, a, b)
+        if isinstance(a, str) or isinstance(b, str):
+            difference = _text(a, b)
+        else:
+            difference = _numbers(a, b, measure(a) if part == "identify" else _size(quantity, a))
         if difference is not None:
             moved.append(Difference(part, case, quantity, *difference, tolerance))
     return moved
@@ -73,14 +74,18 @@ def _text(a: object, b: object) -> tuple[int | None, str, float, str] | None:
     return step, "", float("inf"), f"{was[:80]!r} is now {now[:80]!r}"
 
 
-def _numbers(quantity: str, a: np.ndarray, b: np.ndarray) -> tuple[int | None, str, float, str] | None:
+def _size(quantity: str, a: np.ndarray) -> float:
+    """Of a quantity, to which its movements are compared."""
+    return max(float(np.nanmax(np.abs(a), initial=0.0)), SIZES.get(quantity, OTHER_SIZE))
+
+
+def _numbers(a: np.ndarray, b: np.ndarray, size: float) -> tuple[int | None, str, float, str] | None:
     """Largest movement of numbers, and where it is."""
     if a.shape != b.shape:
         return None, "", float("inf"), f"shape {a.shape} is now {b.shape}"
     same = (a == b) | (np.isnan(a) & np.isnan(b))
     if same.all():
         return None
-    size = max(float(np.nanmax(np.abs(a), initial=0.0)), SIZES.get(quantity, OTHER_SIZE))
     gap = np.where(same, 0.0, np.abs(a - b))
     gap[np.isnan(gap)] = np.inf
     at = np.unravel_index(int(gap.argmax()), gap.shape)
@@ -89,55 +94,26 @@ def _numbers(quantity: str, a: np.ndarray, b: np.ndarray) -> tuple[int | None, s
     return step, place, float(gap[at] / size), text
 
 
-class Comparison(NamedTuple):
-    """What a comparison found."""
-
-    cases: Mapping[str, int]  # by part
-    differences: Sequence[Difference]
-
-    @property
-    def passed(self) -> bool:
-        """Whether nothing moved beyond its tolerance."""
-        return not any(d.beyond for d in self.differences)
-
-    def lines(self, most: int = 10) -> list[str]:
-        """Counts by part, and the largest movements."""
-        moved = {part: {d.case for d in self.differences if d.part == part} for part in self.cases}
-        off = {part: {d.case for d in self.differences if d.part == part and d.beyond} for part in self.cases}
-        lines = [f"{'part':12} {'cases':>6} {IDENTICAL:>10} {WITHIN:>17} {BEYOND:>17}"]
-        for part, count in self.cases.items():
-            numbers = (count - len(moved[part]), len(moved[part]) - len(off[part]), len(off[part]))
-            lines.append(f"{part:12} {count:6} {numbers[0]:10} {numbers[1]:17} {numbers[2]:17}")
-        largest = sorted(self.differences, key=lambda d: -d.size / d.tolerance)
-        lines += [str(d) for d in largest[:most]]
-        if len(largest) > most:
-            kinds = Counter(f"{d.part} {d.quantity}" for d in largest)
-            lines.append(f"{len(largest)} in all: " + ", ".join(f"{n} {k}" for k, n in kinds.most_common(12)))
-        return lines
-
-
-def compare(parts: Sequence[str], folder: Path, *, every: int | None = 1, processes: int = 1) -> Comparison:
-    """Compute parts again and compare them with what is stored.
+def report(cases: Mapping[str, int], moved: Sequence[Difference], most: int = 10) -> list[str]:
+    """Counts by part, and the largest movements, in lines.
 
     Parameters
     ----------
-    parts
-        Of `PARTS`.
-    folder
-        Of the stored files.
-    every
-        Take only every so many-th case; None takes those of the quick form.
-    processes
-        Number of cases at a time.
+    cases
+        Number of cases that were compared, by part.
+    moved
+        All differences.
+    most
+        Number of movements that are listed.
     """
-    stored = {part: read_part(part, folder) for part in parts}
-    tasks = [(part, key) for part in parts for key in list(stored[part])[:: every or PARTS[part].quick]]
-    moved: list[Difference] = []
-    for part, key, record in solve_all(tasks, processes):
-        moved += differences(part, key, stored[part][key], record, PARTS[part].tolerance)
-    missing = [
-        Difference(part, key, "case", None, "", float("inf"), "is new, and not stored", 1.0)
-        for part in parts
-        for key in sorted({*PARTS[part].keys()} - {*stored[part]})
-    ]
-    return Comparison(Counter(part for part, _ in tasks), [*moved, *missing])
+    lines = [f"{'part':12} {'cases':>6} {'identical':>10} {'within tolerance':>17} {'beyond':>7}"]
+    for part, count in cases.items():
+        off = {d.case for d in moved if d.part == part and d.beyond}
+        within = {d.case for d in moved if d.part == part} - off
+        lines.append(f"{part:12} {count:6} {count - len(within) - len(off):10} {len(within):17} {len(off):7}")
+    largest = sorted(moved, key=lambda d: -d.size / d.tolerance)
+    lines += [str(d) for d in largest[:most]]
+    if len(largest) > most:
+        kinds = Counter(f"{d.part} {d.quantity}" for d in largest)
+        lines.append(f"{len(largest)} in all: " + ", ".join(f"{n} {k}" for k, n in kinds.most_common(12)))
+    return lines

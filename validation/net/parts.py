@@ -275,3 +275,11 @@ PARTS: Mapping[str, Part] = {
     "reference": Part(_numbers(REFERENCES), _reference, 10),
     "files": Part(_numbers(FILES), _file, 10),
 }
+
+
+def solve(part: str, key: str) -> Record:
+    """The record of one case of a part; where the program fails, the kind of error."""
+    try:
+        return PARTS[part].solve(key)
+    except Exception as error:
+        return {"failure": type(error).__name__}

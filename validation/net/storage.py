@@ -6,15 +6,14 @@ import json
 import lzma
 import platform
 import subprocess
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from importlib.metadata import version
 from math import prod
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 
-from tdcr_fe.validation.net.parts import PARTS, Record
+from tdcr_fe.validation.net.parts import Record
 
 #: Name of the file about the code and the machine of the stored data.
 MANIFEST = "manifest.json"
@@ -54,46 +53,6 @@ def read_part(name: str, folder: Path) -> dict[str, Record]:
                 records[key][quantity] = flat[place : place + size].reshape(value)
                 place += size
     return records
-
-
-def solve(task: tuple[str, str]) -> tuple[str, str, Record]:
-    """The record of one case of a part; where the program fails, the kind of error."""
-    part, key = task
-    try:
-        return part, key, PARTS[part].solve(key)
-    except Exception as error:
-        return part, key, {"failure": type(error).__name__}
-
-
-def solve_all(tasks: Sequence[tuple[str, str]], processes: int = 1) -> Iterator[tuple[str, str, Record]]:
-    """Records of cases, in order, with a progress bar."""
-    from tqdm import tqdm
-
-    found: Iterable[tuple[str, str, Record]]
-    if processes == 1:
-        yield from tqdm(map(solve, tasks), total=len(tasks), unit="case")
-        return
-    with get_context("spawn").Pool(processes) as pool:
-        found = pool.imap(solve, tasks, chunksize=4)
-        yield from tqdm(found, total=len(tasks), unit="case")
-
-
-def store(parts: Sequence[str], folder: Path, processes: int = 1) -> None:
-    """Compute parts and store them.
-
-    Parameters
-    ----------
-    parts
-        Of `PARTS`.
-    folder
-        Where the files go.
-    processes
-        Number of cases at a time.
-    """
-    for part in parts:
-        tasks = [(part, key) for key in PARTS[part].keys()]  # noqa: SIM118
-        write_part(part, {key: record for _, key, record in solve_all(tasks, processes)}, folder)
-        note(part, folder)
 
 
 def note(part: str, folder: Path) -> None:

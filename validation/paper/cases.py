@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -35,25 +34,14 @@ MODEL_NAMES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class PaperCase:
-    """A figure of the paper as a robot and a loading sequence.
+    """A figure of the paper as a robot and a loading sequence."""
 
-    Attributes
-    ----------
-    id : str
-        Name of its folder.
-    title : str
-    assumed : str
-        Assumption where the paper is silent.
-    marked : tuple of str
-        Labels of the steps that are the paper's own; the others lead there in small steps.
-    robot : Robot
-    steps : tuple of LoadStep
-    """
-
-    id: str
+    id: str  # name of its folder
     title: str
-    assumed: str
-    marked: tuple[str, ...]
+    assumed: str  # assumption where the paper is silent
+    marked: tuple[
+        str, ...
+    ]  # labels of the steps that are the paper's own; the others lead there in small steps
     robot: Robot
     steps: tuple[LoadStep, ...]
 
@@ -142,15 +130,3 @@ def write_cases(folder: str | os.PathLike[str]) -> list[Path]:
             write_text(scenario_to_toml(model, case.steps), path)
             written.append(path)
     return written
-
-
-def without_small_steps(case: PaperCase) -> PaperCase:
-    """The case with its marked steps only."""
-    return replace(case, steps=tuple(s for s in case.steps if s.label in case.marked))
-
-
-def packaged_text(*parts: str) -> str:
-    """Text of a packaged file."""
-    with ExitStack() as stack:
-        path = stack.enter_context(as_file(files(_PACKAGE).joinpath(*parts)))
-        return path.read_text(encoding="utf-8")

@@ -56,7 +56,7 @@ assert np.allclose(jacobian[:, 0], x, atol=1e-4 * np.abs(x).max())
 assert np.allclose(jacobian[:, 2], z, atol=1e-4 * np.abs(z).max())
 
 # %%
-# With friction there are two Jacobians in one state: one for going on, one for the first motion after a
+# With friction there are two Jacobians in one state: one for continuing, one for the first motion after a
 # reversal, when all holes stick. A controller that uses one matrix for both is wrong by their difference.
 
 rough = tdcr.simulate(arm(0.3), tdcr.Model(elements_per_bay=1), steps, responses=True).raise_if_failed()

@@ -1,14 +1,14 @@
 """
-From a spreadsheet to what the model lacks
-==========================================
+From a spreadsheet to what the model is missing
+===============================================
 
-Readings of a robot are in a spreadsheet of one's own: a semicolon between columns, decimal commas,
+Readings of a robot are in your own spreadsheet: a semicolon between columns, decimal commas,
 millimetres, degrees. It is rewritten as the two tables that ``identify`` reads, and compared with the robot
 as it was built.
 
 No robot was measured here: the readings are made by simulating one whose tendon has a coefficient of friction
-of 0.25, with noise. The declared robot knows nothing of friction. So there is a number to check what is
-found.
+of 0.25, with noise. The declared robot knows nothing of friction. So the result can be checked against a
+number.
 """
 
 import tempfile

@@ -39,7 +39,7 @@ print(f"bent by {1e3 * bent:.3f} mm; first frequency {frequency:.4f} Hz, closed 
 assert abs(frequency / closed_form - 1.0) < 5e-3
 
 # %%
-# Let go, and followed in time for three periods. The time of zero crossings gives the period.
+# Released, and followed in time for three periods. The time of zero crossings gives the period.
 
 tip.set([0.0, 0.0, 0.0])
 period = 1.0 / closed_form

@@ -31,7 +31,7 @@ work = np.trapezoid(tension, pulled_in)
 
 # %%
 # Work of friction: at each hole the difference of the tensions on both sides, times the slip. The slip at a
-# hole is the displacement at the base less what the segments before the hole have given up.
+# hole is the displacement at the base minus what the segments before the hole have given up.
 
 tensions = np.array([step.tensions[0] for step in result.steps])
 lengths = []

@@ -36,7 +36,7 @@ result = tdcr.simulate(robot, model, steps).raise_if_failed()
 tensions = np.array([step.base_tensions for step in result.steps])
 
 # %%
-# The closed form: with the left tendon slack, :math:`T_1 = u_1 / (r^2 L / EI + L / EA)`; else two equations
+# The closed form: with the left tendon slack, :math:`T_1 = u_1 / (r^2 L / EI + L / EA)`; otherwise two equations
 # for two tensions.
 
 by_bending, by_compression = OFFSET**2 * LENGTH / backbone.EI, LENGTH / backbone.EA

@@ -15,7 +15,7 @@ penalty contact itself, as a semismooth equation (L. Qi, J. Sun, Math. Program. 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -29,6 +29,9 @@ from scipy.spatial.distance import cdist
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
 
+#: Iterations after which a solve with triangles is given up where the residual is not below the first one: a sphere is
+#: then too far inside, as where an equilibrium without contact was found first, and goes from triangle to triangle.
+CONTACT_TRIALS = 5
 #: Change of a coordinate for the differences, over the smallest radius of a sphere.
 RELATIVE_STEP = 1e-4
 #: Objects whose states are functions of the present gap alone. Friction of these depends on the slip rate, and is zero
@@ -84,6 +87,10 @@ class TriangleContact:
         self._step = RELATIVE_STEP * min(radii, default=0.0)
         self._nodes = _nodes_of_coordinates(mbs)
         self._couplings: tuple[list[bytes], NDArray[np.bool_]] | None = None
+
+    def goes_astray(self, residuals: Sequence[float]) -> bool:
+        """Whether iterations with these relative residuals have not come nearer to a solution [1]."""
+        return self.present and len(residuals) > CONTACT_TRIALS and residuals[-1] >= residuals[0]
 
     def couplings(self, compute: Callable[[], Array]) -> NDArray[np.bool_]:
         """Which coordinates these contacts couple, shape (n2, n2), found anew where active sets have changed.

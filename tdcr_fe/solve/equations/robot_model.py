@@ -21,10 +21,8 @@ from tdcr_fe.elements.section import ContinuousTendons, SectionForces
 from tdcr_fe.elements.tendons import CableShape
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.scene.forces import force_model
+from tdcr_fe.scene.forces import force_model, ground_springs, tendon_law
 from tdcr_fe.scene.mesh import build_mesh, softened_stiffness
-from tdcr_fe.scene.parts import ground_springs
-from tdcr_fe.scene.tendons import tendon_law
 
 Array = NDArray[np.float64]
 
@@ -83,8 +81,7 @@ class RobotModel:
             forces = similar.forces
         elif similar is not None and same_backbone and _same_holes(similar, robot, model):
             before = similar.forces.law.parameters
-            holes = [robot.hole_arc_lengths(t) for t in robot.tendons]
-            law = tendon_law(robot.tendons, holes, before.lengths, before.mask, model.friction, presliding)
+            law = tendon_law(robot, model.friction, before.lengths, before.mask, presliding)
             forces = replace(similar.forces, law=law)
         else:
             forces = force_model(robot, model, mesh, rigid, presliding)

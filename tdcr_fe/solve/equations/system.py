@@ -234,6 +234,10 @@ class SceneSystem:
         """Whether there is contact with triangles, whose force has kinks where a sphere goes from one to the next."""
         return self._kernel.triangles.present
 
+    def contact_goes_astray(self, residuals: Sequence[float]) -> bool:
+        """Whether iterations in contact with these relative residuals have not come nearer to a solution [1]."""
+        return self._kernel.triangles.goes_astray(residuals)
+
     def contact_motion_limit(self, state: SolverState) -> float:
         """By how much a node may move from a state without jumping over a contact [m]."""
         if not self.has_contact:
@@ -325,12 +329,7 @@ class SceneSystem:
         add_couplings(k, residual, self.layout.space.slices)
         return k
 
-    def linearize(
-        self,
-        residual: Residual,
-        numbering: Numbering,
-        damping: float = 0.0,
-    ) -> Linearization:
+    def linearize(self, residual: Residual, numbering: Numbering, damping: float = 0.0) -> Linearization:
         """Linearise equilibrium, with the tensions of tendons with prescribed displacement as further unknowns.
 
         Parameters

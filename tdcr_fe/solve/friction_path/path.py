@@ -65,11 +65,7 @@ def empty_path(count: int, unknowns: int, segments: int) -> PathSegments:
 @compilable
 def set_segment(path: PathSegments, i: int, segment: PathSegment) -> None:
     """Set one of the path segments."""
-    path.start[i], path.length[i], path.unknowns[i] = (
-        segment.start,
-        segment.length,
-        segment.unknowns,
-    )
+    path.start[i], path.length[i], path.unknowns[i] = (segment.start, segment.length, segment.unknowns)
     to, rates = path.rates, segment.rates
     to.side[i], to.rate[i], to.rate_change[i] = rates.side, rates.rate, rates.rate_change
     to.complement[i], to.complement_change[i] = rates.complement, rates.complement_change

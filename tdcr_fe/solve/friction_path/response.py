@@ -63,11 +63,7 @@ class TensionResponse(NamedTuple):
 
     @classmethod
     def of(
-        cls,
-        linear: Linearization,
-        forces: Sequence[TendonForces],
-        clamped: Sequence[slice],
-        tendons: Tendons,
+        cls, linear: Linearization, forces: Sequence[TendonForces], clamped: Sequence[slice], tendons: Tendons
     ) -> TensionResponse:
         """From the tangent, in which tensions change with the turning angles.
 
@@ -163,10 +159,7 @@ class Equilibrium(NamedTuple):
 
     @classmethod
     def of(
-        cls,
-        state: SolverState,
-        forces: tuple[TendonForces, ...],
-        linearization: Linearization,
+        cls, state: SolverState, forces: tuple[TendonForces, ...], linearization: Linearization
     ) -> Equilibrium:
         """With a linearisation in this state, or near it."""
         return cls(state, forces, linearization, exact=near_enough(state, linearization))
@@ -313,11 +306,7 @@ class TautTendons(NamedTuple):
             factor,
             self.tensions(at),
             np.concatenate(
-                [
-                    *values,
-                    *(b[0] for b in bases),
-                    self._joined([f.measured.shape.angles for f in forces]),
-                ]
+                [*values, *(b[0] for b in bases), self._joined([f.measured.shape.angles for f in forces])]
             ),
             np.concatenate([*by_tension, *(b[1] for b in bases), turning]),
             np.concatenate([*by_load, *(b[2] for b in bases), load.angles]),

@@ -73,6 +73,27 @@ class InterpolationPoint(NamedTuple):
     load: LoadResponse | None = None
 
 
+class SolvedStates(NamedTuple):
+    """Solved states of a substep, from its start to its end, between which slips are interpolated."""
+
+    points: Sequence[InterpolationPoint]
+    taut: TautTendons  # The tendons under tension in any of them
+    targets: tuple[Target, Target]  # Inputs and loads at both ends
+    presliding: float  # [m]
+    length: float  # Of the longest backbone [m]
+    allowed: float  # Largest displacement of a node that reversals may cause, over the length [1]
+
+    @property
+    def numbering(self) -> Numbering:
+        """Of the unknowns."""
+        return self.points[-1].state.numbering
+
+    @property
+    def agreement(self) -> float:
+        """Displacement of a node up to which the end of a path and the solution to first order are the same [m]."""
+        return max(self.allowed, AGREEMENT) * self.length
+
+
 class PathError(NamedTuple):
     """What the interpolation of the slips leaves uncertain in a followed path."""
 
@@ -83,6 +104,7 @@ class PathError(NamedTuple):
 class SubstepSlips(NamedTuple):
     """Slips of the tendons under tension in a substep that was solved as a whole."""
 
+    states: SolvedStates  # Of the substep
     model: SlipModel  # The slips in it
     tension: Array  # (q,): Of the segments at its start [N]
     before: Array  # (k,): Mobilisations at its start and its end [1]
@@ -96,33 +118,16 @@ class SubstepSlips(NamedTuple):
     columns: Array
 
     @classmethod
-    def of(
-        cls,
-        points: Sequence[InterpolationPoint],
-        taut: TautTendons,
-        targets: tuple[Target, Target],
-        presliding: float,
-    ) -> SubstepSlips:
-        """From its solved states.
-
-        Parameters
-        ----------
-        points
-            Both ends of the substep, and states within it, by load factor.
-        taut
-            The tendons under tension in any of them.
-        targets
-            Inputs and loads at both ends.
-        presliding
-            Presliding distance [m].
-        """
+    def of(cls, states: SolvedStates) -> SubstepSlips:
+        """From its solved states."""
+        taut, points = states.taut, states.points
         holes, k = taut.holes, len(taut.holes)
         start, end = points[0].state, points[-1].state
-        states = [taut.slip_data(at.state, targets, at.factor, at.load) for at in points]
-        model = SlipModel(tension_transfer(taut.tendons), states, k, taut.unknown, presliding)
+        data = [taut.slip_data(at.state, states.targets, at.factor, at.load) for at in points]
+        model = SlipModel(tension_transfer(taut.tendons), data, k, taut.unknown, states.presliding)
         before, after = start.mobilisation[holes], end.mobilisation[holes]
         base = taut.base_tensions(1)
-        last = model.slips.at(1.0, np.append(after, base), states[-1].tension).derivatives
+        last = model.slips.at(1.0, np.append(after, base), data[-1].tension).derivatives
         every, pulled = np.arange(k), k + np.flatnonzero(base > 0.0)
         matrix, tensions = columns_of(last, every).T, tension_columns(last, every).T
         if pulled.size:
@@ -133,8 +138,8 @@ class SubstepSlips(NamedTuple):
             matrix = matrix + columns @ follow
         slip = (end.slips - start.slips)[holes]
         assert end.response is not None
-        columns = end.response.nodes @ tensions
-        return cls(model, states[0].tension, before, after, taut.base_tensions(0), slip, matrix[:k], columns)
+        first, columns = taut.base_tensions(0), end.response.nodes @ tensions
+        return cls(states, model, data[0].tension, before, after, first, slip, matrix[:k], columns)
 
     def follow(self, defect_factor: float = 1.0) -> FrictionPath:
         """The friction states followed through the substep.
@@ -169,24 +174,15 @@ class SubstepSlips(NamedTuple):
         since = (self.slip - path.reversal_slip) / self.model.presliding
         return self.corrected(path.reversal_mobilisation + since)
 
-    def at_end(self, path: FrictionPath, numbering: Numbering, agreement: float) -> Array:
+    def at_end(self, path: FrictionPath) -> Array:
         """Mobilisations at the end of the substep that follow from a path [1], shape (k,).
 
         Those to first order, which have no error of the integration, where they agree with the end of the path. They
         need not: where derivatives of the tensions jump, the equations to first order can have another solution.
-
-        Parameters
-        ----------
-        path
-            The path.
-        numbering
-            Of the unknowns.
-        agreement
-            Displacement of a node up to which they agree [m].
         """
         first_order = self.with_reversals(path)
         last = path.unknowns[: len(first_order)]
-        if path.complete and self.displacement(last - first_order, numbering) > agreement:
+        if path.complete and self.displacement(last - first_order) > self.states.agreement:
             return last
         return first_order
 
@@ -205,9 +201,9 @@ class SubstepSlips(NamedTuple):
         side = np.trunc(mobilisation)
         return self.corrected(np.where(side != 0.0, side * (1.0 - error / presliding), mobilisation))
 
-    def displacement(self, change: Array, numbering: Numbering) -> float:
+    def displacement(self, change: Array) -> float:
         """Largest displacement of a node by a change of the mobilisations [1], shape (k,), to first order [m]."""
-        return _largest_displacement(self.columns @ change, numbering)
+        return _largest_displacement(self.columns @ change, self.states.numbering)
 
     @property
     def slip_error(self) -> Array:
@@ -235,15 +231,7 @@ class SubstepSlips(NamedTuple):
         return min(0.5, max(LEAST_DIVISION, float(np.sqrt(rough / max(float(self.slip_error.max()), rough)))))
 
     def path_error(
-        self,
-        path: FrictionPath,
-        mobilisation: Array,
-        numbering: Numbering,
-        allowed: float,
-        agreement: float,
-        *,
-        matters: bool,
-        locate: bool,
+        self, path: FrictionPath, mobilisation: Array, *, matters: bool, locate: bool
     ) -> PathError | None:
         """What the interpolation leaves uncertain in a complete path; None where it is too rough to say.
 
@@ -253,18 +241,13 @@ class SubstepSlips(NamedTuple):
             The path.
         mobilisation
             Those at the end that follow from it [1], shape (k,).
-        numbering
-            Of the unknowns.
-        allowed
-            Displacement of a node that is allowed [m].
-        agreement
-            See `at_end` [m].
         matters
-            Whether the reversals of the path displace a node by more than that.
+            Whether the reversals of the path displace a node by more than is allowed.
         locate
             Whether states may be solved within the substep. They then decide where the error may be larger than allowed
             to first order, and the other path shows nothing of it: that path has one error of many.
         """
+        allowed = self.states.allowed * self.states.length
         factor = DEFECT_FACTOR
         if self.slip_error.max() > ROUGH * self.largest_slip:
             factor = ROUGH_DEFECT_FACTOR
@@ -272,7 +255,7 @@ class SubstepSlips(NamedTuple):
         error = SAFETY * (factor - 1.0) * (self.slip_error + off_line)
         first_order = 0.0
         if not (self.is_rough and matters):
-            first_order = self._displacement_by(error, path, numbering)
+            first_order = self._displacement_by(error, path)
             if first_order <= NEGLIGIBLE * allowed:
                 return PathError(first_order, False)
         if self.is_rough:
@@ -280,12 +263,12 @@ class SubstepSlips(NamedTuple):
         other = self.follow(factor)
         if not other.complete:
             return None
-        moved = self.displacement(mobilisation - self.at_end(other, numbering, agreement), numbering)
+        moved = self.displacement(mobilisation - self.at_end(other))
         if locate and moved <= allowed < first_order:
             return PathError(UNDECIDED * allowed, True)
         return PathError(moved, bool(other.reversed.any()))
 
-    def _displacement_by(self, error: Array, path: FrictionPath, numbering: Numbering) -> float:
+    def _displacement_by(self, error: Array, path: FrictionPath) -> float:
         """Largest displacement of a node by an error of the slips [m], to first order [m].
 
         Only by those holes whose mobilisation at the end depends on it, see `FrictionPath.insensitive_holes`.
@@ -296,7 +279,7 @@ class SubstepSlips(NamedTuple):
             return 0.0
         response = self.columns[:, which] @ np.linalg.inv(self.matrix[np.ix_(which, which)])
         limited = np.minimum(error[which], FULL_RANGE * presliding)
-        return _largest_displacement(np.abs(response) @ limited, numbering)
+        return _largest_displacement(np.abs(response) @ limited, self.states.numbering)
 
 
 def _largest_displacement(step: Array, numbering: Numbering) -> float:
@@ -314,8 +297,9 @@ class SlipHistory(NamedTuple):
     followed: Index  # (i,): Which of the holes belong to tendons under tension, the ones of the path
     slips: SubstepSlips  # Of these holes, in the substep
 
-    def of(self, state: SolverState, numbering: Numbering) -> SolverState:
+    def of(self, state: SolverState) -> SolverState:
         """A state with this history, and with the mobilisations that follow from it."""
+        numbering = self.slips.states.numbering
         slips = numbering.with_frictional_holes([f.slip for f in state.friction], self.slip)
         counted = numbering.with_frictional_holes([f.mobilisation for f in state.friction], self.mobilisation)
         friction = [
@@ -325,10 +309,10 @@ class SlipHistory(NamedTuple):
         at_end = numbering.with_frictional_holes(state.mobilisation, self.at_end)
         return state._replace(friction=tuple(friction), mobilisation=at_end)
 
-    def distance(self, state: SolverState, numbering: Numbering) -> float:
+    def distance(self, state: SolverState) -> float:
         """Largest displacement of a node between the end that follows from the path, and a solved one [m]."""
-        off = numbering.at_frictional_holes(state.mobilisation) - self.at_end
-        return self.slips.displacement(off[self.followed], numbering)
+        off = self.slips.states.numbering.at_frictional_holes(state.mobilisation) - self.at_end
+        return self.slips.displacement(off[self.followed])
 
 
 class Reversals(NamedTuple):
@@ -349,34 +333,16 @@ class Reversals(NamedTuple):
 
 
 def find_reversals(
-    points: Sequence[InterpolationPoint],
-    taut: TautTendons,
-    targets: tuple[Target, Target],
-    presliding: float,
-    length: float,
-    allowed: float,
-    *,
-    locate: bool,
-    solved_with_reversals: bool = False,
+    states: SolvedStates, *, locate: bool, solved_with_reversals: bool = False
 ) -> Reversals | None:
     """Reversals of slips between two solved states.
 
     Parameters
     ----------
-    points
-        The states, and any that were solved within the substep; the last one is solved from the first as a whole.
-    taut
-        The tendons under tension in any of them.
-    targets
-        Inputs and loads at both ends.
-    presliding
-        Presliding distance [m].
-    length
-        Of the longest backbone [m].
-    allowed
-        Largest displacement of a node that they may cause, over the length [1].
+    states
+        Of the substep; the last one is solved from the first as a whole.
     locate
-        Whether they are located where they cause more than that; else only where to divide is found.
+        Whether reversals are located where they cause more than is allowed; else only where to divide is found.
     solved_with_reversals
         Whether the last state was solved with reversals located before; else as a whole.
 
@@ -385,24 +351,20 @@ def find_reversals(
     Reversals or None
         None where every slip is monotone, so that the substep is exact as a whole.
     """
-    substep = SubstepSlips.of(points, taut, targets, presliding)
-    numbering = points[-1].state.numbering
+    substep, length, allowed = SubstepSlips.of(states), states.length, states.allowed
     path = substep.follow()
-    agreement = _agreement(allowed, length)
-    corrected = substep.at_end(path, numbering, agreement)
+    corrected = substep.at_end(path)
     change = corrected - substep.after
-    effect = substep.displacement(change, numbering) / length
-    history = _history(points, taut, path, corrected, substep) if path.complete and locate else None
-    if history is not None and len(points) > 2:
-        error = _refined_error(substep, points, taut, path, corrected, effect, length, allowed)
+    effect = substep.displacement(change) / length
+    history = _history(substep, path, corrected) if path.complete and locate else None
+    if history is not None and len(states.points) > 2:
+        error = _refined_error(substep, path, corrected, effect)
         return Reversals(effect, error, 0.5, error, history, path)
     if path.complete:
         divided = Reversals(effect, 0.0, _division_at_reversal(path, change))
         if effect > allowed and not locate and not substep.is_rough:
             return divided
-        found = substep.path_error(
-            path, corrected, numbering, allowed * length, agreement, matters=effect > allowed, locate=locate
-        )
+        found = substep.path_error(path, corrected, matters=effect > allowed, locate=locate)
         if found is not None:
             if not (path.reversed.any() or found.reverses or solved_with_reversals):
                 return None
@@ -413,61 +375,44 @@ def find_reversals(
             return Reversals(effect, error, _division(allowed, error), remaining, history, path)
     # Reversals are not located well enough.
     worst = substep.worst_case(path, corrected)
-    error = FIRST_ORDER * substep.displacement(corrected - worst, numbering) / length
+    error = FIRST_ORDER * substep.displacement(corrected - worst) / length
     return Reversals(effect, error, substep.rough_division, np.inf, history, path if path.complete else None)
 
 
-def _agreement(allowed: float, length: float) -> float:
-    """Displacement of a node up to which the end of a path and the solution to first order are the same [m]."""
-    return max(allowed, AGREEMENT) * length
-
-
-def _refined_error(
-    substep: SubstepSlips,
-    points: Sequence[InterpolationPoint],
-    taut: TautTendons,
-    path: FrictionPath,
-    corrected: Array,
-    effect: float,
-    length: float,
-    allowed: float,
-) -> float:
+def _refined_error(substep: SubstepSlips, path: FrictionPath, corrected: Array, effect: float) -> float:
     """Error of a path through states within the substep, over the length [1].
 
     Half of what the new states changed; or what changes without every other of them, if that is less and they lie near
     the path.
     """
-    error = REFINED_ERROR * effect
-    if error > allowed and len(points) % 2 == 1 and _near_path(points, taut, path):
+    error, states = REFINED_ERROR * effect, substep.states
+    if error > states.allowed and len(states.points) % 2 == 1 and _near_path(states, path):
         coarser = substep._replace(model=substep.model.through_every_other_state())
-        numbering = points[-1].state.numbering
-        moved = corrected - coarser.at_end(coarser.follow(), numbering, _agreement(allowed, length))
-        error = min(error, substep.displacement(moved, numbering) / length)
+        moved = corrected - coarser.at_end(coarser.follow())
+        error = min(error, substep.displacement(moved) / states.length)
     return error
 
 
-def _near_path(points: Sequence[InterpolationPoint], taut: TautTendons, path: FrictionPath) -> bool:
+def _near_path(states: SolvedStates, path: FrictionPath) -> bool:
     """Whether all solved states after the start are near a followed path."""
-    for at in points[1:]:
-        tension = taut.tensions(at.state)
+    for at in states.points[1:]:
+        tension = states.taut.tensions(at.state)
         if float(np.abs(path.at(at.factor)[1] - tension).max()) > NEAR_PATH * float(tension.max()):
             return False
     return True
 
 
-def _history(
-    points: Sequence[InterpolationPoint],
-    taut: TautTendons,
-    path: FrictionPath,
-    at_end: Array,
-    slips: SubstepSlips,
-) -> SlipHistory:
-    """What the mobilisations of all frictional holes count from after a followed path."""
-    start, end, holes = points[0].state, points[-1].state, taut.holes
+def _history(substep: SubstepSlips, path: FrictionPath, at_end: Array) -> SlipHistory:
+    """What the mobilisations of all frictional holes count from after a followed path.
+
+    The path has the mobilisations ``at_end`` at the end of the substep [1], shape (k,).
+    """
+    points, holes = substep.states.points, substep.states.taut.holes
+    start, end = points[0].state, points[-1].state
     slip, counted, last = start.slips.copy(), start.mobilisation.copy(), end.mobilisation.copy()
     slip[holes] += path.reversal_slip
     counted[holes], last[holes] = path.reversal_mobilisation, at_end
-    return SlipHistory(slip, counted, last, holes, slips)
+    return SlipHistory(slip, counted, last, holes, substep)
 
 
 def _division(allowed: float, found: float) -> float:

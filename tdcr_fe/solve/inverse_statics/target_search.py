@@ -158,13 +158,7 @@ class TargetSearch:
     """
 
     def __init__(
-        self,
-        trials: TrialSteps,
-        start: SolverState,
-        aim: Aim,
-        effort: Effort,
-        label: str,
-        time: float | None,
+        self, trials: TrialSteps, start: SolverState, aim: Aim, effort: Effort, label: str, time: float | None
     ) -> None:
         self._trials, self._start, self._aim, self._effort = trials, start, aim, effort
         self._label, self._time = label, time

@@ -14,7 +14,7 @@ from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.response import Equilibrium
-from tdcr_fe.solve.load_steps.load_path import SolvedPath
+from tdcr_fe.solve.load_steps.load_path import Position, SolvedPath
 
 Array = NDArray[np.float64]
 
@@ -34,21 +34,13 @@ class LastSolution(NamedTuple):
     models: tuple[ForceModel, ...]  # By robot
 
 
-class Start(NamedTuple):
-    """Where a load step begins."""
-
-    state: SolverState
-    linearization: Linearization | None = None  # Of a state near it, for the first iteration
-    end: Equilibrium | None = None  # The same state with an exact linearisation, for the search of reversals
-
-
 def remember(system: SceneSystem, path: SolvedPath) -> None:
     """Keep the end of a path for the next load step, after the scene was left in it."""
     models = tuple(robot.model for robot in system.robots)
     system.mbs.variables[KEY] = LastSolution(path.state, path.linearization, path.end, _scene(system), models)
 
 
-def recall(system: SceneSystem, time: float) -> Start:
+def recall(system: SceneSystem, time: float) -> Position:
     """Where the next load step begins: with what the last one found, if nothing in the scene has changed since.
 
     Parameters
@@ -60,9 +52,9 @@ def recall(system: SceneSystem, time: float) -> Start:
     """
     last: Any = system.mbs.variables.get(KEY)
     if not isinstance(last, LastSolution) or not _is_as_left(system, last):
-        return Start(system.current_state(time))
+        return Position(system.current_state(time))
     friction = tuple(replace(each, time=time) for each in last.state.friction)
-    return Start(last.state._replace(friction=friction, time=time), last.linearization, last.end)
+    return Position(last.state._replace(friction=friction, time=time), last.linearization, last.end)
 
 
 def _is_as_left(system: SceneSystem, last: LastSolution) -> bool:

@@ -212,6 +212,14 @@ def one_substep(result: NewtonResult, load_factor: float) -> SolvedPath:
     )
 
 
+class Position(NamedTuple):
+    """Where a load step begins, or ended: the solved state, and what is known there."""
+
+    state: SolverState
+    linearization: Linearization | None = None  # Of a state near it, for the first iteration
+    end: Equilibrium | None = None  # The same state with an exact linearisation, for the search of reversals
+
+
 class StepProgress(NamedTuple):
     """How far a load step has been solved."""
 

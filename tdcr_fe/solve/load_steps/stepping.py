@@ -16,23 +16,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
 from tdcr_fe.solve.friction_path.reversals import InterpolationPoint
 from tdcr_fe.solve.load_steps.load_path import (
     Increment,
-    Ramp,
+    Position,
     SolvedPath,
     StepFailed,
     StepProgress,
     one_substep,
 )
-from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver, has_rates, with_history_of
+from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver, has_rates
 from tdcr_fe.solve.load_steps.substep_reversals import Attempt, SubstepReversals, twist_change, twists
-from tdcr_fe.solve.newton.newton import NewtonResult
+from tdcr_fe.solve.newton.newton import NewtonResult, with_unknowns_of
 
 Array = NDArray[np.float64]
 
@@ -86,6 +84,11 @@ def _rotation(change: Array) -> float:
     return float(np.abs(change.reshape(-1, 6)[:, 3:]).max())
 
 
+def equal_parts(count: int) -> list[float]:
+    """Load factors at the ends of so many equal parts of a load step [1]."""
+    return [(k + 1) / count for k in range(count)]
+
+
 class _Goal(NamedTuple):
     """End of a part of a load step that is still to be solved."""
 
@@ -99,10 +102,7 @@ class LoadStepper:
     """Takes a scene through a load step, in substeps."""
 
     solver: SubstepSolver  # Solves the substeps
-    # The state at the beginning of the load step with its linearisation, where known
-    start: Equilibrium | None = None
-    # The last one of the load step before, with which the first iteration begins
-    linearization: Linearization | None = None
+    begin: Position  # Where the load step begins
     # Whether substeps always end where slips reverse, so that each has the history of the one before, as
     # derivatives along the path need it. Else a substep may be solved with the reversals located in it.
     divide: bool = False
@@ -110,17 +110,12 @@ class LoadStepper:
     warm_start: SolverState | None = None
 
     def solve(
-        self,
-        state: SolverState,
-        substeps: int | None = None,
-        reference_path: Sequence[Increment] | None = None,
+        self, substeps: int | None = None, reference_path: Sequence[Increment] | None = None
     ) -> SolvedPath:
-        """Solve the load step.
+        """Take the scene through the load step and leave it in the state reached; all load steps are solved so.
 
         Parameters
         ----------
-        state
-            At its beginning.
         substeps
             A fixed number (each is still halved where it does not converge); None divides it where slips
             reverse.
@@ -132,55 +127,42 @@ class LoadStepper:
         Raises
         ------
         StepFailed
+            The scene is then in the last state that converged. Where anything else interrupts, it is back at the
+            beginning of the step.
         """
-        if reference_path is not None:
-            return self._along_reference(state, reference_path)
-        if substeps is None:
-            return self._with_path_resolved(state)
-        return self._equal_substeps(state, substeps)
-
-    def _equal_substeps(self, state: SolverState, count: int) -> SolvedPath:
-        path = SolvedPath(state, linearization=self.linearization)
-        for k in range(count):
-            path = self._extended(path, k / count, (k + 1) / count)
-        return path
-
-    def _extended(self, path: SolvedPath, start: float, end: float) -> SolvedPath:
-        """A path with one more substep."""
+        system, ramp = self.solver.system, self.solver.ramp
         try:
-            return path.then(self._substep(path, start, end))
-        except StepFailed as failure:
-            failure.iterations += path.iterations + path.rejected
-            raise
-
-    def _substep(self, before: SolvedPath, start: float, end: float) -> SolvedPath:
-        """One substep after a path, halved only where it does not converge."""
-        state = before.state
-        result = self.solver.solve(state, end, before.linearization, state)
-        if result.converged:
-            return one_substep(result, end)
-        if not self.solver.may_be_halved(end - start, result.status):
-            solved = self.solver.rescue(state, start, end, result)
-        else:
-            middle = 0.5 * (start + end)
-            solved = self._extended(self._substep(before, start, middle), middle, end)
-        return replace(solved, rejected=solved.rejected + result.iterations)
-
-    def _along_reference(self, state: SolverState, reference: Sequence[Increment]) -> SolvedPath:
-        """The substeps of a reference path, each started from its solution; if one fails, it is solved without."""
-        path, start = SolvedPath(state, linearization=self.linearization), 0.0
-        for point in reference:
-            end = point.load_factor
-            guess = self.solver.system.warm_start(path.state, point.state)
-            result = self.solver.solve(guess, end, path.linearization, path.state)
-            if result.converged:
-                path = path.then(one_substep(result, end))
+            if reference_path is not None:
+                path = self._along_reference(reference_path)
+            elif substeps is not None:
+                path = self._through(self._begun(), equal_parts(substeps), resolve=False)
             else:
-                path = self._extended(replace(path, rejected=path.rejected + result.iterations), start, end)
-            start = end
+                path = self._with_path_resolved()
+        except BaseException as stop:
+            failed = stop if isinstance(stop, StepFailed) else None
+            ramp.apply(system, 0.0 if failed is None else failed.load_factor)
+            system.store(self.begin.state if failed is None else failed.state)
+            ramp.set_end()
+            raise
+        system.store(path.state, path.forces)
         return path
 
-    def _with_path_resolved(self, state: SolverState) -> SolvedPath:
+    def _begun(self, rescues: float = math.inf) -> StepProgress:
+        """The beginning of the load step; so many smallest substeps may be solved by a rescue."""
+        path = SolvedPath(self.begin.state, linearization=self.begin.linearization)
+        return StepProgress(path, equilibrium=self.begin.end, rescues_left=rescues)
+
+    def _along_reference(self, reference: Sequence[Increment]) -> SolvedPath:
+        """The substeps of a reference path, each started from its solution; if one fails, it is solved without."""
+        now = self._begun()
+        for point in reference:
+            guess = self.solver.system.warm_start(now.path.state, point.state)
+            goals = [_Goal(point.load_factor, guess, now.path.linearization)]
+            while goals:
+                now = self._advanced(now, goals, None)
+        return now.path
+
+    def _with_path_resolved(self) -> SolvedPath:
         """The load step with its path dependence resolved.
 
         Slip reversals are resolved in every solution. Where coefficients of friction depend on slip rates, or where a
@@ -188,16 +170,16 @@ class LoadStepper:
         with the one before; with slip rates two in succession.
         """
         count = NONLINEAR_PARTS if self.solver.ramp.nonlinear else 1
-        path = self._in_equal_parts(state, count)
-        needed = 2 if self._depends_on_rates(state, path.state) else 0
+        path = self._through(self._begun(), equal_parts(count), self.warm_start if count == 1 else None)
+        needed = 2 if self._depends_on_rates(self.begin.state, path.state) else 0
         if not needed:
-            spent, confirmed = self._jumps_examined(state, path)
+            spent, confirmed = self._jumps_examined(path)
             path, needed = replace(path, rejected=path.rejected + spent), 0 if confirmed else 1
         agreed, error = 0, 0.0
         while agreed < needed and 2 * count <= self.solver.settings.max_substeps:
             count *= 2
             try:
-                finer = self._in_equal_parts(state, count, MOST_RESCUED)
+                finer = self._through(self._begun(MOST_RESCUED), equal_parts(count))
             except StepFailed as failure:
                 # The coarser path is kept, with its refinement error.
                 error = max(error, 2.0 * self.solver.settings.path_tolerance)
@@ -209,15 +191,14 @@ class LoadStepper:
             path = replace(finer, rejected=finer.rejected + path.iterations + path.rejected)
         return path if agreed >= needed else replace(path, refinement_error=max(path.refinement_error, error))
 
-    def _jumps_examined(self, state: SolverState, path: SolvedPath) -> tuple[int, bool]:
+    def _jumps_examined(self, path: SolvedPath) -> tuple[int, bool]:
         """Solve substeps that may have jumped to another branch again, in halves, unless their slopes exclude it."""
-        spent, start, before, confirmed = 0, 0.0, state, True
+        spent, start, before, confirmed = 0, 0.0, self.begin.state, True
         for end, after in path.increments:
             if self._jump_possible(before, start, after, end):
                 try:
-                    halves = self._through(
-                        StepProgress(SolvedPath(before), start), (0.5 * (start + end), end)
-                    )
+                    now = StepProgress(SolvedPath(before), start)
+                    halves = self._through(now, (0.5 * (start + end), end))
                     spent += halves.iterations + halves.rejected
                     away = self.solver.distance(halves.state, after)
                     confirmed = away <= 2.0 * self.solver.settings.path_tolerance
@@ -236,18 +217,19 @@ class LoadStepper:
         unstable = before.tangent_sign * after.tangent_sign < 0
         return unstable or not is_continuous(self.solver, before, start, after, end)
 
-    def _in_equal_parts(self, state: SolverState, count: int, rescues: float = math.inf) -> SolvedPath:
-        """The load step in equal parts, each divided further where that is needed."""
-        ends = [(k + 1) / count for k in range(count)]
-        path = SolvedPath(state, linearization=self.linearization)
-        now = StepProgress(path, equilibrium=self.start, rescues_left=rescues)
-        return self._through(now, ends, self.warm_start if count == 1 else None)
-
     def _through(
-        self, now: StepProgress, ends: Sequence[float], warm_start: SolverState | None = None
+        self,
+        now: StepProgress,
+        ends: Sequence[float],
+        warm_start: SolverState | None = None,
+        *,
+        resolve: bool = True,
     ) -> SolvedPath:
-        """From a state on, in parts with these ends; a state near the last one may be known."""
-        reversals = SubstepReversals(self.solver, self.divide)
+        """From a state on, in parts with these ends, each divided further where that is needed.
+
+        A state near the last one may be known. Without ``resolve`` reversals within the parts are left out of account.
+        """
+        reversals = SubstepReversals(self.solver, self.divide) if resolve else None
         goals = [_Goal(end) for end in reversed(ends)]
         goals[0] = _Goal(ends[-1], warm_start)
         while goals:
@@ -260,14 +242,16 @@ class LoadStepper:
             return now.path
         return replace(now.path, refinement_error=error, end=now.equilibrium)
 
-    def _advanced(self, now: StepProgress, goals: list[_Goal], reversals: SubstepReversals) -> StepProgress:
+    def _advanced(
+        self, now: StepProgress, goals: list[_Goal], reversals: SubstepReversals | None
+    ) -> StepProgress:
         """One attempt at the next part: it is solved, or its end is replaced by a nearer one."""
         goal, warm_start, line = goals[-1]
         guess = now.path.state
         if warm_start is None:
             line = now.path.linearization
         else:
-            guess = with_history_of(warm_start, guess)
+            guess = with_unknowns_of(warm_start, guess)
         result = self.solver.solve(guess, goal, line, now.path.state)
         middle = 0.5 * (now.load_factor + goal)
         if not result.converged:
@@ -279,6 +263,9 @@ class LoadStepper:
                 goals.pop()
                 return self._rescued(now, goal, result)
             return now.with_rejected(result.iterations)
+        if reversals is None:
+            goals.pop()
+            return _accepted(now, goal, Attempt(result))
         if self._leaves_branch(now, goal, result):
             goals.append(_Goal(middle))
             return now.with_rejected(result.iterations)
@@ -346,62 +333,3 @@ def _accepted(now: StepProgress, goal: float, part: Attempt) -> StepProgress:
     if part.located:
         solved = replace(solved, located=True, increments=(*part.within, *solved.increments))
     return StepProgress(now.path.then(solved), goal, now.error + part.error, part.end, now.rescues_left)
-
-
-def solve_ramp(
-    system: SceneSystem,
-    state: SolverState,
-    ramp: Ramp,
-    settings: SolverSettings,
-    substeps: int | None = None,
-    reference_path: Sequence[Increment] | None = None,
-    start: Equilibrium | None = None,
-    linearization: Linearization | None = None,
-    divide: bool = False,
-    warm_start: SolverState | None = None,
-) -> SolvedPath:
-    """Take a scene through a load step and leave it in the state reached; the one driver of all load steps.
-
-    Parameters
-    ----------
-    system
-        The scene.
-    state
-        At the beginning of the step.
-    ramp
-        The step.
-    settings
-        Numerics.
-    substeps, reference_path
-        See `LoadStepper.solve`.
-    start
-        The end of the path before, where nothing has changed since.
-    linearization
-        The last one of the path before, for the first iteration.
-    divide, warm_start
-        See `LoadStepper`.
-
-    Returns
-    -------
-    Path
-        All substeps.
-
-    Raises
-    ------
-    StepFailed
-        The scene is then in the last state that converged. Where anything else interrupts, it is back at the beginning
-        of the step.
-    """
-    try:
-        stepper = LoadStepper(SubstepSolver(system, ramp, settings), start, linearization, divide, warm_start)
-        path = stepper.solve(state, substeps, reference_path)
-    except BaseException as stop:
-        reached, load_factor = (
-            (stop.state, stop.load_factor) if isinstance(stop, StepFailed) else (state, 0.0)
-        )
-        ramp.apply(system, load_factor)
-        system.store(reached)
-        ramp.set_end()
-        raise
-    system.store(path.state, path.forces)
-    return path

@@ -33,13 +33,6 @@ RESCUE_FACTORS = (1.0, 10.0, 100.0)
 SMALLEST_PART = 1e-4
 
 
-def with_history_of(state: SolverState, start: SolverState) -> SolverState:
-    """The unknowns of a state, as a guess in a step that begins in another one."""
-    return start._replace(
-        configuration=state.configuration, base_tension=state.base_tension, mobilisation=state.mobilisation
-    )
-
-
 def has_rates(system: SceneSystem) -> bool:
     """Whether coefficients of friction follow laws, which may depend on slip rates."""
     return any(law is not None for robot in system.robots for law in robot.law.parameters.laws)
@@ -63,11 +56,7 @@ class SubstepSolver:
     settings: SolverSettings
 
     def solve(
-        self,
-        state: SolverState,
-        load_factor: float,
-        linearization: Linearization | None,
-        start: SolverState,
+        self, state: SolverState, load_factor: float, linearization: Linearization | None, start: SolverState
     ) -> NewtonResult:
         """Solve at a load factor, from a guess, a substep that begins in the state `start`."""
         target = self.ramp.apply(self.system, load_factor)
@@ -82,11 +71,7 @@ class SubstepSolver:
         return self._unless_wrong_in_contact(result, start)
 
     def _solved(
-        self,
-        state: SolverState,
-        target: Target,
-        changes: tuple[Array, ...],
-        line: Linearization | None,
+        self, state: SolverState, target: Target, changes: tuple[Array, ...], line: Linearization | None
     ) -> tuple[NewtonResult, Array | None]:
         """A solve from a prediction, where there is one that leads to a solution, else from a state.
 

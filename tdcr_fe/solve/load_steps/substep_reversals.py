@@ -20,11 +20,17 @@ from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.friction_path.path import FrictionPath
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons, near_enough
-from tdcr_fe.solve.friction_path.reversals import InterpolationPoint, Reversals, SlipHistory, find_reversals
+from tdcr_fe.solve.friction_path.reversals import (
+    InterpolationPoint,
+    Reversals,
+    SlipHistory,
+    SolvedStates,
+    find_reversals,
+)
 from tdcr_fe.solve.friction_path.steady import slips_steadily
 from tdcr_fe.solve.load_steps.load_path import StepProgress
-from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates, with_history_of
-from tdcr_fe.solve.newton.newton import NewtonResult, newton
+from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates
+from tdcr_fe.solve.newton.newton import NewtonResult, newton, with_unknowns_of
 from tdcr_fe.solve.newton.prediction import moved_elements
 
 Array = NDArray[np.float64]
@@ -44,12 +50,7 @@ MOST_INTERVALS = 16
 
 
 def solve_within(
-    solver: SubstepSolver,
-    points: Sequence[InterpolationPoint],
-    taut: TautTendons,
-    path: FrictionPath,
-    factor: float,
-    load_factor: float,
+    solver: SubstepSolver, known: KnownStates, path: FrictionPath, factor: float
 ) -> Equilibrium | None:
     """Solve a state within a substep, at the mobilisations of the followed path; None where that fails.
 
@@ -60,22 +61,18 @@ def solve_within(
     ----------
     solver
         Of the load step.
-    points
-        The states known so far, by load factor.
-    taut
-        The tendons whose slips are followed.
+    known
+        The states known so far.
     path
         The followed path.
     factor
         Load factor within the substep [1].
-    load_factor
-        Of the load step [1].
     """
     system = solver.system
-    guess = _interpolated(solver, points, taut, path, factor)
+    guess = _interpolated(solver, known, path, factor)
     if guess is None:
         return None
-    target = solver.ramp.apply(system, load_factor)
+    target = solver.ramp.apply(system, known.span.load_factor(factor))
     result = newton(system, guess, target, solver.settings, friction_fixed=True)
     if not result.converged:
         return None
@@ -88,11 +85,7 @@ def solve_within(
 
 
 def _interpolated(
-    solver: SubstepSolver,
-    points: Sequence[InterpolationPoint],
-    taut: TautTendons,
-    path: FrictionPath,
-    factor: float,
+    solver: SubstepSolver, known: KnownStates, path: FrictionPath, factor: float
 ) -> SolverState | None:
     """The state at a load factor within the substep, by interpolation; None where an element turns by too much.
 
@@ -100,7 +93,7 @@ def _interpolated(
     in the tensions: as slips are interpolated (`tdcr_fe.solve.friction_path.slips`). Mobilisations and
     tensions at the base are those of the path.
     """
-    unknowns, tension = path.at(factor)
+    (unknowns, tension), points, taut = path.at(factor), known.points, known.taut
     last = next(i for i, at in enumerate(points) if at.factor >= factor)
     first, then = points[last - 1], points[last]
     length = then.factor - first.factor
@@ -281,7 +274,7 @@ class KnownStates(NamedTuple):
             for i in range(count)
         }
         for x in sorted(fractions - {x for x, _ in states}):
-            state = solve_within(solver, self.points, self.taut, found.path, x, self.span.load_factor(x))
+            state = solve_within(solver, self, found.path, x)
             if state is None:
                 return []
             states.append((x, state))
@@ -420,9 +413,9 @@ class SubstepReversals:
             if not result.converged:
                 return attempt._replace(rejected=attempt.rejected + result.iterations)
             rejected = attempt.rejected + attempt.result.iterations
-            if found.remaining_error <= allowed and self._ends_as_followed(
-                result, found.history, known, allowed
-            ):
+            # It ends where the path led, and not in another solution with this history.
+            close = allowed * self.solver.system.length
+            if found.remaining_error <= allowed and found.history.distance(result.state) <= close:
                 error, start, within = found.remaining_error, known.start, known.within
                 return Attempt(result, error, start=start, rejected=rejected, located=True, within=within)
             states = known.before_end
@@ -457,14 +450,8 @@ class SubstepReversals:
     ) -> NewtonResult:
         """A substep solved again, with the mobilisations counted from where the slips reversed."""
         end = known.end
-        guess = history.of(with_history_of(result.state, before), end.numbering)
+        guess = history.of(with_unknowns_of(result.state, before))
         return self.solver.solve(guess, known.span.end, end.linearization, before)
-
-    def _ends_as_followed(
-        self, result: NewtonResult, history: SlipHistory, known: KnownStates, allowed: float
-    ) -> bool:
-        """Whether a substep solved again ends where the path led, and not in another solution with its history."""
-        return history.distance(result.state, known.end.numbering) <= allowed * self.solver.system.length
 
     def _start(self, now: StepProgress, numbering: Numbering) -> Equilibrium:
         """The state at the beginning of a substep, linearised exactly."""
@@ -493,13 +480,7 @@ class SubstepReversals:
         """Slip reversals in a substep, see `find_reversals`."""
         system, ramp = self.solver.system, self.solver.ramp
         targets = ramp.apply(system, known.span.start), ramp.apply(system, known.span.end)
-        return find_reversals(
-            known.points,
-            known.taut,
-            targets,
-            self.solver.settings.presliding,
-            system.length,
-            allowed,
-            locate=not self.divide,
-            solved_with_reversals=solved_with_reversals,
+        states = SolvedStates(
+            known.points, known.taut, targets, self.solver.settings.presliding, system.length, allowed
         )
+        return find_reversals(states, locate=not self.divide, solved_with_reversals=solved_with_reversals)

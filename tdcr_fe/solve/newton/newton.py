@@ -16,14 +16,7 @@ from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.convergence import Iterate, NewtonStatus, Unmet, first_unmet, stalled
-from tdcr_fe.solve.newton.steps import (
-    NewtonStep,
-    advanced,
-    chord_step,
-    damped_step,
-    full_step,
-    step_with,
-)
+from tdcr_fe.solve.newton.steps import NewtonStep, advanced, chord_step, damped_step, full_step, step_with
 
 Array = NDArray[np.float64]
 
@@ -39,9 +32,6 @@ NEAR_TURN = 0.01
 NEAR_RESIDUAL = 0.01
 #: How often contact that opens or closes is updated in one solve.
 MOST_CONTACT_UPDATES = 20
-#: Iterations after which a solve with triangles is given up where the residual is not below the first one: a sphere is
-#: then too far inside, as where an equilibrium without contact was found first, and goes from triangle to triangle.
-CONTACT_TRIALS = 5
 
 
 class NewtonResult(NamedTuple):
@@ -51,9 +41,7 @@ class NewtonResult(NamedTuple):
     state: SolverState  # If converged, the solution with its history committed; else the last iterate
     residuals: tuple[float, ...]  # Relative residual before each iteration, and at the end [1]
     iterations: int  # Linear solves
-    unmet: (
-        Unmet | None
-    )  # The convergence test that the last iterate does not meet, where that is why it ended
+    unmet: Unmet | None  # The convergence test that is not met, where that is why it ended
     forces: tuple[TendonForces, ...]  # By robot, in that state
     linearization: Linearization | None  # The last one; None if the initial state was a solution
     target: Target  # What was solved for
@@ -114,21 +102,23 @@ def newton(
     friction_fixed
         Keep the mobilisations of the initial state, whatever their history.
     """
-    presliding = settings.presliding if presliding is None else presliding
+    solve = _Solve(
+        system,
+        system.numbering(with_friction=not friction_fixed),
+        settings,
+        settings.presliding if presliding is None else presliding,
+        damped,
+    )
     trial = under_inputs(system, state, target)
-    numbering = system.numbering(with_friction=not friction_fixed)
-    residual = system.residual(trial, target, numbering)
+    residual = system.residual(trial, target, solve.numbering)
     if not system.clamps_are_closed(residual):
         system.release_clamps()
-        numbering = system.numbering(with_friction=not friction_fixed)
-        residual = system.residual(trial, target, numbering)
+        solve = solve._replace(numbering=system.numbering(with_friction=not friction_fixed))
+        residual = system.residual(trial, target, solve.numbering)
     # Iterates far off may overflow; the residual is then not a number, which ends the solve by name.
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        near = None if damped else _if_usable(linearization, system, residual, numbering)
-        result = _iterate(system, numbering, residual, settings, presliding, damped, near)
-        if system.has_contact:
-            return _with_contact(system, trial, result, numbering, settings, presliding, damped)
-        return result
+        result = solve.iterate(residual, linearization)
+        return solve.with_contact(trial, result) if system.has_contact else result
 
 
 def under_inputs(system: SceneSystem, state: SolverState, target: Target) -> SolverState:
@@ -145,176 +135,137 @@ def under_inputs(system: SceneSystem, state: SolverState, target: Target) -> Sol
     )
 
 
-def _with_contact(
-    system: SceneSystem,
-    start: SolverState,
-    result: NewtonResult,
-    numbering: Numbering,
-    settings: SolverSettings,
-    presliding: float,
-    damped: bool,
-) -> NewtonResult:
-    """Solve again where contact opens or closes in a solution, until it has the contact with which it was found."""
-    for _ in range(MOST_CONTACT_UPDATES):
-        if not result.converged:
-            return result
-        found = result.state
-        again = start._replace(
-            configuration=found.configuration,
-            base_tension=found.base_tension,
-            mobilisation=found.mobilisation,
-        )
-        residual = system.residual(again, result.target, numbering)
-        if residual.size <= max(settings.tolerance, 2.0 * result.residual):
-            return result
-        later = _iterate(system, numbering, residual, settings, presliding, damped, None)
-        result = later._replace(
-            residuals=result.residuals + later.residuals,
-            iterations=result.iterations + later.iterations,
-            predicted_slips=None,
-        )
-    return result._replace(status=NewtonStatus.NO_CONTACT_STATE) if result.converged else result
+def with_unknowns_of(state: SolverState, start: SolverState) -> SolverState:
+    """The unknowns of a state, as a guess in a step that begins in another one."""
+    return start._replace(
+        configuration=state.configuration, base_tension=state.base_tension, mobilisation=state.mobilisation
+    )
 
 
-def _if_usable(
-    linearization: Linearization | None, system: SceneSystem, residual: Residual, numbering: Numbering
-) -> Linearization | None:
-    """A linearisation, if the first step from a state may be taken with it.
+class _Solve(NamedTuple):
+    """What stays the same in one Newton solve."""
 
-    What else is in a scene, such as contact, may change its stiffness without any turn of an element, so there must be
-    nothing but robots.
-    """
-    if (
-        linearization is None
-        or not residual.size < NEAR_RESIDUAL
-        or not numbering.same_unknowns(linearization.numbering)
-        or not system.tangent_follows_from_elements()
-        or linearization.turn_since(residual.state.configuration.twists) > NEAR_TURN
-    ):
-        return None
-    return linearization
+    system: SceneSystem
+    numbering: Numbering
+    settings: SolverSettings
+    presliding: float  # [m]
+    damped: bool
 
+    def with_contact(self, start: SolverState, result: NewtonResult) -> NewtonResult:
+        """Solve again where contact opens or closes in a solution, until it has the contact with which it was found."""
+        for _ in range(MOST_CONTACT_UPDATES):
+            if not result.converged:
+                return result
+            again = with_unknowns_of(result.state, start)
+            residual = self.system.residual(again, result.target, self.numbering)
+            if residual.size <= max(self.settings.tolerance, 2.0 * result.residual):
+                return result
+            later = self.iterate(residual)
+            result = later._replace(
+                residuals=result.residuals + later.residuals,
+                iterations=result.iterations + later.iterations,
+                predicted_slips=None,
+            )
+        return result._replace(status=NewtonStatus.NO_CONTACT_STATE) if result.converged else result
 
-def _iterate(
-    system: SceneSystem,
-    numbering: Numbering,
-    residual: Residual,
-    settings: SolverSettings,
-    presliding: float,
-    damped: bool,
-    near: Linearization | None,
-) -> NewtonResult:
-    """Newton's iteration from a first residual; ``near`` is the linearisation for its first step, if there is one."""
-    limit = 10 * settings.max_iterations if damped else settings.max_iterations
-    residuals: list[float] = []
-    step: NewtonStep | None = None
-    turn, predicted = 0.0, None
-    damping = system.layout.scales.elastic_force * system.length if damped else None
+    def iterate(self, residual: Residual, near: Linearization | None = None) -> NewtonResult:
+        """Newton's iteration from a first residual; its first step may use the linearisation of a near state."""
+        system, numbering, settings, damped = self.system, self.numbering, self.settings, self.damped
+        if not self._is_usable(near, residual):
+            near = None
+        limit = 10 * settings.max_iterations if damped else settings.max_iterations
+        residuals: list[float] = []
+        step: NewtonStep | None = None
+        turn, predicted = 0.0, None
+        damping = system.layout.scales.elastic_force * system.length if damped else None
 
-    def end(status: NewtonStatus, unmet: Unmet | None = None) -> NewtonResult:
-        linear = None if step is None else step.linearization
-        final = _committed(system, residual, numbering, linear) if status.converged else residual.state
-        iterations = len(residuals) - 1
-        forces = residual.forces
-        return NewtonResult(
-            status, final, tuple(residuals), iterations, unmet, forces, linear, residual.target, predicted
-        )
+        def end(status: NewtonStatus, unmet: Unmet | None = None) -> NewtonResult:
+            linear = None if step is None else step.linearization
+            final = self._committed(residual, linear) if status.converged else residual.state
+            iterations, forces, target = len(residuals) - 1, residual.forces, residual.target
+            return NewtonResult(
+                status, final, tuple(residuals), iterations, unmet, forces, linear, target, predicted
+            )
 
-    while True:
-        residuals.append(residual.size)
-        if not isfinite(residual.size):
-            return end(NewtonStatus.NOT_FINITE)
-        unmet = first_unmet(_iterate_of(system, residual, numbering, step, presliding), settings)
-        chord_allowed = step is not None and step.chords > 0 and step.friction_kept and not damped
-        # A chord step costs little: it is also taken where the tolerance is only just met.
-        if unmet is None and not (chord_allowed and residual.size > MARGIN * settings.tolerance):
-            return end(NewtonStatus.CONVERGED)
-        if len(residuals) > limit or (not damped and _lost_among_triangles(system, residuals)):
-            return end(NewtonStatus.CONVERGED if unmet is None else unmet.status, unmet)
-        # Expected after a chord step; if it does not suffice, the next step has its own tangent.
-        left = CHORD_CONTRACTION * turn * residual.size
-        chord = chord_allowed and (unmet is None or left < MARGIN * settings.tolerance)
-        try:
-            step = _next_step(system, residual, numbering, presliding, step, chord, damping, near)
-        except np.linalg.LinAlgError:
-            return end(NewtonStatus.SINGULAR)
-        if damped:
-            damping = step.damping
-        if len(residuals) == 1:
-            predicted = step.slips
-        before = residual.size
-        trial, turn = advanced(system, residual.state, step, numbering, settings.max_turn)
-        # Newton's steps are taken with the contact of their start, a damped motion opens and closes it on its way.
-        residual = system.residual(trial, residual.target, numbering, len(residuals), hold_contact=not damped)
-        iterate = _iterate_of(system, residual, numbering, step, presliding)
-        last = stalled(before, residual.size, step.change, system.layout.scales, settings)
-        if last and first_unmet(iterate, settings, balance=False) is None:
+        while True:
             residuals.append(residual.size)
-            return end(NewtonStatus.STALLED)
+            if not isfinite(residual.size):
+                return end(NewtonStatus.NOT_FINITE)
+            unmet = first_unmet(self._iterate(residual, step), settings)
+            chord_allowed = step is not None and step.chords > 0 and step.friction_kept and not damped
+            # A chord step costs little: it is also taken where the tolerance is only just met.
+            if unmet is None and not (chord_allowed and residual.size > MARGIN * settings.tolerance):
+                return end(NewtonStatus.CONVERGED)
+            if len(residuals) > limit or (not damped and system.contact_goes_astray(residuals)):
+                return end(NewtonStatus.CONVERGED if unmet is None else unmet.status, unmet)
+            # Expected after a chord step; if it does not suffice, the next step has its own tangent.
+            left = CHORD_CONTRACTION * turn * residual.size
+            chord = chord_allowed and (unmet is None or left < MARGIN * settings.tolerance)
+            try:
+                if chord and step is not None:
+                    step = chord_step(step, numbering, residual)
+                elif damping is not None:
+                    step = damped_step(system, residual, numbering, self.presliding, damping)
+                    damping = step.damping
+                elif near is not None and step is None:
+                    # Its chord steps contract less, so two may follow.
+                    step = step_with(near, system, residual, numbering, self.presliding)._replace(chords=2)
+                else:
+                    step = full_step(system, residual, numbering, self.presliding)
+            except np.linalg.LinAlgError:
+                return end(NewtonStatus.SINGULAR)
+            if len(residuals) == 1:
+                predicted = step.slips
+            before = residual.size
+            trial, turn = advanced(system, residual.state, step, numbering, settings.max_turn)
+            # Newton's steps are taken with the contact of their start, a damped motion opens and closes it on its way.
+            residual = system.residual(
+                trial, residual.target, numbering, len(residuals), hold_contact=not damped
+            )
+            last = stalled(before, residual.size, step.change, system.layout.scales, settings)
+            if last and first_unmet(self._iterate(residual, step), settings, balance=False) is None:
+                residuals.append(residual.size)
+                return end(NewtonStatus.STALLED)
 
+    def _is_usable(self, linearization: Linearization | None, residual: Residual) -> bool:
+        """Whether the first step from a state may be taken with a linearisation.
 
-def _lost_among_triangles(system: SceneSystem, residuals: list[float]) -> bool:
-    """Whether the iterations have not come nearer to a solution in contact with triangles."""
-    return system.has_triangles and len(residuals) > CONTACT_TRIALS and residuals[-1] >= residuals[0]
+        What else is in a scene, such as contact, may change its stiffness without any turn of an element, so there must
+        be nothing but robots.
+        """
+        return (
+            linearization is not None
+            and not self.damped
+            and residual.size < NEAR_RESIDUAL
+            and self.numbering.same_unknowns(linearization.numbering)
+            and self.system.tangent_follows_from_elements()
+            and linearization.turn_since(residual.state.configuration.twists) <= NEAR_TURN
+        )
 
+    def _iterate(self, residual: Residual, step: NewtonStep | None) -> Iterate:
+        """What the convergence tests see after a step; None at the start."""
+        state = residual.state
+        return Iterate(
+            residual.size,
+            None if step is None else step.change,
+            self.system.layout.scales,
+            residual.forces,
+            state.mobilisation,
+            state.friction,
+            self.presliding,
+            self.numbering.has_friction,
+        )
 
-def _next_step(
-    system: SceneSystem,
-    residual: Residual,
-    numbering: Numbering,
-    presliding: float,
-    last: NewtonStep | None,
-    chord: bool,
-    damping: float | None,
-    near: Linearization | None,
-) -> NewtonStep:
-    """The next step of an iteration."""
-    if chord and last is not None:
-        return chord_step(last, numbering, residual)
-    if damping is not None:
-        return damped_step(system, residual, numbering, presliding, damping)
-    if near is not None and last is None:
-        # Its chord steps contract less, so two may follow.
-        return step_with(near, system, residual, numbering, presliding)._replace(chords=2)
-    return full_step(system, residual, numbering, presliding)
-
-
-def _iterate_of(
-    system: SceneSystem,
-    residual: Residual,
-    numbering: Numbering,
-    step: NewtonStep | None,
-    presliding: float,
-) -> Iterate:
-    """What the convergence tests see after a step; None at the start."""
-    state = residual.state
-    return Iterate(
-        residual.size,
-        None if step is None else step.change,
-        system.layout.scales,
-        residual.forces,
-        state.mobilisation,
-        state.friction,
-        presliding,
-        numbering.has_friction,
-    )
-
-
-def _committed(
-    system: SceneSystem, residual: Residual, numbering: Numbering, linear: Linearization | None
-) -> SolverState:
-    """A solution with its history committed and the reactions of its clamps recovered."""
-    state, sign = residual.state, residual.state.tangent_sign
-    # With prescribed displacements the sign also changes where a tendon goes slack, so it is not used.
-    if linear is not None and not numbering.any_driven:
-        sign = linear.factorisation.sign
-    return SolverState(
-        system.with_base_reactions(residual),
-        state.base_tension,
-        state.mobilisation,
-        tuple(own.model.law.commit(own.field) for own in residual.forces),
-        state.prescribed,
-        residual.target.loads,
-        residual.target.time,
-        sign,
-    )
+    def _committed(self, residual: Residual, linear: Linearization | None) -> SolverState:
+        """A solution with its history committed and the reactions of its clamps recovered."""
+        state, sign = residual.state, residual.state.tangent_sign
+        # With prescribed displacements the sign also changes where a tendon goes slack, so it is not used.
+        if linear is not None and not self.numbering.any_driven:
+            sign = linear.factorisation.sign
+        return state._replace(
+            configuration=self.system.with_base_reactions(residual),
+            friction=tuple(own.model.law.commit(own.field) for own in residual.forces),
+            loads=residual.target.loads,
+            time=residual.target.time,
+            tangent_sign=sign,
+        )

@@ -245,11 +245,7 @@ class NewtonStep(NamedTuple):
 
 
 def full_step(
-    system: SceneSystem,
-    residual: Residual,
-    numbering: Numbering,
-    presliding: float,
-    damping: float = 0.0,
+    system: SceneSystem, residual: Residual, numbering: Numbering, presliding: float, damping: float = 0.0
 ) -> NewtonStep:
     """A step with a new tangent: at fixed friction where every hole keeps slipping, else a complementarity step."""
     linear = system.linearize(residual, numbering, damping)
@@ -285,11 +281,7 @@ def chord_step(before: NewtonStep, numbering: Numbering, residual: Residual) -> 
 
 
 def damped_step(
-    system: SceneSystem,
-    residual: Residual,
-    numbering: Numbering,
-    presliding: float,
-    damping: float,
+    system: SceneSystem, residual: Residual, numbering: Numbering, presliding: float, damping: float
 ) -> NewtonStep:
     """A step of the damped motion, limited in rotation, never towards a saddle point, nor over a contact.
 

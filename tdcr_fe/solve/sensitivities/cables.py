@@ -320,8 +320,7 @@ class CableDerivatives:
         values = self._law_stack.at(own.measured.shape, point.base_tension, mobilisation, history, point.time)
         # Unloaded lengths are treated apart.
         return LawValues(
-            self._laws.derivative(values.tension),
-            self._laws.derivative(values.released - self._law_lengths),
+            self._laws.derivative(values.tension), self._laws.derivative(values.released - self._law_lengths)
         )
 
     def _by_slip_rates(

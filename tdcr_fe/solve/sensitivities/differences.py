@@ -21,11 +21,7 @@ from tdcr_fe.solve.simulation import Simulation
 Array = NDArray[np.float64]
 
 #: Difference steps: central, or to one side where the other is impossible; offsets and weights in units of the step.
-_RULES = (
-    ((1.0, -1.0), (0.5, -0.5), 0.0),
-    ((1.0, 2.0), (2.0, -0.5), -1.5),
-    ((-1.0, -2.0), (-2.0, 0.5), 1.5),
-)
+_RULES = (((1.0, -1.0), (0.5, -0.5), 0.0), ((1.0, 2.0), (2.0, -0.5), -1.5), ((-1.0, -2.0), (-2.0, 0.5), 1.5))
 #: Difference step over the size of a parameter [1].
 RELATIVE_STEP = 1e-5
 

@@ -54,12 +54,7 @@ def local_response(where: Simulation | TDCR, s: float | None = None, reversal: b
 
 
 def response_at(
-    system: SceneSystem,
-    state: SolverState,
-    robot: int,
-    presliding: float,
-    s: float | None,
-    reversal: bool,
+    system: SceneSystem, state: SolverState, robot: int, presliding: float, s: float | None, reversal: bool
 ) -> LocalResponse:
     """`local_response` of a robot in a system, by its number; the scene is left in this state."""
     actuation = system.robots[robot]

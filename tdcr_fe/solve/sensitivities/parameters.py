@@ -147,10 +147,7 @@ def parameters(experiment: Experiment, names: Sequence[str | Parameter]) -> tupl
 
 
 def effect_parameter(
-    experiment: Experiment,
-    name: str,
-    parameter: str,
-    values: Mapping[str, Mapping[str, float]] | None = None,
+    experiment: Experiment, name: str, parameter: str, values: Mapping[str, Mapping[str, float]] | None = None
 ) -> ModelParameter:
     """Parameter of an effect, at the values that several effects have now.
 

@@ -9,7 +9,7 @@ from identify_data import LENGTH, MODEL, ROBOT, concluded, problem_of, state_of
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
-from tdcr_fe.identify.noise import find_input_scatter
+from tdcr_fe.identify.noise import find_input_noise
 from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.io.measured import MeasuredData
@@ -41,7 +41,7 @@ def data(factors, added, by="tensions", pulls=PULLS, truth=None):
 def scatter(measured):
     """Scatter beside the declared model."""
     problem = on_fine_mesh(measured)
-    return find_input_scatter(problem, evaluate(problem, (), {}))
+    return find_input_noise(problem, evaluate(problem, (), {}))
 
 
 def on_fine_mesh(measured):
@@ -82,8 +82,8 @@ def test_noise_and_systematic_causes_are_no_scatter(factors, truth):
 
 def test_the_report_says_what_the_inputs_would_account_for():
     state = state_of(on_fine_mesh(data(1.0 + errors(0.04, len(PULLS)), 0.0)))
-    scatter = find_input_scatter(state.problem, state.best)
-    says_so(concluded(state, input_scatter=scatter))
+    scatter = find_input_noise(state.problem, state.best)
+    says_so(concluded(state, input_noise=scatter))
 
 
 @pytest.mark.campaign
@@ -93,6 +93,6 @@ def test_no_effect_is_named_where_inputs_scatter():
 
 def says_so(result):
     assert (result.verdict, result.remaining.where) == ("cannot tell", "the inputs")
-    assert 0.02 < result.input_scatter.size < 0.06
+    assert 0.02 < result.input_noise.size < 0.06
     assert result.to_json()["input_scatter"]["kind"] == "relative"
-    assert "% of each (standard deviation), other ones in every step" in str(result)
+    assert "% of their values, independent in every step" in str(result)

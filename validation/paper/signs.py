@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +23,14 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.simulate import Simulation, SolverSettings
-from tdcr_fe.validation.paper.cases import paper_case
+from tdcr_fe.solve.simulate import Simulation, simulate
+from tdcr_fe.validation.paper.cases import MODELS, paper_case
 
 Array = NDArray[np.float64]
 Signs = tuple[int, ...]
+
+#: Changes of length below this agree with either sign [m].
+TOLERANCE = 1e-9
 
 
 class FixedSigns(TendonLaw):
@@ -40,24 +44,13 @@ class FixedSigns(TendonLaw):
 
 @dataclass(frozen=True)
 class Trial:
-    """One combination of signs, solved.
+    """One combination of signs, solved."""
 
-    Attributes
-    ----------
-    signs : tuple of int
-        Assumed sign of the rate of each tendon's length: -1 shortens, +1 lengthens.
-    length_changes : ndarray, shape (n_tendons,)
-        Change of the tendons' lengths in the step that follows from it [m].
-    agrees : tuple of bool
-        By tendon, whether the change has the sign assumed; true for tendons that carry no tension.
-    tip : ndarray, shape (3,)
-        [m].
-    """
-
-    signs: Signs
-    length_changes: Array
-    agrees: tuple[bool, ...]
-    tip: Array
+    signs: Signs  # assumed sign of the rate of each tendon's length: -1 shortens, +1 lengthens
+    agrees: tuple[
+        bool, ...
+    ]  # whether the change has the sign assumed; true for tendons that carry no tension
+    tip: Array  # [m], shape (3,)
 
     @property
     def consistent(self) -> bool:
@@ -67,20 +60,11 @@ class Trial:
 
 @dataclass(frozen=True)
 class SignStep:
-    """One load step of the algorithm.
-
-    Attributes
-    ----------
-    label : str
-    trials : tuple of Trial
-        In the order tried; the last one was taken.
-    accepted : Trial
-        The consistent one; where there is none, the one with the fewest contradictions.
-    """
+    """One load step of the algorithm."""
 
     label: str
-    trials: tuple[Trial, ...]
-    accepted: Trial
+    trials: tuple[Trial, ...]  # in the order tried
+    accepted: Trial  # the consistent one; where there is none, the one with the fewest contradictions
 
     @property
     def solved(self) -> bool:
@@ -88,15 +72,7 @@ class SignStep:
         return self.accepted.consistent
 
 
-def trial_signs(
-    robot: Robot,
-    steps: Sequence[LoadStep],
-    settings: SolverSettings | None = None,
-    *,
-    tolerance: float = 1e-9,
-    try_all: bool = False,
-    elements_per_bay: int = 2,
-) -> list[SignStep]:
+def trial_signs(robot: Robot, steps: Sequence[LoadStep], *, try_all: bool = False) -> list[SignStep]:
     """Take a robot through a loading sequence with the algorithm of Fig. 2.
 
     Parameters
@@ -105,14 +81,8 @@ def trial_signs(
         Its tendons are driven by tension.
     steps
         Load steps.
-    settings
-        Numerics of the solver.
-    tolerance
-        Changes of length below this agree with either sign [m].
     try_all
         Try all combinations, also after one was consistent (to see whether the answer is unique).
-    elements_per_bay
-        Mesh.
 
     Returns
     -------
@@ -120,31 +90,25 @@ def trial_signs(
         The state of a step that has no consistent combination is the one with the fewest contradictions, so
         that the sequence can continue.
     """
-    model = Model("straight", "per-tendon", elements_per_bay)
     targets = resolve(robot, steps)
-    simulation = Simulation(robot, model, targets, settings)
+    simulation = Simulation(robot, Model("straight", "per-tendon", 2), targets)
     forces = simulation.handle.actuation
     forces.model = replace(forces.model, law=FixedSigns(forces.law))
     signs = np.full(forces.count, -1)
     result = []
     for step, target in zip(steps, targets, strict=True):
-        start = simulation.state
-        slip = simulation.displacement.copy()
+        start, slip = simulation.state, simulation.displacement.copy()
         # A tendon without tension has no friction: its sign has no effect and is kept.
         rubs = (target.values > 0.0) | (forces.base_tension > 0.0)
         trials: list[Trial] = []
-        consistent: Trial | None = None
         for assumed in _combinations(rubs, signs):
             change = _solve(simulation, _with_signs(start, assumed), target, slip)
-            agrees = tuple(
-                bool(not r or g * c >= -tolerance) for r, g, c in zip(rubs, assumed, change, strict=True)
-            )
-            trials.append(Trial(assumed, change, agrees, simulation.state.configuration.positions[-1].copy()))
-            if trials[-1].consistent and consistent is None:
-                consistent = trials[-1]
-                if not try_all:
-                    break
-        taken = consistent or min(trials, key=lambda t: t.agrees.count(False))
+            agrees = ~rubs | (np.array(assumed) * change >= -TOLERANCE)
+            tip = simulation.state.configuration.positions[-1].copy()
+            trials.append(Trial(assumed, tuple(agrees.tolist()), tip))
+            if trials[-1].consistent and not try_all:
+                break
+        taken = next((t for t in trials if t.consistent), min(trials, key=lambda t: t.agrees.count(False)))
         if taken is not trials[-1]:
             _solve(simulation, _with_signs(start, taken.signs), target, slip)
         signs = np.array(taken.signs)
@@ -198,3 +162,22 @@ def sign_steps() -> list[LoadStep]:
         LoadStep("t3 back to 0.98 N", {"t3": 0.98}),
         LoadStep("5 mN at the tip", {}, loads={"tip": Load(0.25, (0.005, 0.0, 0.0))}),
     ]
+
+
+def study_signs() -> dict[str, Any]:
+    """The algorithm beside the implicit law, which needs no trials: a row for each load step."""
+    robot, steps = three_tendon_robot(), sign_steps()
+    law = simulate(robot, MODELS["per-tendon"], steps).steps
+    rows = []
+    for step, solved in zip(trial_signs(robot, steps, try_all=True), law, strict=True):
+        consistent = ["".join("-+"[s > 0] for s in t.signs) for t in step.trials if t.consistent]
+        rows.append(
+            {
+                "step": step.label,
+                "trials": len(step.trials),
+                "consistent": ", ".join(consistent) or "none",
+                "implicit law": ", ".join(states[0] for states in solved.hole_states),
+                "distance of the tips [mm]": 1e3 * float(np.linalg.norm(step.accepted.tip - solved.tip)),
+            }
+        )
+    return {"steps": rows}

@@ -1,4 +1,4 @@
-"""Stability of solved states, and the search for critical loads, against Euler's column."""
+"""Stability of solved states, against Euler's column and the potential of the forces."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from tdcr_fe.model.robot import Disks
 from tdcr_fe.solve.simulate import Simulation
 from tdcr_fe.solve.stability import stability, strain_tangent
 from tdcr_fe.validation.paper.cases import MODELS, paper_case
-from tdcr_fe.validation.paper.studies.critical import search_critical_load
-from tdcr_fe.validation.paper.studies.helical import euler_load
-from tdcr_fe.validation.paper.studies.signs import three_tendon_robot
+from tdcr_fe.validation.paper.critical import euler_load
+from tdcr_fe.validation.paper.signs import three_tendon_robot
 
 ROBOT = paper_case("fig3").robot
 EULER = euler_load(ROBOT)
@@ -128,44 +127,3 @@ def test_prescribed_displacements_stiffen_the_robot():
         LoadStep("", displacements=pulled),
     )
     assert stability(held).smallest > stability(free).smallest + 0.1
-
-
-def test_search_finds_eulers_load():
-    search = search_critical_load(
-        ROBOT,
-        MODELS["discrete"],
-        [LoadStep("", {"t1": 0.0})],
-        (0, 0, -1),
-        [0.5 * EULER, 0.9 * EULER, 1.1 * EULER],
-    )
-    assert search.how == "eigenvalue"
-    assert search.critical == pytest.approx(EULER, rel=5e-4)
-
-
-def test_search_finds_none_where_there_is_none():
-    """The paper's helical case, load along y to 0.8 N."""
-    search = search_critical_load(
-        paper_case("fig5").robot,
-        MODELS["discrete"],
-        [LoadStep("", {"t1": 1.2})],
-        (0, 1, 0),
-        [0.05, 0.2, 0.4, 0.8],
-    )
-    assert search.critical is None
-    assert search.smallest == pytest.approx(0.617, abs=2e-3)
-    assert len(search.loads) == len(search.eigenvalues) == 5
-
-
-def test_a_helix_under_high_tension_bifurcates_under_a_load_against_its_bending():
-    """The rod of the simulation, with friction: a static bifurcation at 30 N of tension, none at 20 N."""
-    robot = paper_case("fig5").robot
-    found = [
-        search_critical_load(
-            robot, Model(), [LoadStep("pull", {"t1": tension})], (0, -1, 0), (0.02, 0.04, 0.06, 0.08, 0.1)
-        )
-        for tension in (20.0, 30.0)
-    ]
-    assert found[0].how == "none"
-    assert found[1].how == "eigenvalue"
-    assert found[1].critical == pytest.approx(0.0847, rel=0.02)
-    assert found[1].nearest > 0.02
