@@ -74,7 +74,7 @@ def _backbone_schema() -> dict[str, Any]:
     pair = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
     number = {"type": "number", "exclusiveMinimum": 0.0}
     radius = {
-        "description": "of the round section, or pairs of arc length and radius from base to tip [m]",
+        "description": "radius of the (round) cross-section, or pairs of arc length and radius from base to tip [m]",
         "oneOf": [number, {"type": "array", "items": pair, "minItems": 2}],
     }
     return {**table, "properties": {**table["properties"], "radius": radius}}
@@ -90,7 +90,7 @@ _DISKS = Quantity(
     allowed="a table [disks] with count or positions",
     contents=_disks_schema,
 )
-_TENDONS = Quantity("one table a tendon", allowed="tables [[tendons]]", contents=_tendon_schema)
+_TENDONS = Quantity("one table per tendon", allowed="tables [[tendons]]", contents=_tendon_schema)
 _MODEL = Quantity(
     "how the robot is modelled",
     allowed="a table [model]",
@@ -177,7 +177,7 @@ def json_schema(file: Literal["robot", "scenario", "model"]) -> dict[str, Any]:
     keys = {"robot": ROBOT, "scenario": SCENARIO, "model": MODEL_FILE}
     if file not in keys:
         raise ValueError(f"no schema of {file!r}; there are {', '.join(keys)}")
-    schema = {"$schema": _DIALECT, "title": f"{file}.toml of tdcr_fe", **keys[file].json_schema}
+    schema = {**keys[file].json_schema, "$schema": _DIALECT, "title": f"{file}.toml of tdcr_fe"}
     if file in ("scenario", "model"):
         schema["properties"] = {**schema["properties"], "effects": _effects_schema()}
     return schema
