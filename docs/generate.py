@@ -114,8 +114,8 @@ def _tables(name: str, part: dict[str, Any], top: dict[str, Any]) -> Iterator[tu
                 key, {**_resolved(value, top), "of": [], "given": key in variant.get("required", ())}
             )
             row["of"].append(_kind(variant, top))
-            if row.get("enum") and _resolved(value, top).get("enum"):
-                row["enum"] = list(dict.fromkeys([*row["enum"], *_resolved(value, top)["enum"]]))
+            if _choices(row):
+                row["enum"] = list(dict.fromkeys([*_choices(row), *_choices(_resolved(value, top))]))
     for row in merged.values():
         row["of"] = [] if len(row["of"]) == len(variants) else row["of"]
     yield name, merged
@@ -125,12 +125,17 @@ def _tables(name: str, part: dict[str, Any], top: dict[str, Any]) -> Iterator[tu
             yield from _tables(inner, row, top)
 
 
+def _choices(row: dict[str, Any]) -> list[Any]:
+    """The few values that a key takes; none where it takes others."""
+    return row.get("enum") or ([row["const"]] if "const" in row else [])
+
+
 def _kind(variant: dict[str, Any], top: dict[str, Any]) -> str:
     """What tells a variant of a table from the others: its routing, or its kind."""
     for key in ("routing", "kind"):
         value = _resolved(variant["properties"].get(key, {}), top)
-        if value:
-            return str(value.get("const", value.get("enum", [""])[0]))
+        if _choices(value):
+            return str(_choices(value)[0])
     return ""
 
 
@@ -149,8 +154,8 @@ def _table(name: str, rows: dict[str, dict[str, Any]], top: dict[str, Any]) -> s
 def _allowed(row: dict[str, Any], top: dict[str, Any]) -> str:
     """What a key takes, in a few words."""
     row = _resolved(row, top)
-    if "const" in row or "enum" in row:
-        return ", ".join(f"`{_toml(v)}`" for v in row.get("enum", [row.get("const")]))
+    if _choices(row):
+        return ", ".join(f"`{_toml(v)}`" for v in _choices(row))
     choices = [*row.get("anyOf", ()), *row.get("oneOf", ())]
     if _objects(row, top):
         return "tables" if row.get("type") == "array" else "a table"
@@ -178,9 +183,9 @@ def _allowed(row: dict[str, Any], top: dict[str, Any]) -> str:
 
 
 def _default(row: dict[str, Any]) -> str:
-    if row.get("default") is not None:
+    if row.get("default") is not None and "const" not in row:
         return f"`{_toml(row['default'])}`"
-    return "must be given" if row["given"] else ""
+    return "must be given" if row["given"] or "const" in row else ""
 
 
 def _toml(value: Any) -> str:
@@ -221,7 +226,11 @@ def commands() -> str:
 def public_names() -> list[str]:
     """Every public name with its module, and the classes that these take and give."""
     public = {name: getattr(tdcr_fe, name) for name in tdcr_fe.__all__ if not name.startswith("__")}
-    loaded = [m for m in sys.modules.values() if re.match(r"tdcr_fe\.(?!elements|solve|report)", m.__name__)]
+    loaded = [
+        m
+        for m in sys.modules.values()
+        if re.match(r"tdcr_fe\.(model|effects|scene|identify|io|sweeps)\b", m.__name__)
+    ]
     classes = {
         name: value
         for module in loaded

@@ -68,7 +68,7 @@ def _disks_schema() -> dict[str, Any]:
     return {**DISKS.json_schema, "oneOf": [{"required": ["count"]}, {"required": ["positions"]}]}
 
 
-_RADIUS = "of the round section, or pairs of arc length and radius from base to tip"
+_RADIUS = "radius of the (round) cross-section, or pairs of arc length and radius from base to tip"
 #: Keys of ``[backbone]``; its radius may change along it.
 BACKBONE = keys_of(Backbone).with_keys(
     {
@@ -88,7 +88,7 @@ _DISKS = Quantity(
     allowed="a table [disks] with count or positions",
     contents=_disks_schema,
 )
-_TENDONS = Quantity("one table a tendon", allowed="tables [[tendons]]", contents=_tendon_schema)
+_TENDONS = Quantity("one table per tendon", allowed="tables [[tendons]]", contents=_tendon_schema)
 _MODEL = Quantity(
     "how the robot is modelled",
     allowed="a table [model]",
@@ -175,7 +175,7 @@ def json_schema(file: Literal["robot", "scenario", "model"]) -> dict[str, Any]:
     keys = {"robot": ROBOT, "scenario": SCENARIO, "model": MODEL_FILE}
     if file not in keys:
         raise ValueError(f"no schema of {file!r}; there are {', '.join(keys)}")
-    schema = {"$schema": _DIALECT, "title": f"{file}.toml of tdcr_fe", **keys[file].json_schema}
+    schema = {**keys[file].json_schema, "$schema": _DIALECT, "title": f"{file}.toml of tdcr_fe"}
     if file in ("scenario", "model"):
         schema["properties"] = {**schema["properties"], "effects": _effects_schema()}
     return schema

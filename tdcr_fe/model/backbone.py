@@ -57,9 +57,12 @@ class NonlinearMaterial:
     """
 
     quadratic: Annotated[
-        float, Quantity("below zero softer in tension and stiffer in compression", ge=-100.0, le=100.0)
+        float,
+        Quantity("coefficient b; negative: softer in tension, stiffer in compression", ge=-100.0, le=100.0),
     ] = 0.0
-    cubic: Annotated[float, Quantity("hardening, below zero softening", ge=-1000.0, le=10_000.0)] = 0.0
+    cubic: Annotated[
+        float, Quantity("coefficient c; positive: hardening, negative: softening", ge=-1000.0, le=10_000.0)
+    ] = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -145,19 +148,27 @@ class Backbone:
         [s]. It acts in dynamics only.
     """
 
-    length: Annotated[float, Quantity("from base plate to tip", unit="m", gt=0.0, le=1000.0)]
-    radius: Annotated[float, Quantity("of the round section", unit="m", gt=0.0)]
-    youngs_modulus: Annotated[float, Quantity("E", unit="Pa", gt=0.0)]
-    poisson_ratio: Annotated[float, Quantity("nu, gives G = E / (2 (1 + nu))", gt=-1.0, le=0.5)]
-    density: Annotated[float, Quantity("for gravity and dynamics", unit="kg/m^3", ge=0.0)] = 0.0
+    length: Annotated[float, Quantity("length from base plate to tip", unit="m", gt=0.0, le=1000.0)]
+    radius: Annotated[float, Quantity("radius of the (round) cross-section", unit="m", gt=0.0)]
+    youngs_modulus: Annotated[float, Quantity("Young's modulus E", unit="Pa", gt=0.0)]
+    poisson_ratio: Annotated[
+        float, Quantity("Poisson's ratio nu; the shear modulus is G = E / (2 (1 + nu))", gt=-1.0, le=0.5)
+    ]
+    density: Annotated[
+        float, Quantity("density of the material, for gravity and dynamics", unit="kg/m^3", ge=0.0)
+    ] = 0.0
     bending_stiffness: Annotated[
-        float | None, Quantity("EI, in place of E pi r^4 / 4", unit="N m^2", gt=0.0)
+        float | None, Quantity("bending stiffness EI instead of E pi r^4 / 4", unit="N m^2", gt=0.0)
     ] = None
     torsional_stiffness: Annotated[
-        float | None, Quantity("GJ, in place of G pi r^4 / 2", unit="N m^2", gt=0.0)
+        float | None, Quantity("torsional stiffness GJ instead of G pi r^4 / 2", unit="N m^2", gt=0.0)
     ] = None
-    axial_stiffness: Annotated[float | None, Quantity("EA, in place of E pi r^2", unit="N", gt=0.0)] = None
-    shear_stiffness: Annotated[float | None, Quantity("GA, in place of G pi r^2", unit="N", gt=0.0)] = None
+    axial_stiffness: Annotated[
+        float | None, Quantity("axial stiffness EA instead of E pi r^2", unit="N", gt=0.0)
+    ] = None
+    shear_stiffness: Annotated[
+        float | None, Quantity("shear stiffness GA instead of G pi r^2", unit="N", gt=0.0)
+    ] = None
     precurvature: Annotated[
         tuple[float, float],
         Quantity(
@@ -171,7 +182,7 @@ class Backbone:
         NonlinearMaterial | None, Quantity("fibres that harden or soften with their strain")
     ] = None
     patches: Annotated[
-        tuple[StiffnessPatch, ...], Quantity("stretches of other stiffness, or bent when unloaded")
+        tuple[StiffnessPatch, ...], Quantity("parts of the backbone with another stiffness or precurvature")
     ] = ()
     creep_rate: Annotated[
         float,

@@ -88,7 +88,7 @@ class StribeckFriction:
     static: Annotated[float, Quantity("coefficient at rest", ge=0.0, le=100.0)]
     kinetic: Annotated[float, Quantity("coefficient of fast slip, without viscosity", ge=0.0, le=100.0)]
     stribeck_rate: Annotated[
-        float, Quantity("slip rate at which the fall is done to 1/e", unit="m/s", gt=0.0)
+        float, Quantity("slip rate at which the difference has fallen to 1/e", unit="m/s", gt=0.0)
     ]
     exponent: Annotated[float, Quantity("shape of the fall, 2 is Gaussian", ge=1.0, le=10.0)] = 2.0
     viscous: Annotated[float, Quantity("rise of the coefficient with the slip rate", unit="s/m", ge=0.0)] = (

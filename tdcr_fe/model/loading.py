@@ -78,7 +78,7 @@ class LoadStep:
         Time at the end of the step [s]; used by creep and by friction laws that depend on the slip rate.
     """
 
-    label: Annotated[str, Quantity("for tables and pictures")] = ""
+    label: Annotated[str, Quantity("label of the step in tables and pictures")] = ""
     tensions: Annotated[
         Mapping[str, float],
         Quantity("tension at the base, by tendon name", unit="N", ge=0.0),
@@ -91,8 +91,8 @@ class LoadStep:
         Mapping[str, Load],
         Quantity("concentrated loads, by a name of your choice"),
     ] = field(default_factory=dict)
-    substeps: Annotated[int | None, Quantity("parts that the step is solved in", ge=1, le=100_000)] = None
-    time: Annotated[float | None, Quantity("at the end of the step", unit="s", ge=0.0)] = None
+    substeps: Annotated[int | None, Quantity("number of substeps", ge=1, le=100_000)] = None
+    time: Annotated[float | None, Quantity("time at the end of the step", unit="s", ge=0.0)] = None
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -116,13 +116,15 @@ class Model:
         [m/s^2].
     """
 
-    tendon_path: Annotated[TendonPath, Quantity("from hole to hole, or along the backbone")] = "straight"
+    tendon_path: Annotated[
+        TendonPath, Quantity("tendons straight from hole to hole, or along the backbone")
+    ] = "straight"
     friction: Annotated[
-        Friction, Quantity("none, one sign for each tendon, or stick and slip at each hole")
+        Friction, Quantity("no friction, one sign per tendon, or stick and slip at each hole")
     ] = "per-hole"
     elements_per_bay: Annotated[
         int | tuple[int, ...] | Literal["auto"],
-        Quantity("beam elements between neighbouring disks, or a list with one for every bay", ge=1, le=64),
+        Quantity("number of beam elements per bay, or a list with one number for every bay", ge=1, le=64),
     ] = "auto"
     gravity: Annotated[
         Vector,

@@ -59,9 +59,11 @@ class Tendon:
         Holes that hold the tendon fast, or take more of its tension than the others.
     """
 
-    name: Annotated[str, Quantity("by which steps and tables call it", name=True)]
+    name: Annotated[str, Quantity("name of the tendon in steps and tables", name=True)]
     routing: Annotated[Routing, Quantity("where its holes lie", in_file=False)]
-    friction_coefficient: Annotated[float, Quantity("mu of tendon and hole", ge=0.0)] = 0.0
+    friction_coefficient: Annotated[
+        float, Quantity("coefficient of friction between tendon and holes", ge=0.0)
+    ] = 0.0
     end: Annotated[
         float | None,
         Quantity(
@@ -71,7 +73,9 @@ class Tendon:
             note="where a disk is",
         ),
     ] = None
-    axial_stiffness: Annotated[float | None, Quantity("EA of the tendon", unit="N", gt=0.0)] = None
+    axial_stiffness: Annotated[
+        float | None, Quantity("axial stiffness EA of the tendon", unit="N", gt=0.0)
+    ] = None
     adhesion: Annotated[
         float, Quantity("tension drop per hole that does not grow with the tension", unit="N", ge=0.0)
     ] = 0.0

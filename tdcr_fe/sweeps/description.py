@@ -80,7 +80,7 @@ class Sampling:
 
     method: Annotated[Method, Quantity("how cases are chosen")] = "grid"
     samples: Annotated[int | None, Quantity("number of points", ge=1, le=MOST_CASES)] = None
-    seed: Annotated[int, Quantity("of the random numbers", ge=0, le=2**63 - 1)] = 0
+    seed: Annotated[int, Quantity("seed of the random numbers", ge=0, le=2**63 - 1)] = 0
 
     def __post_init__(self) -> None:
         check_fields(self)
