@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def loads_between(old: Mapping[str, Load], new: Mapping[str, Load], factor: floa
         start = old.get(name)
         if start is None or (start.at, start.frame) != (load.at, load.frame):
             start = replace(load, force=(0.0, 0.0, 0.0), moment=(0.0, 0.0, 0.0))
-        between = {
+        between: dict[str, Any] = {
             key: tuple((1.0 - factor) * a + factor * b for a, b in zip(*ends, strict=True))
             for key, ends in (("force", (start.force, load.force)), ("moment", (start.moment, load.moment)))
         }

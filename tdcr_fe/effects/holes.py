@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from tdcr_fe.effects.base import (
     Bounds,
@@ -73,11 +74,11 @@ class CommonNumber(Effect):
         """See `Effect.apply`; numbers that differ between tendons keep their proportions."""
         name = self.parameters[0].name
         value, null = values[name], self.null_values(experiment)[name]
-        tendons = tuple(
-            replace(t, **{self.field: shifted(getattr(t, self.field), null, value)})
-            for t in experiment.robot.tendons
-        )
-        return experiment.with_robot(tendons=tendons)
+        tendons = []
+        for t in experiment.robot.tendons:
+            changed: dict[str, Any] = {self.field: shifted(getattr(t, self.field), null, value)}
+            tendons.append(replace(t, **changed))
+        return experiment.with_robot(tendons=tuple(tendons))
 
 
 class HoleAdhesion(CommonNumber):
