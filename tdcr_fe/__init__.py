@@ -71,10 +71,10 @@ if TYPE_CHECKING:
     from tdcr_fe.solve.stability import stability as stability
     from tdcr_fe.solve.statics import SolveTDCR as SolveTDCR
     from tdcr_fe.solve.statics import track_sensitivities as track_sensitivities
+    from tdcr_fe.sweeps.cases import parameter_function as parameter_function
     from tdcr_fe.sweeps.read import read_sweep as read_sweep
     from tdcr_fe.sweeps.result import SweepResult as SweepResult
     from tdcr_fe.sweeps.run import sweep as sweep
-    from tdcr_fe.sweeps.variation import parameter_function as parameter_function
 
 __version__ = "0.2.0.dev0"
 
@@ -126,7 +126,7 @@ _PUBLIC = {
     "tdcr_fe.sweeps.read": ("read_sweep",),
     "tdcr_fe.sweeps.result": ("SweepResult",),
     "tdcr_fe.sweeps.run": ("sweep",),
-    "tdcr_fe.sweeps.variation": ("parameter_function",),
+    "tdcr_fe.sweeps.cases": ("parameter_function",),
 }
 _MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
 

@@ -80,7 +80,7 @@ def run_sweep(args: argparse.Namespace) -> int:
 
 def _solve(described: Sweep, args: argparse.Namespace) -> SweepResult:
     """Run the sweep with a progress bar."""
-    from tdcr_fe.sweeps.run import sweep
+    from tdcr_fe.sweeps.run import SweepInterrupted, sweep
 
     with _dask(args.dask) as (executor, in_flight), progress_bar(args, unit="case") as bar:
 
@@ -89,18 +89,21 @@ def _solve(described: Sweep, args: argparse.Namespace) -> SweepResult:
                 bar.total, bar.initial = total, finished
             bar.update(finished - bar.n)
 
-        return sweep(
-            described,
-            args.out,
-            executor=executor,
-            processes=args.processes,
-            in_flight=in_flight,
-            fresh=args.fresh,
-            retry=args.retry,
-            table=args.table,
-            report=not args.no_pictures,
-            progress=progress,
-        )
+        try:
+            return sweep(
+                described,
+                args.out,
+                executor=executor,
+                processes=args.processes,
+                in_flight=in_flight,
+                fresh=args.fresh,
+                retry=args.retry,
+                table=args.table,
+                report=not args.no_pictures,
+                progress=progress,
+            )
+        except SweepInterrupted as stop:
+            return stop.result
 
 
 @contextmanager

@@ -4,58 +4,42 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from tdcr_fe.effects.actuation import ActuatorBacklash, ActuatorLoss
+from tdcr_fe.effects import actuation, by_tendon, holes, material, observation, places, timing
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Observation, Parameter
-from tdcr_fe.effects.channels import MisplacedChannels
-from tdcr_fe.effects.command_numbers import ActuatorGain, IdleTension
-from tdcr_fe.effects.holes import FrictionCoefficient, HoleAdhesion, HoleClearance, RoutingTwist
-from tdcr_fe.effects.loads import Gravity, TipPayload
-from tdcr_fe.effects.material import (
-    BaseCompliance,
-    Creep,
-    Precurvature,
-    RigidDisks,
-    StiffnessScale,
-    SuperelasticBackbone,
-)
-from tdcr_fe.effects.observation import FrameMisalignment, MarkerOffset
-from tdcr_fe.effects.places import EffectAtPlace, Kink, PlaceEffect, SoftBay, SpringToGround, StuckHole
-from tdcr_fe.effects.soft_material import DensityScale, ModulusScale, NonlinearBackbone
-from tdcr_fe.effects.tendons import Pretension, TendonStretch
-from tdcr_fe.effects.timing import TimeLag
+from tdcr_fe.effects.places import EffectAtPlace, PlaceEffect
 from tdcr_fe.model.arguments import check_instance
 
 #: Every effect, in the order in which several are applied: the command first, the measurement last.
 EFFECTS: tuple[Effect, ...] = (
-    TimeLag(),
-    ActuatorGain(),
-    ActuatorBacklash(),
-    ActuatorLoss(),
-    IdleTension(),
-    Gravity(),
-    TipPayload(),
-    ModulusScale(),
-    DensityScale(),
-    StiffnessScale(),
-    SuperelasticBackbone(),
-    NonlinearBackbone(),
-    Precurvature(),
-    BaseCompliance(),
-    RigidDisks(),
-    Creep(),
-    FrictionCoefficient(),
-    HoleAdhesion(),
-    RoutingTwist(),
-    MisplacedChannels(),
-    HoleClearance(),
-    TendonStretch(),
-    Pretension(),
-    SoftBay(),
-    Kink(),
-    SpringToGround(),
-    StuckHole(),
-    MarkerOffset(),
-    FrameMisalignment(),
+    timing.TimeLag(),
+    actuation.ActuatorGain(),
+    actuation.ActuatorBacklash(),
+    actuation.ActuatorLoss(),
+    actuation.IdleTension(),
+    material.Gravity(),
+    material.TipPayload(),
+    material.ModulusScale(),
+    material.DensityScale(),
+    material.StiffnessScale(),
+    material.SuperelasticBackbone(),
+    material.NonlinearBackbone(),
+    material.Precurvature(),
+    material.BaseCompliance(),
+    material.RigidDisks(),
+    material.Creep(),
+    holes.FrictionCoefficient(),
+    holes.HoleAdhesion(),
+    holes.RoutingTwist(),
+    holes.MisplacedChannels(),
+    holes.HoleClearance(),
+    by_tendon.TendonStretch(),
+    by_tendon.Pretension(),
+    places.SoftBay(),
+    places.Kink(),
+    places.SpringToGround(),
+    places.StuckHole(),
+    observation.MarkerOffset(),
+    observation.FrameMisalignment(),
 )
 
 

@@ -1,33 +1,26 @@
-"""Effects between the command and the base plate with a history: backlash, friction of the actuation."""
+"""Effects between command and base plate: gain, tension of idle tendons, backlash, friction of the actuation."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Parameter, Values
+from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Parameter, Points, Values
+from tdcr_fe.effects.by_tendon import NumberForm
 from tdcr_fe.model.loading import Load, LoadStep, resolve
 
 
 @dataclass(frozen=True)
 class Play:
-    """Play operator: the output ``a`` stays between two increasing bounds of the command and moves only at a bound.
+    """Play operator: the output ``a`` stays between two increasing bounds of the command and moves only at a bound."""
 
-    Attributes
-    ----------
-    low, high : callable
-        Bounds, from the command.
-    pushes, pulls : callable
-        Inverses: the command at which a rising command pushes ``a`` up at the lower bound, and at which a falling
-        one pulls it down at the upper bound.
-    """
-
-    low: Callable[[float], float]
+    low: Callable[[float], float]  # bounds, from the command
     high: Callable[[float], float]
-    pushes: Callable[[float], float]
-    pulls: Callable[[float], float]
+    pushes: Callable[[float], float]  # the command at which a rising one pushes ``a`` up at the lower bound
+    pulls: Callable[[float], float]  # the command at which a falling one pulls ``a`` down at the upper bound
 
     def arrive(self, before: float, command: float) -> float:
         """Output at a command [N or m]."""
@@ -57,30 +50,9 @@ def displacement_play(backlash: float, first: float) -> Play:
     return Play(lambda d: d + low, lambda d: d + high, lambda a: a - low, lambda a: a - high)
 
 
-def tension_that_arrives(commands: Iterable[float], dead_band: float, efficiency: float) -> list[float]:
-    """Tensions at the base plate [N] for commands from the unloaded state on; see `tension_play`."""
-    play, arrived, result = tension_play(dead_band, efficiency), 0.0, []
-    for t in commands:
-        arrived = play.arrive(arrived, t)
-        result.append(arrived)
-    return result
-
-
 def first_travel(commands: Iterable[float], backlash: float) -> float:
     """The first command beyond the lost motion [m], zero where none is."""
     return next((d for d in commands if abs(d) > backlash), 0.0)
-
-
-def displacement_that_arrives(commands: Iterable[float], backlash: float) -> list[float]:
-    """Displacements at the base plate [m] for commands from the unloaded state on; see `displacement_play`."""
-    commands = list(commands)
-    play, arrived, result = displacement_play(backlash, first_travel(commands, backlash)), 0.0, []
-    moving = False
-    for d in commands:
-        moving = moving or abs(d) > backlash
-        arrived = play.arrive(arrived, d) if moving else 0.0
-        result.append(arrived)
-    return result
 
 
 def loads_between(old: Mapping[str, Load], new: Mapping[str, Load], factor: float) -> dict[str, Load]:
@@ -90,13 +62,11 @@ def loads_between(old: Mapping[str, Load], new: Mapping[str, Load], factor: floa
         start = old.get(name)
         if start is None or (start.at, start.frame) != (load.at, load.frame):
             start = replace(load, force=(0.0, 0.0, 0.0), moment=(0.0, 0.0, 0.0))
-        f = (1.0 - factor) * np.array(start.force) + factor * np.array(load.force)
-        m = (1.0 - factor) * np.array(start.moment) + factor * np.array(load.moment)
-        result[name] = replace(
-            load,
-            force=(float(f[0]), float(f[1]), float(f[2])),
-            moment=(float(m[0]), float(m[1]), float(m[2])),
-        )
+        between: dict[str, Any] = {
+            key: tuple((1.0 - factor) * a + factor * b for a, b in zip(*ends, strict=True))
+            for key, ends in (("force", (start.force, load.force)), ("moment", (start.moment, load.moment)))
+        }
+        result[name] = replace(load, **between)
     return result
 
 
@@ -184,15 +154,13 @@ class ActuatorBacklash(Effect):
     separating_experiment = "command small cycles about one position and measure travel at the base plate"
     parameters = (Parameter("backlash", "m", 0.0, 0.05, 0.0, 1e-4, "travel that is lost"),)
 
-    def probe_points(
-        self, experiment: Experiment, excitation: ExcitationRange
-    ) -> list[list[dict[str, float]]]:
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """A twentieth and a fifth of the largest displacement; nothing on data driven by tension."""
         if not any(s.displacements for s in experiment.steps):
             return []
         return [[{"backlash": share * excitation.displacement}] for share in (0.05, 0.2)]
 
-    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
+    def bounds(self, experiment: Experiment) -> Bounds:
         """Up to the largest displacement."""
         largest = max((abs(d) for s in experiment.steps for d in s.displacements.values()), default=0.0)
         return {"backlash": (0.0, max(largest, 1e-6))}
@@ -222,9 +190,7 @@ class ActuatorLoss(Effect):
         Parameter("efficiency", "1", 0.3, 1.0, 1.0, 0.02, "fraction of the rest that arrives"),
     )
 
-    def probe_points(
-        self, experiment: Experiment, excitation: ExcitationRange
-    ) -> list[list[dict[str, float]]]:
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """Dead bands of a fiftieth and a tenth of the largest tension; nothing on data driven by displacement."""
         if not any(s.tensions for s in experiment.steps):
             return []
@@ -236,13 +202,136 @@ class ActuatorLoss(Effect):
             for share in (0.02, 0.1)
         ]
 
-    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
+    def bounds(self, experiment: Experiment) -> Bounds:
         """A dead band up to the largest tension."""
-        largest = max((t for s in experiment.steps for t in s.tensions.values()), default=0.0)
-        return {"dead_band": (0.0, max(largest, 1e-6)), "efficiency": (0.3, 1.0)}
+        return {"dead_band": (0.0, max(experiment.largest_tension, 1e-6)), "efficiency": (0.3, 1.0)}
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
         if values["dead_band"] == 0.0 and values["efficiency"] == 1.0:
             return experiment
         return pass_through(experiment, tension_play(values["dead_band"], values["efficiency"]))
+
+
+class CommandNumber(Effect):
+    """An effect that gives the commands of every tendon one number, ``parameters[0]``.
+
+    Besides that of all, ``NAME_TENDON`` is the number of one tendon, ``NAME_folder_K`` that of the K-th folder, from
+    1, and ``NAME_TENDON_folder_K`` that of a tendon in it. The most particular one that is given counts.
+    """
+
+    def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
+        """One for all, or for each tendon; with several folders also for each folder, and for each tendon in it.
+
+        Without numbers for the first folder, where it is as declared, too.
+        """
+        name, tendons = self.parameters[0].name, experiment.robot.tendon_names
+        folders = range(1, experiment.folder_count + 1)
+        parts = [("", [""]), ("each later folder", [f"_folder_{k}" for k in folders[1:]])]
+        parts.append(("each folder", [f"_folder_{k}" for k in folders]))
+        found: list[Effect] = [self]
+        for kind, ends in parts if len(folders) > 1 else parts[:1]:
+            if kind:
+                found.append(NumberForm(self, kind, [name + end for end in ends], experiment))
+            if len(tendons) > 1:
+                names = [f"{name}_{t}{end}" for end in ends for t in tendons]
+                own = f"each tendon, {kind}" if kind else "each tendon"
+                found.append(NumberForm(self, own, names, experiment))
+        return tuple(found)
+
+    def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
+        """Of all, of each tendon, of each folder, and of each tendon in each folder."""
+        one, tendons = self.parameters[0], experiment.robot.tendon_names
+        folders = range(1, experiment.folder_count + 1) if experiment.folder_count > 1 else ()
+        own = {f"_{t}": t for t in tendons}
+        own |= {f"_folder_{k}": f"folder {k}" for k in folders if f"folder_{k}" not in tendons}
+        own |= {f"_{t}_folder_{k}": f"{t} in folder {k}" for k in folders for t in tendons}
+        each = (replace(one, name=one.name + x, meaning=f"{one.meaning}: {text}") for x, text in own.items())
+        return (one, *each)
+
+    @property
+    def further_parameters(self) -> Mapping[str, Parameter]:
+        """See `Effect.further_parameters`."""
+        return {f"^{self.parameters[0].name}_.+$": self.parameters[0]}
+
+    def null_value(self, experiment: Experiment, name: str) -> float:
+        """That of the number of all."""
+        return self.parameters[0].null_value
+
+    def number(self, experiment: Experiment, values: Values, tendon: str) -> float:
+        """The number of a tendon in the experiment's folder."""
+        one = self.parameters[0]
+        folder = f"folder_{experiment.folder}"
+        names = [f"{one.name}_{tendon}_{folder}", f"{one.name}_{folder}", f"{one.name}_{tendon}", one.name]
+        return next((values[n] for n in names if n in values), one.null_value)
+
+    def alone(self, values: Values, experiment: Experiment) -> dict[str, float]:
+        """See `Effect.alone`."""
+        one = self.parameters[0].name
+        if set(values) <= {one, *(f"{one}_{t}" for t in experiment.robot.tendon_names)}:
+            return dict(values)
+        return {f"{one}_{t}": self.number(experiment, values, t) for t in experiment.robot.tendon_names}
+
+
+class ActuatorGain(CommandNumber):
+    """Commanded displacement or tension off by a factor."""
+
+    name = "actuator_gain"
+    description = (
+        "Command and actual value differ by a factor: radius of a spool, scale of a load cell, a gear."
+    )
+    separating_experiment = "measure tension or travel at the base plate itself"
+    parameters = (Parameter("gain", "1", 0.05, 20.0, 1.0, 0.03, "actual over commanded value"),)
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`."""
+        gain = {t: self.number(experiment, values, t) for t in experiment.robot.tendon_names}
+        steps = tuple(
+            replace(
+                s,
+                tensions={n: gain[n] * t for n, t in s.tensions.items()},
+                displacements={n: gain[n] * d for n, d in s.displacements.items()},
+            )
+            for s in experiment.steps
+        )
+        return replace(experiment, steps=steps)
+
+
+class IdleTension(CommandNumber):
+    """Tension that is left in tendons whose command is less."""
+
+    name = "idle_tension"
+    description = (
+        "Tendons that are commanded no tension still carry some: the controller keeps them from becoming slack, "
+        "or they drag the motor along."
+    )
+    separating_experiment = (
+        "measure the tension of an idle tendon at the base plate while another one is pulled"
+    )
+    parameters = (Parameter("tension", "N", 0.0, 20.0, 0.0, 0.02, "least tension of a tendon"),)
+
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
+        """A fiftieth of the largest tension; nothing where every tendon is always commanded more, or a displacement."""
+        commands = [t for s in experiment.steps for t in s.tensions.values()]
+        probe = 0.02 * excitation.tension
+        if not any(t > 0.0 for t in commands) or min(commands) >= probe:
+            return []
+        return [[{"tension": probe}]]
+
+    def bounds(self, experiment: Experiment) -> Bounds:
+        """Up to the largest tension."""
+        return {"tension": (0.0, max(experiment.largest_tension, 1e-6))}
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`; tendons that no step has named yet are commanded zero."""
+        least = {t: self.number(experiment, values, t) for t in experiment.robot.tendon_names}
+        if not any(least.values()):
+            return experiment
+        steps = []
+        for k, step in enumerate(experiment.steps):
+            tensions = dict(step.tensions)
+            if k == 0:
+                idle = [t for t in experiment.robot.tendons if t.pretension == 0.0]
+                tensions = {t.name: 0.0 for t in idle if t.name not in step.displacements} | tensions
+            steps.append(replace(step, tensions={n: max(t, least[n]) for n, t in tensions.items()}))
+        return replace(experiment, steps=tuple(steps))

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,10 @@ from tdcr_fe.model.robot import Robot
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]
+#: Alternatives; each is a set of points, one for each direction from the null values.
+Points = list[list[dict[str, float]]]
+#: Lowest and highest value of every parameter.
+Bounds = dict[str, tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -156,9 +161,18 @@ class Experiment:
         whole = replace(parts[0], folder=self.folder, folders=self.folders, restarts=self.restarts)
         return replace(whole, steps=steps, ends=tuple(ends) if divided else None)
 
-    def with_robot(self, **changes: object) -> Experiment:
+    @property
+    def largest_tension(self) -> float:
+        """Largest tension commanded [N]; zero where all tendons are driven by displacement."""
+        return max((t for step in self.steps for t in step.tensions.values()), default=0.0)
+
+    def with_robot(self, **changes: Any) -> Experiment:
         """A copy with fields of the robot replaced."""
-        return replace(self, robot=replace(self.robot, **changes))  # type: ignore[arg-type]
+        return replace(self, robot=replace(self.robot, **changes))
+
+    def with_backbone(self, **changes: Any) -> Experiment:
+        """A copy with fields of the backbone replaced."""
+        return self.with_robot(backbone=replace(self.robot.backbone, **changes))
 
 
 @dataclass(frozen=True)
@@ -288,7 +302,7 @@ class Effect:
         """
         return self
 
-    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
+    def bounds(self, experiment: Experiment) -> Bounds:
         """Bounds of every parameter for this robot."""
         return {p.name: (p.lower, p.upper) for p in self.parameters}
 
@@ -296,9 +310,7 @@ class Effect:
         """The experiment with the effect; all parameters are given."""
         raise NotImplementedError
 
-    def probe_points(
-        self, experiment: Experiment, excitation: ExcitationRange
-    ) -> list[list[dict[str, float]]]:
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """Probe points near the null values, whose finite differences give the sensitivities.
 
         Returns
@@ -353,12 +365,8 @@ class Form(Effect):
 
     def __init__(self, of: Effect, kind: str, names: Sequence[str], experiment: Experiment) -> None:
         self.of, self.name = of, f"{of.name} ({kind})"
-        self.description, self.separating_experiment, self.after = (
-            of.description,
-            of.separating_experiment,
-            of.after,
-        )
-        self.exact_derivatives, self.needs_friction = of.exact_derivatives, of.needs_friction
+        for same in ("description", "separating_experiment", "after", "exact_derivatives", "needs_friction"):
+            setattr(self, same, getattr(of, same))
         known = {p.name: p for p in of.parameters_of(experiment)}
         self.parameters = tuple(known[n] for n in names)
 

@@ -1,11 +1,12 @@
-"""Effects with one number of the tendons: the same for all, one for each segment, or one for each tendon."""
+"""Effects with one number of the tendons: the same for all, one for each segment or tendon; stretch, pretension."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Form, Parameter, Values
+from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Form, Parameter, Points, Values
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.tendon import Tendon
@@ -65,22 +66,17 @@ class TendonNumber(Effect):
         if 1 < len(groups) < len(names):
             found = (*found, NumberForm(self, "by segment", tuple(groups), experiment))
         if len(names) > 1:
-            found = (*found, NumberForm(self, "each", [f"{self._name}_{n}" for n in names], experiment))
+            found = (*found, NumberForm(self, "each", list(self._each(experiment.robot)), experiment))
         return found
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
         """Of all, of each segment where there are several, and of each tendon."""
-        one, robot = self.parameters[0], experiment.robot
-        groups = self._groups(robot)
-        by_segment = tuple(
-            replace(one, name=name, meaning=f"{one.meaning}: {', '.join(own)}")
-            for name, own in groups.items()
-            if len(groups) > 1
+        one, groups = self.parameters[0], self._groups(experiment.robot)
+        named = (groups if len(groups) > 1 else {}) | self._each(experiment.robot)
+        further = (
+            replace(one, name=n, meaning=f"{one.meaning}: {', '.join(own)}") for n, own in named.items()
         )
-        each = tuple(
-            replace(one, name=f"{self._name}_{t}", meaning=f"{one.meaning}: {t}") for t in robot.tendon_names
-        )
-        return (*self.parameters, *by_segment, *each)
+        return (one, *further)
 
     @property
     def further_parameters(self) -> Mapping[str, Parameter]:
@@ -93,10 +89,8 @@ class TendonNumber(Effect):
 
     def null_value(self, experiment: Experiment, name: str) -> float:
         """The same of a segment or of a tendon."""
-        groups = self._groups(experiment.robot)
-        names = experiment.robot.tendon_names
-        own = [n for n in names if name == f"{self._name}_{n}"] or groups.get(name, names)
-        return self._mean(experiment, own)
+        parts = self._each(experiment.robot) | self._groups(experiment.robot)
+        return self._mean(experiment, parts.get(name, experiment.robot.tendon_names))
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
@@ -122,20 +116,21 @@ class TendonNumber(Effect):
     def _name(self) -> str:
         return self.parameters[0].name
 
+    def _each(self, robot: Robot) -> dict[str, tuple[str, ...]]:
+        """Every tendon, by the name of its parameter."""
+        return {f"{self._name}_{t}": (t,) for t in robot.tendon_names}
+
     def _groups(self, robot: Robot) -> dict[str, tuple[str, ...]]:
         """Tendons of every segment, by the name of its parameter; a tendon of such a name hides it."""
         named = {f"{self._name}_segment_{k}": own for k, own in enumerate(segments(robot), 1)}
-        return {
-            k: own for k, own in named.items() if k not in {f"{self._name}_{t}" for t in robot.tendon_names}
-        }
+        return {k: own for k, own in named.items() if k not in self._each(robot)}
 
     def _chosen(self, robot: Robot, values: Values) -> dict[str, tuple[str, ...]]:
         """Tendons by the parameter whose value they take."""
-        candidates = {f"{self._name}_{t}": (t,) for t in robot.tendon_names} | self._groups(robot)
-        candidates[self._name] = robot.tendon_names
+        parts = self._each(robot) | self._groups(robot) | {self._name: robot.tendon_names}
         taken: set[str] = set()
         found = {}
-        for key, own in candidates.items():
+        for key, own in parts.items():
             if key in values:
                 found[key] = tuple(t for t in own if t not in taken)
                 taken.update(own)
@@ -159,14 +154,12 @@ class TendonNumber(Effect):
 class NumberForm(Form):
     """One number of an effect for each of several parts: segments or tendons of a robot, folders of data."""
 
-    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
+    def bounds(self, experiment: Experiment) -> Bounds:
         """Those of the number of all."""
         (limits,) = self.of.bounds(experiment).values()
         return {p.name: limits for p in self.parameters}
 
-    def probe_points(
-        self, experiment: Experiment, excitation: ExcitationRange
-    ) -> list[list[dict[str, float]]]:
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """Each number by as much as that of all."""
         null, one = self.null_values(experiment), self.of.parameters[0]
         common = one.coordinate(self.of.null_values(experiment)[one.name])
@@ -175,3 +168,92 @@ class NumberForm(Form):
             by = one.coordinate(points[0][one.name]) - common
             found.append([{**null, n: one.value(one.coordinate(x) + by)} for n, x in null.items()])
         return found
+
+
+class TendonStretch(TendonNumber):
+    """Elastic tendons."""
+
+    name = "tendon_stretch"
+    description = (
+        "Tendons stretch, so that part of the displacement at the base is lost as elongation: "
+        "thin steel rope, nylon, aramid."
+    )
+    separating_experiment = "hold the robot straight, pull, and measure displacement over tension"
+    parameters = (
+        Parameter("axial_stiffness", "N", 1.0, math.inf, math.inf, 1e-3, "EA of the tendons", inverse=True),
+    )
+
+    def declared(self, experiment: Experiment, tendon: Tendon) -> float:
+        """Its EA; infinite for an inextensible tendon."""
+        return math.inf if tendon.axial_stiffness is None else tendon.axial_stiffness
+
+    def with_number(self, tendon: Tendon, value: float) -> Tendon:
+        """With another EA."""
+        return replace(tendon, axial_stiffness=None if math.isinf(value) else float(value))
+
+    def combined(self, declared: float, null: float, value: float) -> float:
+        """Where declared stiffnesses differ, every compliance changes by the same amount."""
+        one = self.parameters[0]
+        by = one.coordinate(value) - one.coordinate(null)
+        return one.value(max(0.0, one.coordinate(declared) + by))
+
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
+        """Stretch by a tenth of what is pulled in at the largest tension."""
+        longest = max((experiment.robot.end(t) for t in experiment.robot.tendons), default=0.0)
+        if longest == 0.0:
+            return []
+        share = max(0.1 * excitation.displacement, 1e-5 * longest) / longest
+        compliance = self.parameters[0].coordinate(self.null_values(experiment)["axial_stiffness"])
+        return [[{"axial_stiffness": 1.0 / (compliance + share / max(excitation.tension, 1e-6))}]]
+
+
+class Pretension(TendonNumber):
+    """Tendons pulled in before what is called zero."""
+
+    name = "pretension"
+    description = (
+        "Elastic tendons are tightened before the displacements are counted: they act on each other through the "
+        "backbone, and become slack only when let out by more than their stretch."
+    )
+    separating_experiment = "let one tendon out step by step until it is slack"
+    after = ("tendon_stretch",)
+    parameters = (
+        Parameter("tension", "N", 0.0, 1e3, 0.0, 0.05, "of the tendons in the straight, unloaded robot"),
+    )
+
+    def declared(self, experiment: Experiment, tendon: Tendon) -> float:
+        """Its pretension."""
+        return tendon.pretension
+
+    def applies_to(self, tendon: Tendon) -> bool:
+        """Where there are elastic tendons, to those: the tension of one that does not stretch follows from them."""
+        return tendon.axial_stiffness is not None
+
+    def with_number(self, tendon: Tendon, value: float) -> Tendon:
+        """With another pretension."""
+        return replace(tendon, pretension=value)
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`.
+
+        Raises
+        ------
+        ValueError
+            No tendon is elastic.
+        """
+        tendons = experiment.robot.tendons
+        given = any(x != self.null_value(experiment, name) for name, x in values.items())
+        if given and tendons and not any(self.applies_to(t) for t in tendons):
+            raise ValueError(
+                "effect pretension: no tendon is elastic; give their axial_stiffness, or tendon_stretch"
+            )
+        return super().apply(experiment, values)
+
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
+        """A twentieth and a half of the largest tension; nothing unless elastic tendons are driven by displacement."""
+        robot, steps = experiment.robot, experiment.steps
+        elastic = {t.name for t in robot.tendons if t.axial_stiffness is not None}
+        if not steps or not elastic or not elastic <= set(steps[0].displacements):
+            return []
+        null, largest = self.null_values(experiment)["tension"], max(excitation.tension, 0.01)
+        return [[{"tension": null + share * largest}] for share in (0.05, 0.5)]

@@ -1,13 +1,25 @@
-"""Effects of the holes and their places: friction, adhesion, twisted routing, clearance."""
+"""Effects of holes and channels and of their places: friction, adhesion, twisted routing, clearance."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
-from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Parameter, Values, with_friction
+from tdcr_fe.effects.base import (
+    Bounds,
+    Effect,
+    ExcitationRange,
+    Experiment,
+    Form,
+    Parameter,
+    Points,
+    Values,
+    with_friction,
+)
 from tdcr_fe.effects.by_tendon import TendonNumber, mean, shifted
-from tdcr_fe.model.routing import TwistedRouting
+from tdcr_fe.model.routing import MisplacedRouting, TwistedRouting
 from tdcr_fe.model.tendon import Tendon
 
 
@@ -48,10 +60,31 @@ class FrictionCoefficient(TendonNumber):
         return with_friction(super().apply(experiment, values))
 
 
-class HoleAdhesion(Effect):
+class CommonNumber(Effect):
+    """An effect whose parameter is the mean of one field of all tendons; where these differ, in proportion."""
+
+    field: str = ""
+
+    def null_values(self, experiment: Experiment) -> dict[str, float]:
+        """The mean of the tendons' declared values."""
+        declared = [getattr(t, self.field) for t in experiment.robot.tendons]
+        return {self.parameters[0].name: mean(declared) if declared else 0.0}
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`; numbers that differ between tendons keep their proportions."""
+        name = self.parameters[0].name
+        value, null = values[name], self.null_values(experiment)[name]
+        tendons = []
+        for t in experiment.robot.tendons:
+            changed: dict[str, Any] = {self.field: shifted(getattr(t, self.field), null, value)}
+            tendons.append(replace(t, **changed))
+        return experiment.with_robot(tendons=tuple(tendons))
+
+
+class HoleAdhesion(CommonNumber):
     """A tension drop at every hole that does not grow with the tension."""
 
-    name = "hole_adhesion"
+    name, field = "hole_adhesion", "adhesion"
     needs_disks = needs_friction = True
     description = (
         "Every hole takes a fixed piece of tension: a tight fit, dirt, a sheath that pinches, glue that ran."
@@ -63,14 +96,9 @@ class HoleAdhesion(Effect):
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
         """The mean of the tendons' declared values; zero where the model has no friction."""
-        tendons = experiment.robot.tendons
-        if experiment.model.friction == "none" or not tendons:
-            return {"drop": 0.0}
-        return {"drop": mean([t.adhesion for t in tendons])}
+        return {"drop": 0.0} if experiment.model.friction == "none" else super().null_values(experiment)
 
-    def probe_points(
-        self, experiment: Experiment, excitation: ExcitationRange
-    ) -> list[list[dict[str, float]]]:
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """All holes together take a twentieth, or a fifth, of the largest tension."""
         holes = max(
             (len(experiment.robot.hole_arc_lengths(t)) - 2 for t in experiment.robot.tendons), default=0
@@ -81,14 +109,10 @@ class HoleAdhesion(Effect):
         return [[{"drop": declared + share * excitation.tension / holes}] for share in (0.05, 0.2)]
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`; drops that differ between tendons keep their proportions."""
-        drop, null = values["drop"], self.null_values(experiment)["drop"]
-        if drop == null:
+        """See `Effect.apply`; friction is switched on where the model has none."""
+        if values["drop"] == self.null_values(experiment)["drop"]:
             return experiment
-        tendons = tuple(
-            replace(t, adhesion=shifted(t.adhesion, null, drop)) for t in experiment.robot.tendons
-        )
-        return with_friction(experiment.with_robot(tendons=tendons))
+        return with_friction(super().apply(experiment, values))
 
 
 class RoutingTwist(Effect):
@@ -113,10 +137,10 @@ class RoutingTwist(Effect):
         return experiment.with_robot(tendons=tendons)
 
 
-class HoleClearance(Effect):
+class HoleClearance(CommonNumber):
     """The tendon shifts inside an oversized hole."""
 
-    name = "hole_clearance"
+    name, field = "hole_clearance", "clearance"
     needs_disks = True
     description = (
         "Holes are wider than the tendon, so that where the robot bends the tendon shifts towards the inside of the "
@@ -125,12 +149,7 @@ class HoleClearance(Effect):
     separating_experiment = "repeat the measurement with a thicker tendon, or measure the holes"
     parameters = (Parameter("clearance", "m", 0.0, 5e-3, 0.0, 1e-4, "how far the tendon can shift sideways"),)
 
-    def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """The mean of the tendons' declared values."""
-        tendons = experiment.robot.tendons
-        return {"clearance": mean([t.clearance for t in tendons]) if tendons else 0.0}
-
-    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
+    def bounds(self, experiment: Experiment) -> Bounds:
         """At most half of the smallest offset, or the declared value."""
         offsets = [
             math.hypot(x, y)
@@ -141,19 +160,83 @@ class HoleClearance(Effect):
         upper = min(5e-3, 0.5 * min(offsets, default=1e-2))
         return {"clearance": (0.0, max(upper, self.null_values(experiment)["clearance"]))}
 
-    def probe_points(
-        self, experiment: Experiment, excitation: ExcitationRange
-    ) -> list[list[dict[str, float]]]:
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """A fiftieth and a twelfth of the smallest offset."""
         upper = self.bounds(experiment)["clearance"][1]
         declared = self.null_values(experiment)["clearance"]
         return [[{"clearance": declared + share * (upper - declared)}] for share in (0.04, 0.16)]
 
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`; clearances that differ between tendons keep their proportions."""
-        null = self.null_values(experiment)["clearance"]
-        tendons = tuple(
-            replace(t, clearance=shifted(t.clearance, null, values["clearance"]))
-            for t in experiment.robot.tendons
+
+#: Numbers of a channel and what they are where it runs as declared; the names are those of `MisplacedRouting`.
+AS_DECLARED = {"factor_base": 1.0, "factor_end": 1.0, "angle_base": 0.0, "angle_end": 0.0}
+
+
+def _parameter(name: str) -> Parameter:
+    kind, where = name.split("_")
+    at = "at the base plate" if where == "base" else "at the tendon's end"
+    if kind == "factor":
+        return Parameter(name, "1", 0.1, 5.0, 1.0, 0.02, f"factor on the distance from the axis {at}")
+    return Parameter(name, "rad", -1.6, 1.6, 0.0, 0.03, f"angle about the axis {at}")
+
+
+class MisplacedChannels(Effect):
+    """Channels run farther from the axis or nearer to it, or at another angle, linearly from base to end.
+
+    A number holds for all tendons, and ``NAME_TENDON`` for one of them.
+    """
+
+    name = "misplaced_channels"
+    description = (
+        "The channels of the tendons run elsewhere in the body than declared: the pins that leave them free bend or "
+        "shift in the mould when it is filled."
+    )
+    separating_experiment = "cut a casting of the same mould across, and measure where the channels are"
+    parameters = (_parameter("factor_end"),)
+    _further = tuple(_parameter(n) for n in AS_DECLARED if n != "factor_end")
+
+    def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
+        """The offset at the end, an angle for each tendon, both, or all for each; none where disks hold the holes."""
+        tendons = experiment.robot.tendon_names
+        if not experiment.robot.without_disks or not tendons:
+            return ()
+        angles = [f"angle_{where}_{t}" for where in ("base", "end") for t in tendons]
+        each = [f"factor_end_{t}" for t in tendons]
+        return (
+            self,
+            Form(self, "angles", angles, experiment),
+            Form(self, "offset and angles", ["factor_end", *angles], experiment),
+            Form(self, "each", [*each, *angles], experiment),
         )
+
+    def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
+        """Of all tendons, and of each."""
+        common = (*self.parameters, *self._further)
+        each = tuple(
+            replace(p, name=f"{p.name}_{t}", meaning=f"{p.meaning}: {t}")
+            for p in common
+            for t in experiment.robot.tendon_names
+        )
+        return (*common, *each)
+
+    @property
+    def further_parameters(self) -> Mapping[str, Parameter]:
+        """See `Effect.further_parameters`."""
+        return {
+            "^factor_(base|end)(_.+)?$": self.parameters[0],
+            "^angle_(base|end)(_.+)?$": _parameter("angle_base"),
+        }
+
+    def null_value(self, experiment: Experiment, name: str) -> float:
+        """One for factors, zero for angles."""
+        return 1.0 if name.startswith("factor") else 0.0
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`."""
+        tendons = tuple(_moved(t, values) for t in experiment.robot.tendons)
         return experiment.with_robot(tendons=tendons)
+
+
+def _moved(tendon: Tendon, values: Values) -> Tendon:
+    """A tendon whose channel runs elsewhere."""
+    own = {n: values.get(f"{n}_{tendon.name}", values.get(n, x)) for n, x in AS_DECLARED.items()}
+    return tendon if own == AS_DECLARED else replace(tendon, routing=MisplacedRouting(tendon.routing, **own))

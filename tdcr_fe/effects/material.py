@@ -1,4 +1,4 @@
-"""Effects of the backbone, its base and its disks: stiffness, superelasticity, precurvature, thick disks, creep."""
+"""Effects of the backbone, its material, weight, base and disks: stiffness, precurvature, creep, gravity, ..."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import itertools
 import math
 from dataclasses import replace
 
-from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Parameter, Values
-from tdcr_fe.model.backbone import StiffnessPatch, Superelastic
+from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Parameter, Points, Values
+from tdcr_fe.model.backbone import NonlinearMaterial, StiffnessPatch, Superelastic
 
 
 class StiffnessScale(Effect):
@@ -27,10 +27,8 @@ class StiffnessScale(Effect):
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
         b = experiment.robot.backbone
-        changed = replace(
-            b, bending_stiffness=b.EI * values["bending"], torsional_stiffness=b.GJ * values["torsion"]
-        )
-        return experiment.with_robot(backbone=changed)
+        bending, torsion = b.EI * values["bending"], b.GJ * values["torsion"]
+        return experiment.with_backbone(bending_stiffness=bending, torsional_stiffness=torsion)
 
 
 class SuperelasticBackbone(Effect):
@@ -63,15 +61,9 @@ class SuperelasticBackbone(Effect):
         law = None
         if values["plateau_ratio"] < 1.0:
             law = Superelastic(values["threshold_strain"], values["plateau_ratio"])
-        return experiment.with_robot(backbone=replace(experiment.robot.backbone, superelastic=law))
+        return experiment.with_backbone(superelastic=law)
 
-    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
-        """See `Effect.bounds`."""
-        return {"threshold_strain": (1e-5, 0.2), "plateau_ratio": (0.01, 1.0)}
-
-    def probe_points(
-        self, experiment: Experiment, excitation: ExcitationRange
-    ) -> list[list[dict[str, float]]]:
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """Thresholds at shares of the largest strain in the data; steps from a declared law."""
         law = experiment.robot.backbone.superelastic
         if law is not None:
@@ -109,8 +101,7 @@ class Precurvature(Effect):
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
-        bent = (values["kappa_x"], values["kappa_y"])
-        return experiment.with_robot(backbone=replace(experiment.robot.backbone, precurvature=bent))
+        return experiment.with_backbone(precurvature=(values["kappa_x"], values["kappa_y"]))
 
 
 class BaseCompliance(Effect):
@@ -141,9 +132,7 @@ class BaseCompliance(Effect):
         declared = experiment.robot.base_stiffness
         return {"stiffness": math.inf if declared is None else declared}
 
-    def probe_points(
-        self, experiment: Experiment, excitation: ExcitationRange
-    ) -> list[list[dict[str, float]]]:
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """As compliant as a fiftieth of the backbone."""
         parameter, backbone = self.parameters[0], experiment.robot.backbone
         compliance = parameter.coordinate(self.null_values(experiment)["stiffness"])
@@ -174,15 +163,13 @@ class RigidDisks(Effect):
         """The declared values."""
         return {"thickness": experiment.robot.disks.thickness}
 
-    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
+    def bounds(self, experiment: Experiment) -> Bounds:
         """Largest thickness that leaves a flexible part of the shortest bay."""
         s = (0.0, *experiment.robot.disks.positions)
         first = 2.0 * s[1]
         return {"thickness": (0.0, 0.95 * min([first, *(b - a for a, b in itertools.pairwise(s))]))}
 
-    def probe_points(
-        self, experiment: Experiment, excitation: ExcitationRange
-    ) -> list[list[dict[str, float]]]:
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """A tenth of a bay."""
         upper = self.bounds(experiment)["thickness"][1]
         here = self.null_values(experiment)["thickness"]
@@ -217,7 +204,7 @@ class ThinDisks(RigidDisks):
             rigid = (0.5 if k == 0 else 1.0) * thickness
             factor = (end - start) / (end - start - rigid)
             bays.append(StiffnessPatch(start, end, factor, factor))
-        return experiment.with_robot(backbone=replace(backbone, patches=(*backbone.patches, *bays)))
+        return experiment.with_backbone(patches=(*backbone.patches, *bays))
 
 
 class Creep(Effect):
@@ -241,13 +228,138 @@ class Creep(Effect):
         """The declared values."""
         return {"rate": experiment.robot.backbone.creep_rate}
 
-    def probe_points(
-        self, experiment: Experiment, excitation: ExcitationRange
-    ) -> list[list[dict[str, float]]]:
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """A twentieth more compliance at the end."""
         declared = experiment.robot.backbone.creep_rate
         return [[{"rate": declared + 0.05 / excitation.duration}]] if excitation.duration > 0.0 else []
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
-        return experiment.with_robot(backbone=replace(experiment.robot.backbone, creep_rate=values["rate"]))
+        return experiment.with_backbone(creep_rate=values["rate"])
+
+
+#: Axial strain by the largest commanded tension, or by the weight, from which a body counts as soft [1].
+SOFT_STRAIN = 5e-3
+
+
+def is_soft(experiment: Experiment) -> bool:
+    """Whether the loads stretch or compress the backbone so much that its modulus shows in more than bending."""
+    backbone = experiment.robot.backbone
+    weight = backbone.mass_per_length * backbone.length * max(map(abs, experiment.model.gravity))
+    return max(experiment.largest_tension, weight) > SOFT_STRAIN * backbone.EA
+
+
+class SoftEffect(Effect):
+    """An effect that a search tries only on soft bodies: in others it is a listed effect of bending, or nothing."""
+
+    def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
+        """None where the loads hardly stretch the backbone."""
+        return super().forms(experiment) if is_soft(experiment) else ()
+
+
+class ModulusScale(SoftEffect):
+    """Young's modulus other than declared."""
+
+    name = "modulus_scale"
+    description = (
+        "The material is softer or stiffer than declared, in bending, torsion, stretching and shear alike: another "
+        "batch or mixture of a silicone, its age, its temperature."
+    )
+    separating_experiment = "hang a weight from a strip of the same casting and measure how far it stretches"
+    parameters = (
+        Parameter("factor", "1", 0.02, 50.0, 1.0, 0.05, "factor on all stiffnesses of the backbone"),
+    )
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`; stiffnesses that are declared are scaled as those from the modulus."""
+        backbone, factor = experiment.robot.backbone, values["factor"]
+        names = ("bending_stiffness", "torsional_stiffness", "axial_stiffness", "shear_stiffness")
+        declared = {n: getattr(backbone, n) * factor for n in names if getattr(backbone, n) is not None}
+        return experiment.with_backbone(youngs_modulus=backbone.youngs_modulus * factor, **declared)
+
+
+class DensityScale(SoftEffect):
+    """Weight of the body other than declared."""
+
+    name = "density_scale"
+    description = (
+        "The body is lighter or heavier than declared: bubbles in the casting, a filler, hollow channels. Only its "
+        "ratio to the modulus and the tensions shows in the shape."
+    )
+    separating_experiment = "weigh the robot"
+    parameters = (Parameter("factor", "1", 0.02, 50.0, 1.0, 0.05, "factor on the density of the backbone"),)
+
+    def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
+        """None where nothing is heavy in the declared model: there `gravity` is the effect."""
+        heavy = experiment.robot.backbone.density > 0.0 and any(experiment.model.gravity)
+        return super().forms(experiment) if heavy else ()
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`."""
+        return experiment.with_backbone(density=experiment.robot.backbone.density * values["factor"])
+
+
+class NonlinearBackbone(SoftEffect):
+    """Fibres along the backbone that harden or soften with their strain."""
+
+    name = "nonlinear_material"
+    description = (
+        "The stress does not grow in proportion to the strain, E (e + quadratic e^2 + cubic e^3): rubber, foam, soft "
+        "prints. Compressed by its tendons, such a body bends more or less easily."
+    )
+    separating_experiment = "stretch and compress a sample of the material and record the force"
+    parameters = (
+        Parameter(
+            "quadratic", "1", -20.0, 20.0, 0.0, 0.3, "below zero softer in tension than in compression"
+        ),
+        Parameter("cubic", "1", -30.0, 400.0, 0.0, 1.0, "hardening, below zero softening"),
+    )
+
+    def null_values(self, experiment: Experiment) -> dict[str, float]:
+        """The declared law; zero where the material is linear."""
+        law = experiment.robot.backbone.nonlinear or NonlinearMaterial()
+        return {"quadratic": law.quadratic, "cubic": law.cubic}
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`."""
+        law = NonlinearMaterial(values["quadratic"], values["cubic"])
+        declared = experiment.robot.backbone.nonlinear is not None
+        return experiment.with_backbone(nonlinear=law if declared or law != NonlinearMaterial() else None)
+
+
+class Gravity(Effect):
+    """Weight of backbone and disks."""
+
+    name = "gravity"
+    description = (
+        "Backbone, disks and payload have weight, or the robot's orientation differs from the model's."
+    )
+    separating_experiment = "measure the unloaded shape in two orientations of the base"
+    parameters = tuple(
+        Parameter(f"g_{axis}", "m/s^2", -12.0, 12.0, 0.0, 1.0, f"acceleration of gravity along {axis}")
+        for axis in "xyz"
+    )
+
+    def null_values(self, experiment: Experiment) -> dict[str, float]:
+        """Declared gravity."""
+        return dict(zip(("g_x", "g_y", "g_z"), experiment.model.gravity, strict=True))
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`."""
+        gravity = (values["g_x"], values["g_y"], values["g_z"])
+        return replace(experiment, model=replace(experiment.model, gravity=gravity))
+
+
+class TipPayload(Effect):
+    """An undeclared mass at the tip."""
+
+    name = "tip_payload"
+    description = (
+        "Something sits at the tip that was not declared: a camera, a marker, a screw, the knot of a tendon."
+    )
+    separating_experiment = "weigh what is at the tip, or hang a known weight there and compare"
+    parameters = (Parameter("mass", "kg", 0.0, 10.0, 0.0, 5e-4, "mass at the tip besides the declared one"),)
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`."""
+        return experiment.with_robot(tip_mass=experiment.robot.tip_mass + values["mass"])

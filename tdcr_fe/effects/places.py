@@ -10,14 +10,17 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from tdcr_fe.effects.base import (
+    Bounds,
     Effect,
     ExcitationRange,
     Experiment,
     Parameter,
+    Points,
     Values,
     with_friction,
 )
@@ -71,9 +74,7 @@ class PlaceEffect(Effect):
         """None along the whole robot."""
         return ()
 
-    def probe_points(
-        self, experiment: Experiment, excitation: ExcitationRange
-    ) -> list[list[dict[str, float]]]:
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """None: the place has no derivative at the null value. `at` has them."""
         return []
 
@@ -93,7 +94,7 @@ class PlaceEffect(Effect):
         """The effect at a fixed place."""
         return EffectAtPlace(self, place)
 
-    def size_probes(self, experiment: Experiment, place: Place) -> list[list[dict[str, float]]]:
+    def size_probes(self, experiment: Experiment, place: Place) -> Points:
         """As `Effect.probe_points`, for the parameters of the size."""
         raise NotImplementedError
 
@@ -151,14 +152,12 @@ class EffectAtPlace(Effect):
         at = int(np.argmin([abs(p["s"] - self.place["s"]) for p in along]))
         return [self.general.at(along[k]) for k in (at - 1, at + 1) if 0 <= k < len(along)]
 
-    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
+    def bounds(self, experiment: Experiment) -> Bounds:
         """See `Effect.bounds`."""
         every = self.general.bounds(experiment)
         return {p.name: every[p.name] for p in self.parameters}
 
-    def probe_points(
-        self, experiment: Experiment, excitation: ExcitationRange
-    ) -> list[list[dict[str, float]]]:
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """See `Effect.probe_points`."""
         return self.general.size_probes(experiment, self.place)
 
@@ -186,7 +185,7 @@ class SoftBay(BayEffect):
         Parameter("factor", "1", 0.02, 50.0, 1.0, 0.2, "factor on the bending stiffness", inverse=True),
     )
 
-    def size_probes(self, experiment: Experiment, place: Place) -> list[list[dict[str, float]]]:
+    def size_probes(self, experiment: Experiment, place: Place) -> Points:
         """A fifth softer."""
         return [[{"factor": 0.8}]]
 
@@ -207,7 +206,7 @@ class Kink(BayEffect):
         Parameter("kappa_y", "1/m", -200.0, 200.0, 0.0, 0.5, "turning rate about the section's y axis"),
     )
 
-    def size_probes(self, experiment: Experiment, place: Place) -> list[list[dict[str, float]]]:
+    def size_probes(self, experiment: Experiment, place: Place) -> Points:
         """A hundredth of a radian about both axes."""
         a, b = bay_at(experiment.robot, place["s"])
         rate = 0.01 / (b - a)
@@ -218,11 +217,10 @@ class Kink(BayEffect):
         return _with_patch(experiment, values["s"], precurvature=(values["kappa_x"], values["kappa_y"]))
 
 
-def _with_patch(experiment: Experiment, s: float, **changes: object) -> Experiment:
+def _with_patch(experiment: Experiment, s: float, **changes: Any) -> Experiment:
     """The experiment with a patch of the backbone over the bay at an arc length [m]."""
-    backbone = experiment.robot.backbone
-    patch = StiffnessPatch(*bay_at(experiment.robot, s), **changes)  # type: ignore[arg-type]
-    return experiment.with_robot(backbone=replace(backbone, patches=(*backbone.patches, patch)))
+    patch = StiffnessPatch(*bay_at(experiment.robot, s), **changes)
+    return experiment.with_backbone(patches=(*experiment.robot.backbone.patches, patch))
 
 
 class SpringToGround(PlaceEffect):
@@ -240,7 +238,7 @@ class SpringToGround(PlaceEffect):
         """All disks, and the tip."""
         return [{"s": b} for _, b in bays(robot)]
 
-    def size_probes(self, experiment: Experiment, place: Place) -> list[list[dict[str, float]]]:
+    def size_probes(self, experiment: Experiment, place: Place) -> Points:
         """A hundredth of the robot's own stiffness against a force there."""
         return [[{"stiffness": 0.03 * experiment.robot.backbone.EI / place["s"] ** 3}]]
 
@@ -286,7 +284,7 @@ class StuckHole(PlaceEffect):
         """The tendon is certain."""
         return {"tendon": 0.0, **super().spread(robot, place)}
 
-    def size_probes(self, experiment: Experiment, place: Place) -> list[list[dict[str, float]]]:
+    def size_probes(self, experiment: Experiment, place: Place) -> Points:
         """A tenth and the whole of the largest tension that is commanded."""
         return [[{"drop": share * _largest_tension(experiment)}] for share in (0.1, 1.0)]
 
@@ -315,9 +313,8 @@ class StuckHole(PlaceEffect):
 
 def _largest_tension(experiment: Experiment) -> float:
     """Largest commanded tension; driven by displacement, that which bends the robot by two radians [N]."""
-    largest = max((t for s in experiment.steps for t in s.tensions.values()), default=0.0)
-    if largest > 0.0:
-        return largest
+    if experiment.largest_tension > 0.0:
+        return experiment.largest_tension
     robot = experiment.robot
     lever = min((float(np.hypot(*robot.holes(t).T).max()) for t in robot.tendons), default=1e-3)
     return 2.0 * robot.backbone.EI / (max(lever, 1e-6) * robot.backbone.length)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tdcr_fe.effects.actuation import loads_between
-from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Parameter, Values
+from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Parameter, Points, Values
 from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 
 
@@ -24,16 +24,14 @@ class TimeLag(Effect):
         Parameter("lag", "s", 0.0, 3600.0, 0.0, 0.02, "time by which a reading is older than its command"),
     )
 
-    def bounds(self, experiment: Experiment) -> dict[str, tuple[float, float]]:
+    def bounds(self, experiment: Experiment) -> Bounds:
         """Up to four times the median time between steps."""
         pauses = np.diff([s.time for s in experiment.steps if s.time is not None])
         return {
             "lag": (0.0, 4.0 * float(np.median(pauses)) if pauses.size and np.any(pauses > 0.0) else 1e-3)
         }
 
-    def probe_points(
-        self, experiment: Experiment, excitation: ExcitationRange
-    ) -> list[list[dict[str, float]]]:
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """A tenth and a half of the median time between steps; nothing on data without times."""
         if not experiment.steps or any(s.time is None for s in experiment.steps):
             return []

@@ -1,8 +1,9 @@
-"""Solve cases of a sweep: from their values to their numbers or the reason why there are none. Runs in workers."""
+"""Solve cases of a sweep, also for Exudyn: from their values to their numbers or the reason why there are none."""
 
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -14,14 +15,14 @@ import numpy as np
 
 from tdcr_fe.io.effects import effects_reader
 from tdcr_fe.io.own_effects import read_own_effects
-from tdcr_fe.io.problems import InputError
-from tdcr_fe.io.toml import ScenarioTables, TableReader, build_scenario
+from tdcr_fe.io.problems import InputError, Reporter
+from tdcr_fe.io.toml import ScenarioTables, TableReader, build_scenario, read_scenario_tables
 from tdcr_fe.model.dataframes import AFTER_TENDONS, OF_TENDONS
-from tdcr_fe.model.messages import shown
+from tdcr_fe.model.messages import meant, shown
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.sweeps.description import Mode, Output, Sweep, Variation
-from tdcr_fe.sweeps.keys import Change, Key, KeyProblem, set_value
+from tdcr_fe.sweeps.description import Mode, Output, Sampling, Sweep, Variation
+from tdcr_fe.sweeps.keys import Change, Key, KeyProblem, parse_key, set_value
 
 #: "converged"; "not converged": a load step failed; "invalid": no robot or scenario has these values; "error": an
 #: unexpected failure, also of a function of the user's own; "not run".
@@ -200,3 +201,88 @@ def numbers_of(result: SequenceResult, output: Output) -> dict[str, float]:
         for name, value in zip(names, _numbers_of_step(step), strict=True)
         if not output.quantities or name in output.quantities
     }
+
+
+#: Keys that Exudyn adds to the parameters of a case.
+_OF_EXUDYN = {"computationIndex", "functionData"}
+
+
+@dataclass(frozen=True)
+class ParameterFunction:
+    """Called with values by key, it solves the scenario with them; made by `parameter_function`.
+
+    Attributes
+    ----------
+    sweep : Sweep
+        The scenario, and what is kept of a result.
+    columns : tuple of str
+        What a call returns.
+    """
+
+    sweep: Sweep
+    columns: tuple[str, ...]
+
+    def __call__(self, parameterDict: Mapping[str, Any]) -> list[float]:
+        """Solve the scenario with these values.
+
+        Parameters
+        ----------
+        parameterDict
+            Values by keys such as ``"backbone.radius"`` or ``"steps[0].tensions.t1"``.
+
+        Returns
+        -------
+        list of float
+            One number a column; NaN where the case did not converge or is invalid.
+
+        Raises
+        ------
+        KeyProblem
+            A key names nothing in the files.
+        """
+        named = [(parse_key(k), v) for k, v in parameterDict.items() if k not in _OF_EXUDYN]
+        values = tuple(v.item() if hasattr(v, "item") else v for _, v in named)
+        variations = tuple(Variation(key.text, (key,)) for key, _ in named)
+        one = replace(self.sweep, variations=variations)
+        tables_with(one, zip(variations, values, strict=True))  # a wrong key is the caller's mistake
+        (outcome,) = solve_cases(Job(one), [(1, values)])
+        return [outcome.numbers.get(name, math.nan) for name in self.columns]
+
+
+def parameter_function(
+    scenario: str | os.PathLike[str],
+    quantities: Sequence[str] = ("tip_x", "tip_y", "tip_z"),
+    *,
+    effects: Sequence[str | os.PathLike[str]] = (),
+) -> ParameterFunction:
+    """A scenario as a function of parameters, as `exudyn.processing.ParameterVariation` takes it.
+
+    Parameters
+    ----------
+    scenario
+        Path of a `scenario.toml`.
+    quantities
+        Columns of `steps.csv`; those of the last load step are returned, in this order.
+    effects
+        Python files with effects of one's own.
+
+    Returns
+    -------
+    ParameterFunction
+        From a dictionary of values by key to a list of numbers. It can be sent to other processes.
+
+    Raises
+    ------
+    InputError
+        A file is wrong, or a quantity is unknown.
+    """
+    tables, files = read_scenario_tables(scenario), tuple(map(str, effects))
+    known = columns_of_steps(build_scenario(tables, _readers(files)).robot.tendon_names)
+    report = Reporter("parameter_function")
+    for name in quantities:
+        if name not in known:
+            report("quantities", name, f"unknown{meant(name, known)}; there are {', '.join(known)}")
+    if report.problems:
+        raise InputError(report.problems)
+    base = Sweep(tables, (), Sampling(), Output(quantities=tuple(quantities)), effects=files)
+    return ParameterFunction(base, tuple(quantities))

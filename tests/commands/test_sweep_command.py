@@ -38,7 +38,7 @@ def here(monkeypatch):
 
 
 def in_process(job, cases):
-    from tdcr_fe.sweeps.execution import outcomes
+    from tdcr_fe.sweeps.run import outcomes
 
     yield from outcomes(job, cases, InProcess(), 1)
 

@@ -1,4 +1,4 @@
-"""A base that gives way: closed forms, the reference, the file."""
+"""A base that gives way: closed forms and the reference."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, distance, solve, three
 
-from tdcr_fe.effects import Experiment, effect, with_effect
-from tdcr_fe.io.toml import read_robot
-from tdcr_fe.io.write_toml import robot_to_toml
+from tdcr_fe.effects import Experiment, with_effect
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.validation.reference import solve_reference
@@ -42,28 +40,13 @@ def test_a_small_tip_force_deflects_the_tip_by_both_compliances():
     assert found.tip[1] == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.integration
 def test_tendons_and_friction_agree_with_the_reference():
-    robot = replace(three(0.2), base_stiffness=K)
+    robot = with_effect(Experiment(three(0.2), Model(), ()), "base_compliance", stiffness=K).robot
+    assert robot == replace(three(0.2), base_stiffness=K)
     steps = [LoadStep(tensions={"t1": 1.0, "t2": 0.3}), LoadStep(tensions={"t1": 0.5, "t3": 0.4})]
     ours = solve(robot, steps, elements_per_bay=2)
     theirs = solve_reference(robot, Model(), steps)
     assert theirs.converged, theirs.message
     assert distance(ours.tips, theirs.tips) < 1e-4
     assert distance(ours.tips, solve(three(0.2), steps, elements_per_bay=2).tips) > 0.05
-
-
-def test_a_stiff_base_is_a_rigid_one():
-    steps = [LoadStep(tensions={"t1": 1.0, "t2": 0.3})]
-    stiff = solve(replace(three(0.2), base_stiffness=1e4), steps).tips
-    assert distance(stiff, solve(three(0.2), steps).tips) < 1e-4
-
-
-def test_the_effect_replaces_what_is_declared_and_goes_through_the_file(tmp_path):
-    setup = Experiment(three(), Model(), ())
-    e = effect("base_compliance")
-    assert e.apply(setup, e.null_values(setup)).robot == setup.robot
-    changed = with_effect(setup, "base_compliance", stiffness=0.5)
-    assert changed.robot.base_stiffness == 0.5
-    file = tmp_path / "robot.toml"
-    file.write_text(robot_to_toml(changed.robot))
-    assert read_robot(file) == changed.robot

@@ -14,15 +14,11 @@ from tdcr_fe.effects import (
     Observation,
     effect,
     with_effect,
-    with_effects,
 )
 from tdcr_fe.effects.by_tendon import segments
 from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.reader import Reader
-from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.io.toml import read_scenario
-from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.solve.simulate import simulate
 
@@ -79,12 +75,9 @@ def test_the_most_particular_number_counts(name, field, prefix):
     changed = with_effect(SETUP, name, **{f"{prefix}_segment_1": 2.0, f"{prefix}_next": 3.0}).robot
     assert {t.name: getattr(t, field) for t in changed.tendons} == {**declared, "near": 2.0, "next": 3.0}
     every = with_effect(SETUP, name, **{prefix: 1.5, f"{prefix}_segment_2": 2.5}).robot
-    mean = {"tip": 2.5, "far": 2.5}
-    if name == "friction_coefficient":  # declared 0.2 and 0.3: in proportion to their mean
-        expected = {**mean, "near": 0.3 / 0.25 * 1.5, "next": 0.3 / 0.25 * 1.5}
-        mean = {"tip": 2.5, "far": 2.5}
-    else:
-        expected = {**mean, "near": 1.5, "next": 1.5}
+    # Coefficients of friction, declared as 0.2 and 0.3, are in proportion to their mean.
+    near = 0.3 / 0.25 * 1.5 if name == "friction_coefficient" else 1.5
+    expected = {"tip": 2.5, "far": 2.5, "near": near, "next": near}
     assert {t.name: getattr(t, field) for t in every.tendons} == pytest.approx(expected)
 
 
@@ -118,14 +111,6 @@ def test_pretension_is_that_of_the_elastic_tendons():
     assert effect("pretension").probe_points(Experiment(three(), MODEL, STEPS), ExcitationRange()) == []
     with pytest.raises(ValueError, match="no tendon is elastic"):
         with_effect(Experiment(three(), MODEL, STEPS), "pretension", tension=1.5)
-
-
-def test_stretch_of_one_segment_leaves_the_other_tendons_alone():
-    softer = with_effect(SETUP, "tendon_stretch", axial_stiffness_segment_1=50.0)
-    by_hand = TWO.with_tendons(["near", "next"], axial_stiffness=50.0)
-    tips = [simulate(r, MODEL, STEPS).tips for r in (softer.robot, by_hand, TWO)]
-    np.testing.assert_array_equal(tips[0], tips[1])
-    assert np.linalg.norm(tips[0][1] - tips[2][1]) > 1e-4
 
 
 def read(setup, readings):
@@ -174,14 +159,3 @@ def test_two_frames_follow_one_another():
     step = with_effect(SETUP, "frame_misalignment", **first).observation.seen(point)
     expected = with_effect(SETUP, "frame_misalignment", **second).observation.seen(step)
     np.testing.assert_allclose(both.observation.seen(point), expected, atol=1e-15)
-
-
-def test_numbers_of_segments_and_tendons_stand_in_files(tmp_path):
-    (tmp_path / "robot.toml").write_text(robot_to_toml(TWO))
-    text, path = scenario_to_toml(MODEL, STEPS), tmp_path / "scenario.toml"
-    path.write_text(text + "\n[effects]\npretension = { tension_segment_2 = 1.5, tension_near = 0.5 }\n")
-    by_hand = with_effects(SETUP, {"pretension": {"tension_segment_2": 1.5, "tension_near": 0.5}})
-    assert read_scenario(path).robot.tendons == by_hand.robot.tendons
-    path.write_text(text + "\n[effects]\npretension = { tension_segment_3 = 1.5 }\n")
-    with pytest.raises(InputError, match="tension_segment_2"):
-        read_scenario(path)

@@ -48,12 +48,6 @@ def test_an_angle_at_the_end_makes_a_helix():
     assert moved(angle_end_a=0.2 * math.pi) == pytest.approx(tips(helix), abs=1e-10)
 
 
-def test_equal_angles_turn_a_straight_channel_about_the_axis():
-    turned = setup(CHANNELS[0], ParallelRouting(6e-3, 100.0))
-    both = {"angle_base_b": math.radians(-20.0), "angle_end_b": math.radians(-20.0)}
-    assert moved(**both) == pytest.approx(tips(turned), abs=1e-10)
-
-
 def test_the_number_of_a_tendon_counts_before_that_of_all():
     one = moved(factor_base_a=1.2, factor_end_a=1.2, factor_base=0.9, factor_end=0.9)
     expected = setup(ParallelRouting(7.2e-3, 0.0), ParallelRouting(5.4e-3, 120.0))

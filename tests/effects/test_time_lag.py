@@ -28,7 +28,7 @@ def read_at(lagged: Experiment) -> list[tuple[float, float]]:
     ]
 
 
-@pytest.mark.parametrize("lag", [0.1, 0.25, 0.5, 1.0, 1.6, 2.5])
+@pytest.mark.parametrize("lag", [0.25, 1.0, 1.6])
 def test_every_reading_sees_the_commands_of_an_earlier_time(lag):
     values = np.array([0.0, 1e-3, 3e-3, 2e-3, -1e-3, 0.0])
     lagged = with_effect(timed(*values), "time_lag", lag=lag)

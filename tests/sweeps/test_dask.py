@@ -21,6 +21,7 @@ range = { start = 0.1, stop = 1.2, count = 40 }
 """
 
 
+@pytest.mark.integration
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.filterwarnings("ignore")
 def test_a_cluster_that_loses_one_of_two_workers_solves_all_cases(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from tdcr_fe.sweeps.sampling import unit_points
-from tdcr_fe.sweeps.statistics import bins, main_effect, sobol_indices, summarise, varies
+from tdcr_fe.sweeps.statistics import sobol_indices, summarise, varies
 
 A, B = 7.0, 0.1
 #: Indices of Ishigami's function (Ishigami and Homma 1990; Saltelli et al., Sensitivity Analysis, 2000, section 2.9.3).
@@ -67,23 +67,6 @@ def test_base_samples_with_a_case_missing_are_left_out():
 def test_a_constant_has_no_indices():
     assert sobol_indices(np.full(50, 3.0), 3) is None
     assert sobol_indices(np.full(50, np.nan), 3) is None
-
-
-def test_main_effects_of_an_additive_function():
-    """Over a full grid the mean at a level is the function of that input plus the mean of the others."""
-    x, y = np.meshgrid(np.arange(4), np.arange(5), indexing="ij")
-    values = (x**2 + 10.0 * y).ravel()
-    mean, error = main_effect(x.ravel(), values, 4)
-    assert np.allclose(mean, np.arange(4) ** 2 + 20.0)
-    assert np.allclose(error, np.std(10.0 * np.arange(5), ddof=1) / np.sqrt(5.0))
-
-
-def test_bins_have_as_many_cases_each():
-    values = np.random.default_rng(2).exponential(size=240)
-    number, means = bins(values)
-    assert np.bincount(number).tolist() == [20] * 12
-    assert (np.diff(means) > 0.0).all()
-    assert values[number == 3].max() < values[number == 4].min()
 
 
 def test_statistics_leave_out_what_did_not_converge():

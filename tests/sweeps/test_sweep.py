@@ -17,6 +17,7 @@ import tdcr_fe as tdcr
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.sweeps.cases import Outcome
 from tdcr_fe.sweeps.result import Collected
+from tdcr_fe.sweeps.run import SweepInterrupted
 
 
 def table(folder):
@@ -49,6 +50,7 @@ def test_every_row_is_the_result_of_its_scenario(tmp_path):
             assert row[name] == expected[name]
 
 
+@pytest.mark.integration
 def test_processes_give_the_same_file_as_this_process(tmp_path):
     path = write_files(tmp_path)
     tdcr.sweep(path, tmp_path / "one", executor=InProcess(), report=False)
@@ -83,13 +85,14 @@ def test_an_interrupted_sweep_continues(tmp_path, torn):
     path = write_files(tmp_path)
     tdcr.sweep(path, tmp_path / "whole", executor=InProcess(), report=False)
     out = tmp_path / "out"
-    first = tdcr.sweep(path, out, executor=InProcess(stop_after=1), in_flight=1, report=False)
+    with pytest.raises(SweepInterrupted) as stop:
+        tdcr.sweep(path, out, executor=InProcess(stop_after=1), in_flight=1, report=False)
+    first = stop.value.result
     done = first.solved_now
     assert first.interrupted and 0 < done < 6
     assert first.counts == {"converged": done, "not run": 6 - done}
-    assert pd.read_csv(out / "cases.csv")["status"].tolist() == ["converged"] * done + ["not run"] * (
-        6 - done
-    )
+    states = pd.read_csv(out / "cases.csv")["status"].tolist()
+    assert states == ["converged"] * done + ["not run"] * (6 - done)
     if torn:
         with (out / "cases.jsonl").open("a") as journal:
             journal.write('{"case": 4, "status": "conv')
@@ -168,6 +171,7 @@ def test_a_function_of_ones_own_adds_columns(tmp_path):
         tdcr.sweep(write_files(tmp_path), executor=InProcess(), evaluate=lambda result: {})
 
 
+@pytest.mark.integration
 def test_a_process_that_dies_costs_its_own_case_only(tmp_path):
     text = 'scenario = "scenario.toml"\n[[vary]]\nkey = "steps[0].tensions.t1"\nvalues = [1.0, 0.5, 1.5]\n'
     result = tdcr.sweep(write_files(tmp_path, text), processes=2, evaluate=unlucky)
@@ -277,7 +281,10 @@ normal = { mean = 1.0, std = 0.2 }
 """
 
 
-@pytest.mark.parametrize(("method", "share"), [("sobol", 0.02), ("latin-hypercube", 0.06)])
+@pytest.mark.parametrize(
+    ("method", "share"),
+    [("sobol", 0.02), pytest.param("latin-hypercube", 0.06, marks=pytest.mark.integration)],
+)
 def test_variance_of_the_deflection_of_a_cantilever(tmp_path, method, share):
     """Tip of a cantilever: ``u = F L^3 / (3 EI) = c F / E`` (Euler, Bernoulli; shear adds 2e-5 of it).
 
@@ -295,6 +302,7 @@ def test_variance_of_the_deflection_of_a_cantilever(tmp_path, method, share):
     assert found.std**2 == pytest.approx(variance, rel=share)
 
 
+@pytest.mark.integration
 def test_sobol_indices_of_the_deflection_of_a_cantilever(tmp_path):
     """``V(E(u | E)) = c^2 m^2 V(1/E)``, ``V(E(u | F)) = c^2 s^2 E(1/E)^2``; the rest is their interaction."""
     text = UNCERTAIN.replace("METHOD", "saltelli").replace("samples = 128", "samples = 64")
