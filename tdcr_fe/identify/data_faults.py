@@ -17,8 +17,8 @@ from tdcr_fe.identify.forward import last_parts
 from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
 from tdcr_fe.identify.result import Jump
-from tdcr_fe.io.cells import number
 from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.spreadsheet import number
 from tdcr_fe.model.loading import LoadStep
 
 Array = NDArray[np.float64]
