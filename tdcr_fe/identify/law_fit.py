@@ -22,14 +22,11 @@ from tdcr_fe.identify.problem import Fit, FitProblem, Point
 
 Array = NDArray[np.float64]
 
-
 #: Iterations of the state at most, and the change that ends them: moments over EI/L, forces over EI/L^2 [1].
 ITERATIONS, TOLERANCE = 15, 2e-6
 
-
 #: Iterations over which the rate of convergence is taken.
 RATE_OVER = 3
-
 
 #: Gauss-Newton iterations of a fit at most.
 FIT_ITERATIONS = 8
@@ -260,7 +257,6 @@ def _trial(
 
 #: Repetitions of reading the missing moments at most.
 READINGS = 5
-
 
 #: Terms of a pair must have a smaller cosine than this.
 PARALLEL = 0.999

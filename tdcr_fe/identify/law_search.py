@@ -37,14 +37,11 @@ from tdcr_fe.identify.settings import A_LAW, Budget, OutOfTime
 
 Array = NDArray[np.float64]
 
-
 #: Terms of a law at most, and candidates that are fitted in a round.
 MOST_TERMS, FITTED = 3, 5
 
-
 #: Sets of terms whose predictions have a larger cosine than this are the same.
 ALIKE = 0.999999
-
 
 #: A further term must lower the held-out misfit at least by this factor.
 LOWER = 0.95
@@ -172,10 +169,8 @@ def _improves(problem: FitProblem, new: LawFit, old: LawFit | Fit, significance:
 #: how many times its first run must fit into them [1].
 LEAST_ITERATIONS, RUNS = 12_000, 40
 
-
 #: Runs after which no further fit of a law begins.
 MOST_RUNS = 120
-
 
 #: A law is fitted before further effects where it leaves, to first order, at most so many times the cost of noise or
 #: this share of what the best effect leaves: the first order is not exact.
@@ -435,7 +430,6 @@ def where(term: Term, edges: Array) -> str:
 
 
 _POWERS = {1: "", 2: "the square of ", 3: "the third power of "}
-
 
 #: What the size of a direction is, in words.
 _SIZES = {
