@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    from tdcr_fe.identify.ceiling import StepFeatures, predicted_residuals
+    from tdcr_fe.identify.explainable_variance import StepFeatures, predicted_residuals
     from tdcr_fe.identify.forward import ForwardModel
     from tdcr_fe.io.measured import join_measured, read_measured
     from tdcr_fe.validation.given_effects.stages import Stage, every_nth_step, fit_in_order, mean_distance
