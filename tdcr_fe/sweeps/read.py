@@ -10,9 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from tdcr_fe.io.effects import effects_reader
 from tdcr_fe.io.keys import json_schema
-from tdcr_fe.io.own_effects import read_own_effects
 from tdcr_fe.io.problems import InputError, Reporter
 from tdcr_fe.io.toml import (
     Scenario,
@@ -24,6 +22,7 @@ from tdcr_fe.io.toml import (
     read_toml,
     with_robot_table,
 )
+from tdcr_fe.io.user_effects import effects_reader, read_own_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import join, meant, quoted, shown

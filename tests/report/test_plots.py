@@ -10,7 +10,7 @@ import pytest
 from arcs import arc_result, paper_robot
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from tdcr_fe.io.tables import PICTURE_FILES
+from tdcr_fe.io.result_files import PICTURE_FILES
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.report import arrows, geometry, plots

@@ -268,7 +268,7 @@ def _results() -> dict[str, bytes]:
     from pathlib import Path
     from tempfile import TemporaryDirectory
 
-    from tdcr_fe.io.tables import write_results
+    from tdcr_fe.io.result_files import write_results
     from tdcr_fe.io.toml import read_scenario
     from tdcr_fe.solve.simulate import simulate
 
