@@ -66,12 +66,6 @@ def test_tapered_robots_converge_to_the_reference_with_order_two(path):
     assert distance(found[2], exact.tips) < 2e-4 and distance(found[3], exact.tips) < 2e-4
 
 
-def test_a_taper_of_equal_radii_changes_nothing():
-    constant = three(0.2).with_backbone(taper=((0.0, R0), (LENGTH, R0)))
-    a = solve(constant, STEPS, elements_per_bay=1, gravity=(0.0, 3.0, -9.81)).tips
-    assert distance(a, solve(three(0.2), STEPS, elements_per_bay=1, gravity=(0.0, 3.0, -9.81)).tips) < 1e-9
-
-
 def test_a_taper_goes_through_the_file_as_radius(tmp_path):
     file = tmp_path / "robot.toml"
     file.write_text(robot_to_toml(BARE))
