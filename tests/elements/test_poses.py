@@ -77,16 +77,6 @@ def test_logarithm_undoes_the_exponential(xi, scale):
     assert poses.log_se3(*poses.exp_se3(scale * xi)) == pytest.approx(scale * xi, abs=1e-13)
 
 
-@settings(deadline=None, max_examples=60)
-@given(TWIST)
-def test_adjoint_takes_a_twist_to_the_other_frame(xi):
-    """``h^-1 X h`` of the 4 x 4 matrices."""
-    h = expm(matrix(xi))
-    x = np.array([0.3, -0.2, 0.5, 0.7, 0.1, -0.4])
-    moved = np.linalg.inv(h) @ matrix(x) @ h
-    assert matrix(poses.adjoint_inverse(h[:3, :3], h[:3, 3]) @ x) == pytest.approx(moved, abs=1e-12)
-
-
 @settings(deadline=None, max_examples=40)
 @given(TWIST, TWIST, st.sampled_from([(0.28, 1e-9), (0.85, 1e-6)]))
 def test_inverse_tangent_against_differences(xi, change, case):

@@ -54,6 +54,7 @@ def test_classical_model_converges_with_order_two_in_the_mesh():
     assert orders == pytest.approx([2.0, 2.0], abs=0.15)
 
 
+@pytest.mark.integration
 def test_path_converges_with_the_substeps():
     """Three tendons with friction: fixed substeps 4, 16, 32 approach what the default settings choose."""
     steps = [

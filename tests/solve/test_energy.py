@@ -18,6 +18,7 @@ def test_elastic_energy_of_a_bent_rod_is_that_of_pure_bending():
     assert elastic_energy(robot, step) == pytest.approx(m**2 * LENGTH / (2.0 * BACKBONE.EI), rel=1e-9)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
 def test_the_energy_balance_closes_with_order_two_in_the_substeps(friction):
     """Pull to 2 N and release with a tip force: the balance by the trapezoidal rule closes with order two."""

@@ -96,6 +96,7 @@ def test_the_loading_sequence_solved_again_ends_where_the_path_did(drive_by):
     assert np.abs(found.tensions[2] - found.tensions[0]).max() > 1e-3
 
 
+@pytest.mark.integration
 def test_position_and_direction_are_reached_by_two_segments():
     robot, model = CASES["two segments"]
     tensions = {"p0": 1.0, "p1": 0.3, "p2": 0.2, "d0": 0.2, "d1": 0.6, "d2": 0.3}
@@ -128,6 +129,7 @@ def test_no_neighbouring_tensions_reach_the_target_with_less_effort():
     assert (gradient[at_lower] >= -0.05 * np.abs(found.tensions).max()).all()
 
 
+@pytest.mark.integration
 def test_out_of_reach_ends_at_the_nearest_point_and_says_so():
     """Above the straight robot the tensions are the smallest ones; elsewhere no random tensions come nearer."""
     robot, model = CASES["no friction"]

@@ -222,7 +222,9 @@ def test_no_estimate_is_made_where_the_tolerance_is_infinite() -> None:
     assert result.steps[0].discretisation_error is None
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize(
+    "seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.integration) for seed in range(4, 12))]
+)
 def test_the_estimate_is_the_true_error_of_random_robots(seed: int) -> None:
     """Against a mesh eight times as fine, with one element a bay: up to 1 % of the length, within a quarter of it."""
     case, settings = draw(seed), SolverSettings(presliding=1e-5)

@@ -96,6 +96,7 @@ SOFT = Robot(
 STEPS = [LoadStep(tensions={"a": 1.5}), LoadStep(tensions={"a": 2.0, "b": 1.0})]
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("law", [NEO_HOOKEAN, NonlinearMaterial(4.0, 12.0)])
 @pytest.mark.parametrize("path", ["continuous", "straight"])
 def test_finite_elements_agree_with_the_reference(law, path):

@@ -69,6 +69,7 @@ def test_tendons_that_no_step_names_are_held_at_displacement_zero():
     assert not resolve(three(), [LoadStep()])[0].by_displacement.any()
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("friction", ["none", "per-hole", "per-tendon"])
 def test_pretension_agrees_with_the_reference(friction):
     """Also where a tendon becomes slack, and on the way back."""

@@ -83,6 +83,7 @@ def test_coupled_holes_are_followed_as_by_many_small_steps(seed):
     assert path.unknowns == pytest.approx(by_small_steps(slips, mobilisation, 4000), abs=0.03)
 
 
+@pytest.mark.integration
 def test_a_hole_whose_last_reversal_the_interpolation_misses_is_found_by_states_within_the_step():
     """The third step of a robot of six tendons: the fourth hole of the last one sticks in the end.
 
@@ -125,6 +126,7 @@ def moved_across() -> list[LoadStep]:
     ]
 
 
+@pytest.mark.integration
 def test_reversals_located_in_a_substep_are_solved_with_it():
     """The same as where the path is recorded, so that it is divided at reversals, with fewer iterations."""
     steps = moved_across()
@@ -137,6 +139,7 @@ def test_reversals_located_in_a_substep_are_solved_with_it():
         assert distance(result.tips, fine.tips) < 2e-5 * LENGTH
 
 
+@pytest.mark.integration
 def test_slips_that_reverse_and_return_within_a_pull_are_found():
     """Five tendons pulled and let go; a check of the slip rates at both ends alone was 4.6e-4 of the length off."""
     case = draw(28)

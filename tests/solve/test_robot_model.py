@@ -67,7 +67,7 @@ def node_wrenches(
     if model.forces.section is not None:
         by_twist = by_twist + SectionStack([model]).at(point)[0][0]
     total = point.nodal(by_twist)
-    total[:, :3] += point.in_nodes(model.weight)
+    total[:, :3] += (model.weight[:, None, :] @ point.rotations)[:, 0]
     for node, frame, load in loads:
         total[node] += load_wrench(load, frame, point.rotations[node])
     if model.forces.geometry is not None:

@@ -12,6 +12,7 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.simulate import simulate
 
 
+@pytest.mark.integration
 def test_ten_random_cycles_on_three_tendons_converge_within_the_capstan_bounds():
     robot = three(0.3)
     result = solve(robot, random_cycles(robot, 10, seed=3))

@@ -113,6 +113,7 @@ def test_many_disks_approach_the_classical_tendon_without_friction():
     assert np.all(orders > 0.9)
 
 
+@pytest.mark.integration
 def test_every_option_of_the_backbone_at_once():
     """Precurved, superelastic, thick disks, payload and gravity; the unloaded end is where it began."""
     backbone = replace(BACKBONE, precurvature=(1.0, 2.0), superelastic=Superelastic(0.002, 0.3))

@@ -56,6 +56,7 @@ def test_a_positive_definite_matrix_near_any_other_has_tensions_for_any_displace
     assert positive_definite_near(definite) == pytest.approx(definite, abs=1e-14)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("seed", [1154, 1279])
 def test_steps_in_which_no_tensions_meet_the_linearised_displacements_converge(seed: int) -> None:
     """Two robots of the fuzz with six tendons; without any one of them they converged before.
@@ -90,6 +91,7 @@ def test_bordered_factors_are_those_of_the_whole_matrix() -> None:
         assert changed.sign == np.sign(np.linalg.det(whole))
 
 
+@pytest.mark.integration
 def test_slips_of_a_tendon_that_adhesion_holds_while_its_base_is_slack():
     """A force at mid-span slackens and tightens a released tendon within one load step.
 

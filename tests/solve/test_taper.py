@@ -50,6 +50,7 @@ def test_a_hanging_cone_stretches_by_its_weight():
     assert found.tips[0][2] - LENGTH == pytest.approx(expected, rel=2e-3)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("path", ["straight", "continuous"])
 def test_tapered_robots_converge_to_the_reference_with_order_two(path):
     robot = three(0.2).with_backbone(taper=((0.0, R0), (0.1, 0.35e-3), (LENGTH, R1)))
@@ -90,6 +91,7 @@ def test_a_taper_that_is_none_is_refused_by_name(tmp_path, radius, text):
     assert text in str(found.value)
 
 
+@pytest.mark.integration
 def test_a_tapered_superelastic_backbone_agrees_with_the_reference():
     """The plateau begins at the same strain everywhere, so at a larger curvature where the backbone is thinner."""
     soft = replace(CONE, superelastic=Superelastic(1e-3, 0.4))

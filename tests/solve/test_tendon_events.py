@@ -61,6 +61,7 @@ def slack_until_late() -> list[LoadStep]:
     ]
 
 
+@pytest.mark.integration
 def test_slips_that_reverse_where_a_tendon_becomes_taut_are_found():
     """Version 0.1 was 9.6e-4 of the length off, unsaid: holes let out until the tendon was taut, then pulled."""
     steps = slack_until_late()

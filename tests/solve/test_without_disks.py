@@ -74,6 +74,7 @@ def test_a_tapered_cantilever_bends_under_a_small_tip_force_as_in_the_integral()
     assert result.tips[0][0] == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("robot", [TENTACLE, WINDING], ids=["tapered, two ends", "helix"])
 def test_finite_elements_agree_with_the_reference(robot):
     model = replace(FOLLOWS, gravity=(0.0, 0.0, 9.81))
