@@ -117,5 +117,10 @@ class _Plane(NamedTuple):
         at[[self.i, self.j]] = corners[int(np.argmax(gaps))]
         direction = 0.09 * (top - bottom) * gravity / np.linalg.norm(gravity)
         self.arrow(at - direction / 2.0, direction, GRAVITY)
-        text = {"textcoords": "offset points", "color": GRAVITY, "va": "center", "style": "italic"}
+        text: dict[str, Any] = {
+            "textcoords": "offset points",
+            "color": GRAVITY,
+            "va": "center",
+            "style": "italic",
+        }
         self.axes.annotate("g", tuple(at[[self.i, self.j]]), xytext=(7, 5), **text)
