@@ -9,17 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands.common import (
-    FAILURE,
-    INTERRUPTED,
-    SUCCESS,
-    add_options,
-    complain,
-    count,
-    note,
-    progress_bar,
-    read_all,
-)
+from tdcr_fe.commands import common
+from tdcr_fe.commands.common import FAILURE, INTERRUPTED, SUCCESS, complain
 
 if TYPE_CHECKING:
     from tdcr_fe.io.toml import Scenario
@@ -36,8 +27,9 @@ def add_run_parser(commands: Any) -> None:
         help="solve a scenario; write tables and pictures",
         description="Solve the loading sequence of a scenario.toml; write tables, a summary and pictures.",
     )
-    parser.add_argument("scenario", help="path of a scenario.toml")
-    parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for the results")
+    option = parser.add_argument
+    option("scenario", help="path of a scenario.toml")
+    option("-o", "--out", metavar="OUT", required=True, help="directory for the results")
     _add_solver_options(parser, "--effects", "--json")
     parser.set_defaults(handler=run)
 
@@ -58,19 +50,20 @@ def add_demo_parser(commands: Any) -> None:
 
 
 def _add_solver_options(parser: argparse.ArgumentParser, *further: str) -> None:
-    parser.add_argument(
+    option = parser.add_argument
+    option(
         "--sensitivities",
         nargs="+",
         default=[],
         metavar="PARAMETER",
         help="differentiate the results by parameters such as backbone.youngs_modulus; writes sensitivities.csv",
     )
-    parser.add_argument(
+    option(
         "--compliance",
         action="store_true",
         help="write compliance and tendon Jacobians of the tip, and the stiffness seen by the motors, to summary.json",
     )
-    add_options(parser, "--no-pictures", *further)
+    common.add_options(parser, "--no-pictures", *further)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -82,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     def read() -> Scenario:
         return read_scenario(args.scenario, {"effects": effects_reader(read_own_effects(args.effects))})
 
-    scenario, out = read_all(read, lambda: check_output_folder(args.out))
+    scenario, out = common.read_all(read, lambda: check_output_folder(args.out))
     return _solve_and_write(scenario, out, args)
 
 
@@ -117,7 +110,7 @@ def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) ->
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
     odd = plausibility_warnings(scenario.robot, scenario.model, scenario.steps)
-    note(args, warnings=odd)
+    common.note(args, warnings=odd)
     for warning in odd:
         complain(f"warning: {warning}")
     if not args.quiet and (duration := long_run(scenario)):
@@ -125,14 +118,16 @@ def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) ->
     result = _solve(scenario, args)
     found = [warning for warning in result.warnings if warning not in odd]
     result = replace(result, warnings=(*odd, *found))
-    note(args, figures=figures(result, scenario), warnings=found, message=result.message)
+    common.note(args, figures=figures(result, scenario), warnings=found, message=result.message)
     try:
         written = write_results(result, out, scenario.digests, len(scenario.steps), not args.no_pictures)
     except KeyboardInterrupt:  # while drawing, most likely; what was solved is kept
-        note(args, files=write_results(result, out, scenario.digests, len(scenario.steps), pictures=False))
+        common.note(
+            args, files=write_results(result, out, scenario.digests, len(scenario.steps), pictures=False)
+        )
         complain(f"interrupted while writing; the tables are in {out}, without pictures")
         return INTERRUPTED
-    note(args, files=written)
+    common.note(args, files=written)
     if not args.quiet:
         _print(result, out, written)
     for warning in found:
@@ -152,7 +147,7 @@ def _solve(scenario: Scenario, args: argparse.Namespace) -> SequenceResult:
     from tdcr_fe.model.results import Interrupted, SequenceResult
     from tdcr_fe.solve.simulate import simulate
 
-    with progress_bar(args, len(scenario.steps), unit="step") as bar:
+    with common.progress_bar(args, len(scenario.steps), unit="step") as bar:
 
         def progress(step: StepResult) -> None:
             bar.set_postfix_str(step.label, refresh=False)
@@ -184,7 +179,7 @@ def _print(result: SequenceResult, out: Path, written: list[Path]) -> None:
         for text in (step_tables(result), sensitivity_table(result), response_tables(result)):
             if text:
                 print(text + "\n")
-    print(f"{count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
+    print(f"{common.count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
     print("    " + ", ".join(p.name for p in written))
 
 
@@ -222,7 +217,9 @@ def _report_failure(result: SequenceResult, scenario: Scenario, out: Path) -> in
         where = f"step {number} of {total}" + (f' ("{label}")' if label else "")
     solved = sum(s.converged for s in result.steps)
     what = f"interrupted in {where}" if interrupted else f"{where} did not converge"
-    complain(f"{what}; {count(solved, 'step')} solved before it {'is' if solved == 1 else 'are'} in {out}")
+    complain(
+        f"{what}; {common.count(solved, 'step')} solved before it {'is' if solved == 1 else 'are'} in {out}"
+    )
     if result.message and not interrupted:
         complain(result.message)
     return INTERRUPTED if interrupted else FAILURE
@@ -241,4 +238,4 @@ def long_run(scenario: Scenario) -> str:
     if seconds < LONG_RUN:
         return ""
     time = f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.0f} hours"
-    return f"{count(steps, 'load step')} on {count(elements, 'element')}: about {time}"
+    return f"{common.count(steps, 'load step')} on {common.count(elements, 'element')}: about {time}"

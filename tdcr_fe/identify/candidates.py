@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,57 +29,89 @@ from tdcr_fe.model.loading import resolve
 #: Two effects are tried together where that promises a criterion smaller by this share than the first of them alone.
 PROMISE = 0.1
 
-
 #: So many more candidates than are fitted are evaluated at their predicted values, where strong effects differ from the
 #: prediction.
 SECOND_LOOK = 4
-
 
 #: So many that promise most go first. Where one of them leaves noise, those are not tried whose predicted cost is more
 #: than so many times that at which a fit is of interest, or that take off less than this share of what that one does.
 FIRST, HOPELESS, LITTLE_BESIDE_NOISE = 2, 10.0, 0.15
 
-
 #: The best of them is fitted to the end at once where its cost is at most so many times that of noise: the error of a
 #: path that is not its own may be larger than noise.
 NEARLY = 4.0
 
-
 #: Where it leaves less than this share of the misfit, those are not tried that take off less than this share.
 LITTLE = 0.05
-
 
 #: Fits whose BIC differs by less than this share and this constant may change order on substeps of their own, see
 #: `fitting.NEAR_PATH` [1].
 PATH_SHARE, PATH_MARGIN = 0.03, 20.0
 
-
 #: Local causes that saturate are simulated where no other one leaves less than this share of the misfit to first order,
 #: nor the best model.
 SOLVED = 0.1
-
 
 #: The first of them is tried so many times as strong as its probe points, which show only itself [1].
 STRENGTHS = (1.0, 8.0, 64.0)
 
 
+class Round(NamedTuple):
+    """A round of forward selection."""
+
+    number: int
+    progress: float  # fraction of the search that is done [1]
+    ahead: Fit | None = None  # a model that leaves noise, which the candidates must come near
+
+
+class Extended(NamedTuple):
+    """A fitted model with one more effect."""
+
+    parent: Fit
+    score: Score
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """All effects, that one last."""
+        return (*self.parent.effects, self.score.effect)
+
+    @property
+    def names(self) -> Names:
+        """Names of the effects."""
+        return frozenset({*self.parent.names, self.score.effect.name})
+
+
+@dataclass(frozen=True)
+class Contest:
+    """How models that extend others compete."""
+
+    lowest: float  # cost so far [1]
+    progress: float  # fraction of the search that is done [1]
+    # by effect, further points to begin from where the lowest cost is not reached
+    more: Mapping[str, Sequence[Point]] = field(default_factory=dict)
+    most: int | None = None  # models fitted at most: those that promise most at their predicted values
+    margin: float = 0.0  # see `finished`
+    explained: bool = (
+        False  # whether a model with the lowest cost leaves noise, besides the best of the state
+    )
+
+
+#: A model that is proposed, with the BIC that it promises to first order.
+Proposal = tuple[float, Extended]
+
+
 def propose(
-    search: Search,
-    state: SearchState,
-    number: int,
-    level: Sequence[Fit],
-    progress: float,
-    explained: bool = False,
-) -> tuple[SearchState, list[tuple[Fit, Score]]]:
+    search: Search, state: SearchState, this: Round, level: Sequence[Fit]
+) -> tuple[SearchState, list[Extended]]:
     """The best candidates beside each model, by the predicted BIC to first order; `SECOND_LOOK` more than are fitted.
 
     A candidate that comes with another effect has a model that contains that one, at values that are not yet fitted.
-    Such pairs are not tried beside a model that leaves noise, or where another one does (``explained``).
+    Such pairs are not tried beside a model that leaves noise, or where another one does.
     """
-    proposals: list[tuple[float, Fit, Score]] = []
+    proposals: list[Proposal] = []
     for fit in level:
         beside = listed_names(fit.names) or "the declared model"
-        search.report(f"round {number}: scores beside {beside}", progress)
+        search.report(f"round {this.number}: scores beside {beside}", this.progress)
         state, scores = scores_beside(state, fit)
         noise = reduced_chi_square(state.problem, fit)
         for score in scores:
@@ -86,46 +119,36 @@ def propose(
             if score.drop > required_drop(score.count, search.significance, noise):
                 if identifiable(state.problem, fit, score):
                     expected = fit.cost - score.drop + score.count * math.log(state.problem.count)
-                    proposals.append((expected, fit, score))
+                    proposals.append((expected, Extended(fit, score)))
                 else:
                     note = "more parameters than these readings determine"
-            entry = Candidate(number, fit.names, score.effect.name, score.drop / noise, note=note)
+            entry = Candidate(this.number, fit.names, score.effect.name, score.drop / noise, note=note)
             state = replace(state, candidates=(*state.candidates, entry))
-        if not (explained or residual_is_noise(state.problem, fit, search.significance)):
-            state, pairs = _pairs(search, state, number, fit)
-            proposals += _promising(pairs, [p for p in proposals if p[1] is fit])
-    chosen: dict[Names, tuple[Fit, Score]] = {}
-    for _, fit, score in sorted(proposals, key=lambda p: p[0]):
+        if this.ahead is None and not residual_is_noise(state.problem, fit, search.significance):
+            state, pairs = _pairs(search, state, this.number, fit)
+            proposals += _promising(pairs, [p for p in proposals if p[1].parent is fit])
+    chosen: dict[Names, Extended] = {}
+    for _, new in sorted(proposals, key=lambda p: p[0]):
         if len(chosen) < search.settings.candidates + SECOND_LOOK:
             # Of the forms of one effect that with the best criterion, which counts their parameters.
-            chosen.setdefault(frozenset({*fit.names, score.effect.listed}), (fit, score))
+            chosen.setdefault(frozenset({*new.parent.names, new.score.effect.listed}), new)
     return state, list(chosen.values())
 
 
-def _promising(
-    pairs: Sequence[tuple[float, Fit, Score]], single: Sequence[tuple[float, Fit, Score]]
-) -> list[tuple[float, Fit, Score]]:
+def _promising(pairs: Sequence[Proposal], single: Sequence[Proposal]) -> list[Proposal]:
     """The best pair of effects beside a model, if it promises more than the first of the two alone; else none."""
     if not pairs:
         return []
     best = min(pairs, key=lambda p: p[0])
-    first = best[1].effects[-1].listed
-    alone = min((p[0] for p in single if p[2].effect.listed == first), default=math.inf)
+    first = best[1].parent.effects[-1].listed
+    alone = min((p[0] for p in single if p[1].score.effect.listed == first), default=math.inf)
     return [best] if best[0] < (1.0 - PROMISE) * alone else []
 
 
-def _pairs(
-    search: Search, state: SearchState, number: int, fit: Fit
-) -> tuple[SearchState, list[tuple[float, Fit, Score]]]:
+def _pairs(search: Search, state: SearchState, number: int, fit: Fit) -> tuple[SearchState, list[Proposal]]:
     """Effects that data show only beside another one (`Effect.after`), each together with that one.
 
     The other one is as strong as lets the two promise most, and the parameters of both are free in the score test.
-
-    Returns
-    -------
-    state : SearchState
-    proposals : list of (float, Fit, Score)
-        BIC to first order; the model with the other effect; and the score beside it.
     """
     problem = state.problem
     noise = reduced_chi_square(problem, fit)
@@ -152,7 +175,7 @@ def _pairs(
                 needed = required_drop(count, search.significance, noise)
                 if drop > needed and identifiable(problem, base, score):
                     expected = fit.cost - drop + count * math.log(problem.count)
-                    found.append((expected, base, score))
+                    found.append((expected, Extended(base, score)))
     return state, found
 
 
@@ -216,111 +239,69 @@ def identifiable(problem: FitProblem, fit: Fit, score: Score) -> bool:
 
 
 def fit_proposals(
-    search: Search,
-    state: SearchState,
-    number: int,
-    proposals: Sequence[tuple[Fit, Score]],
-    progress: float,
-    known: Fit | None = None,
+    search: Search, state: SearchState, this: Round, proposals: Sequence[Extended]
 ) -> tuple[SearchState, list[Fit]]:
-    """Fit the candidates of a round; those that were solved, best first. ``known``: a model that leaves noise."""
-    cost, most = math.inf if known is None else known.cost, search.settings.candidates
-    state, raced = fit_and_rank(
-        search, state, proposals, cost, progress, most=most, explained=known is not None
-    )
+    """Fit the candidates of a round; those that were solved, best first."""
+    lowest = math.inf if this.ahead is None else this.ahead.cost
+    most, explained = search.settings.candidates, this.ahead is not None
+    contest = Contest(lowest, this.progress, most=most, explained=explained)
+    state, fits = fit_and_rank(search, state, proposals, contest)
     problem = state.problem
-    for fit, score, new in raced:
-        entries = tuple(
-            replace(
-                c,
-                fitted=True,
-                chi2_fit=mean_cost(new.cost, problem.fitted),
-                chi2_held_out=mean_cost(new.held_cost, problem.held_out)
-                if np.any(problem.held_out)
-                else None,
-                note="" if new.solved else "the model did not converge there",
-            )
-            if (c.round, c.model, c.name) == (number, fit.names, score.effect.name)
-            else c
-            for c in state.candidates
-        )
-        state = replace(state, candidates=entries)
-    solved = [new for _, _, new in raced if new.solved]
-    return state, sorted(solved, key=lambda f: rank(problem, f))
+    made = {(this.number, new.parent.names, new.score.effect.name): fit for new, fit in fits}
+    entries = [_with_fit(problem, c, made.get((c.round, c.model, c.name))) for c in state.candidates]
+    state = replace(state, candidates=tuple(entries))
+    return state, sorted((fit for _, fit in fits if fit.solved), key=lambda f: rank(problem, f))
+
+
+def _with_fit(problem: FitProblem, entry: Candidate, fit: Fit | None) -> Candidate:
+    """An entry of the report with what its fit gave."""
+    if fit is None:
+        return entry
+    held_out = mean_cost(fit.held_cost, problem.held_out) if np.any(problem.held_out) else None
+    note = "" if fit.solved else "the model did not converge there"
+    fitted = mean_cost(fit.cost, problem.fitted)
+    return replace(entry, fitted=True, chi2_fit=fitted, chi2_held_out=held_out, note=note)
 
 
 def fit_and_rank(
-    search: Search,
-    state: SearchState,
-    starters: Sequence[tuple[Fit, Score]],
-    known: float,
-    progress: float,
-    more: Mapping[str, Sequence[Point]] | None = None,
-    most: int | None = None,
-    margin: float = 0.0,
-    explained: bool = False,
-) -> tuple[SearchState, list[tuple[Fit, Score, Fit]]]:
-    """Fit models, each a fitted one with one more effect; those that cannot come near the best are stopped.
-
-    Parameters
-    ----------
-    search, state
-        The search and its state.
-    starters
-        A fitted model, and the score of an effect beside it.
-    known
-        Lowest cost so far [1].
-    progress
-        Fraction of the search that is done [1].
-    more
-        By effect, further points to begin from where the lowest cost is not reached.
-    most
-        So many models are fitted at most: those that promise most at their predicted values; None for all.
-    margin
-        See `finished`.
-    explained
-        Whether a model with the known cost leaves noise; that of the best model of the state is seen.
+    search: Search, state: SearchState, starters: Sequence[Extended], contest: Contest
+) -> tuple[SearchState, list[tuple[Extended, Fit]]]:
+    """Fit models with one more effect; those that cannot come near the best are stopped.
 
     Returns
     -------
     state : SearchState
     fits : list
-        Fitted model, score and fit of every model that was fitted, now or before.
+        Model and fit of every one that was fitted, now or before.
     """
-    problem = state.problem
-    new = [x for x in starters if names_with(*x) not in state.fits]
-    known = min([known, *(state.fits[names_with(*x)].cost for x in starters if names_with(*x) in state.fits)])
+    problem, most = state.problem, contest.most
+    new = [x for x in starters if x.names not in state.fits]
+    lowest = min([contest.lowest, *(state.fits[x.names].cost for x in starters if x.names in state.fits)])
     if new:
-        search.report(f"fitting {listed_names([score.effect.name for _, score in new])}", progress)
+        search.report(f"fitting {listed_names([x.score.effect.name for x in new])}", contest.progress)
     # The first effect is fitted to the end, whatever time that takes.
-    race = fitting.Race(known, search.deadline if state.best.effects else math.inf)
-    explained = explained or residual_is_noise(problem, state.best, search.significance)
-    begun: list[tuple[tuple[Fit, Score], Fit]] = []
+    race = fitting.Race(lowest, search.deadline if state.best.effects else math.inf)
+    explained = contest.explained or residual_is_noise(problem, state.best, search.significance)
+    begun: list[tuple[Extended, Fit]] = []
     if most is not None and not explained:
         begun = _first(problem, new[:FIRST], race)
         explained = any(residual_is_noise(problem, f, search.significance) for _, f in begun)
-    rest = new[len(begun) :]
-    rest = [x for x in rest if _has_a_chance(problem, x, race, explained)]
+    rest = [x for x in new[len(begun) :] if _has_a_chance(problem, x, race, explained)]
     begun += _begun(problem, rest, race)
     if most is not None:
-        fitted_before = len(starters) - len(new)
-        begun.sort(key=lambda c: _outlook(problem, parent=c[0][0], score=c[0][1], fit=c[1]))
-        begun = begun[: max(1, most - fitted_before)]
+        begun.sort(key=lambda c: _outlook(problem, *c))
+        begun = begun[: max(1, most - (len(starters) - len(new)))]
     fittings = [
-        candidate_fit(problem, parent, score, now, race, (more or {}).get(score.effect.name, ()))
-        for (parent, score), now in begun
+        candidate_fit(problem, x, now, race, contest.more.get(x.score.effect.name, ())) for x, now in begun
     ]
-    for found in finished(problem, fitting.run_fits(problem, fittings), race, margin):
+    for found in finished(problem, fitting.run_fits(problem, fittings), race, contest.margin):
         state = with_note_on_differences(state.with_fit(found), found.differenced)
-    known_fits = [(p, x, state.fits.get(names_with(p, x))) for p, x in starters]
-    return state, [(p, x, fit) for p, x, fit in known_fits if fit is not None]
+    return state, [(x, state.fits[x.names]) for x in starters if x.names in state.fits]
 
 
-def _has_a_chance(
-    problem: FitProblem, starter: tuple[Fit, Score], race: fitting.Race, explained: bool
-) -> bool:
+def _has_a_chance(problem: FitProblem, new: Extended, race: fitting.Race, explained: bool) -> bool:
     """Whether a candidate promises enough, to first order, beside the model that is ahead."""
-    parent, score = starter
+    parent, score = new
     predicted = score.cost(problem)
     share = (parent.cost - predicted) / max(1e-300, parent.cost - race.lowest)
     if explained:
@@ -329,19 +310,19 @@ def _has_a_chance(
 
 
 def _begun(
-    problem: FitProblem, starters: Sequence[tuple[Fit, Score]], race: fitting.Race
-) -> list[tuple[tuple[Fit, Score], Fit]]:
+    problem: FitProblem, starters: Sequence[Extended], race: fitting.Race
+) -> list[tuple[Extended, Fit]]:
     """Models with one more effect at their predicted values."""
-    begun = [fitting.begin(problem, (*p.effects, x.effect), x.starts[:1], race, p) for p, x in starters]
+    begun = [fitting.begin(problem, x.effects, x.score.starts[:1], race, x.parent) for x in starters]
     return list(zip(starters, fitting.run_fits(problem, begun), strict=True))
 
 
 def _first(
-    problem: FitProblem, starters: Sequence[tuple[Fit, Score]], race: fitting.Race
-) -> list[tuple[tuple[Fit, Score], Fit]]:
+    problem: FitProblem, starters: Sequence[Extended], race: fitting.Race
+) -> list[tuple[Extended, Fit]]:
     """Models with one more effect, fitted on the path of those without; the best to the end if it may leave noise."""
     begun = _begun(problem, starters, race)
-    fits = [fitting.descend(problem, f, race, 5, x.predicted) for (_, x), f in begun]
+    fits = [fitting.descend(problem, f, race, 5, x.score.predicted) for x, f in begun]
     found = fitting.run_fits(problem, fits)
     best = min(range(len(found)), key=lambda i: found[i].cost, default=None)
     if best is not None and found[best].cost <= NEARLY * noise_cost(problem):
@@ -349,56 +330,37 @@ def _first(
     return list(zip(starters, found, strict=True))
 
 
-def _outlook(problem: FitProblem, parent: Fit, score: Score, fit: Fit) -> float:
+def _outlook(problem: FitProblem, new: Extended, fit: Fit) -> float:
     """BIC of the fitted readings that a model promises from where it is, to first order.
 
     Where it is worse than without the effect, the prediction went too far, as with effects that saturate: then what
     was predicted counts if that is better, and the fit decides.
     """
     cost = fitting.reachable_cost(problem, fit)
-    if fit.cost > parent.cost:
-        cost = min(cost, score.cost(problem))
+    if fit.cost > new.parent.cost:
+        cost = min(cost, new.score.cost(problem))
     return cost + len(fit.free) * math.log(problem.count)
 
 
-def names_with(parent: Fit, score: Score) -> Names:
-    """Names of the effects of a model with one more."""
-    return frozenset({*parent.names, score.effect.name})
-
-
 def candidate_fit(
-    problem: FitProblem,
-    parent: Fit,
-    score: Score,
-    now: Fit | None,
-    race: fitting.Race,
-    more: Sequence[Point] = (),
+    problem: FitProblem, new: Extended, now: Fit | None, race: fitting.Race, more: Sequence[Point] = ()
 ) -> fitting.Fitting:
     """Fit a candidate beside a model, on its path, from the first start; from the others where the cost stays too high.
 
-    Parameters
-    ----------
-    problem
-        Readings.
-    parent, score
-        The model, and the score of the candidate beside it.
-    now
-        The candidate at the first start; None where it was not evaluated yet.
-    race
-        With the others.
-    more
-        Further points to begin from where the lowest cost is not reached.
+    ``now``: the candidate at the first start; None where it was not evaluated yet. ``more``: further points to begin
+    from where the lowest cost is not reached.
     """
-    effects, drop = (*parent.effects, score.effect), parent.cost - score.cost(problem)
+    parent, score = new
+    drop = parent.cost - score.cost(problem)
     if now is None:
-        now = yield from fitting.begin(problem, effects, score.starts[:1], race, parent)
+        now = yield from fitting.begin(problem, new.effects, score.starts[:1], race, parent)
     now = yield from fitting.descend(problem, now, race, 5, score.predicted)
     starts = list(more) if now.cost > 1.5 * race.lowest else []
     if now.cost > max(1.5 * race.lowest, parent.cost - 0.7 * drop):
         starts += score.starts[1:]
     if starts:
         try:
-            other = yield from fitting.begin(problem, effects, starts, race, parent)
+            other = yield from fitting.begin(problem, new.effects, starts, race, parent)
         except OutOfTime:
             return now
         other = yield from fitting.descend(problem, other, race, 12 if more else 5)
@@ -410,18 +372,7 @@ def finished(problem: FitProblem, fits: Sequence[Fit], race: fitting.Race, margi
     """Fits of which those that come near the best are improved to the end, see `tdcr_fe.identify.fitting.finish`.
 
     First those that the race has not left behind, all at a time; then, for as long as the order changes, those whose
-    BIC is near that of the best.
-
-    Parameters
-    ----------
-    problem
-        Readings.
-    fits
-        As far as they came along the paths of other models.
-    race
-        With its lowest cost, and the time when fits end where they are.
-    margin
-        Fits whose BIC is within so much of the best one are improved as well.
+    BIC is near that of the best, or within ``margin`` of it.
     """
     found, done = list(fits), set[int]()
     todo = [i for i, f in enumerate(found) if f.solved and f.cost <= race.limit]

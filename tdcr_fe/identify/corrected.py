@@ -178,7 +178,6 @@ def _seven_digits(value: float) -> str:
 
 Array = NDArray[np.float64]
 
-
 #: Points at most that the backbone of the declared model is drawn with.
 DECLARED_POINTS = 80
 

@@ -15,14 +15,11 @@ from tdcr_fe.io.measured import MeasuredData
 #: Smallest difference of BIC that separates two models (odds of about 20 to 1).
 BIC_DIFFERENCE = 6.0
 
-
 #: A model with a parameter at a bound ranks as if its misfit were larger by this share.
 BOUND_PENALTY = 0.3
 
-
 #: The sum of squares of the held-out readings must fall by this much, in units of the reduced chi-square.
 HELD_OUT_DROP = 4.0
-
 
 #: A sum of squares is that of noise up to this z-score.
 NOISE_Z_SCORE = 4.0
@@ -140,10 +137,8 @@ def robust_threshold(residual: np.typing.NDArray[np.float64]) -> float:
 #: Smallest number of readings from which models are compared.
 FEWEST = 4
 
-
 #: Smallest number of steps with readings, and largest share of faulty readings, with which nothing may be missing.
 FEWEST_STEPS, MOST_FAULTY = 4, 0.3
-
 
 #: Degrees of freedom needed for a verdict where no steps could be held out.
 TO_SPARE = 10

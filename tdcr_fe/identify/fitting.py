@@ -10,8 +10,9 @@ among the processes, and one that cannot come near the best is stopped.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,25 +49,13 @@ NEAR_PATH = 2.0
 LEFT_BEHIND = (1.3, 60.0)
 
 
+@dataclass
 class Race:
-    """Lowest cost reached so far by fits that compete, and the time when they end where they are.
+    """Lowest cost reached so far by fits that compete, and the time when they end where they are."""
 
-    Attributes
-    ----------
-    lowest : float
-    deadline : float
-        Reading of `tdcr_fe.identify.settings.clock` [s].
-    left_behind : tuple of float
-        A fit is of interest up to the first times the lowest cost, plus the second [1].
-    """
-
-    def __init__(
-        self,
-        lowest: float = float("inf"),
-        deadline: float = float("inf"),
-        left_behind: tuple[float, float] = LEFT_BEHIND,
-    ) -> None:
-        self.lowest, self.deadline, self.left_behind = lowest, deadline, left_behind
+    lowest: float = math.inf
+    deadline: float = math.inf  # reading of `tdcr_fe.identify.settings.clock` [s]
+    left_behind: tuple[float, float] = LEFT_BEHIND  # see `limit`
 
     def reached(self, cost: float) -> None:
         """One of the fits has this cost."""
@@ -79,7 +68,7 @@ class Race:
 
     @property
     def limit(self) -> float:
-        """Cost above which a fit is of no interest."""
+        """Cost above which a fit is of no interest: the first times the lowest cost, plus the second."""
         return self.left_behind[0] * self.lowest + self.left_behind[1]
 
 
@@ -349,8 +338,7 @@ def _proposal(problem: FitProblem, now: Fit, damping: float) -> tuple[Array, Arr
     limits = np.array([problem.bounds(by_name[k[0]], k[1]) for k in now.free])
     w = problem.root_weights(now.residual)[fitted]
     jw, rw = now.jacobian[fitted] * w[:, None], now.residual[fitted] * w
-    norm = np.linalg.norm(jw, axis=0)
-    move = _bounded_step(jw, rw, norm, damping, limits[:, 0] - z, limits[:, 1] - z)
+    move = _bounded_step(jw, rw, damping, limits[:, 0] - z, limits[:, 1] - z)
     there = np.clip(z + move, limits[:, 0], limits[:, 1])
     return there, move, float(np.sum(rw**2) - np.sum((rw - jw @ move) ** 2))
 
@@ -378,9 +366,9 @@ def covariance(problem: FitProblem, fit: Fit) -> Array:
     return np.asarray(inner / np.outer(norm, norm) * factor + np.outer(shift, shift))
 
 
-def _bounded_step(j: Array, r: Array, norm: Array, damping: float, low: Array, high: Array) -> Array:
+def _bounded_step(j: Array, r: Array, damping: float, low: Array, high: Array) -> Array:
     """Least squares step with Marquardt's damping, inside bounds."""
-    norm = np.maximum(norm, 1e-300)
+    norm = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
     scaled = np.concatenate((j / norm, np.sqrt(damping) * np.eye(len(norm))))
     right = np.concatenate((r, np.zeros(len(norm))))
     low, high = np.minimum(low * norm, -1e-12), np.maximum(high * norm, 1e-12)

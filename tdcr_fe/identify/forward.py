@@ -30,10 +30,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-
 #: Smallest fraction of a load step that is tried, without and with a reference path.
 SMALLEST, SMALLEST_ON_REFERENCE = 1.0 / 256.0, 1.0 / 16.0
-
 
 #: Maximum substeps used to resolve path dependence.
 DIVISIONS = 16
@@ -220,7 +218,6 @@ Given = TypeVar("Given")
 
 
 Found = TypeVar("Found")
-
 
 #: Runs kept in memory, with their paths: those without a reference path, which alone are asked for again.
 CACHE = 24

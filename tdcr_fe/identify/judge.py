@@ -52,7 +52,6 @@ from tdcr_fe.model.loading import LoadStep
 
 Array = NDArray[np.float64]
 
-
 #: What remains where errors of the inputs account for it, and where nothing remains.
 INPUTS_EXPLAIN = (
     "random errors of the inputs, independent in every step, would explain all of the remaining error"

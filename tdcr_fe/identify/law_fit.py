@@ -11,28 +11,57 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.identify.law_state import COMPONENTS, ActedRun, ActionResponse, action_response, run_with_action
+from tdcr_fe.identify.law_state import (
+    COMPONENTS,
+    ActedRun,
+    Action,
+    ActionResponse,
+    action_response,
+    run_with_action,
+)
 from tdcr_fe.identify.law_terms import Term, library
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 
 Array = NDArray[np.float64]
 
-
 #: Iterations of the state at most, and the change that ends them: moments over EI/L, forces over EI/L^2 [1].
 ITERATIONS, TOLERANCE = 15, 2e-6
-
 
 #: Iterations over which the rate of convergence is taken.
 RATE_OVER = 3
 
-
 #: Gauss-Newton iterations of a fit at most.
 FIT_ITERATIONS = 8
+
+
+class Law(NamedTuple):
+    """A law with its coefficients."""
+
+    terms: Sequence[Term]
+    coefficients: Array  # in the terms' units, shape (q,)
+
+    def action(self, run: ActedRun) -> Array:
+        """That it gives in the state of a run, shape (K, n_bays, 5)."""
+        total = np.zeros(run.action.shape)
+        for term, c in zip(self.terms, self.coefficients, strict=True):
+            total += c * term.action(run.state)
+        return total
+
+    def coupling(self, run: ActedRun, response: ActionResponse) -> Array:
+        """The matrix ``I - c F' H`` of every step, shape (K, 5 n_bays, 5 n_bays)."""
+        steps, bays, components = run.action.shape
+        slope = np.zeros((steps, bays, components, components))
+        for term, c in zip(self.terms, self.coefficients, strict=True):
+            slope += c * term.slope(run.state)
+        rows = response.state.reshape(steps, bays, components, -1)
+        through = np.einsum("kbij,kbjp->kbip", slope, rows).reshape(steps, bays * components, -1)
+        return np.asarray(np.eye(bays * components) - through)
 
 
 @dataclass(frozen=True)
@@ -41,14 +70,23 @@ class LawFit:
 
     base: Fit  # the effects, whose sensitivities are used
     values: Point  # of their parameters, fitted beside the law
-    terms: tuple[Term, ...]
-    coefficients: Array  # in the terms' units, shape (q,)
+    law: Law
     acted: ActedRun
     # Robust sums of squares over fitted and held-out readings
     cost: float
     held_cost: float
     # of the predictions over sigma, by the base's free parameters and the coefficients, shape (n, p + q)
     jacobian: Array
+
+    @property
+    def terms(self) -> Sequence[Term]:
+        """Of the law."""
+        return self.law.terms
+
+    @property
+    def coefficients(self) -> Array:
+        """Of the law, shape (q,)."""
+        return self.law.coefficients
 
     @property
     def count(self) -> int:
@@ -69,54 +107,15 @@ class LawFit:
         )
 
 
-def law_action(terms: Sequence[Term], coefficients: Array, run: ActedRun) -> Array:
-    """Action that a law gives in the state of a run, shape (K, n_bays, 5)."""
-    total = np.zeros(run.action.shape)
-    for term, c in zip(terms, coefficients, strict=True):
-        total += c * term.action(run.state)
-    return total
-
-
-def _coupling(terms: Sequence[Term], coefficients: Array, run: ActedRun, response: ActionResponse) -> Array:
-    """The matrix ``I - c F' H`` of every step, shape (K, 5 n_bays, 5 n_bays)."""
-    steps, bays, components = run.action.shape
-    slope = np.zeros((steps, bays, components, components))
-    for term, c in zip(terms, coefficients, strict=True):
-        slope += c * term.slope(run.state)
-    response_rows = response.state.reshape(steps, bays, components, -1)
-    through = np.einsum("kbij,kbjp->kbip", slope, response_rows).reshape(steps, bays * components, -1)
-    return np.asarray(np.eye(bays * components) - through)
-
-
 def balance(
-    problem: FitProblem,
-    experiment: Experiment,
-    terms: Sequence[Term],
-    coefficients: Array,
-    start: ActedRun,
-    response: ActionResponse,
+    problem: FitProblem, experiment: Experiment, law: Law, start: ActedRun, response: ActionResponse
 ) -> ActedRun | None:
-    """The run in which a law holds in the solved state; None where the iteration does not converge.
-
-    Parameters
-    ----------
-    problem
-        Readings and settings of the solver.
-    experiment
-        With its listed effects.
-    terms, coefficients
-        The law.
-    start
-        A solved run to begin from.
-    response
-        Of the bays to actions.
-    """
+    """The run in which a law holds in the solved state, from a solved run on; None where it does not converge."""
     backbone = experiment.robot.backbone
     scale = np.array([backbone.EI / backbone.length] * 2 + [backbone.EI / backbone.length**2] * 3)
     here, sizes = start, [np.inf]
     for left in range(ITERATIONS, 0, -1):
-        gap = law_action(terms, coefficients, here) - here.action
-        shape = gap.shape
+        gap = law.action(here) - here.action
         size = float(np.max(np.abs(gap) / scale))
         if here is not start and size <= TOLERANCE:
             return here
@@ -127,39 +126,22 @@ def balance(
         rate = (size / sizes[-1 - RATE_OVER]) ** (1.0 / RATE_OVER) if len(sizes) > RATE_OVER else 0.0
         if size * min(rate, 1.0) ** left > TOLERANCE:
             return None  # at this rate it does not converge
-        matrix = _coupling(terms, coefficients, here, response)
-        change = np.linalg.solve(matrix, gap.reshape(len(gap), -1, 1)).reshape(shape)
-        following = run_with_action(problem, experiment, here.action + change, here.state.rotation, here)
-        if not following.solved:
-            half = here.action + 0.5 * change
-            following = run_with_action(problem, experiment, half, here.state.rotation, here)
-            if not following.solved:
-                return None
+        change = np.linalg.solve(law.coupling(here, response), gap.reshape(len(gap), -1, 1)).reshape(
+            gap.shape
+        )
+        for share in (1.0, 0.5):
+            action = Action(here.action + share * change, here.state.rotation)
+            following = run_with_action(problem, experiment, action, here)
+            if following.solved:
+                break
+        else:
+            return None
         here = following
     return None
 
 
-def law_columns(
-    problem: FitProblem, terms: Sequence[Term], coefficients: Array, run: ActedRun, response: ActionResponse
-) -> Array:
-    """Derivatives of the predictions over sigma by the coefficients of a law that holds, shape (n, q)."""
-    matrix = _coupling(terms, coefficients, run, response)
-    actions = np.stack([t.action(run.state).reshape(len(matrix), -1) for t in terms], axis=-1)
-    return readings_of(problem, np.asarray(np.linalg.solve(matrix, actions), dtype=float), response)
-
-
 def readings_of(problem: FitProblem, actions: Array, response: ActionResponse) -> Array:
-    """Change of the predictions over sigma by actions to first order.
-
-    Parameters
-    ----------
-    actions
-        Shape (K, 5 n_bays, q).
-
-    Returns
-    -------
-    ndarray, shape (n, q)
-    """
+    """Change of the predictions over sigma by actions of shape (K, 5 n_bays, q) to first order, shape (n, q)."""
     out = np.zeros((problem.count, actions.shape[-1]))
     for k, (mine, rows) in enumerate(response.readings):
         out[mine] = rows @ actions[k]
@@ -167,41 +149,34 @@ def readings_of(problem: FitProblem, actions: Array, response: ActionResponse) -
 
 
 def fit_law(
-    problem: FitProblem,
-    base: Fit,
-    start: ActedRun,
-    response: ActionResponse,
-    terms: Sequence[Term],
-    coefficients: Array,
+    problem: FitProblem, base: Fit, law: Law, start: ActedRun, response: ActionResponse
 ) -> LawFit | None:
     """Fit the coefficients of a law, and the parameters of the base's effects beside it.
 
-    Gauss and Newton with bounds on the effects' parameters; every trial is a run in which the law holds.
-
-    Parameters
-    ----------
-    problem
-        Readings.
-    base
-        Listed effects and their sensitivities.
-    start
-        Its run without action, or one with a smaller law.
-    response
-        At the base.
-    terms, coefficients
-        The law, and where the fit begins.
-
-    Returns
-    -------
-    LawFit or None
-        None where no run converges.
+    Gauss and Newton with bounds on the effects' parameters; every trial is a run in which the law holds. None where
+    none converges.
     """
-    values = base.values
-    found = _trial(problem, base, values, terms, coefficients, start, response)
+
+    def trial(values: Point, coefficients: Array, start: ActedRun) -> LawFit | None:
+        own = Law(law.terms, np.asarray(coefficients, dtype=float))
+        run = balance(problem, problem.with_effects(base.effects, values), own, start, response)
+        if run is None:
+            return None
+        cost, held_cost = problem.cost(run.residual)
+        if not np.isfinite(cost + held_cost):
+            return None
+        # Derivatives of the predictions over sigma by the coefficients of the law that holds
+        matrix = own.coupling(run, response)
+        actions = np.stack([t.action(run.state).reshape(len(matrix), -1) for t in law.terms], axis=-1)
+        columns = readings_of(problem, np.asarray(np.linalg.solve(matrix, actions), dtype=float), response)
+        jacobian = np.concatenate((base.jacobian, columns), axis=1)
+        return LawFit(base, values, own, run, cost, held_cost, jacobian)
+
+    found = trial(base.values, law.coefficients, start)
     share = 1.0
     while found is None and share > 0.2:
         share *= 0.5
-        found = _trial(problem, base, values, terms, share * coefficients, start, response)
+        found = trial(base.values, share * law.coefficients, start)
     if found is None:
         return None
     fitted, p = problem.fitted, len(base.free)
@@ -216,51 +191,23 @@ def fit_law(
         promised = float(b @ b - np.sum((b - a @ move) ** 2))
         if promised < 0.05 + 1e-3 * found.cost:
             break
-        better = None
         for step in (1.0, 0.4, 0.15):
             goal = np.clip(z + step * move[:p], limits[:, 0], limits[:, 1])
             point = problem.point(base.effects, found.values, base.free, goal) if p else found.values
-            trial = _trial(
-                problem, base, point, terms, found.coefficients + step * move[p:], found.acted, response
-            )
-            if trial is not None and trial.cost < found.cost:
-                better = trial
+            better = trial(point, found.coefficients + step * move[p:], found.acted)
+            if better is not None and better.cost < found.cost:
                 break
-        if better is None:
+        else:
             break
+        assert better is not None
         gain, found = found.cost - better.cost, better
         if gain < 0.05 + 1e-3 * found.cost:
             break
     return found
 
 
-def _trial(
-    problem: FitProblem,
-    base: Fit,
-    values: Point,
-    terms: Sequence[Term],
-    coefficients: Array,
-    start: ActedRun,
-    response: ActionResponse,
-) -> LawFit | None:
-    """The model at given numbers."""
-    experiment = problem.with_effects(base.effects, values)
-    run = balance(problem, experiment, terms, coefficients, start, response)
-    if run is None:
-        return None
-    cost, held_cost = problem.cost(run.residual)
-    if not np.isfinite(cost + held_cost):
-        return None
-    columns = law_columns(problem, terms, coefficients, run, response)
-    jacobian = np.concatenate((base.jacobian, columns), axis=1)
-    return LawFit(
-        base, values, tuple(terms), np.asarray(coefficients, dtype=float), run, cost, held_cost, jacobian
-    )
-
-
 #: Repetitions of reading the missing moments at most.
 READINGS = 5
-
 
 #: Terms of a pair must have a smaller cosine than this.
 PARALLEL = 0.999
@@ -289,13 +236,13 @@ class LawSearch:
         steps, bays = len(problem.data.steps), len(experiment.robot.bay_edges) - 1
         zero = np.zeros((steps, bays, COMPONENTS))
         upright = np.broadcast_to(np.eye(3), (steps, bays, 3, 3))
-        run = run_with_action(problem, experiment, zero, upright)
+        run = run_with_action(problem, experiment, Action(zero, upright))
         if not run.solved or run.run.iterations > most_iterations:
             return None
         response, run = action_response(problem, experiment, run)
         for _ in range(READINGS):
             action = missing_action(problem, run, response)
-            following = run_with_action(problem, experiment, action, run.state.rotation, run)
+            following = run_with_action(problem, experiment, Action(action, run.state.rotation), run)
             if not following.solved or problem.cost(following.residual)[0] > problem.cost(run.residual)[0]:
                 break
             done = problem.cost(run.residual)[0] < 1.2 * problem.cost(following.residual)[0]

@@ -9,7 +9,7 @@ into the model and fitted in full, and the number of terms is that at which the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +27,7 @@ from tdcr_fe.identify.criteria import (
     residual_is_noise,
 )
 from tdcr_fe.identify.fitting import covariance
-from tdcr_fe.identify.law_fit import Columns, LawFit, LawSearch, fit_law
+from tdcr_fe.identify.law_fit import Columns, Law, LawFit, LawSearch, fit_law
 from tdcr_fe.identify.law_state import action_response, run_with_action
 from tdcr_fe.identify.law_terms import CURVATURE, Term
 from tdcr_fe.identify.problem import Fit, FitProblem
@@ -37,14 +37,15 @@ from tdcr_fe.identify.settings import A_LAW, Budget, OutOfTime
 
 Array = NDArray[np.float64]
 
-
 #: Terms of a law at most, and candidates that are fitted in a round.
 MOST_TERMS, FITTED = 3, 5
 
+#: Fraction of the identification that is done when a law is searched for: after the first round, and after the search
+#: for effects [1].
+EARLY_PROGRESS, LAW_PROGRESS = 0.4, 0.92
 
 #: Sets of terms whose predictions have a larger cosine than this are the same.
 ALIKE = 0.999999
-
 
 #: A further term must lower the held-out misfit at least by this factor.
 LOWER = 0.95
@@ -68,9 +69,8 @@ def law_bic(problem: FitProblem, fit: LawFit) -> float:
 
 
 def search_law(
-    search: LawSearch,
-    significance: float,
-    report: Callable[[str], None],
+    ready: LawSearch,
+    search: Search,
     budget: Budget | None = None,
     most_terms: int = MOST_TERMS,
     promise: float = math.inf,
@@ -79,12 +79,10 @@ def search_law(
 
     Parameters
     ----------
-    search
+    ready
         Base and response.
-    significance
-        Chance of adding an effect to data that miss nothing [1].
-    report
-        Called with a sentence on what is done.
+    search
+        With the significance, and the function that is told what is done.
     budget
         No further fit begins where it is spent; None for no limit.
     most_terms
@@ -92,21 +90,20 @@ def search_law(
     promise
         Nothing is fitted unless a single term leaves no more than this sum of squares to first order.
     """
-    problem, base = search.problem, search.base
-    columns = Columns.of(search)
+    problem, significance = ready.problem, search.significance
+    columns = Columns.of(ready)
     if not columns.terms or (promise < math.inf and columns.left(columns.best_sets(1, ())[0]) > promise):
         return None, ()
     best: LawFit | None = None
     alternatives: tuple[Term, ...] = ()
     known: tuple[int, ...] = ()
     for number in range(1, most_terms + 1):
-        sets = columns.best_sets(number, known)
-        fits = _fitted(search, columns, sets, significance, report, budget)
+        fits = _fitted(ready, columns, columns.best_sets(number, known), search, budget)
         if not fits:
             break
         fits.sort(key=lambda f: law_bic(problem, f[1]))
         which, new = fits[0]
-        if not _improves(problem, new, best or base, significance):
+        if not _improves(problem, new, best or ready.base, significance):
             break
         noise = effective_noise(problem, new.as_fit(), significance)
         if number == 1:
@@ -119,11 +116,10 @@ def search_law(
 
 
 def _fitted(
-    search: LawSearch,
+    ready: LawSearch,
     columns: Columns,
     sets: Sequence[tuple[int, ...]],
-    significance: float,
-    report: Callable[[str], None],
+    search: Search,
     budget: Budget | None,
 ) -> list[tuple[tuple[int, ...], LawFit]]:
     """Fits of the best sets of terms that differ from each other; where one leaves noise, only of those near it."""
@@ -135,24 +131,17 @@ def _fitted(
         left = columns.left(which)
         if len(taken) >= FITTED or left > limit or (budget is not None and budget.spent):
             break
-        predicted = columns.free[:, list(which)] @ (columns.coefficients(which) / columns.size[list(which)])
+        law = Law([columns.terms[j] for j in which], columns.coefficients(which))
+        predicted = columns.free[:, list(which)] @ (law.coefficients / columns.size[list(which)])
         direction = predicted / max(float(np.linalg.norm(predicted)), 1e-300)
         if any(float(d @ direction) > ALIKE for d in taken):
             continue
         taken.append(direction)
-        terms = [columns.terms[j] for j in which]
-        report("fitting the law " + " + ".join(t.key for t in terms))
-        found = fit_law(
-            search.problem,
-            search.base,
-            search.reading,
-            search.response,
-            terms,
-            columns.coefficients(which),
-        )
+        search.report("fitting the law " + " + ".join(t.key for t in law.terms), LAW_PROGRESS)
+        found = fit_law(ready.problem, ready.base, law, ready.reading, ready.response)
         if found is not None:
             fits.append((which, found))
-            if residual_is_noise(search.problem, found.as_fit(), significance):
+            if residual_is_noise(ready.problem, found.as_fit(), search.significance):
                 limit = min(limit, 2.0 * least + 60.0)
     return fits
 
@@ -172,10 +161,8 @@ def _improves(problem: FitProblem, new: LawFit, old: LawFit | Fit, significance:
 #: how many times its first run must fit into them [1].
 LEAST_ITERATIONS, RUNS = 12_000, 40
 
-
 #: Runs after which no further fit of a law begins.
 MOST_RUNS = 120
-
 
 #: A law is fitted before further effects where it leaves, to first order, at most so many times the cost of noise or
 #: this share of what the best effect leaves: the first order is not exact.
@@ -210,19 +197,14 @@ def law_ahead(search: Search, state: SearchState, iterations: int = LEAST_ITERAT
     if not search.laws or state.law_sought or search.late or not _may_have_law(search, state):
         return state
     budget = _budget(search, problem, iterations)
-    search.report("reading the missing moment from the shapes", 0.4)
+    search.report("reading the missing moment from the shapes", EARLY_PROGRESS)
     ready = LawSearch.of(problem, state.declared, iterations / RUNS)
     if ready is None:
         return state
     state = replace(state, law_sought=True)
-    law, others = search_law(
-        ready,
-        search.significance,
-        lambda text: search.report(text, 0.4),
-        budget,
-        most_terms=1,
-        promise=max(NEARLY * noise_cost(problem), PROMISE * state.best.cost),
-    )
+    early = replace(search, report=lambda text, _: search.report(text, EARLY_PROGRESS))
+    promise = max(NEARLY * noise_cost(problem), PROMISE * state.best.cost)
+    law, others = search_law(ready, early, budget, most_terms=1, promise=promise)
     if law is None or not residual_is_noise(problem, law.as_fit(), search.significance):
         return state
     state = state.with_history(f"an unlisted law leaves only noise: {law.terms[0].key}")
@@ -308,12 +290,12 @@ def _sought(
             why = "out of time" if search.late else "too many runs before it"
             state = state.with_history(f"no search for a law {_beside(base)}: {why}")
             continue
-        search.report("reading the missing moment from the shapes", 0.9)
+        search.report("reading the missing moment from the shapes", LAW_PROGRESS)
         ready = LawSearch.of(problem, base, iterations / RUNS)
         if ready is None:
             state = state.with_history(f"no search for a law {_beside(base)}: too slow, or not solved")
             continue
-        law, others = search_law(ready, search.significance, lambda text: search.report(text, 0.92), budget)
+        law, others = search_law(ready, search, budget)
         if law is not None and (found is None or law_bic(problem, law) < law_bic(problem, found)):
             found, alternatives = law, others
         if found is not None and residual_is_noise(problem, found.as_fit(), search.significance):
@@ -332,11 +314,11 @@ def _without_unnecessary(search: Search, state: SearchState, law: LawFit) -> Law
         values = {e.name: law.values[e.name] for e in base.effects}
         base = replace(base, values={**base.values, **values})
         experiment = problem.with_effects(base.effects, base.values)
-        run = run_with_action(problem, experiment, law.acted.action, law.acted.state.rotation)
+        run = run_with_action(problem, experiment, law.acted.repeated)
         if not run.solved:
             continue
         response, run = action_response(problem, experiment, run)
-        smaller = fit_law(problem, base, run, response, law.terms, law.coefficients)
+        smaller = fit_law(problem, base, law.law, run, response)
         if smaller is not None and not is_improvement(
             problem, law.as_fit(), smaller.as_fit(), search.significance
         ):
@@ -390,7 +372,7 @@ def _on_its_own_path(state: SearchState, law: LawFit) -> LawFit:
     """The same law, simulated without the path of a neighbouring run."""
     problem = state.problem
     experiment = problem.with_effects(law.base.effects, law.values)
-    run = run_with_action(problem, experiment, law.acted.action, law.acted.state.rotation)
+    run = run_with_action(problem, experiment, law.acted.repeated)
     if not run.solved:
         return law
     cost, held_cost = problem.cost(run.residual)
@@ -435,7 +417,6 @@ def where(term: Term, edges: Array) -> str:
 
 
 _POWERS = {1: "", 2: "the square of ", 3: "the third power of "}
-
 
 #: What the size of a direction is, in words.
 _SIZES = {

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,27 +87,29 @@ class ActedRun:
     steps: tuple[LoadStep, ...]  # that were simulated, with the action as loads
 
     @property
+    def repeated(self) -> Action:
+        """The action, with moments along the sections as they turned out."""
+        return Action(self.action, self.state.rotation)
+
+    @property
     def solved(self) -> bool:
         """Whether every step was."""
         return bool(np.all(np.isfinite(self.residual)))
 
 
-def with_action(experiment: Experiment, action: Array, rotation: Array) -> Experiment:
-    """The experiment with an action as concentrated loads.
+class Action(NamedTuple):
+    """What acts on the bays in every commanded step."""
 
-    Parameters
-    ----------
-    experiment
-        Possibly with divided steps.
-    action
-        Shape (K, n_bays, 5).
-    rotation
-        Of the middle sections, to which the moments belong, shape (K, n_bays, 3, 3).
-    """
+    values: Array  # shape (K, n_bays, 5)
+    rotation: Array  # of the middle sections, to which the moments belong, shape (K, n_bays, 3, 3)
+
+
+def with_action(experiment: Experiment, action: Action) -> Experiment:
+    """The experiment, possibly with divided steps, with an action as concentrated loads."""
     edges = experiment.robot.bay_edges
-    couple = np.einsum("kbij,kbj->kbi", rotation[..., :2], action[..., :2])
+    couple = np.einsum("kbij,kbj->kbi", action.rotation[..., :2], action.values[..., :2])
     couple[:, :-1] -= couple[:, 1:]
-    wrench = np.concatenate((action[..., 2:], couple), axis=-1)
+    wrench = np.concatenate((action.values[..., 2:], couple), axis=-1)
     steps = []
     for step, (k, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
         before = wrench[k - 1] if k else np.zeros_like(wrench[0])
@@ -127,25 +129,11 @@ def _triple(x: Array) -> tuple[float, float, float]:
 def run_with_action(
     problem: FitProblem,
     experiment: Experiment,
-    action: Array,
-    rotation: Array,
+    action: Action,
     reference: ActedRun | None = None,
     inputs: Sequence[StepInput] = (),
 ) -> ActedRun:
-    """Simulate an experiment with an action.
-
-    Parameters
-    ----------
-    problem
-        Readings, and settings of the solver.
-    experiment
-        With its effects.
-    action, rotation
-        See `with_action`.
-    reference
-        A similar run, whose path is followed.
-    inputs
-        Loads by which the result is differentiated.
+    """Simulate an experiment with an action, along the path of a similar run, with derivatives by loads.
 
     Raises
     ------
@@ -156,7 +144,7 @@ def run_with_action(
     """
     from tdcr_fe.solve.simulate import simulate
 
-    acted = with_action(experiment, action, rotation)
+    acted = with_action(experiment, action)
     settings = run_settings(problem.forward.settings, problem.path_tolerance)
     end = ending_at(problem.deadline)
     path: PathRecord = []
@@ -176,17 +164,12 @@ def run_with_action(
     last = last_parts(acted)
     steps = [result.steps[j] for j in last if j < len(result.steps)]
     run = replace(Run.of(steps, len(last), acted, result.message), iterations=iterations)
-    residual = problem.residual(acted, run)
-    return ActedRun(
-        run,
+    state, residual, ends = (
         _bay_state(acted, result, last),
-        residual,
-        action,
-        path,
+        problem.residual(acted, run),
         tuple(acted.step_ends),
-        result,
-        acted.steps,
     )
+    return ActedRun(run, state, residual, action.values, path, ends, result, acted.steps)
 
 
 def _bay_state(experiment: Experiment, result: SequenceResult, last: Sequence[int]) -> BayState:
@@ -261,17 +244,7 @@ class ActionResponse:
 def action_response(
     problem: FitProblem, experiment: Experiment, reference: ActedRun
 ) -> tuple[ActionResponse, ActedRun]:
-    """Exact response of readings and bays to actions, in one run.
-
-    Parameters
-    ----------
-    problem
-        Readings.
-    experiment
-        With its effects.
-    reference
-        The run at which the response is taken.
-    """
+    """Exact response of readings and bays to actions, in one run along the reference."""
     from tdcr_fe.solve.sensitivities.parameters import LOAD_COMPONENTS, StepInput
 
     bays = reference.state.shape[1]
@@ -280,7 +253,7 @@ def action_response(
         for j in range(bays)
         for c in range(6)
     ]
-    run = run_with_action(problem, experiment, reference.action, reference.state.rotation, reference, inputs)
+    run = run_with_action(problem, experiment, reference.repeated, reference, inputs)
     found = list(run.result.sensitivities.values())
     last = last_parts(experiment)
     widths = np.diff(run.state.edges)

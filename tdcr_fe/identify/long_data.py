@@ -32,27 +32,21 @@ from tdcr_fe.io.measured import MeasuredData
 
 Array = NDArray[np.float64]
 
-
 #: A path whose inputs deviate by less than this from a straight one, over their range, is straight.
 STRAIGHT = 0.02
-
 
 #: Branches of fewer steps on average are joined to pieces of so many.
 SHORT, PIECE = 4, 12
 
-
 #: Iterations of the final fit to all load steps at most.
 FINAL_ITERATIONS = 4
-
 
 #: Data with more steps than this are long; about how many steps a search then takes, and in a branch at most.
 LONG, SEARCHED, IN_BRANCH = 200, 72, 6
 
-
 #: Steps that a search takes for each input, where that is more: with two branches of each, one parameter per tendon can
 #: be determined.
 PER_INPUT = 13
-
 
 #: Share of the chosen steps that are held out, where there are enough of them.
 HELD_OUT = 0.33
@@ -320,10 +314,8 @@ def _within(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Po
 #: Friction is left out where the misfit of the declared model grows by no more than this share.
 WORSE = 0.1
 
-
 #: Steps of the fit with friction, from the parameters found without.
 ITERATIONS = 4
-
 
 #: Rounds of forward selection with friction.
 ROUNDS = 2

@@ -22,10 +22,8 @@ from tdcr_fe.model.loading import resolve
 
 Array = NDArray[np.float64]
 
-
 #: Residuals are clipped at this many sigma in tests of noise, so that a few outliers do not dominate.
 CLIP = 4.0
-
 
 #: A reading with a residual above this many sigma (of the remaining misfit, where that is larger) is an outlier.
 OUTLIER = 5.0
@@ -177,18 +175,14 @@ def outliers(r: Array) -> tuple[tuple[int, float], ...]:
 #: Chance of reporting noise of the inputs that is not there [1].
 SIGNIFICANCE = 1e-4
 
-
 #: The rms residual over sigma must fall at least to this share of it [1].
 MOST_REMAINING = 0.8
-
 
 #: Largest relative error of an input that is called noise [1]; beyond, something else is wrong.
 LARGEST = 0.25
 
-
 #: Largest mean of the errors over the standard error of a mean; beyond, the errors are systematic [1].
 LARGEST_MEAN = 3.5
-
 
 #: Range of the ratio of the variances that is searched, as exponents of ten, over that at which both matter alike.
 EXPONENTS = (-6.0, 6.0)

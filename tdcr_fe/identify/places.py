@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 from tdcr_fe.effects import Effect, EffectAtPlace, PlaceEffect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.candidates import (
+    Extended,
     at_full_strength,
     candidate_fit,
     finished,
@@ -17,7 +17,6 @@ from tdcr_fe.identify.candidates import (
     identifiable,
     local_candidates,
     local_scores_beside,
-    names_with,
     scores_beside,
     with_screened,
 )
@@ -37,11 +36,9 @@ from tdcr_fe.identify.search_state import Names, Search, SearchState, Stage, lis
 #: order [1].
 AHEAD = 0.5
 
-
 #: Models whose place is moved to neighbouring ones, the best first; and only while their cost is at most so many times
 #: that at which a fit is of interest, fewer where the best model leaves noise.
 MOVED, MOVABLE, MOVABLE_BESIDE_NOISE = 2, 10.0, 3.0
-
 
 #: A place is left where its linear model does not come below so many times the cost of the place before.
 OUT_OF_REACH = 10.0
@@ -89,7 +86,7 @@ def place_ahead(search: Search, state: SearchState) -> tuple[SearchState, Search
 
 def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> SearchState:
     """Try single bays, and springs at one location, beside the three best of the given models."""
-    found: list[tuple[float, Fit, Score]] = []
+    found: list[tuple[float, Extended]] = []
     sizes: dict[str, Mapping[str, float]] = {}
     problem = state.problem
     explained = residual_is_noise(problem, state.best, search.significance)
@@ -104,19 +101,17 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
                 sizes.setdefault(x.effect.name, x.starts[0][x.effect.name])
         scores = _best_of_each_kind([x for x in scored if x.drop > needed])
         found += [
-            (x.cost(state.problem), base, x)
+            (x.cost(state.problem), Extended(base, x))
             for i, x in enumerate(scores[:2])
-            if names_with(base, x) not in state.fits
+            if Extended(base, x).names not in state.fits
             and x.cost(state.problem) < (margin if i or explained else max(margin, 0.6 * base.cost))
         ]
-    chosen = [(base, score) for _, base, score in sorted(found, key=lambda p: p[0])[:3]]
+    chosen = [new for _, new in sorted(found, key=lambda p: p[0])[:3]]
     if not chosen:
         return state
-    search.report(f"fitting {listed_names([score.effect.name for _, score in chosen])}", 0.9)
+    search.report(f"fitting {listed_names([x.score.effect.name for x in chosen])}", 0.9)
     race = fitting.Race(state.best.cost, search.deadline)
-    fits = fitting.run_fits(
-        state.problem, [candidate_fit(state.problem, b, x, None, race) for b, x in chosen]
-    )
+    fits = fitting.run_fits(state.problem, [candidate_fit(state.problem, x, None, race) for x in chosen])
     explained = explained or any(residual_is_noise(state.problem, f, search.significance) for f in fits)
     movable = MOVABLE_BESIDE_NOISE if explained else MOVABLE
     fits = finished(state.problem, better_places(state.problem, fits, sizes, race, movable), race)
@@ -124,8 +119,8 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
         state = state.with_fit(new)
     fits = [
         new
-        for new, (base, _) in zip(fits, chosen, strict=True)
-        if new.solved and is_improvement(state.problem, new, base, search.significance)
+        for new, x in zip(fits, chosen, strict=True)
+        if new.solved and is_improvement(state.problem, new, x.parent, search.significance)
     ]
     return with_local(state, fits) if fits else state
 
@@ -230,17 +225,8 @@ def with_local(state: SearchState, fits: Sequence[Fit]) -> SearchState:
 #: Local causes at full strength beside which effects are tried: so many at first, those that leave least; and in all.
 CAUSES, MOST_CAUSES = 4, 16
 
-
 #: Pairs that are fitted.
 PAIRS = 3
-
-
-class _Pair(NamedTuple):
-    """A local cause at full strength and another effect."""
-
-    expected: float  # BIC of the fitted readings to first order
-    cause: Fit  # the model with the local cause alone
-    score: Score  # of the other effect beside it
 
 
 def saturated_pairs(search: Search, state: SearchState) -> Stage:
@@ -264,7 +250,7 @@ def saturated_pairs(search: Search, state: SearchState) -> Stage:
     return state
 
 
-def _promising_pairs(search: Search, state: SearchState) -> tuple[SearchState, list[_Pair]]:
+def _promising_pairs(search: Search, state: SearchState) -> tuple[SearchState, list[Extended]]:
     """The pairs that promise most; the place of the local cause is moved for as long as its best pair promises more.
 
     Alone, the local cause need not leave least where it is, because the other effect is missing there, too.
@@ -272,24 +258,24 @@ def _promising_pairs(search: Search, state: SearchState) -> tuple[SearchState, l
     problem, declared = state.problem, state.declared
     waiting = sorted(at_full_strength(problem, declared), key=lambda f: f.cost)[:CAUSES]
     known = {f.names for f in waiting}
-    pairs: list[_Pair] = []
+    pairs: list[tuple[float, Extended]] = []  # with the BIC of the fitted readings to first order
     while waiting and not search.late:
         for cause in waiting:
             scores = screen(problem, cause, _others(state, cause))
             state = with_screened(state, scores)
             pairs += [
-                _Pair(x.cost(problem) + x.count * math.log(problem.count), cause, x)
+                (x.cost(problem) + x.count * math.log(problem.count), Extended(cause, x))
                 for x in scores
                 if x.starts and identifiable(problem, cause, x)
             ]
-        pairs.sort(key=lambda p: p.expected)
-        at = pairs[0].cause.effects[-1] if pairs else None
+        pairs.sort(key=lambda p: p[0])
+        at = pairs[0][1].parent.effects[-1] if pairs else None
         assert at is None or isinstance(at, EffectAtPlace)
         near = [] if at is None else [e for e in at.neighbours(problem.data.robot) if (e.name,) not in known]
         near = near[: max(0, MOST_CAUSES - len(known))]
         known |= {(e.name,) for e in near}
         waiting = at_full_strength(problem, declared, near)
-    return state, pairs[:PAIRS]
+    return state, [pair for _, pair in pairs[:PAIRS]]
 
 
 def _others(state: SearchState, cause: Fit) -> list[Effect]:
@@ -300,11 +286,11 @@ def _others(state: SearchState, cause: Fit) -> list[Effect]:
     return [e for e in (*forms, *places) if e.name not in state.refused]
 
 
-def _fitted_pairs(search: Search, state: SearchState, pairs: Sequence[_Pair]) -> list[Fit]:
+def _fitted_pairs(search: Search, state: SearchState, pairs: Sequence[Extended]) -> list[Fit]:
     """Pairs fitted, and both effects moved to the places where they explain most."""
     problem = state.problem
     race = fitting.Race(state.best.cost, search.deadline)
-    fits = fitting.run_fits(problem, [candidate_fit(problem, p.cause, p.score, None, race) for p in pairs])
+    fits = fitting.run_fits(problem, [candidate_fit(problem, p, None, race) for p in pairs])
     for _ in range(2):
         fits = [_last_first(f) for f in fits]
         fits = _at_better_places(problem, fits, race)

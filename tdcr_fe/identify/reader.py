@@ -23,7 +23,6 @@ from tdcr_fe.model.observed_step import AT_NODE, ObservedChange, ObservedStep
 
 Array = NDArray[np.float64]
 
-
 #: Family of the channels that read a coordinate of a marker.
 POSITION = "position"
 

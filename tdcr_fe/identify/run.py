@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-
 #: For every step, the commanded step it belongs to and its load factor at the end, as in `Experiment.step_ends`.
 Ends = tuple[tuple[int, float], ...]
 

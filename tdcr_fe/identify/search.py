@@ -14,7 +14,16 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.candidates import fit_and_rank, fit_proposals, identifiable, propose, scores_beside
+from tdcr_fe.identify.candidates import (
+    Contest,
+    Extended,
+    Round,
+    fit_and_rank,
+    fit_proposals,
+    identifiable,
+    propose,
+    scores_beside,
+)
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
     BOUND_PENALTY,
@@ -67,7 +76,6 @@ def backward_selection(search: Search, state: SearchState) -> Stage:
 
 Array = NDArray[np.float64]
 
-
 #: Repetitions of swapping, at most.
 REPETITIONS = 3
 
@@ -105,17 +113,10 @@ def _swap_one(search: Search, state: SearchState) -> tuple[SearchState, bool]:
         beside = {x.name: state.best.values[x.name] for x in rest.effects}
         more = {x.effect.name: _starts_beside(state, x, beside) for x in worth if beside}
         noise = effective_noise(state.problem, state.best, search.significance)
-        state, raced = fit_and_rank(
-            search,
-            state,
-            [(rest, x) for x in worth],
-            state.best.cost,
-            0.75,
-            more,
-            margin=2.0 * BIC_DIFFERENCE * noise,
-        )
+        contest = Contest(state.best.cost, 0.75, more, margin=2.0 * BIC_DIFFERENCE * noise)
+        state, fits = fit_and_rank(search, state, [Extended(rest, x) for x in worth], contest)
         problem, best = state.problem, state.best
-        for _, x, other in raced:
+        for (_, x), other in fits:
             if not other.solved:
                 continue
             difference = rank(problem, other) - rank(problem, best)
@@ -178,7 +179,6 @@ def _similarity(a: Array | None, b: Array | None) -> float:
 
 #: A local cause that leaves less than so much of the misfit of the best effect along the whole robot is kept [1].
 FAR_AHEAD = 0.1
-
 
 #: An effect beyond so many is added only where it removes at least so much of the misfit on held-out steps [1].
 MANY_EFFECTS, WORTHWHILE = 4, 0.1
@@ -261,10 +261,10 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
         if located is not None:
             state = replace(located, best=located.declared, rivals={})
             level = [state.declared]
-        known = _ahead(state, located)
-        state, proposals = propose(search, state, number, level, progress, known is not None)
+        this = Round(number, progress, _ahead(state, located))
+        state, proposals = propose(search, state, this, level)
         yield state
-        state, fits = fit_proposals(search, state, number, proposals, progress, known)
+        state, fits = fit_proposals(search, state, this, proposals)
         accepted = _accepted(search, state, fits)
         explaining = any(residual_is_noise(state.problem, f, search.significance) for f in accepted)
         if located is not None and not explaining:

@@ -30,10 +30,8 @@ from tdcr_fe.report.environment import SPACE, estimate, quantity, significant, w
 #: Half-width of a 95 % interval over the standard error [1].
 HALF_WIDTH = 1.96
 
-
 #: Least strain at which a backbone softens: nickel-titanium transforms near 1 %, polymers yield above it [1].
 LEAST_THRESHOLD = 3e-3
-
 
 #: Gravity on earth, and the deviation of a fitted magnitude above which the report warns [m/s^2].
 EARTH, EARTH_TOLERANCE = 9.81, 0.15

@@ -68,52 +68,37 @@ class IdentifySettings:
 #: Parts of an identification that are left out where its time does not suffice.
 FAULTS = "errors in the data"
 
-
 FURTHER_EFFECTS = "further effects"
-
 
 EXCHANGES = "exchanges of effects"
 
-
 PLACES = "places along the backbone"
-
 
 FRICTION = "the best model with friction"
 
-
 A_LAW = "an unlisted law"
-
 
 NEXT_EXPERIMENT = "the next experiment"
 
-
 INPUT_NOISE = "the noise of the inputs"
-
 
 ALL_STEPS = "the fit to all load steps"
 
-
 SMALLER_MODELS = "the errors after each effect"
-
 
 CEILING = "the explainable part of the error"
 
-
 TABLES = "the tables of the corrected robot"
-
 
 #: Parts that may explain what is left: where one was not tried, and more than noise is left, the verdict is open.
 MAY_EXPLAIN = frozenset({FURTHER_EFFECTS, EXCHANGES, PLACES, FRICTION, A_LAW})
-
 
 #: From the first deadline of a part to the second, and from the time limit to the end of the simulation that the tables
 #: of the corrected robot take, over the time limit [1].
 GRACE, GRACE_OF_TABLES = 0.1, 0.15
 
-
 #: The final fit to all load steps takes about so many runs over all of them, and so much of the time limit at most [1].
 RUNS_OF_FIT, MOST_OF_FIT = 7, 0.4
-
 
 #: The same for the best model with friction, on the chosen load steps [1].
 RUNS_WITH_FRICTION, MOST_WITH_FRICTION = 12, 0.15

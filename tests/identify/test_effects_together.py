@@ -8,7 +8,7 @@ from identify_data import MODEL, ROBOT, measured, problem_of, searching, state_o
 
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.candidates import propose
+from tdcr_fe.identify.candidates import Round, propose
 from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.search import MANY_EFFECTS, _worthwhile, forward_selection
@@ -55,8 +55,8 @@ def test_stretch_and_pretension_are_found_together(opposed):
     names = ("stiffness_scale", "tendon_stretch", "pretension", "frame_misalignment")
     problem = replace(problem, catalogue=tuple(e for e in EFFECTS if e.name in names))
     state, search = state_of(problem), searching(candidates=3)
-    _, proposals = propose(search, state, 1, [state.declared], 0.0)
-    assert {e.listed for fit, score in proposals for e in (*fit.effects, score.effect)} >= set(names[1:3])
+    _, proposals = propose(search, state, Round(1, 0.0), [state.declared])
+    assert {e.listed for x in proposals for e in x.effects} >= set(names[1:3])
     for latest in forward_selection(search, state, locate=False):
         state = latest
     assert {e.listed for e in state.best.effects} >= set(names[1:3])

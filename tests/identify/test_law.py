@@ -15,7 +15,7 @@ from tdcr_fe.identify import identification, identify
 from tdcr_fe.identify.corrected import corrected_files
 from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.fitting import fit
-from tdcr_fe.identify.law_fit import TOLERANCE, LawSearch, balance, law_action
+from tdcr_fe.identify.law_fit import TOLERANCE, Law, LawSearch, balance
 from tdcr_fe.identify.law_search import (
     _beside_the_effects,
     _explains_more,
@@ -24,7 +24,7 @@ from tdcr_fe.identify.law_search import (
     search_law,
     sentence,
 )
-from tdcr_fe.identify.law_state import COMPONENTS, action_response, last_direction, run_with_action
+from tdcr_fe.identify.law_state import COMPONENTS, Action, action_response, last_direction, run_with_action
 from tdcr_fe.identify.law_terms import (
     ABOUT_X,
     BENDING,
@@ -60,13 +60,13 @@ def started(problem):
     experiment = problem.experiment
     steps, bays = len(experiment.steps), len(ROBOT.disks.positions)
     upright = np.broadcast_to(np.eye(3), (steps, bays, 3, 3))
-    run = run_with_action(problem, experiment, np.zeros((steps, bays, COMPONENTS)), upright)
+    run = run_with_action(problem, experiment, Action(np.zeros((steps, bays, COMPONENTS)), upright))
     return experiment, *action_response(problem, experiment, run)
 
 
 def law_beside(problem, base):
     """The law that a search finds beside a model."""
-    return search_law(LawSearch.of(problem, base), 1e-3, lambda text: None)[0]
+    return search_law(LawSearch.of(problem, base), searching())[0]
 
 
 def test_the_response_to_an_action_is_exact():
@@ -78,7 +78,7 @@ def test_the_response_to_an_action_is_exact():
     step = rng.normal(size=run.action.shape) * size
     # The response is that of one step: only step 4 gets the action.
     step[np.arange(len(step)) != 3] = 0.0
-    ends = [run_with_action(problem, experiment, x * step, run.state.rotation) for x in (1.0, -1.0)]
+    ends = [run_with_action(problem, experiment, Action(x * step, run.state.rotation)) for x in (1.0, -1.0)]
     mine, rows = response.readings[3]
     change = -(ends[0].residual[mine] - ends[1].residual[mine]) / 2.0
     predicted = rows @ step[3].ravel()
@@ -98,8 +98,9 @@ def test_a_hardening_law_holds_in_the_arc_that_a_moment_gives():
     problem = problem_of(MeasuredData("rod", rod, MODEL, (1, 2), steps, ("", ""), readings))
     experiment, response, run = started(problem)
     c = 0.25 * rod.backbone.EI / 4.0
-    held = balance(problem, experiment, [HARDENING], np.array([-c]), run, response)
-    gap = law_action([HARDENING], [-c], held) - held.action
+    law = Law([HARDENING], np.array([-c]))
+    held = balance(problem, experiment, law, run, response)
+    gap = law.action(held) - held.action
     assert np.abs(gap).max() <= TOLERANCE * rod.backbone.EI / LENGTH
     for k, share in enumerate((0.5, 1.0)):
         kappa = (-rod.backbone.EI + np.sqrt(rod.backbone.EI**2 + 4.0 * c * share * moment)) / (2.0 * c)
@@ -172,7 +173,7 @@ def drifting():
     true = problem_of(data, HELD)
     experiment, response, run = started(true)
     drift = 0.01 * ROBOT.backbone.EI / LENGTH
-    acted = balance(true, experiment, [DRIFT], np.array([drift]), run, response)
+    acted = balance(true, experiment, Law([DRIFT], np.array([drift])), run, response)
     values = true.readings.values - acted.residual * true.sigma
     values = values + np.random.default_rng(0).normal(0.0, 1e-4, values.size)
     read = tuple(replace(r, value=float(v), sigma=1e-4) for r, v in zip(data.readings, values, strict=True))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from identify_data import FRICTIONAL, ROBOT, measured, problem_of, searching, state_of
 
-from tdcr_fe.identify.candidates import SECOND_LOOK, _has_a_chance, fit_proposals, propose
+from tdcr_fe.identify.candidates import SECOND_LOOK, Round, _has_a_chance, fit_proposals, propose
 from tdcr_fe.identify.fitting import Race
 from tdcr_fe.identify.places import place_ahead
 
@@ -17,10 +17,10 @@ def test_a_strong_effect_whose_score_is_low_is_fitted_and_found():
     problem = problem_of(data)
     state = state_of(problem)
     search = searching(candidates=2)
-    state, proposals = propose(search, state, 1, [state.declared], 0.0)
+    state, proposals = propose(search, state, Round(1, 0.0), [state.declared])
     names = [score.effect.name for _, score in proposals]
     assert names.index("hole_adhesion") >= 2 and len(names) == 2 + SECOND_LOOK
-    state, fits = fit_proposals(search, state, 1, proposals, 0.0)
+    state, fits = fit_proposals(search, state, Round(1, 0.0), proposals)
     assert len(fits) <= 2 and fits[0].names == ("hole_adhesion",)
     assert fits[0].cost < 2.0 * problem.count < 0.1 * state.declared.cost
 
@@ -32,8 +32,8 @@ def test_an_effect_whose_prediction_goes_too_far_is_fitted_all_the_same():
     problem = problem_of(data)
     state = state_of(problem)
     search = searching(candidates=1)
-    state, proposals = propose(search, state, 1, [state.declared], 0.0)
-    state, fits = fit_proposals(search, state, 1, proposals, 0.0)
+    state, proposals = propose(search, state, Round(1, 0.0), [state.declared])
+    state, fits = fit_proposals(search, state, Round(1, 0.0), proposals)
     assert [fit.names for fit in fits] == [("superelastic",)]
     assert fits[0].cost < 0.02 * state.declared.cost
 
@@ -46,7 +46,7 @@ def test_scores_are_computed_once_for_a_model():
     search = searching()
     state, located = place_ahead(search, state)
     before = problem.forward.runs
-    state, proposals = propose(search, state, 1, [state.declared], 0.0)
+    state, proposals = propose(search, state, Round(1, 0.0), [state.declared])
     assert located is None and proposals and problem.forward.runs == before
 
 

@@ -32,11 +32,6 @@ def test_switched_off_it_is_plain(monkeypatch, capsys):
     assert "(not compiled)" in capsys.readouterr().out
 
 
-def test_used_only_where_numba_is_installed(monkeypatch):
-    monkeypatch.delenv(compiled.SWITCH, raising=False)
-    assert compiled.is_compiled() == with_numba == (versions()["numba"] != "not used")
-
-
 def test_an_installed_numba_that_cannot_be_imported_is_said(monkeypatch):
     monkeypatch.delenv(compiled.SWITCH, raising=False)
     monkeypatch.setattr(compiled, "numba_version", lambda: "0.1")
