@@ -187,10 +187,16 @@ def _parser(name: str, campaign: Campaign) -> argparse.ArgumentParser:
     return parser
 
 
+#: Options that do not change a case.
+_COMMON = ("n", "first", "o", "only", "processes", "again", "other_code", "page")
+
+
 def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argparse.Namespace) -> int:
     """Run all cases, those first that are known, and conclude."""
     out: Path = options.o
-    store = Lines(out / f"{name}.jsonl", {"source": source_digest(), "versions": versions()})
+    asked = {k: v for k, v in vars(options).items() if k not in _COMMON}
+    head = {"source": source_digest(), "versions": versions(), "options": asked}
+    store = Lines(out / f"{name}.jsonl", head)
     if options.other_code == "keep":
         store = store.with_head_of_file()
     try:

@@ -1,4 +1,4 @@
-"""Random two-segment robots through `tdcr-fe run` with default settings, against the equations of two public codes."""
+"""Random two-segment robots through tdcr-fe run with default settings, against the equations of two public codes."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import csv
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
@@ -19,7 +21,8 @@ from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.validation.public_codes.equations import solve
+from tdcr_fe.validation.public_codes import solve
+from tdcr_fe.validation.runner import Campaign
 
 Array = NDArray[np.float64]
 
@@ -29,31 +32,13 @@ TOLERANCE = 5e-4
 
 @dataclass(frozen=True)
 class Case:
-    """One robot and its loading.
+    """One robot and its loading."""
 
-    Attributes
-    ----------
-    number : int
-        Seed.
-    robot : Robot
-    path : str
-        "straight" or "continuous".
-    tensions : dict of str to float
-        [N].
-    force : ndarray, shape (3,)
-        At the tip, world frame [N].
-    """
-
-    number: int
+    number: int  # seed
     robot: Robot
-    path: str
-    tensions: dict[str, float]
-    force: Array
-
-    @property
-    def disks_per_segment(self) -> int:
-        """Disks of each of the two segments."""
-        return len(self.robot.disks.positions) // 2
+    path: str  # "straight" or "continuous"
+    tensions: dict[str, float]  # [N]
+    force: Array  # at the tip, world frame [N], shape (3,)
 
 
 def draw(number: int) -> Case:
@@ -82,9 +67,8 @@ def draw(number: int) -> Case:
         angle = float(rng.uniform(0.2, 1.4))
         for i in range(3):
             name = f"s{k + 1}t{i + 1}"
-            tendons.append(
-                Tendon(name, ParallelRouting(float(offsets[k]), 90.0 + 120.0 * i + 60.0 * k), end=end)
-            )
+            routing = ParallelRouting(float(offsets[k]), 90.0 + 120.0 * i + 60.0 * k)
+            tendons.append(Tendon(name, routing, end=end))
             if i in pulled:
                 share = float(rng.uniform(0.3, 1.0)) if len(pulled) > 1 else 1.0
                 tensions[name] = share * angle * backbone.EI / (float(offsets[k]) * float(lengths[k]))
@@ -96,33 +80,19 @@ def draw(number: int) -> Case:
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """Tip position by the command and by the equations.
+class Outcome:
+    """Tip position by the command and by the equations."""
 
-    Attributes
-    ----------
-    case : Case
-    status : int
-        Exit status of the command.
-    deviation : float
-        Distance of both tips over the length [1].
-    deviation_without_kinks : float
-        The same from the equations without the kinks of tendons that go on where others end, as the first code has
-        them [1].
-    estimate : float
-        Discretisation error in the summary over the length [1].
-    bending_deg : float
-        Angle of the tip tangent to +z [deg].
-    warnings : tuple of str
-    """
-
-    case: Case
-    status: int
-    deviation: float
+    seed: int
+    tendons: str  # "straight" or "continuous"
+    disks: int
+    tip_force: bool
+    tip_angle: float  # angle of the tip tangent to +z [deg]
+    deviation: float  # distance of both tips over the length [1]
+    #: The same from the equations without the kinks of tendons that go on where others end, as the first code has them.
     deviation_without_kinks: float
-    estimate: float
-    bending_deg: float
-    warnings: tuple[str, ...]
+    estimate: float  # discretisation error in the summary over the length [1]
+    status: int  # exit status of the command
 
     @property
     def passed(self) -> bool:
@@ -130,22 +100,14 @@ class Comparison:
         return self.status == 0 and self.deviation <= max(TOLERANCE, 2.0 * self.estimate)
 
 
-def compare(case: Case, folder: Path) -> Comparison:
-    """Solve a case with both.
-
-    Parameters
-    ----------
-    case
-        What to solve.
-    folder
-        Where the files of the run go.
-    """
+def compare(case: Case, folder: Path) -> Outcome:
+    """Solve a case with both; the files of the run go into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     length = case.robot.backbone.length
-    f = tuple(float(x) for x in case.force)
-    step = LoadStep("load", case.tensions, loads={"tip": Load(length, f)} if any(f) else {})  # type: ignore[arg-type]
-    (folder / "robot.toml").write_text(robot_to_toml(case.robot), encoding="utf-8")
+    x, y, z = (float(c) for c in case.force)
+    step = LoadStep("load", case.tensions, loads={"tip": Load(length, (x, y, z))} if any((x, y, z)) else {})
     model = Model(case.path, "none")  # type: ignore[arg-type]
+    (folder / "robot.toml").write_text(robot_to_toml(case.robot), encoding="utf-8")
     (folder / "scenario.toml").write_text(scenario_to_toml(model, [step]), encoding="utf-8")
     out = folder / "out"
     command = [sys.executable, "-m", "tdcr_fe", "run", str(folder / "scenario.toml"), "-o", str(out)]
@@ -159,47 +121,53 @@ def compare(case: Case, folder: Path) -> Comparison:
         row = list(csv.DictReader(table))[-1]
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     tip = np.array([float(row[f"tip_{axis}"]) for axis in "xyz"])
-    return Comparison(
-        case,
-        done.returncode,
+    return Outcome(
+        case.number,
+        case.path,
+        len(case.robot.disks.positions),
+        bool(np.any(case.force)),
+        float(np.degrees(np.arccos(np.clip(solution.tangent[2], -1.0, 1.0)))),
         float(np.linalg.norm(tip - solution.tip)) / length,
         float(np.linalg.norm(tip - without.tip)) / length,
         summary["steps"][-1]["discretisation_error"] / length,
-        float(np.degrees(np.arccos(np.clip(solution.tangent[2], -1.0, 1.0)))),
-        tuple(summary["warnings"]),
+        done.returncode,
     )
 
 
-def compare_all(numbers: range, folder: Path) -> Iterator[Comparison]:
-    """`compare` for every seed."""
-    for number in numbers:
-        yield compare(draw(number), folder / str(number))
+class PublicCodes(Campaign):
+    """See the text of this module."""
+
+    count: ClassVar[int | None] = 40
+    outcome = Outcome
+
+    def run(self, case: int, out: Path) -> Outcome:
+        """Draw a case and compare."""
+        return compare(draw(case), out / "runs" / str(case))
+
+    def row(self, outcome: Outcome) -> dict[str, Any]:
+        """Deviations in per cent of the length."""
+        return {
+            "seed": outcome.seed,
+            "tendons": outcome.tendons,
+            "disks": outcome.disks,
+            "tip force": "yes" if outcome.tip_force else "no",
+            "tip angle [deg]": round(outcome.tip_angle, 1),
+            "off the equations [%]": f"{100.0 * outcome.deviation:.5f}",
+            "off them without kinks [%]": f"{100.0 * outcome.deviation_without_kinks:.5f}",
+            "estimate [%]": f"{100.0 * outcome.estimate:.5f}",
+            "passed": outcome.passed,
+        }
+
+    def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
+        """All robots, and the largest deviation by tendon path."""
+        largest = {
+            path: max((o.deviation for o in outcomes if o.tendons == path), default=0.0)
+            for path in ("straight", "continuous")
+        }
+        return [
+            *super().report(outcomes),
+            *(f"{path}: at most {100.0 * worst:.5f} % of the length" for path, worst in largest.items()),
+        ]
 
 
-def format_row(c: Comparison) -> str:
-    """A comparison as a row of the table."""
-    errors = (f"{100.0 * x:.5f} %" for x in (c.deviation, c.deviation_without_kinks, c.estimate))
-    cells = [
-        str(c.case.number),
-        c.case.path,
-        str(c.case.disks_per_segment),
-        "yes" if np.any(c.case.force) else "no",
-        f"{c.bending_deg:.1f}",
-        *errors,
-        "yes" if c.passed else "NO",
-    ]
-    return f"| {' | '.join(cells)} |"
-
-
-COLUMNS = (
-    "seed",
-    "tendons",
-    "disks a segment",
-    "tip force",
-    "tip angle [deg]",
-    "off the equations",
-    "off them without kinks",
-    "estimate",
-    "passed",
-)
-HEAD = f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}"
+CAMPAIGN = PublicCodes()

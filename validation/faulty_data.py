@@ -2,13 +2,73 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.validation.faulty_data.tables import Tables
+
+@dataclass
+class Tables:
+    """The files of one set."""
+
+    loading: pd.DataFrame  # loading.csv
+    observations: pd.DataFrame  # observations.csv
+    robot: str  # text of robot.toml
+    model: str  # text of model.toml
+
+    @classmethod
+    def read(cls, folder: Path, most_steps: int, markers: int) -> Tables:
+        """The first steps of a set without readings of tendons, with so many markers, the last one among them."""
+        loading = pd.read_csv(folder / "loading.csv").head(most_steps)
+        observations = pd.read_csv(folder / "observations.csv", dtype={"location": object})
+        robot_alone = ~observations["quantity"].isin(("tendon_displacement", "distal_tension"))
+        observations = observations[observations["step"].isin(loading["step"]) & robot_alone]
+        known = sorted({x for x in observations["location"] if isinstance(x, str)}, key=float)
+        left_out = known[: len(known) - markers]
+        observations = observations[~observations["location"].isin(left_out)].reset_index(drop=True)
+        texts = [(folder / name).read_text(encoding="utf-8") for name in ("robot.toml", "model.toml")]
+        return cls(loading, observations, *texts)
+
+    def write(self, folder: Path) -> None:
+        """As a new folder; an old one is replaced."""
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        self.loading.to_csv(folder / "loading.csv", index=False)
+        self.observations.to_csv(folder / "observations.csv", index=False)
+        (folder / "robot.toml").write_text(self.robot, encoding="utf-8")
+        (folder / "model.toml").write_text(self.model, encoding="utf-8")
+
+    @property
+    def steps(self) -> list[int]:
+        """Steps with readings, in order."""
+        return sorted(self.observations["step"].unique().tolist())
+
+    @property
+    def markers(self) -> list[str]:
+        """Arc lengths of the markers as the file has them, in order."""
+        return sorted({x for x in self.observations["location"] if isinstance(x, str)}, key=float)
+
+    def of(self, begins: str) -> pd.Series:
+        """Rows whose quantity begins like this."""
+        return self.observations["quantity"].str.startswith(begins)
+
+    def at(self, marker: str) -> pd.Series:
+        """Rows of one marker."""
+        return self.observations["location"] == marker
+
+    def change_robot(self, key: str, change: Callable[[float], float]) -> None:
+        """Change the first number of this key in the robot's file."""
+        found = re.search(rf"^{key} = (.*)$", self.robot, re.MULTILINE)
+        if found is None:
+            raise KeyError(key)
+        number = change(float(found[1]))
+        self.robot = f"{self.robot[: found.start(1)]}{number!r}{self.robot[found.end(1) :]}"
+
 
 #: What changes the tables of a set in place.
 Change = Callable[[Tables, np.random.Generator], None]
@@ -16,23 +76,13 @@ Change = Callable[[Tables, np.random.Generator], None]
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault.
-
-    Attributes
-    ----------
-    name : str
-    base : str
-        The clean set that it is put into: "tension" or "displacement".
-    change : callable
-        Puts it into the tables.
-    words : tuple of str
-        The fault is named where an error or the report has one of these (in lower case), or where one is the name of
-        an effect that was added.
-    """
+    """One fault."""
 
     name: str
-    base: str
-    change: Change
+    base: str  # the clean set that it is put into: "tension" or "displacement"
+    change: Change  # puts it into the tables
+    #: The fault is named where an error or the report has one of these (in lower case), or where one is the name of an
+    #: effect that was added.
     words: tuple[str, ...]
 
 
@@ -219,6 +269,9 @@ def _signs(*quantities: str) -> Change:
     return change
 
 
+_EXCHANGED_DISPLACEMENTS = _exchange_columns("displacement_t1", "displacement_t2")
+_REVERSED_DISPLACEMENTS = _scale_columns("displacement_", -1.0)
+
 #: All faults, in the order of the table that is printed.
 FAULTS: tuple[Fault, ...] = (
     Fault("positions in mm", "tension", _scale("position_", 1e3), ("mm",)),
@@ -259,21 +312,13 @@ FAULTS: tuple[Fault, ...] = (
     Fault("three in ten are outliers", "tension", _outliers, ("are outliers",)),
     Fault("six in ten are empty", "tension", _missing_values, ("rows would be left",)),
     Fault("half of the values are text", "tension", _text, ("rows would be left",)),
-    Fault(
-        "rows twice, 10 mm apart",
-        "tension",
-        _contradicting_rows,
-        ("were left out: too many",),
-    ),
+    Fault("rows twice, 10 mm apart", "tension", _contradicting_rows, ("were left out: too many",)),
     Fault("only unloaded steps", "tension", _unloaded, ("noise is larger", "too few")),
     Fault("noise larger than the motion", "tension", _noise(0.2), ("noise is larger", "values up to")),
     Fault("noise thirty times its sigma", "tension", _noise(6e-3), ("times their sigma",)),
     Fault("readings rounded to 5 mm", "tension", _round, ("rounded",)),
     Fault(
-        "tensions in grams",
-        "tension",
-        _scale_columns("tension_", 102.0),
-        ("actuator_gain", "meant in mn"),
+        "tensions in grams", "tension", _scale_columns("tension_", 102.0), ("actuator_gain", "meant in mn")
     ),
     Fault("displacements in mm", "displacement", _scale_columns("displacement_", 1e3), ("mm",)),
     Fault(
@@ -283,12 +328,7 @@ FAULTS: tuple[Fault, ...] = (
         ("other sign",),
     ),
     Fault("tension of t2 not recorded", "tension", _unplugged("tension_t2"), ("tendon t2 has no input",)),
-    Fault(
-        "diameter given as radius",
-        "tension",
-        _robot("radius", lambda x: 2.0 * x),
-        ("stiffness_scale",),
-    ),
+    Fault("diameter given as radius", "tension", _robot("radius", lambda x: 2.0 * x), ("stiffness_scale",)),
     Fault("modulus in MPa", "tension", _robot("youngs_modulus", lambda x: 1e-6 * x), ("youngs_modulus",)),
     Fault("length a tenth too short", "tension", _robot("length", lambda x: 0.9 * x), ("length",)),
 )

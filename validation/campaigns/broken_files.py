@@ -1,10 +1,14 @@
-"""Run the command on broken input, and judge what it does."""
+"""Good input files, each broken in one place: refused by name with nothing written, or a valid run.
+
+The commands are run on them and judged: no traceback, no warning of Python, no command that hangs, no certainly wrong
+input that is taken.
+"""
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import io
-import math
 import re
 import signal
 import subprocess
@@ -13,18 +17,20 @@ import threading
 import time
 import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import FrameType
+from typing import ClassVar
 
 import numpy as np
+import pandas as pd
 
-from tdcr_fe.io.store import Record
-from tdcr_fe.validation.broken_files.inputs import INPUTS, Inputs, files_of
+from tdcr_fe.validation.broken_files.inputs import INPUTS, Inputs, files_of, is_required
 from tdcr_fe.validation.broken_files.mutations import Change, change
+from tdcr_fe.validation.runner import Campaign, count
 
 #: Processor time after which a command is interrupted [s].
 TIME_LIMIT = 10.0
@@ -50,57 +56,33 @@ _SOLVING = (
 
 @dataclass(frozen=True)
 class Case:
-    """One broken input.
+    """One broken input."""
 
-    Attributes
-    ----------
-    number : int
-        Seed.
-    inputs : Inputs
-        The good files and their command.
-    change : Change
-    own_process : bool
-        Whether the command runs in a process of its own.
-    """
-
-    number: int
-    inputs: Inputs
+    number: int  # seed
+    inputs: Inputs  # the good files and their command
     change: Change
-    own_process: bool = False
 
 
 @dataclass(frozen=True)
 class Outcome:
     """What the command does with a broken input.
 
-    Attributes
-    ----------
-    number : int
-        Seed.
-    inputs, file, mutation, key, value : str
-        Of the case.
-    outcome : str
-        Right are "refused" (by file and key), "refused by another key" (which contradicts the change), "valid"
-        (solved), "not converged" (with a message) and "valid, long" (interrupted while it solved). Wrong are
-        "traceback", "hang", "refused without a name", "refused, but files were written", "endless message", "warning of
-        Python" and "not refused" (certainly wrong input was taken).
-    status : int
-        Exit status.
-    seconds : float
-    text : str
-        First words of what it says on stderr.
+    Right outcomes are "refused" (by file and key), "refused by another key" (which contradicts the change), "valid"
+    (solved), "not converged" (with a message) and "valid, long" (interrupted while it solved). Wrong are "traceback",
+    "hang", "refused without a name", "refused, but files were written", "endless message", "warning of Python" and "not
+    refused".
     """
 
-    number: int
+    number: int  # seed
     inputs: str
     file: str
     mutation: str
     key: str
     value: str
     outcome: str
-    status: int
+    status: int  # exit status
     seconds: float
-    text: str
+    text: str  # first words of what it says on stderr
 
     @property
     def passed(self) -> bool:
@@ -108,32 +90,31 @@ class Outcome:
         return self.outcome in RIGHT
 
 
-def draw(number: int, own_process: bool = False) -> Case:
+def draw(number: int) -> Case:
     """The broken input of a seed."""
     rng = np.random.default_rng([23, number])
     weights = np.array([i.weight for i in INPUTS], dtype=float)
     inputs = INPUTS[int(rng.choice(len(INPUTS), p=weights / weights.sum()))]
-    return Case(number, inputs, change(rng, files_of(inputs), inputs.required), own_process)
+    good = files_of(inputs)
+    return Case(number, inputs, change(rng, good, tuple(f for f in good if is_required(inputs, f))))
 
 
-def run_case(case: Case) -> Record:
-    """Write the files, run the command, judge it; returns the fields of an `Outcome`."""
+def run_case(case: Case, own_process: bool = False) -> Outcome:
+    """Write the files, run the command, judge it."""
     with TemporaryDirectory() as place:
         folder, out = Path(place) / "in", Path(place) / "out"
         write(case, folder)
-        arguments = [part.replace("{}", str(folder)) for part in case.inputs.command]
+        arguments = case.inputs.command.replace("{}", str(folder)).split()
         if "--check" not in arguments:
             arguments += ["-o", str(out / "view.html" if arguments[0] == "view" else out)]
         begun = time.perf_counter()
-        ran = _in_process_of_its_own(arguments) if case.own_process else _in_this_process(arguments)
+        ran = _in_process_of_its_own(arguments) if own_process else _in_this_process(arguments)
         seconds = time.perf_counter() - begun
         outcome = judge(case, ran, seconds, list(out.rglob("*")) if out.exists() else [])
         text = ran.errors.replace(str(folder) + "/", "")
-    found = case.change
-    broken = (found.file, found.mutation, found.key[:60], found.value[:60])
-    return asdict(
-        Outcome(case.number, case.inputs.name, *broken, outcome, ran.status, round(seconds, 3), text[:600])
-    )
+    made = case.change
+    broken = (made.file, made.mutation, made.key[:60], made.value[:60])
+    return Outcome(case.number, case.inputs.name, *broken, outcome, ran.status, round(seconds, 3), text[:600])
 
 
 def write(case: Case, folder: Path) -> None:
@@ -156,21 +137,13 @@ def write(case: Case, folder: Path) -> None:
 
 @dataclass(frozen=True)
 class Ran:
-    """A command that has run.
+    """A command that has run."""
 
-    Attributes
-    ----------
-    status : int
-        Exit status; -1 where it ended by an exception or was killed.
-    errors : str
-        What it wrote to stderr, and the traceback of an exception.
-    interrupted_in : str
-        Where it was at the time limit: "solving", "reading"; empty where it ended before.
-    """
-
-    status: int
-    errors: str
-    interrupted_in: str = ""
+    status: int  # exit status; -1 where it ended by an exception or was killed
+    errors: str  # what it wrote to stderr, and the traceback of an exception
+    interrupted_in: str = (
+        ""  # where it was at the time limit: "solving", "reading"; empty where it ended before
+    )
 
 
 def judge(case: Case, ran: Ran, seconds: float, written: list[Path]) -> str:
@@ -304,17 +277,50 @@ def _in_process_of_its_own(arguments: list[str]) -> Ran:
     return Ran(process.returncode, errors, stopped)
 
 
-def cases(count: int, first: int = 0, own_processes: int = 0) -> list[Case]:
-    """Broken inputs, some of which run in processes of their own, evenly spread.
+class BrokenFiles(Campaign):
+    """See the text of this module."""
 
-    Parameters
-    ----------
-    count
-        Number of inputs.
-    first
-        First seed.
-    own_processes
-        Number of those with a process of their own.
-    """
-    every = math.inf if own_processes == 0 else max(1, count // own_processes)
-    return [draw(first + k, own_process=k % every == every - 1) for k in range(count)]
+    unit = "input"
+    count: ClassVar[int | None] = 2000
+    outcome = Outcome
+
+    def add_options(self, parser: argparse.ArgumentParser) -> None:
+        """How many commands run as a user starts them."""
+        parser.add_argument(
+            "--own-processes",
+            type=int,
+            default=50,
+            metavar="N",
+            help="inputs with a process of their own (50)",
+        )
+
+    def cases(self, options: argparse.Namespace) -> Mapping[str, tuple[int, bool]]:
+        """Seeds, and whether the command runs in a process of its own, which is so for some, evenly spread."""
+        every = options.n // options.own_processes if options.own_processes > 0 else options.n + 1
+        return {
+            str(options.first + k): (options.first + k, k % max(1, every) == max(1, every) - 1)
+            for k in range(options.n)
+        }
+
+    def run(self, case: tuple[int, bool], out: Path) -> Outcome:
+        """Draw an input and run the command."""
+        return run_case(draw(case[0]), own_process=case[1])
+
+    def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
+        """Counts by command and by mutation, and the first of the wrong ones."""
+        wrong = [o for o in outcomes if not o.passed]
+        return [
+            *(
+                pd.crosstab(self.table(outcomes)[by], self.table(outcomes)["outcome"]).reset_index()
+                for by in _BY
+            ),
+            *(
+                f"{o.number}: {o.outcome}: {o.inputs}, {o.file}, {o.mutation}, {o.key} = {o.value!r}\n{o.text[-300:]}"
+                for o in wrong[:20]
+            ),
+            f"{count(len(outcomes), 'broken input')}, {len(wrong)} of them not judged right",
+        ]
+
+
+_BY = ("inputs", "mutation")
+CAMPAIGN = BrokenFiles()
