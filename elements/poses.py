@@ -229,16 +229,6 @@ def log_se3(r: Array, p: Array) -> Array:
     return np.concatenate((v, w), axis=-1)
 
 
-def adjoint_inverse(r: Array, p: Array) -> Array:
-    """``Ad(h^-1)`` of poses: (..., 6, 6), taking twists of the first frame to the second."""
-    rt = np.swapaxes(r, -1, -2)
-    a = np.zeros((*p.shape[:-1], 6, 6))
-    a[..., :3, :3] = rt
-    a[..., 3:, 3:] = rt
-    a[..., :3, 3:] = -rt @ skew(p)
-    return a
-
-
 #: ``xi @ _AD`` is the matrix of the adjoint map of a twist, row by row.
 _AD: Array = np.zeros((6, 6, 6))
 _AD[3:, :3, :3] = _AD[3:, 3:, 3:] = _AD[:3, :3, 3:] = _SKEW.reshape(3, 3, 3)

@@ -1,4 +1,9 @@
-"""Settings of all tests: Hypothesis draws the same examples in every run."""
+"""Settings of all tests: one thread per process, and Hypothesis draws the same examples in every run."""
+
+import os
+
+# Before NumPy is imported: workers of pytest-xdist share the cores already.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from hypothesis import settings
 

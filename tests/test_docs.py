@@ -122,6 +122,7 @@ def test_example_runs(script, monkeypatch, tmp_path):
     plt.close("all")
 
 
+@pytest.mark.integration
 def test_the_picture_of_the_readme_is_that_of_the_demo(monkeypatch, tmp_path):
     """Small grey copies differ by less than half of the drawn lines; that of 0.1 showed an older run."""
     from PIL import Image

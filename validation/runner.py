@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from tdcr_fe.io.atomic import check_output_folder, plain, write_text
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.processes import sigterm_as_interrupt
+from tdcr_fe.io.result_files import versions
 from tdcr_fe.io.store import Lines, OtherHead, Record, solve_all
-from tdcr_fe.io.summary import versions
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -187,10 +187,16 @@ def _parser(name: str, campaign: Campaign) -> argparse.ArgumentParser:
     return parser
 
 
+#: Options that do not change a case.
+_COMMON = ("n", "first", "o", "only", "processes", "again", "other_code", "page")
+
+
 def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argparse.Namespace) -> int:
     """Run all cases, those first that are known, and conclude."""
     out: Path = options.o
-    store = Lines(out / f"{name}.jsonl", {"source": source_digest(), "versions": versions()})
+    asked = {k: v for k, v in vars(options).items() if k not in _COMMON}
+    head = {"source": source_digest(), "versions": versions(), "options": asked}
+    store = Lines(out / f"{name}.jsonl", head)
     if options.other_code == "keep":
         store = store.with_head_of_file()
     try:

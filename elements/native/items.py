@@ -53,51 +53,44 @@ class SystemReference:
 
 @dataclass(frozen=True)
 class RecordedItems:
-    """Names of some objects, nodes and loads, by their numbers."""
+    """Names of some objects, nodes and loads."""
 
-    objects: tuple[tuple[int, str], ...]  # Number and name of each
-    nodes: tuple[tuple[int, str], ...]  # as `objects`
-    loads: tuple[tuple[int, str], ...] = ()  # as `objects`
+    names: dict[tuple[str, int], str]  # By kind and Exudyn's number
 
     @classmethod
     def of(
         cls, mbs: exu.MainSystem, objects: Sequence[Any], nodes: Sequence[Any], loads: Sequence[Any] = ()
     ) -> RecordedItems:
         """The present names of objects, nodes and loads, given by Exudyn's numbers."""
-        return cls(
-            tuple((int(n), str(mbs.GetObjectParameter(n, "name"))) for n in objects),
-            tuple((int(n), str(mbs.GetNodeParameter(n, "name"))) for n in nodes),
-            tuple((int(n), str(mbs.GetLoadParameter(n, "name"))) for n in loads),
-        )
+        numbers = {"Object": objects, "Node": nodes, "Load": loads}
+        return cls({(kind, int(n)): _name(mbs, kind, n) for kind, those in numbers.items() for n in those})
 
     def joined(self, other: RecordedItems) -> RecordedItems:
         """These items and others."""
-        return RecordedItems(self.objects + other.objects, self.nodes + other.nodes, self.loads + other.loads)
+        return RecordedItems(self.names | other.names)
 
     def unchanged(self, mbs: exu.MainSystem) -> bool:
         """Whether every item has its number."""
-        objects, nodes, loads = item_counts(mbs)
-        return (
-            all(n < objects and mbs.GetObjectParameter(n, "name") == name for n, name in self.objects)
-            and all(n < nodes and mbs.GetNodeParameter(n, "name") == name for n, name in self.nodes)
-            and all(n < loads and mbs.GetLoadParameter(n, "name") == name for n, name in self.loads)
-        )
+        counts = item_counts(mbs)
+        return all(n < counts[kind] and _name(mbs, kind, n) == name for (kind, n), name in self.names.items())
 
     def removed(self, mbs: exu.MainSystem) -> bool:
         """Whether none of the items is in the system."""
-        objects, nodes, loads = item_counts(mbs)
-        present = {("object", mbs.GetObjectParameter(n, "name")) for n in range(objects)}
-        present |= {("node", mbs.GetNodeParameter(n, "name")) for n in range(nodes)}
-        present |= {("load", mbs.GetLoadParameter(n, "name")) for n in range(loads)}
-        own = {("object", name) for _, name in self.objects} | {("node", name) for _, name in self.nodes}
-        own |= {("load", name) for _, name in self.loads}
-        return not present & own
+        present = {
+            (kind, _name(mbs, kind, n)) for kind, count in item_counts(mbs).items() for n in range(count)
+        }
+        return not any((kind, name) in present for (kind, _), name in self.names.items())
 
 
-def item_counts(mbs: exu.MainSystem) -> tuple[int, int, int]:
+def item_counts(mbs: exu.MainSystem) -> dict[str, int]:
     """Number of objects, of nodes and of loads of a system."""
     data = mbs.systemData
-    return data.NumberOfObjects(), data.NumberOfNodes(), data.NumberOfLoads()
+    return {"Object": data.NumberOfObjects(), "Node": data.NumberOfNodes(), "Load": data.NumberOfLoads()}
+
+
+def _name(mbs: exu.MainSystem, kind: str, number: Any) -> str:
+    read = getattr(mbs, f"Get{kind}Parameter")
+    return str(read(number, "name"))
 
 
 @dataclass

@@ -7,16 +7,8 @@ import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands.common import (
-    FAILURE,
-    INTERRUPTED,
-    SUCCESS,
-    add_options,
-    complain,
-    count,
-    progress_bar,
-    read_all,
-)
+from tdcr_fe.commands import common
+from tdcr_fe.commands.common import FAILURE, INTERRUPTED, SUCCESS, complain
 
 if TYPE_CHECKING:
     from tdcr_fe.model.loading import Model, SolverSettings
@@ -34,46 +26,43 @@ def add_follow_parser(commands: Any) -> None:
         epilog="Exit status: 0 every target was reached or is out of reach; 1 a load step or a search did not "
         "converge; 2 the input is wrong; 130 interrupted (143 by SIGTERM), what was found is written.",
     )
-    parser.add_argument("robot", help="path of a robot.toml")
-    parser.add_argument("path", help="path of a path.csv with the columns step,x,y,z[,dx,dy,dz], in m")
-    parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for the results")
-    parser.add_argument(
+    option = parser.add_argument
+    option("robot", help="path of a robot.toml")
+    option("path", help="path of a path.csv with the columns step,x,y,z[,dx,dy,dz], in m")
+    option("-o", "--out", metavar="OUT", required=True, help="directory for the results")
+    option(
         "--largest",
         nargs="+",
         required=True,
         metavar="T",
         help="largest tension in N: one number for all tendons, or NAME=T for each",
     )
-    parser.add_argument(
+    option(
         "--pretension",
         nargs="+",
         default=["0"],
         metavar="T",
         help="smallest tension in N, above zero to keep tendons from becoming slack: one number, or NAME=T [0]",
     )
-    parser.add_argument(
-        "--model", metavar="MODEL", help="path of a model.toml with the tables [model] and [solver]"
-    )
-    parser.add_argument(
-        "--displacements", action="store_true", help="find prescribed displacements instead of tensions"
-    )
-    parser.add_argument(
+    option("--model", metavar="MODEL", help="path of a model.toml with the tables [model] and [solver]")
+    option("--displacements", action="store_true", help="find prescribed displacements instead of tensions")
+    option(
         "--effort",
         choices=("tension", "change"),
         default="tension",
         help="what has the smallest sum of squares where several tensions reach a target: the tensions, or their "
         "change from the target before [%(default)s]",
     )
-    add_options(parser, "--no-pictures")
+    common.add_options(parser, "--no-pictures")
     parser.set_defaults(handler=follow)
 
 
 def follow(args: argparse.Namespace) -> int:
     """Find the loading sequence, and write it with what it reaches."""
     from tdcr_fe.io.atomic import check_output_folder
-    from tdcr_fe.io.follow_files import write_follow
-    from tdcr_fe.io.path_table import read_path
+    from tdcr_fe.io.loading_table import read_path
     from tdcr_fe.io.problems import InputError, Problem
+    from tdcr_fe.io.result_files import write_follow
     from tdcr_fe.io.toml import digest, read_model_file, read_robot
     from tdcr_fe.model.loading import Model, SolverSettings
     from tdcr_fe.model.results import Interrupted
@@ -87,14 +76,14 @@ def follow(args: argparse.Namespace) -> int:
             read_model_file(args.model, robot) if args.model else (Model.default_for(robot), SolverSettings())
         )
 
-    targets, (model, settings), limits = read_all(
+    targets, (model, settings), limits = common.read_all(
         lambda: read_path(args.path, robot.backbone.length), read_model, lambda: _limits(args, robot)
     )
     out = check_output_folder(args.out)
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
     drive_by: DriveBy = "displacement" if args.displacements else "tension"
-    with progress_bar(args, len(targets), unit="target") as bar:
+    with common.progress_bar(args, len(targets), unit="target") as bar:
 
         def progress(found: ReachedTarget) -> None:
             if found.result.step == 1:
@@ -144,7 +133,7 @@ def _status(result: FollowResult, asked: int) -> int:
         return FAILURE if result.not_converged else SUCCESS
     done, message = len(result.targets), result.simulation.message
     complain(
-        f"{message}; {count(done, 'target')} of {asked} before that {'is' if done == 1 else 'are'} written"
+        f"{message}; {common.count(done, 'target')} of {asked} before that {'is' if done == 1 else 'are'} written"
     )
     return INTERRUPTED if message == "interrupted" else FAILURE
 

@@ -7,17 +7,8 @@ import math
 import os
 from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands.common import (
-    FAILURE,
-    INTERRUPTED,
-    SUCCESS,
-    add_options,
-    at_least_one,
-    complain,
-    count,
-    note,
-    progress_bar,
-)
+from tdcr_fe.commands import common
+from tdcr_fe.commands.common import FAILURE, INTERRUPTED, SUCCESS, complain
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.result import IdentificationResult
@@ -38,23 +29,22 @@ def add_identify_parser(commands: Any) -> None:
         epilog="Exit status: 0 done, whatever the verdict; 1 the declared model did not converge; "
         "2 the input is wrong; 130 interrupted (143 by SIGTERM), what was found is written.",
     )
-    parser.add_argument(
+    option = parser.add_argument
+    option(
         "folder",
         nargs="+",
         help="contains robot.toml, loading.csv, observations.csv and, optionally, model.toml; several folders of one "
         "robot share the effects",
     )
-    parser.add_argument(
-        "-o", "--out", metavar="OUT", required=True, help="directory for result.json and report.html"
-    )
-    parser.add_argument(
+    option("-o", "--out", metavar="OUT", required=True, help="directory for result.json and report.html")
+    option(
         "--processes",
-        type=at_least_one,
+        type=common.at_least_one,
         default=min(2, cores()),
         metavar="N",
         help="worker processes, at most as many as there are cores [%(default)s]",
     )
-    parser.add_argument(
+    option(
         "--hold-out",
         action="append",
         default=[],
@@ -62,18 +52,18 @@ def add_identify_parser(commands: Any) -> None:
         help="hold out the branches of loading.csv that match a shell pattern, such as 'pair*'; may be repeated "
         "[about a third of the branches, chosen automatically]",
     )
-    parser.add_argument(
+    option(
         "--minutes",
         type=_minutes,
         default=15.0,
         help="time limit of the whole identification; the report says what was left out [%(default)s]",
     )
-    parser.add_argument(
+    option(
         "--strict",
         action="store_true",
         help="refuse bad rows (exit status 2) instead of leaving them out by name",
     )
-    add_options(parser, "--effects", "--json")
+    common.add_options(parser, "--effects", "--json")
     parser.set_defaults(handler=run)
 
 
@@ -87,10 +77,8 @@ def _processes(args: argparse.Namespace) -> int:
     asked, most = args.processes, cores()
     if asked <= most:
         return int(asked)
-    text = (
-        f"--processes {asked}: this machine has {count(most, 'core')}, so that one process for each is used"
-    )
-    note(args, warnings=[text])
+    text = f"--processes {asked}: this machine has {common.count(most, 'core')}, so that one process for each is used"
+    common.note(args, warnings=[text])
     complain(text)
     return most
 
@@ -119,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
     from tdcr_fe.identify.settings import GRACE_OF_TABLES, IdentifySettings, clock
     from tdcr_fe.io.atomic import check_output_folder
     from tdcr_fe.io.measured import join_measured, read_measured
-    from tdcr_fe.io.own_effects import read_own_effects
+    from tdcr_fe.io.user_effects import read_own_effects
 
     begun = clock()
     data = join_measured([read_measured(folder, strict=args.strict) for folder in args.folder])
@@ -134,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         result = _identified(args, data, settings)
     except NotSolved as error:
-        note(args, message=str(error))
+        common.note(args, message=str(error))
         complain(str(error))
         return FAILURE
     result, names, interrupted = write_result(
@@ -142,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
     )
     document = result.to_json()
     figures = {name: document[name] for name in FIGURES if name in document}
-    note(args, files=[out / name for name in names], figures=figures)
+    common.note(args, files=[out / name for name in names], figures=figures)
     if not args.quiet:
         print(summary(result))
         print(f"\nWritten to {out}: {', '.join(names)}")
@@ -158,7 +146,7 @@ def _warn(args: argparse.Namespace, data: MeasuredData) -> None:
 
     left_out = [f"left out: {row}" for row in data.left_out]
     odd = plausibility_warnings(data.robot, data.model, data.steps)
-    note(args, warnings=[*left_out, *odd])
+    common.note(args, warnings=[*left_out, *odd])
     for text in (*left_out, *(f"warning: {w}" for w in odd)):
         complain(text)
 
@@ -174,7 +162,7 @@ def _identified(
     """
     from tdcr_fe.identify.identification import identify
 
-    with progress_bar(args, 100, bar_format="{l_bar}{bar}| {elapsed} {postfix}") as bar:
+    with common.progress_bar(args, 100, bar_format="{l_bar}{bar}| {elapsed} {postfix}") as bar:
 
         def progress(text: str, share: float) -> None:
             bar.set_postfix_str(text, refresh=False)

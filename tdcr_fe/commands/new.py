@@ -26,13 +26,10 @@ def add_new_parser(commands: Any) -> None:
         "scenario.toml for `tdcr-fe run`; experiment: a folder of measured data for `tdcr-fe identify`, filled with "
         "numbers of a simulation; sweep: the files of robot and a sweep.toml for `tdcr-fe sweep`.",
     )
-    parser.add_argument("kind", choices=("robot", "experiment", "sweep"), help="what to begin")
-    parser.add_argument(
-        "-o", "--out", metavar="OUT", required=True, help="directory for the files; none is overwritten"
-    )
-    parser.add_argument(
-        "--tendons", type=_tendons, default=3, metavar="N", help="number of tendons [%(default)s]"
-    )
+    option = parser.add_argument
+    option("kind", choices=("robot", "experiment", "sweep"), help="what to begin")
+    option("-o", "--out", metavar="OUT", required=True, help="directory for the files; none is overwritten")
+    option("--tendons", type=_tendons, default=3, metavar="N", help="number of tendons [%(default)s]")
     add_options(parser)
     parser.set_defaults(handler=new)
 

@@ -9,17 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands.common import (
-    FAILURE,
-    INTERRUPTED,
-    SUCCESS,
-    add_options,
-    complain,
-    count,
-    note,
-    progress_bar,
-    read_all,
-)
+from tdcr_fe.commands import common
+from tdcr_fe.commands.common import FAILURE, INTERRUPTED, SUCCESS, complain
 
 if TYPE_CHECKING:
     from tdcr_fe.io.toml import Scenario
@@ -36,8 +27,9 @@ def add_run_parser(commands: Any) -> None:
         help="solve a scenario; write tables and pictures",
         description="Solve the loading sequence of a scenario.toml; write tables, a summary and pictures.",
     )
-    parser.add_argument("scenario", help="path of a scenario.toml")
-    parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for the results")
+    option = parser.add_argument
+    option("scenario", help="path of a scenario.toml")
+    option("-o", "--out", metavar="OUT", required=True, help="directory for the results")
     _add_solver_options(parser, "--effects", "--json")
     parser.set_defaults(handler=run)
 
@@ -58,32 +50,32 @@ def add_demo_parser(commands: Any) -> None:
 
 
 def _add_solver_options(parser: argparse.ArgumentParser, *further: str) -> None:
-    parser.add_argument(
+    option = parser.add_argument
+    option(
         "--sensitivities",
         nargs="+",
         default=[],
         metavar="PARAMETER",
         help="differentiate the results by parameters such as backbone.youngs_modulus; writes sensitivities.csv",
     )
-    parser.add_argument(
+    option(
         "--compliance",
         action="store_true",
         help="write compliance and tendon Jacobians of the tip, and the stiffness seen by the motors, to summary.json",
     )
-    add_options(parser, "--no-pictures", *further)
+    common.add_options(parser, "--no-pictures", *further)
 
 
 def run(args: argparse.Namespace) -> int:
     """Solve a scenario and write the results."""
     from tdcr_fe.io.atomic import check_output_folder
-    from tdcr_fe.io.effects import effects_reader
-    from tdcr_fe.io.own_effects import read_own_effects
     from tdcr_fe.io.toml import read_scenario
+    from tdcr_fe.io.user_effects import effects_reader, read_own_effects
 
     def read() -> Scenario:
         return read_scenario(args.scenario, {"effects": effects_reader(read_own_effects(args.effects))})
 
-    scenario, out = read_all(read, lambda: check_output_folder(args.out))
+    scenario, out = common.read_all(read, lambda: check_output_folder(args.out))
     return _solve_and_write(scenario, out, args)
 
 
@@ -112,13 +104,13 @@ def demo(args: argparse.Namespace) -> int:
 
 def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> int:
     """Solve a scenario, write its results, and return the exit status."""
-    from tdcr_fe.io.tables import write_results
+    from tdcr_fe.io.result_files import write_results
     from tdcr_fe.model.plausibility import plausibility_warnings
 
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
     odd = plausibility_warnings(scenario.robot, scenario.model, scenario.steps)
-    note(args, warnings=odd)
+    common.note(args, warnings=odd)
     for warning in odd:
         complain(f"warning: {warning}")
     if not args.quiet and (duration := long_run(scenario)):
@@ -126,14 +118,16 @@ def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) ->
     result = _solve(scenario, args)
     found = [warning for warning in result.warnings if warning not in odd]
     result = replace(result, warnings=(*odd, *found))
-    note(args, figures=figures(result, scenario), warnings=found, message=result.message)
+    common.note(args, figures=figures(result, scenario), warnings=found, message=result.message)
     try:
         written = write_results(result, out, scenario.digests, len(scenario.steps), not args.no_pictures)
     except KeyboardInterrupt:  # while drawing, most likely; what was solved is kept
-        note(args, files=write_results(result, out, scenario.digests, len(scenario.steps), pictures=False))
+        common.note(
+            args, files=write_results(result, out, scenario.digests, len(scenario.steps), pictures=False)
+        )
         complain(f"interrupted while writing; the tables are in {out}, without pictures")
         return INTERRUPTED
-    note(args, files=written)
+    common.note(args, files=written)
     if not args.quiet:
         _print(result, out, written)
     for warning in found:
@@ -153,7 +147,7 @@ def _solve(scenario: Scenario, args: argparse.Namespace) -> SequenceResult:
     from tdcr_fe.model.results import Interrupted, SequenceResult
     from tdcr_fe.solve.simulate import simulate
 
-    with progress_bar(args, len(scenario.steps), unit="step") as bar:
+    with common.progress_bar(args, len(scenario.steps), unit="step") as bar:
 
         def progress(step: StepResult) -> None:
             bar.set_postfix_str(step.label, refresh=False)
@@ -185,7 +179,7 @@ def _print(result: SequenceResult, out: Path, written: list[Path]) -> None:
         for text in (step_tables(result), sensitivity_table(result), response_tables(result)):
             if text:
                 print(text + "\n")
-    print(f"{count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
+    print(f"{common.count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
     print("    " + ", ".join(p.name for p in written))
 
 
@@ -223,7 +217,9 @@ def _report_failure(result: SequenceResult, scenario: Scenario, out: Path) -> in
         where = f"step {number} of {total}" + (f' ("{label}")' if label else "")
     solved = sum(s.converged for s in result.steps)
     what = f"interrupted in {where}" if interrupted else f"{where} did not converge"
-    complain(f"{what}; {count(solved, 'step')} solved before it {'is' if solved == 1 else 'are'} in {out}")
+    complain(
+        f"{what}; {common.count(solved, 'step')} solved before it {'is' if solved == 1 else 'are'} in {out}"
+    )
     if result.message and not interrupted:
         complain(result.message)
     return INTERRUPTED if interrupted else FAILURE
@@ -242,4 +238,4 @@ def long_run(scenario: Scenario) -> str:
     if seconds < LONG_RUN:
         return ""
     time = f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.0f} hours"
-    return f"{count(steps, 'load step')} on {count(elements, 'element')}: about {time}"
+    return f"{common.count(steps, 'load step')} on {common.count(elements, 'element')}: about {time}"

@@ -9,16 +9,8 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands.common import (
-    FAILURE,
-    INTERRUPTED,
-    SUCCESS,
-    add_options,
-    complain,
-    count,
-    progress_bar,
-    read_all,
-)
+from tdcr_fe.commands import common
+from tdcr_fe.commands.common import FAILURE, INTERRUPTED, SUCCESS, complain
 
 if TYPE_CHECKING:
     from tdcr_fe.sweeps.description import Sweep
@@ -36,27 +28,24 @@ def add_sweep_parser(commands: Any) -> None:
         epilog="Exit status: 0 all cases converged; 1 a case did not (the table says why); 2 the input is wrong; "
         "130 interrupted (143 by SIGTERM), finished cases are written.",
     )
-    parser.add_argument("sweep", help="path of a sweep.toml")
-    parser.add_argument("-o", "--out", metavar="OUT", help="directory for the results")
-    parser.add_argument(
-        "--check", action="store_true", help="check the files, print the first cases, and solve nothing"
-    )
-    parser.add_argument(
+    option = parser.add_argument
+    option("sweep", help="path of a sweep.toml")
+    option("-o", "--out", metavar="OUT", help="directory for the results")
+    option("--check", action="store_true", help="check the files, print the first cases, and solve nothing")
+    option(
         "--dask",
         metavar="ADDRESS",
         help="address of the scheduler of a dask.distributed cluster that solves the cases",
     )
-    parser.add_argument(
+    option(
         "--table",
         choices=("csv", "parquet"),
         default="csv",
         help="format of the table of cases [%(default)s]",
     )
-    parser.add_argument("--fresh", action="store_true", help="start over where OUT has a journal")
-    parser.add_argument(
-        "--retry", action="store_true", help="solve cases in the journal that did not converge again"
-    )
-    add_options(parser, "--processes", "--effects", "--no-pictures")
+    option("--fresh", action="store_true", help="start over where OUT has a journal")
+    option("--retry", action="store_true", help="solve cases in the journal that did not converge again")
+    common.add_options(parser, "--processes", "--effects", "--no-pictures")
     parser.set_defaults(handler=run_sweep, parser=parser)
 
 
@@ -67,7 +56,7 @@ def run_sweep(args: argparse.Namespace) -> int:
 
     if args.out is None and not args.check:
         args.parser.error("the following arguments are required: -o/--out")
-    described, _ = read_all(
+    described, _ = common.read_all(
         lambda: read_sweep(args.sweep, args.effects), lambda: args.out and check_output_folder(args.out)
     )
     if args.check:
@@ -82,7 +71,7 @@ def _solve(described: Sweep, args: argparse.Namespace) -> SweepResult:
     """Run the sweep with a progress bar."""
     from tdcr_fe.sweeps.run import SweepInterrupted, sweep
 
-    with _dask(args.dask) as (executor, in_flight), progress_bar(args, unit="case") as bar:
+    with _dask(args.dask) as (executor, in_flight), common.progress_bar(args, unit="case") as bar:
 
         def progress(finished: int, total: int) -> None:
             if bar.total is None:  # cases of an earlier run are no measure of the speed
@@ -139,9 +128,9 @@ def _report(result: SweepResult, args: argparse.Namespace) -> int:
         print(f"{result!r}\nWritten to {args.out}")
     for status, messages in result.failures.items():
         for m in messages[:5]:
-            complain(f"{count(m.count, 'case')} {status}, case {m.case} the first: {m.example}")
+            complain(f"{common.count(m.count, 'case')} {status}, case {m.case} the first: {m.example}")
     if result.interrupted:
-        left = count(result.counts.get("not run", 0), "case")
+        left = common.count(result.counts.get("not run", 0), "case")
         complain(f"interrupted; {left} of {len(result.cases)} not run, the same command continues from there")
         return INTERRUPTED
     return SUCCESS if result.converged else FAILURE
@@ -156,4 +145,4 @@ def format_cases(described: Sweep, most: int = 8) -> str:
     rows = [[k + 1, *(f"{x:.6g}" if isinstance(x, float) else x for x in design.case(k))] for k in shown]
     table = pd.DataFrame(rows, columns=["case", *(v.name for v in described.variations)])
     more = f"\n... {design.count - most} more" if design.count > most else ""
-    return f"{count(design.count, 'case')}, method {design.method}\n\n{table.to_string(index=False)}{more}"
+    return f"{common.count(design.count, 'case')}, method {design.method}\n\n{table.to_string(index=False)}{more}"

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import os
+import time
+from typing import Any
 
 from tdcr_fe.commands.common import FAILURE, INTERRUPTED, SUCCESS, add_options, complain, progress_bar
-
-if TYPE_CHECKING:
-    from tdcr_fe.validation.crosscheck.cases import Case
-    from tdcr_fe.validation.crosscheck.studies import Study
 
 
 def add_validate_parser(commands: Any) -> None:
@@ -23,8 +20,9 @@ def add_validate_parser(commands: Any) -> None:
         "run that was interrupted continues where it stopped.",
         epilog="Exit status: 0 all cases and requirements pass, 1 one fails, 2 the input is wrong, 130 interrupted.",
     )
-    parser.add_argument("-o", "--out", metavar="OUT", required=True, help="directory for the report")
-    parser.add_argument("--full", action="store_true", help="every case; without it a quick set")
+    option = parser.add_argument
+    option("-o", "--out", metavar="OUT", required=True, help="directory for the report")
+    option("--full", action="store_true", help="every case; without it a quick set")
     add_options(parser, "--processes")
     parser.set_defaults(handler=validate)
 
@@ -32,26 +30,30 @@ def add_validate_parser(commands: Any) -> None:
 def validate(args: argparse.Namespace) -> int:
     """Solve the cases, write the report, print the result of every requirement."""
     from tdcr_fe.io.atomic import check_output_folder
-
-    out = check_output_folder(args.out)
-
-    import os
-    import time
-
-    from tdcr_fe.validation.crosscheck import report
+    from tdcr_fe.validation.crosscheck import campaign, report
     from tdcr_fe.validation.crosscheck.cases import all_cases
+    from tdcr_fe.validation.crosscheck.requirements import ARBITRATIONS
     from tdcr_fe.validation.crosscheck.studies import all_studies
 
-    begun = time.perf_counter()
+    out = check_output_folder(args.out)
+    begun, recalled = time.perf_counter(), 0
     cases = [case for case in all_cases() if args.full or case.quick]
     studies = [study for study in all_studies() if args.full or study.quick]
-    processes = args.processes or os.cpu_count() or 1
-    folder = out / "cases"
-    try:
-        records, arbitrations, recalled = _records(args, cases, studies, folder, processes)
-    except KeyboardInterrupt:
-        complain(f"interrupted; finished cases are in {folder}, the same command continues from there")
-        return INTERRUPTED
+    processes, folder = args.processes or os.cpu_count() or 1, out / "cases"
+    with progress_bar(args, len(cases) + len(studies) + ARBITRATIONS, unit="case") as bar:
+
+        def progress(record: dict[str, Any], known: bool) -> None:
+            nonlocal recalled
+            recalled += known
+            bar.update(1)
+
+        try:
+            records = campaign.run([*studies, *cases], folder, processes, progress)
+            arbitrations = report.arbitrations([records[case.id] for case in cases])
+            records |= campaign.run(arbitrations, folder, processes, progress)
+        except KeyboardInterrupt:
+            complain(f"interrupted; finished cases are in {folder}, the same command continues from there")
+            return INTERRUPTED
     outcome = report.judge(
         [records[case.id] for case in cases],
         [records[study.id] for study in [*studies, *arbitrations]],
@@ -67,25 +69,3 @@ def validate(args: argparse.Namespace) -> int:
     for failure in outcome["failures"]:
         complain(failure)
     return SUCCESS if outcome["passed"] else FAILURE
-
-
-def _records(
-    args: argparse.Namespace, cases: list[Case], studies: list[Study], folder: Path, processes: int
-) -> tuple[dict[str, dict[str, Any]], list[Study], int]:
-    """Records of cases, studies and arbitrations by name, the arbitrations, and how many records were there already."""
-    from tdcr_fe.validation.crosscheck import campaign, report
-    from tdcr_fe.validation.crosscheck.requirements import ARBITRATIONS
-
-    recalled = 0
-    total = len(cases) + len(studies) + ARBITRATIONS
-    with progress_bar(args, total, unit="case") as bar:
-
-        def progress(record: dict[str, Any], known: bool) -> None:
-            nonlocal recalled
-            recalled += known
-            bar.update(1)
-
-        records = campaign.run([*studies, *cases], folder, processes, progress)
-        arbitrations = report.arbitrations([records[case.id] for case in cases])
-        records |= campaign.run(arbitrations, folder, processes, progress)
-    return records, arbitrations, recalled

@@ -20,19 +20,20 @@ def add_view_parser(commands: Any) -> None:
         description="Write one HTML file with the robot in 3D, a slider over the load steps, and plots that follow it. "
         "It opens in a browser without a server and without a network.",
     )
-    parser.add_argument("result", metavar="RESULT", help="folder that tdcr-fe run, follow or identify wrote")
-    parser.add_argument("-o", "--out", metavar="FILE.html", help="the page [RESULT/view.html]")
-    parser.add_argument(
+    option = parser.add_argument
+    option("result", metavar="RESULT", help="folder that tdcr-fe run, follow or identify wrote")
+    option("-o", "--out", metavar="FILE.html", help="the page [RESULT/view.html]")
+    option(
         "--video",
         metavar="FILE",
         help="also a video, FILE.gif or FILE.mp4 (the latter needs the program ffmpeg)",
     )
-    parser.add_argument(
+    option(
         "--vtk",
         metavar="FOLDER",
         help="also files for ParaView: FOLDER/robot.pvd and one .vtp for each load step",
     )
-    parser.add_argument(
+    option(
         "--gltf", metavar="FILE.glb", help="also an animated 3D model, for Blender, slides and other viewers"
     )
     add_options(parser)
@@ -97,7 +98,7 @@ def _write_video(motion: Motion, path: Path, args: argparse.Namespace) -> None:
 
 def _page(result: str, out: str | None) -> Path:
     """Where the page goes."""
-    from tdcr_fe.io.tables import VIEW_PAGE
+    from tdcr_fe.io.result_files import VIEW_PAGE
 
     return _file(str(Path(result) / VIEW_PAGE) if out is None else out, (".html", ".htm"), "-o")
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.report.environment import quantity
-from tdcr_fe.report.geometry import load_vectors
+from tdcr_fe.report.geometry import distinct_steps, load_vectors
 
 Array = NDArray[np.float64]
 
@@ -25,126 +24,103 @@ END_ON = 0.15
 _MM = 1e3
 
 
-@dataclass(frozen=True)
-class Scale:
-    """Scales of load arrows.
+class LoadArrows:
+    """Arrows of the loads of those steps of a run that are drawn in detail, and of gravity.
 
-    Attributes
+    The largest force and the largest moment of these steps have arrows of equal length.
+
+    Parameters
     ----------
-    force, moment : float
-        Length of an arrow over its size [mm/N, mm/(N m)]; zero where there is no such load.
-    largest_force, largest_moment : float
-        [N, N m].
+    result
+        With at least one step.
     """
 
-    force: float
-    moment: float
-    largest_force: float
-    largest_moment: float
+    def __init__(self, result: SequenceResult) -> None:
+        self.result, self.gravity = result, np.array(result.model.gravity)
+        loads = [v for k in distinct_steps(result) for v in load_vectors(result.steps[k])]
+        sizes = [(v.moment, float(np.linalg.norm(v.vector))) for v in loads]
+        #: Largest moment [N m] and force [N]; zero where there is none.
+        self.largest = {kind: max((x for m, x in sizes if m == kind), default=0.0) for kind in (True, False)}
+        length = LONGEST * result.robot.backbone.length * _MM
+        #: Where each begins and its vector [mm], and whether it is a moment.
+        self.arrows = [(v.at * _MM, v.vector * (length / self.largest[v.moment]), v.moment) for v in loads]
+
+    def draw_planar(self, axes: Axes, i: int, j: int) -> None:
+        """Draw them in a projection onto the world axes ``i`` and ``j``; a moment has two heads along its axis."""
+        plane = _Plane(axes, i, j)
+        for start, vector, moment in self.arrows:
+            plane.arrow(start, vector, MOMENT if moment else FORCE, (1.0, 0.82) if moment else (1.0,))
+        if np.any(self.gravity):
+            plane.gravity(self.gravity, _MM * np.concatenate([s.positions for s in self.result.steps]))
+
+    def draw_spatial(self, axes: Any, corner: Array) -> None:
+        """The same in three dimensions; gravity at ``corner`` [mm]."""
+        for start, vector, moment in self.arrows:
+            colour = MOMENT if moment else FORCE
+            axes.quiver(*start, *vector, color=colour, lw=1.4, arrow_length_ratio=0.25)
+        if np.any(self.gravity):
+            length = 0.12 * self.result.robot.backbone.length * _MM
+            direction = length * self.gravity / np.linalg.norm(self.gravity)
+            axes.quiver(*corner, *direction, color=GRAVITY, lw=1.4, arrow_length_ratio=0.3)
+            axes.text(*(corner + 0.5 * direction), " g", color=GRAVITY, style="italic")
+
+    def legend_handles(self) -> Iterator[Line2D]:
+        """Legend entries of the arrows; the text includes the largest value of each kind."""
+        for size, colour, text, unit in (
+            (self.largest[False], FORCE, "force (longest arrow: {})", "N"),
+            (self.largest[True], MOMENT, "moment (two heads; longest arrow: {})", "N m"),
+            (float(np.linalg.norm(self.gravity)), GRAVITY, "gravity {}", "m/s^2"),
+        ):
+            if size:
+                label = text.format(quantity(size, unit))
+                yield Line2D([], [], color=colour, marker=">", markevery=[1], ms=5, lw=1.5, label=label)
 
 
-def scale_of(result: SequenceResult, detailed: Sequence[int]) -> Scale:
-    """Scale by which the largest force and the largest moment of the steps drawn get arrows of equal length."""
-    found = [v for k in detailed for v in load_vectors(result.steps[k])]
-    force = max((float(np.linalg.norm(v.vector)) for v in found if not v.moment), default=0.0)
-    moment = max((float(np.linalg.norm(v.vector)) for v in found if v.moment), default=0.0)
-    length = LONGEST * result.robot.backbone.length * _MM
-    return Scale(length / force if force else 0.0, length / moment if moment else 0.0, force, moment)
+class _Plane(NamedTuple):
+    """A projection onto two world axes."""
 
+    axes: Axes
+    i: int
+    j: int
 
-def ends(step: StepResult, scale: Scale) -> list[tuple[Array, Array]]:
-    """Start and end of every load arrow of a step [mm]."""
-    factors = {True: scale.moment, False: scale.force}
-    return [(v.at * _MM, v.at * _MM + v.vector * factors[v.moment]) for v in load_vectors(step)]
+    def arrow(self, start: Array, vector: Array, colour: str, heads: tuple[float, ...] = (1.0,)) -> None:
+        """One arrow [mm] with heads at parts of its length; a circle where it is seen end on."""
+        axes, plane = self.axes, [self.i, self.j]
+        at, flat = start[plane], vector[plane]
+        if np.linalg.norm(flat) < END_ON * np.linalg.norm(vector):
+            # The viewer looks along +y where x points right, and along -x where y points right.
+            away = (vector[1] if self.i == 0 else -vector[0]) > 0.0
+            axes.plot(*at, "o", ms=7, mfc="white", mec=colour, mew=1.2, zorder=6)
+            axes.plot(*at, "x" if away else ".", ms=4, color=colour, zorder=7)
+            return
+        look = {
+            "arrowstyle": "-|>",
+            "color": colour,
+            "lw": 1.5,
+            "shrinkA": 0,
+            "shrinkB": 0,
+            "mutation_scale": 10,
+        }
+        for reach in heads:
+            axes.annotate(
+                "", tuple(at + reach * flat), tuple(at), arrowprops=look, zorder=6, annotation_clip=False
+            )
+        axes.update_datalim((at + flat)[None, :])
 
-
-def _arrow(axes: Axes, start: Array, vector: Array, i: int, j: int, colour: str, double: bool) -> None:
-    """One arrow in a projection onto the world axes ``i`` and ``j`` [mm]; a circle where it is seen end on."""
-    flat = vector[[i, j]]
-    if np.linalg.norm(flat) < END_ON * np.linalg.norm(vector):
-        # The viewer looks along +y where x points right, and along -x where y points right.
-        away = (vector[1] if i == 0 else -vector[0]) > 0.0
-        axes.plot(*start[[i, j]], "o", ms=7, mfc="white", mec=colour, mew=1.2, zorder=6)
-        axes.plot(*start[[i, j]], "x" if away else ".", ms=4, color=colour, zorder=7)
-        return
-    end = start[[i, j]] + flat
-    for reach in (1.0, 0.82) if double else (1.0,):
-        axes.annotate(
-            "",
-            tuple(start[[i, j]] + reach * flat),
-            tuple(start[[i, j]]),
-            arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 0, "shrinkB": 0,
-                        "mutation_scale": 10},
-            zorder=6,
-            annotation_clip=False,
-        )  # fmt: skip
-    axes.update_datalim(end[None, :])
-
-
-def draw_loads(
-    axes: Axes, result: SequenceResult, detailed: Sequence[int], i: int, j: int, scale: Scale
-) -> None:
-    """Arrows of all loads of the steps drawn in detail; a moment has two heads along its axis."""
-    for k in detailed:
-        for v in load_vectors(result.steps[k]):
-            factor = scale.moment if v.moment else scale.force
-            _arrow(axes, v.at * _MM, v.vector * factor, i, j, MOMENT if v.moment else FORCE, v.moment)
-
-
-def draw_gravity(axes: Axes, result: SequenceResult, i: int, j: int) -> None:
-    """An arrow in the emptiest corner that shows the direction of gravity, where there is any."""
-    gravity = np.array(result.model.gravity)
-    if not np.any(gravity):
-        return
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    points = _MM * np.concatenate([s.positions for s in result.steps])[:, [i, j]]
-    corners = np.array(
-        [(left + x * (right - left), bottom + y * (top - bottom)) for x in (0.13, 0.87) for y in (0.12, 0.88)]
-    )
-    gaps = np.min(np.linalg.norm(points[None] - corners[:, None], axis=2), axis=1)
-    at = np.zeros(3)
-    at[[i, j]] = corners[int(np.argmax(gaps))]
-    direction = 0.09 * (top - bottom) * gravity / np.linalg.norm(gravity)
-    _arrow(axes, at - direction / 2.0, direction, i, j, GRAVITY, double=False)
-    axes.annotate(
-        "g",
-        tuple(at[[i, j]]),
-        xytext=(7, 5),
-        textcoords="offset points",
-        color=GRAVITY,
-        va="center",
-        style="italic",
-    )
-
-
-def draw_spatial(
-    axes: Any, result: SequenceResult, detailed: Sequence[int], scale: Scale, corner: Array
-) -> None:
-    """The same in three dimensions; gravity at ``corner`` [mm]."""
-    for k in detailed:
-        for v in load_vectors(result.steps[k]):
-            vector = v.vector * (scale.moment if v.moment else scale.force)
-            colour = MOMENT if v.moment else FORCE
-            axes.quiver(*(v.at * _MM), *vector, color=colour, lw=1.4, arrow_length_ratio=0.25)
-    gravity = np.array(result.model.gravity)
-    if np.any(gravity):
-        direction = 0.12 * result.robot.backbone.length * _MM * gravity / np.linalg.norm(gravity)
-        axes.quiver(*corner, *direction, color=GRAVITY, lw=1.4, arrow_length_ratio=0.3)
-        axes.text(*(corner + 0.5 * direction), " g", color=GRAVITY, style="italic")
-
-
-def legend_handles(result: SequenceResult, scale: Scale) -> list[Line2D]:
-    """Legend entries of the arrows; the text includes the largest value of each kind."""
-    handles = []
-    for size, colour, text, unit in (
-        (scale.largest_force, FORCE, "force (longest arrow:", "N"),
-        (scale.largest_moment, MOMENT, "moment (two heads; longest arrow:", "N m"),
-    ):
-        if size:
-            label = f"{text} {quantity(size, unit)})"
-            handles.append(Line2D([], [], color=colour, marker=">", markevery=[1], ms=5, lw=1.5, label=label))
-    gravity = float(np.linalg.norm(result.model.gravity))
-    if gravity:
-        label = f"gravity {quantity(gravity, 'm/s^2')}"
-        handles.append(Line2D([], [], color=GRAVITY, marker=">", ms=5, lw=1.5, label=label))
-    return handles
+    def gravity(self, gravity: Array, points: Array) -> None:
+        """An arrow in the direction of gravity in the corner that is farthest from points of the robot [mm]."""
+        (left, right), (bottom, top) = self.axes.get_xlim(), self.axes.get_ylim()
+        shares = [(x, y) for x in (0.13, 0.87) for y in (0.12, 0.88)]
+        corners = np.array([(left + x * (right - left), bottom + y * (top - bottom)) for x, y in shares])
+        gaps = np.linalg.norm(points[None, :, [self.i, self.j]] - corners[:, None], axis=2).min(axis=1)
+        at = np.zeros(3)
+        at[[self.i, self.j]] = corners[int(np.argmax(gaps))]
+        direction = 0.09 * (top - bottom) * gravity / np.linalg.norm(gravity)
+        self.arrow(at - direction / 2.0, direction, GRAVITY)
+        text: dict[str, Any] = {
+            "textcoords": "offset points",
+            "color": GRAVITY,
+            "va": "center",
+            "style": "italic",
+        }
+        self.axes.annotate("g", tuple(at[[self.i, self.j]]), xytext=(7, 5), **text)

@@ -89,32 +89,20 @@ def slack(result: SequenceResult, step: StepResult) -> list[NDArray[np.bool_]]:
 
 @dataclass(frozen=True)
 class LoadVector:
-    """A force or moment of one step, in the world frame.
+    """A force or moment of one step, in the world frame."""
 
-    Attributes
-    ----------
-    name : str
-    at : ndarray, shape (3,)
-        Where it acts [m].
-    vector : ndarray, shape (3,)
-        [N] or [N m].
-    moment : bool
-        Whether it is a moment.
-    """
-
-    name: str
-    at: Array
-    vector: Array
-    moment: bool
+    at: Array  # where it acts [m], shape (3,)
+    vector: Array  # [N] or [N m], shape (3,)
+    moment: bool  # whether it is a moment
 
 
 def load_vectors(step: StepResult) -> list[LoadVector]:
     """Forces and moments that act at the end of a step; none where the result does not contain them."""
     found = []
-    for name, load in (step.actuation.loads if step.actuation is not None else {}).items():
+    for load in (step.actuation.loads if step.actuation is not None else {}).values():
         position, rotation = poses(step, np.array([load.at]))
         for value, moment in ((np.array(load.force), False), (np.array(load.moment), True)):
             if np.any(value):
                 turned = rotation[0] @ value if load.frame == "section" else value
-                found.append(LoadVector(name, position[0], turned, moment))
+                found.append(LoadVector(position[0], turned, moment))
     return found

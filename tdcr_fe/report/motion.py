@@ -32,23 +32,13 @@ SAME_NODE = 1e-7
 
 @dataclass(frozen=True)
 class TendonPath:
-    """Polygon that a tendon is drawn as.
-
-    Attributes
-    ----------
-    name : str
-    frames : ndarray of int, shape (k,)
-        Indices into `Motion.s`: the sections that the corners belong to, base plate first, anchor last.
-    points : ndarray, shape (k, 3)
-        Corners in their section frames [m].
-    segments : ndarray of int, shape (k - 1,)
-        From 0: the tendon segment that each side belongs to.
-    """
+    """Polygon that a tendon is drawn as."""
 
     name: str
+    #: Indices into `Motion.s`: the sections that the corners belong to, base plate first, anchor last, shape (k,).
     frames: Indices
-    points: Array
-    segments: Indices
+    points: Array  # corners in their section frames [m], shape (k, 3)
+    segments: Indices  # the tendon segment that each side belongs to, from 0, shape (k - 1,)
 
 
 @dataclass(frozen=True)
@@ -84,7 +74,6 @@ class Motion:
     labels : tuple of str
     s : ndarray, shape (n,)
         Arc lengths of the sections: all nodes, and disks and holes that lie between nodes [m].
-    is_node : ndarray of bool, shape (n,)
     radius : ndarray, shape (n,)
         Of the backbone [m].
     positions : ndarray, shape (n_steps, n, 3)
@@ -117,7 +106,6 @@ class Motion:
     steps: tuple[int, ...]
     labels: tuple[str, ...]
     s: Array
-    is_node: NDArray[np.bool_]
     radius: Array
     positions: Array
     rotations: Array
@@ -228,24 +216,14 @@ def nearest(s: Array, wanted: Sequence[float] | Array) -> Indices:
 
 @dataclass(frozen=True)
 class Nodes:
-    """Poses of the backbone nodes.
+    """Poses of the backbone nodes."""
 
-    Attributes
-    ----------
-    s : ndarray, shape (n,)
-        [m].
-    positions : ndarray, shape (n_steps, n, 3)
-        [m].
-    rotations : ndarray, shape (n_steps, n, 4)
-        Unit quaternions qw, qx, qy, qz.
-    """
+    s: Array  # arc lengths [m], shape (n,)
+    positions: Array  # [m], shape (n_steps, n, 3)
+    rotations: Array  # unit quaternions qw, qx, qy, qz, shape (n_steps, n, 4)
 
-    s: Array
-    positions: Array
-    rotations: Array
-
-    def with_sections(self, further: Array) -> tuple[Nodes, NDArray[np.bool_]]:
-        """The same with sections at further arc lengths, and which of all are nodes.
+    def with_sections(self, further: Array) -> Nodes:
+        """The same with sections at further arc lengths.
 
         Between nodes, poses are those of constant strain, as in the beam element.
         """
@@ -255,7 +233,7 @@ class Nodes:
         if len(new):
             new = new[np.append(True, np.diff(new) > near)]
         if not len(new):
-            return self, np.ones(len(self.s), dtype=bool)
+            return self
         s = np.concatenate((self.s, new))
         order = np.argsort(s, kind="stable")
         positions, rotations = [], []
@@ -265,7 +243,7 @@ class Nodes:
             turned = quaternions(Slerp(self.s, turn)(new).as_matrix())
             positions.append(np.concatenate((p, between))[order])
             rotations.append(np.concatenate((q, turned))[order])
-        return Nodes(s[order], np.array(positions), np.array(rotations)), order < len(self.s)
+        return Nodes(s[order], np.array(positions), np.array(rotations))
 
 
 def assemble(shape: Mapping[str, Any], nodes: Nodes, **rest: Any) -> Motion:
@@ -274,14 +252,13 @@ def assemble(shape: Mapping[str, Any], nodes: Nodes, **rest: Any) -> Motion:
     paths = [np.array(t["path"], dtype=float).reshape(-1, 4) for t in shape["tendons"]]
     loaded = [load.at for loads in rest["loads"] for load in loads.values()]
     further = np.concatenate([np.array([*disks, *loaded]), *(p[:, 0] for p in paths)])
-    sections, is_node = nodes.with_sections(further)
+    sections = nodes.with_sections(further)
     radii = np.array(shape["backbone_radius"], dtype=float)
     return Motion(
         length=float(shape["length"]),
         disk_radius=float(shape["disks"]["radius"]),
         disk_thickness=float(shape["disks"]["thickness"]),
         s=sections.s,
-        is_node=is_node,
         radius=np.interp(sections.s, radii[:, 0], radii[:, 1]),
         positions=sections.positions,
         rotations=sections.rotations,

@@ -23,7 +23,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # typ
 from numpy.typing import NDArray
 
 from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.report import arrows
+from tdcr_fe.report.arrows import LoadArrows
 from tdcr_fe.report.geometry import (
     DRAWN_STEPS,
     backbone,
@@ -94,31 +94,32 @@ def _framed(width: float, height: float, title: str, handles: Sequence[Line2D]) 
     return figure
 
 
+def _axes_by_tendon(
+    count: int, size: tuple[float, float], title: str, label: str, handles: Sequence[Line2D]
+) -> tuple[Figure, list[Axes]]:
+    """A figure with axes for each of several tendons, three in a row, of least width and height [inch]."""
+    columns = min(count, 3)
+    rows = -(-count // columns)
+    figure = _framed(max(4.0 * columns, size[0]), size[1] * rows + 0.2, title, handles)
+    axes = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
+    for spare in axes[count:]:
+        spare.set_visible(False)
+    for left in axes[::columns]:
+        left.set_ylabel(label)
+    return figure, list(axes[:count])
+
+
 # ---------------------------------------------------------------------------------------------------- shapes
 
 
 class _Shape(NamedTuple):
-    """What is drawn of one load step, in both kinds of views.
+    """What is drawn of one load step, in both kinds of views; without disks and tendons only the backbone."""
 
-    Attributes
-    ----------
-    curve : ndarray, shape (n, 3)
-        Backbone [mm].
-    rings : list of ndarray, shape (m, 3)
-        Rims of the disks [mm]; empty where only the backbone is drawn.
-    tendons : list of (ndarray, str)
-        Line of shape (k, 3) [mm] and colour of each tendon; empty where only the backbone is drawn.
-    colour : array
-        RGBA of the step.
-    width, alpha : float
-        Of the backbone's line.
-    """
-
-    curve: Array
-    rings: list[Array]
-    tendons: list[tuple[Array, str]]
-    colour: Any
-    width: float
+    curve: Array  # backbone [mm], shape (n, 3)
+    rings: list[Array]  # rims of the disks [mm], each of shape (m, 3)
+    tendons: list[tuple[Array, str]]  # line [mm], shape (k, 3), and colour of each tendon
+    colour: Any  # RGBA of the step
+    width: float  # of the backbone's line
     alpha: float
 
 
@@ -136,107 +137,92 @@ def _drawn_shapes(result: SequenceResult, drawn: list[int], colours: _StepColour
         yield _Shape(curve, list(rims(result, step)[1:] * _MM), tendons, colours(n), 1.9, 1.0)
 
 
-def _planar(
-    axes: Axes, result: SequenceResult, i: int, j: int, drawn: list[int], colours: _StepColours, limits: Array
-) -> None:
-    """Project onto the world axes ``i`` and ``j``, with the world box ``limits`` [mm], shape (3, 2)."""
-    for shape in _drawn_shapes(result, drawn, colours):
-        fill, edge = ((*shape.colour[:3], alpha) for alpha in (0.3, 0.8))
-        for ring in shape.rings:
-            axes.fill(ring[:, i], ring[:, j], fc=fill, ec=edge, lw=0.8, zorder=2)
-        for line, colour in shape.tendons:
-            axes.plot(line[:, i], line[:, j], color=colour, lw=0.9, alpha=0.85, zorder=3)
-        curve, look = shape.curve, {"color": shape.colour, "lw": shape.width, "alpha": shape.alpha}
-        axes.plot(curve[:, i], curve[:, j], zorder=4, **look)
-    plate = 1.6 * result.robot.plate_radius * _MM
-    axes.plot([-plate, plate], [0.0, 0.0], color=_PLATE, lw=4, solid_capstyle="butt", zorder=5)
-    if _path_is_drawn(result):
-        tips = result.tips * _MM
-        axes.plot(tips[:, i], tips[:, j], color=_PATH, lw=0.9, ls=_DASHES, zorder=1)
-    axes.set_xlim(*limits[i])
-    axes.set_ylim(*limits[j])
-    axes.set_aspect("equal", adjustable="box")
-    detailed = distinct_steps(result)
-    arrows.draw_loads(axes, result, detailed, i, j, arrows.scale_of(result, detailed))
-    arrows.draw_gravity(axes, result, i, j)
-    axes.set_xlabel(f"{'xyz'[i]} [mm]")
-    axes.set_ylabel(f"{'xyz'[j]} [mm]")
-    axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
+class _Shapes:
+    """What both kinds of views of a run draw, and the box that they span."""
 
+    def __init__(self, result: SequenceResult, drawn: list[int]) -> None:
+        self.result, self.arrows = result, LoadArrows(result)
+        self.colours = _StepColours(result, drawn)
+        self.shapes = list(_drawn_shapes(result, drawn, self.colours))
+        #: The path of the tip from step to step [mm], where it is still readable.
+        self.path = result.tips * _MM if 1 < len(result.steps) <= 40 else np.zeros((0, 3))
+        #: Box around shapes and load arrows [mm], shape (3, 2).
+        self.limits = box(result, drawn) * _MM
+        for at, vector, _ in self.arrows.arrows:
+            self.limits[:, 0] = np.minimum(self.limits[:, 0], np.minimum(at, at + vector) - 5.0)
+            self.limits[:, 1] = np.maximum(self.limits[:, 1], np.maximum(at, at + vector) + 5.0)
 
-def _spatial(
-    axes: Any, result: SequenceResult, drawn: list[int], colours: _StepColours, limits: Array
-) -> None:
-    """The shapes in three dimensions, on a 3D axes that spans the box ``limits`` [mm], shape (3, 2)."""
-    for shape in _drawn_shapes(result, drawn, colours):
-        if shape.rings:
-            face = (*shape.colour[:3], 0.25)
-            axes.add_collection3d(
-                Poly3DCollection(shape.rings, facecolor=face, edgecolor=shape.colour, lw=0.6)
-            )
-        for line, colour in shape.tendons:
-            axes.add_collection3d(Line3DCollection([line], colors=[colour], lw=0.9, alpha=0.85))
-        axes.plot(*shape.curve.T, color=shape.colour, lw=shape.width, alpha=shape.alpha)
-    plate = rims(result, result.steps[0])[0] * _MM * [1.6, 1.6, 1.0]
-    axes.add_collection3d(Poly3DCollection([plate], facecolor=_PLATE, edgecolor=_PLATE, alpha=0.8))
-    if _path_is_drawn(result):
-        axes.plot(*(result.tips * _MM).T, color=_PATH, lw=0.9, ls=_DASHES)
-    detailed = distinct_steps(result)
-    arrows.draw_spatial(
-        axes, result, detailed, arrows.scale_of(result, detailed), _free_corner(result, limits)
-    )
-    span = limits[:, 1] - limits[:, 0]
-    for name, ends, width in zip("xyz", limits, span, strict=True):
-        getattr(axes, f"set_{name}lim")(*ends)
-        getattr(axes, f"set_{name}label")(f"{name} [mm]", labelpad=6.0)
-        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4 if width > 0.6 * span.max() else 2))
-        getattr(axes, f"{name}axis").pane.set_facecolor("#fafafa")
-    axes.tick_params(pad=1.0, labelsize=8.5)
-    axes.set_box_aspect(span, zoom=0.95)
-    axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
+    def planar(self, axes: Axes, i: int, j: int) -> None:
+        """Project onto the world axes ``i`` and ``j``."""
+        for shape in self.shapes:
+            fill, edge = ((*shape.colour[:3], alpha) for alpha in (0.3, 0.8))
+            for ring in shape.rings:
+                axes.fill(ring[:, i], ring[:, j], fc=fill, ec=edge, lw=0.8, zorder=2)
+            for line, colour in shape.tendons:
+                axes.plot(line[:, i], line[:, j], color=colour, lw=0.9, alpha=0.85, zorder=3)
+            curve, look = shape.curve, {"color": shape.colour, "lw": shape.width, "alpha": shape.alpha}
+            axes.plot(curve[:, i], curve[:, j], zorder=4, **look)
+        plate = 1.6 * self.result.robot.plate_radius * _MM
+        axes.plot([-plate, plate], [0.0, 0.0], color=_PLATE, lw=4, solid_capstyle="butt", zorder=5)
+        if len(self.path):
+            axes.plot(self.path[:, i], self.path[:, j], color=_PATH, lw=0.9, ls=_DASHES, zorder=1)
+        axes.set_xlim(*self.limits[i])
+        axes.set_ylim(*self.limits[j])
+        axes.set_aspect("equal", adjustable="box")
+        self.arrows.draw_planar(axes, i, j)
+        axes.set_xlabel(f"{'xyz'[i]} [mm]")
+        axes.set_ylabel(f"{'xyz'[j]} [mm]")
+        axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
 
+    def spatial(self, axes: Any) -> None:
+        """The shapes in three dimensions, on a 3D axes."""
+        for shape in self.shapes:
+            if shape.rings:
+                face = (*shape.colour[:3], 0.25)
+                rings = Poly3DCollection(shape.rings, facecolor=face, edgecolor=shape.colour, lw=0.6)
+                axes.add_collection3d(rings)
+            for line, colour in shape.tendons:
+                axes.add_collection3d(Line3DCollection([line], colors=[colour], lw=0.9, alpha=0.85))
+            axes.plot(*shape.curve.T, color=shape.colour, lw=shape.width, alpha=shape.alpha)
+        plate = rims(self.result, self.result.steps[0])[0] * _MM * [1.6, 1.6, 1.0]
+        axes.add_collection3d(Poly3DCollection([plate], facecolor=_PLATE, edgecolor=_PLATE, alpha=0.8))
+        if len(self.path):
+            axes.plot(*self.path.T, color=_PATH, lw=0.9, ls=_DASHES)
+        self.arrows.draw_spatial(axes, self.free_corner())
+        span = self.limits[:, 1] - self.limits[:, 0]
+        for name, ends, width in zip("xyz", self.limits, span, strict=True):
+            getattr(axes, f"set_{name}lim")(*ends)
+            getattr(axes, f"set_{name}label")(f"{name} [mm]", labelpad=6.0)
+            getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4 if width > 0.6 * span.max() else 2))
+            getattr(axes, f"{name}axis").pane.set_facecolor("#fafafa")
+        axes.tick_params(pad=1.0, labelsize=8.5)
+        axes.set_box_aspect(span, zoom=0.95)
+        axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
 
-def _free_corner(result: SequenceResult, limits: Array) -> Array:
-    """Point near that corner of the box which lies farthest from all backbones where the viewer sees it [mm]."""
-    up, turn = np.radians((_ELEVATION, _AZIMUTH))
-    right = np.array([-np.sin(turn), np.cos(turn), 0.0])
-    above = np.array([-np.sin(up) * np.cos(turn), -np.sin(up) * np.sin(turn), np.cos(up)])
-    seen = np.column_stack((right, above))
-    corners = np.array(np.meshgrid(*(limits @ [[0.9, 0.1], [0.1, 0.9]]), indexing="ij")).reshape(3, -1).T
-    points = _MM * np.concatenate([s.positions for s in result.steps])
-    gaps = np.linalg.norm((points[None] - corners[:, None]) @ seen, axis=2).min(axis=1)
-    return np.asarray(corners[int(np.argmax(gaps))])
+    def free_corner(self) -> Array:
+        """Point near that corner of the box which lies farthest from all backbones where the viewer sees it [mm]."""
+        up, turn = np.radians((_ELEVATION, _AZIMUTH))
+        right = np.array([-np.sin(turn), np.cos(turn), 0.0])
+        above = np.array([-np.sin(up) * np.cos(turn), -np.sin(up) * np.sin(turn), np.cos(up)])
+        seen = np.column_stack((right, above))
+        ends = self.limits @ [[0.9, 0.1], [0.1, 0.9]]
+        corners = np.array(np.meshgrid(*ends, indexing="ij")).reshape(3, -1).T
+        points = _MM * np.concatenate([s.positions for s in self.result.steps])
+        gaps = np.linalg.norm((points[None] - corners[:, None]) @ seen, axis=2).min(axis=1)
+        return np.asarray(corners[int(np.argmax(gaps))])
 
-
-def _path_is_drawn(result: SequenceResult) -> bool:
-    """Whether the path of the tip from step to step is still readable."""
-    return 1 < len(result.steps) <= 40
-
-
-def _limits(result: SequenceResult, drawn: list[int]) -> Array:
-    """Box around shapes and load arrows [mm], shape (3, 2)."""
-    limits = box(result, drawn) * _MM
-    detailed = distinct_steps(result)
-    scale = arrows.scale_of(result, detailed)
-    for k in detailed:
-        for at, end in arrows.ends(result.steps[k], scale):
-            limits[:, 0] = np.minimum(limits[:, 0], np.minimum(at, end) - 5.0)
-            limits[:, 1] = np.maximum(limits[:, 1], np.maximum(at, end) + 5.0)
-    return limits
+    def handles(self) -> list[Line2D]:
+        """Entries of the legend."""
+        names, colours = self.result.robot.tendon_names, _tendon_colours(self.result)
+        tendons = list(zip(names, colours, strict=True))[:12]
+        handles = [Line2D([], [], color=c, lw=1.4, label=f"tendon {n}") for n, c in tendons]
+        if len(self.path):
+            handles.append(Line2D([], [], color=_PATH, lw=0.9, ls=_DASHES, label="path of the tip"))
+        return [*handles, *self.arrows.legend_handles()]
 
 
 def _tendon_colours(result: SequenceResult) -> list[str]:
     return [_TENDON_COLOURS[i % len(_TENDON_COLOURS)] for i in range(len(result.robot.tendons))]
-
-
-def _shape_handles(result: SequenceResult) -> list[Line2D]:
-    names, colours = result.robot.tendon_names, _tendon_colours(result)
-    handles = [
-        Line2D([], [], color=c, lw=1.4, label=f"tendon {n}") for n, c in zip(names, colours, strict=True)
-    ][:12]
-    if _path_is_drawn(result):
-        handles.append(Line2D([], [], color=_PATH, lw=0.9, ls=_DASHES, label="path of the tip"))
-    return handles + arrows.legend_handles(result, arrows.scale_of(result, distinct_steps(result)))
 
 
 def shapes(result: SequenceResult) -> Figure:
@@ -254,21 +240,20 @@ def shapes(result: SequenceResult) -> Figure:
     _refuse_empty(result)
     drawn = sorted({*spread(len(result.steps), DRAWN_STEPS), *distinct_steps(result)})
     with styled():
-        limits = _limits(result, drawn)
-        span = limits[:, 1] - limits[:, 0]
+        view = _Shapes(result, drawn)
+        span = view.limits[:, 1] - view.limits[:, 0]
         ratios = [*(span[:2] / span[2]), max(1.0, 0.85 * float(np.hypot(*span[:2]) / span[2]))]
         width = min(3.6 * sum(ratios) + 2.6, 16.0)
-        figure = _framed(width, 4.5, f"{result.robot.name}: shapes of the backbone", _shape_handles(result))
+        figure = _framed(width, 4.5, f"{result.robot.name}: shapes of the backbone", view.handles())
         grid = figure.add_gridspec(1, 3, width_ratios=ratios)
-        colours = _StepColours(result, drawn)
         side = figure.add_subplot(grid[0])
         front = figure.add_subplot(grid[1], sharey=side)
         for axes, i, title in ((side, 0, "Seen along y"), (front, 1, "Seen along x")):
-            _planar(axes, result, i, 2, drawn, colours, limits)
+            view.planar(axes, i, 2)
             axes.set_title(title)
         space = figure.add_subplot(grid[2], projection="3d")
-        _spatial(space, result, drawn, colours, limits)
-        colours.bar(figure, [side, front, space], shrink=0.75, pad=0.02, aspect=28)
+        view.spatial(space)
+        view.colours.bar(figure, [side, front, space], shrink=0.75, pad=0.02, aspect=28)
     return figure
 
 
@@ -310,8 +295,6 @@ def tensions(result: SequenceResult) -> Figure:
         raise ValueError("the robot has no tendons whose tension could be drawn")
     drawn = sorted({*spread(len(result.steps), 24), *distinct_steps(result)})
     count = len(result.robot.tendons)
-    columns = min(count, 3)
-    rows = -(-count // columns)
     seen = {
         state
         for k in drawn
@@ -325,16 +308,11 @@ def tensions(result: SequenceResult) -> Figure:
     ]  # fmt: skip
     with styled():
         title = f"{result.robot.name}: tension along the tendons"
-        figure = _framed(max(4.0 * columns, 6.8), 2.9 * rows + 0.2, title, handles)
-        axes = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
+        figure, axes = _axes_by_tendon(count, (6.8, 2.9), title, "tension [N]", handles)
         colours = _StepColours(result, drawn)
         for j in range(count):
             _tension_profile(axes[j], result, j, drawn, colours)
-        for spare in axes[count:]:
-            spare.set_visible(False)
-        for left in axes[::columns]:
-            left.set_ylabel("tension [N]")
-        colours.bar(figure, list(axes[:count]), pad=0.02, aspect=28)
+        colours.bar(figure, axes, pad=0.02, aspect=28)
     return figure
 
 
@@ -412,8 +390,6 @@ def hysteresis(result: SequenceResult) -> Figure | None:
     if not driven:
         return None
     angle = np.degrees(result.bending_angles)
-    columns = min(len(driven), 3)
-    rows = -(-len(driven) // columns)
     handles = [
         Line2D([], [], color="#444444", lw=1.6, label="pulled"),
         Line2D([], [], color="#444444", lw=1.6, ls=(0, (4, 1.5)), label="released"),
@@ -421,21 +397,18 @@ def hysteresis(result: SequenceResult) -> Figure | None:
     ]
     with styled():
         title = f"{result.robot.name}: hysteresis of the tip angle"
-        figure = _framed(max(4.0 * columns, 6.4), 3.2 * rows + 0.2, title, handles)
-        axes = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
+        figure, axes = _axes_by_tendon(
+            len(driven), (6.4, 3.2), title, "bending angle of the tip [deg]", handles
+        )
         colours = _StepColours(result, range(len(result.steps)))
-        for ax, (name, values, label) in zip(axes, driven, strict=False):
+        for ax, (name, values, label) in zip(axes, driven, strict=True):
             _branches(ax, values, angle, colours)
             ax.set_title(f"tendon {name}")
             ax.set_xlabel(label)
             low, high = min(0.0, float(values.min())), max(0.0, float(values.max()))
             ax.set_xlim(low - (0.04 * (high - low) if low < 0.0 else 0.0), high + 0.04 * (high - low))
             ax.set_ylim(bottom=0.0)
-        for spare in axes[len(driven) :]:
-            spare.set_visible(False)
-        for left in axes[::columns]:
-            left.set_ylabel("bending angle of the tip [deg]")
-        colours.bar(figure, list(axes[: len(driven)]), pad=0.02, aspect=28)
+        colours.bar(figure, axes, pad=0.02, aspect=28)
     return figure
 
 

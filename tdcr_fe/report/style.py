@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 #: Text and main lines; labels and secondary text; frames; grid lines.
 INK, SOFT, PALE, RULE = "#1f2933", "#56626f", "#b8c0c8", "#dfe3e7"
-GOOD, BAD = "#1e7b4f", "#c0392b"
+BAD = "#c0392b"
 #: Distinguishable for colour-blind readers, too (Okabe and Ito, yellow replaced by a darker one).
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9")
 #: One colour for the same thing in every report.

@@ -5,13 +5,22 @@ from __future__ import annotations
 import json
 from typing import Literal
 
+import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 from tdcr_fe.report.environment import environment
 from tdcr_fe.report.motion import Motion
 from tdcr_fe.report.viewer_data import panel_data
-from tdcr_fe.report.viewer_still import still
 
+Array = NDArray[np.float64]
+
+#: Direction of view: lifted, turned off the normal of the bending plane, and turned where nothing bends [rad].
+LIFT, OFF_PLANE, UNBENT = 0.32, 0.3, -0.96
+#: Size of the picture [pixels] and margin [1].
+WIDTH, HEIGHT, MARGIN = 640, 560, 0.06
+#: Sections of the backbone's curve at most.
+POINTS = 240
 #: Parts of the script, in the order in which they refer to each other.
 SCRIPTS = ("viewer_data.js", "viewer_gl.js", "viewer_scene.js", "viewer_plots.js", "viewer.js")
 
@@ -80,3 +89,72 @@ def view_page(motion: Motion) -> str:
             script=script(),
         )
     )
+
+
+# ---------------------------------------------------------------- still picture
+
+
+def _view(tip: Array, length: float) -> Array:
+    """Rows to the right and up in the picture, and towards the eye, as the panel begins; shape (3, 3)."""
+    bent = np.hypot(tip[0], tip[1]) >= 0.02 * length
+    turn = np.arctan2(tip[1], tip[0]) - np.pi / 2.0 + OFF_PLANE if bent else UNBENT
+    c, s = np.cos(LIFT), np.sin(LIFT)
+    towards = np.array([c * np.cos(turn), c * np.sin(turn), s])
+    right = np.array([-np.sin(turn), np.cos(turn), 0.0])
+    return np.stack((right, np.cross(towards, right), towards))
+
+
+def _svg_path(points: Array, closed: bool = False) -> str:
+    text = "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
+    return f"M{text}{'Z' if closed else ''}"
+
+
+def still(motion: Motion, step: int | None = None) -> str:
+    """Backbone, disks, tendons and measured markers in one load step, as SVG text.
+
+    Parameters
+    ----------
+    motion
+        What is drawn.
+    step
+        From 0; None is the one with the largest bending angle of the tip.
+    """
+    k = int(np.argmax(motion.bending_angles)) if step is None else step
+    view, turns = _view(motion.tips[k], motion.length), motion.matrices(k)
+    angle = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
+    circle = motion.disk_radius * np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=-1)
+    rims = motion.positions[k, motion.disks, None] + np.einsum("nij,pj->npi", turns[motion.disks], circle)
+    tendons = [motion.tendon_points(k, t) for t in motion.tendons]
+    every = max(1, -(-len(motion.s) // POINTS))
+    curve = np.append(motion.positions[k, :-1:every], motion.positions[k, -1:], axis=0)
+    markers = motion.markers.measured[k] if motion.markers is not None else np.zeros((0, 3))
+    plate = 1.6 * circle
+    everything = np.concatenate([curve, plate, *rims, *tendons]) @ view[:2].T
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    scale = float(np.min((1.0 - 2.0 * MARGIN) * np.array([WIDTH, HEIGHT]) / np.maximum(high - low, 1e-12)))
+
+    def flat(points: Array) -> Array:
+        centred = (points @ view[:2].T - (low + high) / 2.0) * scale
+        return np.asarray(np.array([WIDTH, HEIGHT]) / 2.0 + centred * [1.0, -1.0])
+
+    width = max(1.5, 2.0 * float(motion.radius.max()) * scale)
+    parts = [f'<path d="{_svg_path(flat(plate), True)}" fill="#8b95a1"/>']
+    depth = [float(rim.mean(axis=0) @ view[2]) for rim in rims]
+    parts += [
+        f'<path d="{_svg_path(flat(rims[i]), True)}" fill="#dfe3e7" fill-opacity="0.8" stroke="#8b95a1"/>'
+        for i in np.argsort(depth)
+    ]
+    parts.append(
+        f'<path d="{_svg_path(flat(curve))}" fill="none" stroke="#3d4957" stroke-width="{width:.1f}"/>'
+    )
+    parts += [
+        f'<path d="{_svg_path(flat(t))}" fill="none" stroke="#c2334a" stroke-width="1.3"/>' for t in tendons
+    ]
+    parts += [
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="#009e6b"/>'
+        for x, y in flat(markers[np.isfinite(markers).all(axis=1)])
+    ]
+    title = f"step {motion.steps[k]}" + (f": {motion.labels[k]}" if motion.labels[k] else "")
+    text = f"{motion.name}, {title}".replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
+    head = f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}" role="img" aria-label="{text}">'
+    return f"{head}{''.join(parts)}</svg><small>{text}</small>"

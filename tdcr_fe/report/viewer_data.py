@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -57,13 +56,6 @@ def quantised(values: Array) -> dict[str, Any]:
     }
 
 
-def restored(stored: Mapping[str, Any]) -> Array:
-    """The array that `quantised` has stored."""
-    levels = np.frombuffer(base64.b64decode(stored["data"]), dtype="<u2").reshape(stored["shape"])
-    values = np.array(stored["low"]) + levels * np.array(stored["step"])
-    return np.where(levels > LEVELS, np.nan, values)
-
-
 def thinned(motion: Motion, poses: int = POSES) -> Motion:
     """The motion with so few sections and load steps that a page can hold it; the same where it is small.
 
@@ -88,7 +80,6 @@ def _sections(motion: Motion, kept: NDArray[np.intp]) -> Motion:
     return replace(
         motion,
         s=motion.s[kept],
-        is_node=motion.is_node[kept],
         radius=motion.radius[kept],
         positions=motion.positions[:, kept],
         rotations=motion.rotations[:, kept],

@@ -18,7 +18,7 @@ from tdcr_fe.model.schema import all_keys_of
 IN_SCENARIO = (*SCENARIO, "effects")
 IN_ROBOT = (*ROBOT,)
 
-_PART = re.compile(r'"((?:[^"\\]|\\.)*)"|([A-Za-z0-9_-]+)|\[(-?\d+)\]')
+_PART = re.compile(r'\.(?:"((?:[^"\\]|\\.)*)"|([A-Za-z0-9_-]+))|\[(-?\d+)\]')
 
 #: From the value that stands in a file, None where there is none, to the one that replaces it.
 Change = Callable[[Any], Any]
@@ -63,29 +63,18 @@ def parse_key(text: str) -> Key:
         It is not a dotted key, or begins with no table of the files.
     """
     path: list[str | int] = []
-    rest = text
-    while rest:
-        if path and not rest.startswith("["):
-            if not rest.startswith("."):
-                break
-            rest = rest[1:]
-        found = _PART.match(rest)
-        if found is None or (not path and found[3] is not None):
-            break
-        escaped, name, number = found.groups()
-        path.append(int(number) if number is not None else name or re.sub(r"\\(.)", r"\1", escaped))
+    rest = "." + text if not text.startswith("[") else ""  # no list has a number without a name
+    while found := _PART.match(rest):
+        quoted_name, name, number = found.groups()
+        path.append(int(number) if number else name or re.sub(r"\\(.)", r"\1", quoted_name))
         rest = rest[found.end() :]
-    else:
-        if path:
-            options = [*IN_ROBOT, *IN_SCENARIO]
-            if path[0] not in options:
-                raise KeyProblem(
-                    f"unknown key{meant(path[0], options)}; must begin with one of {', '.join(options)}"
-                )
-            return Key(text, tuple(path))
-    raise KeyProblem(
-        "must be a dotted key, such as backbone.radius, tendons.t1.offset or steps[0].tensions.t1"
-    )
+    if rest or not path:
+        example = "backbone.radius, tendons.t1.offset or steps[0].tensions.t1"
+        raise KeyProblem(f"must be a dotted key, such as {example}")
+    options = [*IN_ROBOT, *IN_SCENARIO]
+    if path[0] not in options:
+        raise KeyProblem(f"unknown key{meant(path[0], options)}; must begin with one of {', '.join(options)}")
+    return Key(text, tuple(path))
 
 
 def set_value(tables: ScenarioTables, key: Key, change: Change) -> ScenarioTables:
@@ -116,9 +105,15 @@ def _changed(node: Any, path: Sequence[str | int], change: Change, where: str) -
         return change(node)
     head, rest = path[0], path[1:]
     if isinstance(head, int):
-        return _changed_item(_default_list(where) if node is None else node, head, rest, change, where)
-    if isinstance(node, list) and _of_tables(node):
-        return _changed_tables(node, head, path, change, where)
+        items = _default_list(where) if node is None else node
+        if not isinstance(items, list):
+            raise KeyProblem(f"{where} is no list in the file; there is no {where}[{head}]")
+        if not -len(items) <= head < len(items):
+            most = f"{where}[{len(items) - 1}]"
+            raise KeyProblem(f"there are {len(items)} {where}; must be from {where}[0] to {most}")
+        return _with_items(items, {head % len(items): rest}, change, where)
+    if isinstance(node, list) and node and all(isinstance(x, Mapping) for x in node):
+        return _with_items(node, _meant_tables(node, head, path, where), change, where)
     if node is not None and not isinstance(node, Mapping):
         raise KeyProblem(f"{where} is no table; there is nothing named {quoted(head)} in it")
     table = dict(node or {})
@@ -126,54 +121,40 @@ def _changed(node: Any, path: Sequence[str | int], change: Change, where: str) -
     return table
 
 
-def _changed_item(node: Any, number: int, rest: Sequence[str | int], change: Change, where: str) -> list[Any]:
-    if not isinstance(node, list):
-        raise KeyProblem(f"{where} is no list in the file; there is no {where}[{number}]")
-    if not -len(node) <= number < len(node):
-        raise KeyProblem(
-            f"there are {len(node)} {where}; must be from {where}[0] to {where}[{len(node) - 1}]"
-        )
-    items = list(node)
-    items[number] = _changed(items[number], rest, change, join(where, number % len(node)))
-    return items
-
-
-def _of_tables(node: list[Any]) -> bool:
-    return bool(node) and all(isinstance(x, Mapping) for x in node)
-
-
-def _changed_tables(
-    node: list[Any], head: str, path: Sequence[str | int], change: Change, where: str
+def _with_items(
+    items: list[Any], paths: Mapping[int, Sequence[str | int]], change: Change, where: str
 ) -> list[Any]:
-    """A list of tables: the one of that name; else, in all of them, or in all load steps that have it, a key."""
+    """A list with the values at paths below some of its items changed."""
+    return [_changed(x, paths[k], change, join(where, k)) if k in paths else x for k, x in enumerate(items)]
+
+
+def _meant_tables(
+    node: list[Any], head: str, path: Sequence[str | int], where: str
+) -> dict[int, Sequence[str | int]]:
+    """Tables of a list that a key means: the one of that name; else all of them, or all load steps that have it."""
     names = [x.get("name") for x in node]
     if head in names:
-        at = names.index(head)
-        return [
-            _changed(x, path[1:], change, join(where, head)) if k == at else x for k, x in enumerate(node)
-        ]
-    if where != "steps":
-        if len(path) > 1 and where == "tendons" and not any(head in x for x in node):
-            known = [n for n in names if isinstance(n, str)]
-            raise KeyProblem(
-                f"there is no tendon {quoted(head)}{meant(head, known)}; there are {', '.join(known)}"
-            )
-        return [_changed(x, path, change, join(where, k)) for k, x in enumerate(node)]
-    having = [_has(x, path) for x in node]
-    if not any(having):
-        raise KeyProblem(
-            f"no load step has {join('', *path)}; steps[0].{join('', *path)} sets it in the first one"
-        )
-    return [_changed(x, path, change, join(where, k)) if having[k] else x for k, x in enumerate(node)]
+        return {names.index(head): path[1:]}
+    if where == "steps":
+        found = {k: path for k, x in enumerate(node) if _has(x, path)}
+        if not found:
+            key = join("", *path)
+            raise KeyProblem(f"no load step has {key}; steps[0].{key} sets it in the first one")
+        return found
+    if len(path) > 1 and where == "tendons" and not any(head in x for x in node):
+        known = [n for n in names if isinstance(n, str)]
+        text = f"there is no tendon {quoted(head)}{meant(head, known)}; there are {', '.join(known)}"
+        raise KeyProblem(text)
+    return {k: path for k in range(len(node))}
 
 
 def _has(node: Any, path: Sequence[str | int]) -> bool:
     """Whether a value stands at a path."""
     for part in path:
-        at = range(-len(node), len(node)) if isinstance(node, list) else node
-        if not isinstance(node, Mapping | list) or part not in at:
+        try:
+            node = node[part]
+        except (IndexError, KeyError, TypeError):
             return False
-        node = node[part]  # type: ignore[index]
     return True
 
 

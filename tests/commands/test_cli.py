@@ -14,7 +14,7 @@ from arcs import arc_result
 from inputs import ROBOT, SCENARIO, changed, write
 
 from tdcr_fe import __version__, cli
-from tdcr_fe.io.tables import RESULT_FILES
+from tdcr_fe.io.result_files import RESULT_FILES
 from tdcr_fe.model.results import Interrupted
 
 

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.special import ellipk, ellipkinc
 
-from tdcr_fe.elements.backbone import ElementChain, relative_twists, subdivide
+from tdcr_fe.elements.backbone import ElementChain, relative_twists
 from tdcr_fe.elements.poses import exp_se3, log_se3
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model
@@ -34,12 +34,6 @@ def test_pure_moment_bends_to_a_circle(turns):
     step = loaded(moment=(0.0, EI * k, 0.0))
     exact = [(1 - np.cos(k * LENGTH)) / k, 0.0, np.sin(k * LENGTH) / k]
     assert step.tip == pytest.approx(exact, abs=1e-9)
-
-
-def test_one_element_is_exact_for_a_quarter_circle():
-    robot = Robot(BACKBONE, Disks((LENGTH,)), ())
-    k = 0.5 * np.pi / LENGTH
-    assert loaded(robot, moment=(0.0, EI * k, 0.0)).tip == pytest.approx([1 / k, 0.0, 1 / k], abs=1e-9)
 
 
 def test_axial_force_stretches():
@@ -70,16 +64,6 @@ def test_small_force_bends_a_cantilever():
         assert step.positions[:, 0] == pytest.approx(across, abs=1e-9 * across[-1])
         # The tangent of the section leaves out the shear.
         assert tangent[:, 0] == pytest.approx(slope, abs=1e-9 * slope[-1])
-
-
-@pytest.mark.parametrize("at", [0.1, 0.1234, 0.2001])
-def test_force_between_nodes_of_a_cantilever(at):
-    """Deflection at the tip: F a^2 (3 L - a) / (6 EI) + F a / GA; the mesh gets a node where the load is."""
-    f = 1e-6
-    step = loaded(elements=8, at=at, force=(f, 0.0, 0.0))
-    exact = f * at**2 * (3 * LENGTH - at) / (6 * EI) + f * at / GA
-    assert step.tip[0] == pytest.approx(exact, rel=5e-4)
-    assert np.min(np.abs(step.s - at)) < 1e-12
 
 
 @pytest.mark.parametrize("force", [0.05, 0.2])
@@ -155,18 +139,7 @@ def test_loads_in_world_and_section_frame():
     assert distance(follower.tip, step.tip) > 1e-3
 
 
-def test_load_at_the_base_does_nothing():
-    step = loaded(at=0.0, force=(1.0, 2.0, 3.0), moment=(0.1, 0.2, 0.3))
-    assert distance(step.tip, np.array([0.0, 0.0, LENGTH])) < 1e-10
-
-
 # ---------------------------------------------------------------- mesh and kinematics
-
-
-def test_nodes_of_the_mesh():
-    arc, rigid = subdivide(1.0, [0.4, 1.0], 2, 0.1, extra=[0.2])
-    assert arc == pytest.approx([0.0, 0.175, 0.2, 0.35, 0.4, 0.45, 0.7, 0.95, 1.0])
-    assert [bool(x) for x in rigid] == [False, False, False, True, True, False, False, True]
 
 
 def test_relative_twists_undo_the_chain():

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from two_tendons import ANGLES, LENGTHS, MASK, tendon_law
 
-from tdcr_fe.elements.friction import FrictionState, TendonLaw, hole_states
-from tdcr_fe.elements.friction_models import FRICTION_MODELS, NoFriction, PerHoleFriction, PerTendonFriction
+from tdcr_fe.elements.friction import FrictionState, TendonLaw
+from tdcr_fe.elements.friction_models import NoFriction, PerHoleFriction, PerTendonFriction
 
 
 def law(kind, mu=0.3, **rest) -> TendonLaw:
@@ -36,13 +36,6 @@ def test_sliding_tendon_obeys_the_capstan_equation(kind, way):
     assert field.tension[0] == pytest.approx(expected, rel=1e-14)
     assert field.tension[1, :2] == pytest.approx([1.0, np.exp(-way * 0.3 * 0.15)], rel=1e-14)
     assert field.base_slip == pytest.approx(way * np.array([4e-3, 2e-3]), rel=1e-12)
-
-
-def test_slip_at_a_hole_is_the_sum_of_released_lengths_beyond_it():
-    """Paper's rate of the tendon's length, hole by hole; the per-tendon law counts the whole tendon."""
-    given_up = np.array([[1.0, 2.0, 4.0, 8.0], [1.0, 2.0, 0.0, 0.0]])
-    assert law(PerHoleFriction()).slips(given_up)[0] == pytest.approx([14.0, 12.0, 8.0])
-    assert law(PerTendonFriction()).slips(given_up)[:, 0] == pytest.approx([15.0, 3.0])
 
 
 def test_without_friction_the_tension_is_the_same_all_along():
@@ -112,11 +105,6 @@ def test_bounds_hold_and_no_hole_creates_energy_whatever_is_done(compliance, bas
             assert np.all((s * moved)[slides & (np.abs(moved) > 1e-15)] > 0.0)
             assert np.all(((t[:-1] - t[1:]) * moved)[slides] >= -ROUND_OFF)
         state = x.commit(field)
-
-
-def test_states_of_holes_have_names():
-    assert hole_states(np.array([1.0, 0.3, -1.0, 0.0]), 4) == ("pull", "stick", "release", "anchor")
-    assert set(FRICTION_MODELS) == {"none", "per-tendon", "per-hole"}
 
 
 # ---------------------------------------------------------------- derivatives

@@ -6,14 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from two_tendons import ANGLES, HOLES, LENGTHS, MASK, tendon_law
 
 from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.elements.friction import FrictionState, TendonLaw
-from tdcr_fe.elements.friction_models import NoFriction, PerHoleFriction, PerTendonFriction, TendonParameters
-from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
+from tdcr_fe.elements.friction_models import PerHoleFriction, PerTendonFriction, TendonParameters
+from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 
 BASE = np.array([2.0, 1.0])
 
@@ -61,23 +59,6 @@ def fan(coefficient, holes: int, total: float, base: float, pulled: float) -> np
 # ---------------------------------------------------------------- closed forms
 
 
-@pytest.mark.parametrize("model", [PerTendonFriction(), PerHoleFriction()], ids=lambda x: x.kind)
-@pytest.mark.parametrize("way", [1.0, -1.0])
-@pytest.mark.parametrize("adhesion", [0.0, 0.05])
-def test_constant_law_is_the_constant_coefficient(model, way, adhesion):
-    """Capstan's limit: same tensions and derivatives as ``friction_coefficient``, and no slope by the lengths."""
-    a = law((ConstantFriction(0.3),) * 2, model, adhesion=adhesion)
-    b = law((), model, mu=0.3, adhesion=adhesion)
-    lengths = LENGTHS - way * 1e-3 * MASK
-    x, y = (z.evaluate(BASE, lengths, ANGLES, z.initial_state(), time=2.0) for z in (a, b))
-    assert np.array_equal(x.tension, y.tension)
-    assert np.array_equal(x.mobilisation, y.mobilisation)
-    for name in ("d_length", "d_angle", "d_base", "by_mobilisation"):
-        assert getattr(x, name) == pytest.approx(getattr(y, name), rel=1e-14, abs=1e-15)
-    s = way * np.ones_like(x.mobilisation)
-    assert not a.field(BASE, lengths, ANGLES, s, a.initial_state(), 2.0).depends_on_length
-
-
 @pytest.mark.parametrize("way", [1.0, -1.0], ids=["pulled", "released"])
 @pytest.mark.parametrize("exponent", [-1.0 / 3.0, 0.5])
 def test_force_dependent_coefficient_follows_the_wrapped_tendon_with_order_two(way, exponent):
@@ -104,36 +85,6 @@ def test_steady_sliding_has_the_coefficient_of_its_rate_at_every_hole(rate, way)
     tension = fan(STRIBECK, 6, 1.2, 2.0, way * rate)
     mu = 0.2 + 0.2 * np.exp(-((rate / 1e-3) ** 2)) + 5.0 * rate
     assert tension[1:] / tension[:-1] == pytest.approx(np.exp(-way * mu * 0.2) * np.ones(6), rel=1e-12)
-
-
-def test_no_time_keeps_the_rate_and_no_history_has_none():
-    """Static friction while no time passes; a committed state, evaluated again, has the same tensions."""
-    x = law((STRIBECK, STRIBECK))
-    lengths = LENGTHS - 1e-3 * MASK
-    at_rest = x.evaluate(BASE, lengths, ANGLES, x.initial_state())
-    assert at_rest.tension[0, -1] == pytest.approx(2.0 * np.exp(-0.4 * 0.6), rel=1e-12)
-    sliding = x.evaluate(BASE, lengths, ANGLES, x.initial_state(), time=0.5)
-    assert sliding.tension[0, -1] > 1.01 * at_rest.tension[0, -1]
-    state = x.commit(sliding)
-    assert state.time == 0.5
-    for time in (0.5, 0.0):
-        again = x.evaluate(BASE, lengths, ANGLES, state, time=time)
-        assert np.array_equal(again.tension, sliding.tension)
-        assert np.array_equal(x.commit(again).slip_rate, state.slip_rate)
-
-
-def test_tendons_without_a_law_beside_those_with_one():
-    """Each tendon has its own: the first slips with Stribeck, the second with a constant 0.25."""
-    x = law((STRIBECK, None), mu=0.25)
-    field = x.evaluate(BASE, LENGTHS - 1e-2 * MASK, ANGLES, x.initial_state(), time=1.0)
-    assert field.tension[1, 1] == pytest.approx(np.exp(-0.25 * 0.15), rel=1e-12)
-    assert field.tension[0, 1] == pytest.approx(2.0 * np.exp(-(0.2 + 5.0 * 0.03) * 0.2), rel=1e-12)
-
-
-def test_a_model_without_friction_calls_no_law():
-    field = law((STRIBECK, HERTZ), NoFriction()).field(BASE, 0.9 * LENGTHS, ANGLES, np.zeros((2, 0)))
-    assert np.array_equal(field.tension, np.array([[2.0] * 4, [1.0] * 4]))
-    assert not law((STRIBECK, HERTZ), NoFriction()).has_friction
 
 
 # ---------------------------------------------------------------- consistency and derivatives
@@ -211,41 +162,3 @@ def test_derivatives_against_central_differences(coefficients, model, compliance
         by_s = own(central(lambda v: field(s=v).tension * MASK, s, 1e-6))
         assert by_s == pytest.approx(f.by_mobilisation * m, abs=1e-7)
         assert f.depends_on_length == (np.max(np.abs(f.d_length)) > 0.0)
-
-
-@pytest.mark.parametrize("coefficients", [STRIBECK, HERTZ, RISING], ids=lambda x: x.kind)
-def test_derivatives_of_the_laws_against_central_differences(coefficients):
-    force, rate = np.geomspace(1e-2, 3.0, 7), np.array([-5e-3, -1e-3, -1e-4, 1e-4, 5e-4, 2e-3, 9e-3])
-    mu, by_force, by_rate = coefficients.coefficient(force, rate)
-    difference = (
-        coefficients.coefficient(force + 1e-7, rate)[0] - coefficients.coefficient(force - 1e-7, rate)[0]
-    )
-    assert difference / 2e-7 == pytest.approx(by_force, abs=1e-6)
-    difference = (
-        coefficients.coefficient(force, rate + 1e-9)[0] - coefficients.coefficient(force, rate - 1e-9)[0]
-    )
-    assert difference / 2e-9 == pytest.approx(by_rate, abs=1e-4)
-    assert np.all(mu >= 0.0)
-
-
-@pytest.mark.parametrize("coefficients", [STRIBECK, HERTZ, RISING], ids=lambda x: x.kind)
-@pytest.mark.parametrize("compliance", [0.0, 1.0 / 400.0], ids=["inextensible", "elastic"])
-@settings(deadline=None, max_examples=60)
-@given(
-    base=st.just(0.0) | st.floats(1e-3, 5.0),
-    changes=st.lists(st.lists(st.floats(-3e-5, 3e-5), min_size=4, max_size=4), min_size=1, max_size=5),
-    duration=st.floats(0.05, 10.0),
-)
-def test_no_hole_creates_energy_whatever_is_done(coefficients, compliance, base, changes, duration):
-    """Dissipation ``(T_k - T_k+1) du_k >= 0`` at every hole that slips; tensions are positive and finite."""
-    x = law((coefficients, coefficients), compliance=compliance)
-    state = x.initial_state()
-    for number, change in enumerate(changes, start=1):
-        lengths = LENGTHS + np.array(change) * MASK
-        field = x.evaluate(np.array([base, base]), lengths, ANGLES, state, time=number * duration)
-        assert np.all(np.isfinite(field.tension)) and np.all(field.tension >= 0.0)
-        moved = field.slip - state.slip
-        slides = np.abs(field.mobilisation) >= 1.0
-        drop = field.tension[:, :-1] - field.tension[:, 1:]
-        assert np.all((drop * moved)[slides] >= -1e-15)  # round-off of 5 N and 0.15 mm
-        state = x.commit(field)

@@ -8,16 +8,12 @@ import numpy as np
 import pytest
 from balance import cables
 from native_solvers import damped, dynamic_settings
-from robots import BACKBONE, DISKS, distance, scene, solve, tendon, three
+from robots import BACKBONE, DISKS, distance, solve, tendon
 
-from tdcr_fe.effects import Experiment, with_effect
 from tdcr_fe.elements.coefficients import normal_forces
-from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
+from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.solve.statics import SolveTDCR
-from tdcr_fe.validation.reference import solve_reference
 
 STRIBECK = StribeckFriction(static=0.3, kinetic=0.15, stribeck_rate=5e-3, viscous=2.0)
 
@@ -98,27 +94,6 @@ def test_force_dependent_friction_has_the_coefficient_of_its_normal_force(axial_
         assert np.ptp(mu) > 0.005
 
 
-def test_a_constant_law_is_the_friction_coefficient():
-    """Same steps of three tendons by displacement and tension, to round-off."""
-    plain = three(0.3)
-    laws = replace(
-        plain,
-        tendons=tuple(
-            replace(t, friction_coefficient=0.0, friction=ConstantFriction(0.3)) for t in plain.tendons
-        ),
-    )
-    steps = [
-        LoadStep("", {"t1": 1.5}, time=1.0),
-        LoadStep("", {"t2": 1.0}, time=2.0),
-        LoadStep("", {"t1": 0.5}, time=3.0),
-        LoadStep("", displacements={"t1": 2e-3, "t2": 1e-3}, time=4.0),
-    ]
-    steps = [replace(step, substeps=4) for step in steps]
-    a, b = solve(plain, steps), solve(laws, steps)
-    assert distance(a.tips, b.tips) < 1e-9
-    assert [s.iterations for s in a.steps] == [s.iterations for s in b.steps]
-
-
 @pytest.mark.parametrize("friction", ["per-hole", "per-tendon"])
 @pytest.mark.parametrize("axial_stiffness", [None, 300.0], ids=["inextensible", "elastic"])
 @pytest.mark.parametrize(
@@ -139,27 +114,6 @@ def test_newton_converges_quadratically_with_laws(law, axial_stiffness, friction
     steps = [replace(s, substeps=1) for s in timed(tensions, 1.0)]
     result = solve(with_law(law, axial_stiffness=axial_stiffness), steps, friction=friction)
     assert max(s.iterations for s in result.steps) <= 4
-
-
-def test_velocity_weakening_in_short_steps_is_solved_or_reported():
-    """Stick-slip: a release in steps far below the unique limit of the page "Friction laws" keeps its bounds.
-
-    What is not resolved is in the warnings, and no tension leaves the bounds of the static coefficient.
-    """
-    law = StribeckFriction(static=0.3, kinetic=0.2, stribeck_rate=2e-3)
-    robot = with_law(law)
-    steps = [replace(s, substeps=2) for s in timed([1.0, 2.0, 1.5, 1.0], 0.2)]
-    result = simulate(robot, Model(friction="per-hole", elements_per_bay=1), steps)
-    assert result.converged, result.message
-    for step in result.steps:
-        _, angles = cables(robot, step)[0]
-        tension = step.tensions[0]
-        assert np.all(np.abs(np.log(tension[1:] / tension[:-1])) <= 0.3 * angles * (1 + 1e-9))
-
-
-def test_two_sources_of_the_coefficient_are_refused():
-    with pytest.raises(ValueError, match=r"tendons\[0\].friction_coefficient.*stribeck"):
-        Robot(BACKBONE, DISKS, (replace(tendon(mu=0.3), friction=STRIBECK),), name="both")
 
 
 # ---------------------------------------------------------------- scenes
@@ -206,50 +160,3 @@ def test_dynamics_have_the_coefficient_of_their_slip_rate():
             assert np.max(np.abs(rate)) < 0.6e-3 and np.min(mu[slips]) > 0.28
         else:
             assert np.max(rate) > 1e-2 and np.min(mu[slips]) < 0.151
-
-
-def test_a_pull_that_stops_goes_from_kinetic_friction_through_stick_slip():
-    """0.5 N within 0.1 s, then constant: static and kinetic coefficient, holes that stick and holes that slip again.
-
-    At every hole and time the friction is the part ``s`` of the law's coefficient, and never more.
-    """
-    law = StribeckFriction(static=0.4, kinetic=0.2, stribeck_rate=2e-3)
-    mu, expected, rate, mobilisation = sampled(
-        law, 0.16, 1e-3, lambda t: 0.25 * (1.0 - np.cos(np.pi * min(t / 0.1, 1.0))), presliding=1e-5
-    )
-    # The first steps hardly bend the robot: their angles are too small to divide by.
-    assert mu[5:] == pytest.approx((mobilisation * expected)[5:], abs=1e-6)
-    assert np.all(np.abs(mu) <= 0.4 + 1e-9)
-    middle, last = len(mu) // 3, slice(2 * len(mu) // 3, None)
-    # Near the base; the holes at the tip slip less.
-    assert np.max(mu[middle, :6]) < 0.201 and np.min(rate[middle, :6]) > 4e-3
-    sticks = np.abs(mobilisation[last]) < 1.0
-    slips = mobilisation[last] == 1.0
-    assert np.any(sticks & ~np.roll(sticks, -1, axis=0)) and np.any(slips)
-    assert np.max(mu[last]) > 0.38
-
-
-def test_a_scene_begins_its_time_anew_with_every_call():
-    """Two calls of SolveTDCR over a second each: the second has the rate of its own second."""
-    law = StribeckFriction(0.15, 0.15, 1e-3, viscous=20.0)
-    _keep, mbs, handle = scene(with_law(law))
-    steps = [LoadStep("", {"t1": t}, time=k, substeps=1) for k, t in ((1.0, 1.0), (2.0, 2.0))]
-    expected = solve(with_law(law), steps).steps[-1].tip
-    for tension in (1.0, 2.0):
-        handle.set_tensions([tension])
-        SolveTDCR(mbs, startTime=0.0, endTime=1.0, substeps=1)
-    assert distance(handle.tip_position, expected) < 1e-7
-
-
-def test_the_effect_of_another_coefficient_keeps_laws():
-    """A tendon with a law keeps it, one with a number gets the other number; nothing is refused."""
-    law = replace(tendon("t2", mu=0.0), friction=STRIBECK)
-    robot = Robot(BACKBONE, DISKS, (tendon("t1", mu=0.2), law), name="two")
-    changed = with_effect(Experiment(robot, Model(), ()), "friction_coefficient", mu=0.4).robot
-    assert changed.tendons[0].friction_coefficient == pytest.approx(0.4, rel=1e-14)
-    assert changed.tendons[1] == law
-
-
-def test_the_reference_refuses_a_law_that_it_does_not_know():
-    with pytest.raises(ValueError, match="friction law 'stribeck'"):
-        solve_reference(with_law(STRIBECK), Model(), timed([1.0], 1.0))

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, solve
-from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from tdcr_fe.elements.section import (
@@ -16,13 +15,10 @@ from tdcr_fe.elements.section import (
     SectionForces,
     SuperelasticSection,
     gauss_arc_lengths,
-    nodal_sum,
 )
 from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.routing import HelicalRouting
-from tdcr_fe.model.tendon import Tendon
 
 NODES = np.array([0.0, 0.02, 0.05, 0.09])
 LENGTHS = np.diff(NODES)
@@ -66,18 +62,6 @@ def test_gradient_of_the_length_against_differences(seed):
             d[e, c] = h
             change = (helix().evaluate(x + d, LENGTHS)[0] - helix().evaluate(x - d, LENGTHS)[0]) / (2 * h)
             assert gradient[:, e, c] == pytest.approx(change, abs=1e-9)
-
-
-def test_wrenches_of_section_forces_are_in_equilibrium():
-    """Inner forces move no rigid body: the two nodal wrenches of an element balance."""
-    from tdcr_fe.elements.poses import adjoint_inverse, exp_se3
-
-    x = twists(1)
-    forces = SectionForces(LENGTHS, helix())
-    w = forces.wrenches(x, np.array([1.0, 2.0]))
-    moved = np.swapaxes(adjoint_inverse(*exp_se3(x)), -1, -2) @ w[:, 6:, None]
-    assert w[:, :6] == pytest.approx(-moved[..., 0], abs=1e-12)
-    assert nodal_sum(w)[1] == pytest.approx(w[0, 6:] + w[1, :6], abs=1e-15)
 
 
 def test_superelastic_moment_is_linear_then_flat():
@@ -149,20 +133,3 @@ def test_classical_robot_of_another_code_in_space():
     errors = [distance(t, exact) for t in tips]
     assert errors[1] < 5e-5
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.3)
-
-
-def test_classical_helical_tendon_of_another_code():
-    """Two right-handed turns, 1.2 N; figures of the same two codes."""
-    robot = Robot(BACKBONE, DISKS, (Tendon("t1", HelicalRouting(4.5e-3, 2.0)),))
-    step = solve(robot, pull(1.2), friction="none", tendon_path="continuous", elements_per_bay=8).steps[0]
-    assert distance(step.tip, np.array([2.5530e-5, 0.015802078, 0.249006139])) < 2e-5
-    assert step.tangent == pytest.approx([-0.0124805, 0.0012600, 0.9999213], abs=1e-4)
-
-
-def test_length_of_the_classical_tendon_is_its_integral():
-    """The displacement is the unloaded length less the length, by quadrature over the known arc."""
-    robot = paper()
-    step = solve(robot, pull(1.0), friction="none", tendon_path="continuous").steps[0]
-    k = step.bending_angle / LENGTH
-    length = quad(lambda s: 1.0 - 4.5e-3 * k, 0.0, LENGTH)[0] - 1.0 / BACKBONE.EA * LENGTH
-    assert step.displacements[0] == pytest.approx(LENGTH - length, rel=1e-4)

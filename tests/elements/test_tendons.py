@@ -78,12 +78,6 @@ def test_moving_the_whole_robot_changes_nothing(seed):
     assert a.d_lengths @ world == pytest.approx(np.zeros((3, 3, 3)), abs=1e-12)
 
 
-def test_padding_is_zero():
-    shape = geometry().evaluate(*random_poses(3))
-    assert np.all(shape.lengths[~MASK] == 0.0) and np.all(shape.d_lengths[~MASK] == 0.0)
-    assert np.all(shape.angles[~MASK[:, 1:]] == 0.0) and np.all(shape.d_angles[~MASK[:, 1:]] == 0.0)
-
-
 def test_a_straight_tendon_has_angle_zero_and_no_derivative():
     p = np.array([[0.02 * k, 0.0, 0.0] for k in range(4)])
     r = np.broadcast_to(np.eye(3), (4, 3, 3))

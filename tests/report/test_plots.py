@@ -10,10 +10,10 @@ import pytest
 from arcs import arc_result, paper_robot
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from tdcr_fe.io.tables import PICTURE_FILES
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.report import arrows, geometry, plots
+from tdcr_fe.report import geometry, plots
+from tdcr_fe.report.arrows import LoadArrows
 
 
 def axes_by_title(figure):
@@ -97,21 +97,14 @@ def test_single_step_and_no_tendons_are_drawn(tmp_path):
     one = arc_result(steps=[LoadStep("", {"t1": 0.0})])
     assert plots.save_pictures(one, tmp_path, dpi=40)
     bare = Robot(one.robot.backbone, one.robot.disks)
+    none = np.zeros(0)
     step = dataclasses.replace(
-        one.steps[0],
-        tensions=(),
-        hole_states=(),
-        base_tensions=np.zeros(0),
-        displacements=np.zeros(0),
+        one.steps[0], tensions=(), hole_states=(), base_tensions=none, displacements=none
     )
     result = dataclasses.replace(one, robot=bare, steps=(step,))
     assert [p.name for p in plots.save_pictures(result, tmp_path, dpi=40)] == ["shapes.png"]
     with pytest.raises(ValueError, match="no tendons"):
         plots.tensions(result)
-
-
-def test_every_picture_is_in_the_list_of_replaced_files():
-    assert tuple(plots.PICTURES) == PICTURE_FILES
 
 
 def test_nothing_is_drawn_without_steps(tmp_path):
@@ -154,18 +147,12 @@ def test_title_and_legend_of_six_tendons_lie_apart_from_the_axes(draw):
 
 def with_actuation(result, by_displacement, loads=None):
     """The same steps, with their loads."""
-    steps = tuple(
-        dataclasses.replace(
-            s,
-            actuation=Actuation(
-                np.full(len(s.base_tensions), by_displacement),
-                s.displacements if by_displacement else s.base_tensions,
-                loads or {},
-            ),
-        )
-        for s in result.steps
-    )
-    return dataclasses.replace(result, steps=steps)
+    steps = []
+    for s in result.steps:
+        driven = np.full(len(s.base_tensions), by_displacement)
+        inputs = Actuation(driven, s.displacements if by_displacement else s.base_tensions, loads or {})
+        steps.append(dataclasses.replace(s, actuation=inputs))
+    return dataclasses.replace(result, steps=tuple(steps))
 
 
 def test_a_robot_driven_by_displacement_has_displacement_axes():
@@ -187,8 +174,7 @@ def test_loads_and_gravity_are_drawn_as_arrows_to_scale():
     step = result.steps[0]
     (tip, force, moment) = geometry.load_vectors(step)
     assert (tip.at == step.tip).all() and (tip.moment, force.moment, moment.moment) == (False, False, True)
-    scale = arrows.scale_of(result, [0])
-    lengths = [np.linalg.norm(end - start) for start, end in arrows.ends(step, scale)]
+    lengths = [np.linalg.norm(vector) for _, vector, _ in LoadArrows(result).arrows]
     assert lengths == pytest.approx([0.2 * 250.0, 0.1 * 250.0, 0.2 * 250.0])
     figure = plots.shapes(result)
     text = [t.get_text().replace("\N{NO-BREAK SPACE}", " ") for t in figure.legends[0].get_texts()]
@@ -220,16 +206,11 @@ def test_a_slack_tendon_is_called_slack():
     assert "slack" not in plots._hole_states(result, 0, 0)
 
 
-def test_twelve_tendons_have_twelve_colours():
-    """Six colours came round again: in a robot of nine tendons a1 and c1 looked alike."""
-    assert len(set(plots._tendon_colours(arc_result(paper_robot(12), many_steps()[:2])))) == 12
-
-
 def test_gravity_in_the_view_in_space_is_drawn_off_the_robot():
     """Its arrow lay on a straight robot."""
     result = dataclasses.replace(arc_result(), model=Model(gravity=(0.0, 0.0, -9.81)))
-    limits = plots._limits(result, [0])
-    corner = plots._free_corner(result, limits)
+    view = plots._Shapes(result, [0])
+    limits, corner = view.limits, view.free_corner()
     assert np.all((corner > limits[:, 0]) & (corner < limits[:, 1]))
     points = 1e3 * np.concatenate([s.positions for s in result.steps])
     assert np.min(np.linalg.norm(points - corner, axis=1)) > 0.15 * np.ptp(limits[2])

@@ -5,17 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 from robots import LENGTH, paper, pull, tendon, three
 
-from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.solve.equations import band
-from tdcr_fe.solve.equations.band import BandFactors, BandLayout
-from tdcr_fe.solve.equations.configuration import Target
-from tdcr_fe.solve.equations.linearization import DenseFactors, Linearization
-from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.simulation import Simulation
 
 
@@ -46,42 +41,6 @@ CASES: dict[str, tuple[Robot, dict[str, Any], LoadStep]] = {
 }
 
 
-def both_factorisations(case: str) -> tuple[SceneSystem, Linearization, Linearization]:
-    """Linearised out of equilibrium: solved under the load step, then under nine tenths of its inputs."""
-    robot, model, step = CASES[case]
-    targets = resolve(robot, [step])
-    settings = SolverSettings()
-    simulation = Simulation(robot, Model(**{"elements_per_bay": 1, **model}), targets, settings)
-    simulation.advance(targets[0])
-    system, state = simulation.system, simulation.state
-    numbering = system.numbering()
-    tension = tuple(0.9 * t for t in state.base_tension)
-    target = Target(tuple(0.9 * i for i in state.inputs))
-    residual = system.residual(state._replace(base_tension=tension), target, numbering)
-    banded = system.linearize(residual, numbering)
-    system.layout = replace(system.layout, band=None)
-    return system, banded, system.linearize(residual, numbering)
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_the_band_gives_the_steps_of_the_full_tangent(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """For one and for several right sides, with the same sign of the determinant."""
-    monkeypatch.setattr(band, "WIDEST", 1.0)
-    system, banded, full = both_factorisations(case)
-    inner = [getattr(line.factorisation, "inner", line.factorisation) for line in (banded, full)]
-    assert isinstance(inner[0], BandFactors) and isinstance(inner[1], DenseFactors)
-    assert inner[0].sign == inner[1].sign
-    rng = np.random.default_rng(1)
-    for right in (rng.normal(size=banded.numbering.linear), rng.normal(size=(banded.numbering.linear, 4))):
-        for base in system.layout.clamped:
-            right[base] = 0.0
-        expected = full.factorisation.solve(np.asfortranarray(right))
-        found = banded.factorisation.solve(np.asfortranarray(right))
-        assert found.shape == expected.shape
-        # Axial stiffness over that of bending: the condition number is about 1e8.
-        assert found == pytest.approx(expected, abs=1e-8 * float(np.abs(expected).max()))
-
-
 @pytest.mark.parametrize("case", CASES)
 def test_a_run_is_the_same_with_the_band_and_without(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Positions of all nodes at the end of three steps, and the iterations but for a last one near round-off."""
@@ -106,17 +65,6 @@ def test_a_run_is_the_same_with_the_band_and_without(case: str, monkeypatch: pyt
     assert max(abs(a - b) for a, b in zip(found[0][0], found[1][0], strict=True)) <= 1
     # One iteration more or less makes this difference: the residual has a tolerance of 1e-8.
     assert found[0][1] == pytest.approx(found[1][1], abs=1e-9 * LENGTH)
-
-
-def test_the_width_of_the_band_does_not_depend_on_the_number_of_disks() -> None:
-    widths = []
-    for disks in (10, 20, 40, 80):
-        robot = replace(paper(0.3), disks=Disks.equally_spaced(disks, LENGTH))
-        system = Simulation(robot, Model(elements_per_bay=1), resolve(robot, pull(1.0))).system
-        layout = system.layout.band
-        assert isinstance(layout, BandLayout) and layout.nodes == disks + 1
-        widths.append((layout.lower, layout.upper))
-    assert set(widths) == {(13, 12)}
 
 
 def test_a_full_matrix_is_taken_where_tension_depends_on_slip_rates_or_the_band_is_wide() -> None:

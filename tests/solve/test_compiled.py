@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tdcr_fe import cli, compiled
-from tdcr_fe.io.summary import versions
+from tdcr_fe.io.result_files import versions
 from tdcr_fe.solve.friction_path import follow
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.random_robots import draw
@@ -30,11 +30,6 @@ def test_switched_off_it_is_plain(monkeypatch, capsys):
     with pytest.raises(SystemExit):
         cli.main(["--version"])
     assert "(not compiled)" in capsys.readouterr().out
-
-
-def test_used_only_where_numba_is_installed(monkeypatch):
-    monkeypatch.delenv(compiled.SWITCH, raising=False)
-    assert compiled.is_compiled() == with_numba == (versions()["numba"] != "not used")
 
 
 def test_an_installed_numba_that_cannot_be_imported_is_said(monkeypatch):

@@ -10,15 +10,13 @@ from robots import LENGTH, distance, paper, pull, scene, solve
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import tdcr_fe.solve.newton.convergence as convergence
-from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.model.results import Interrupted
 from tdcr_fe.solve.equations.configuration import Target
-from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps import substep
 from tdcr_fe.solve.newton.convergence import NewtonStatus, Unmet
 from tdcr_fe.solve.newton.newton import NewtonResult, newton
 from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.solve.simulation import Simulation
 from tdcr_fe.solve.statics import SolveTDCR
 
 UNMET = {
@@ -30,18 +28,6 @@ UNMET = {
 def ended(status, residual):
     """A solve that ended without a solution."""
     return NewtonResult(status, None, (residual,), 20, UNMET.get(status), (), None, Target(()))
-
-
-def test_a_friction_state_that_is_not_found_is_not_called_a_residual(monkeypatch):
-    """Version 0.1 reported "no equilibrium after 20 iterations, residual 7.8e-09": below the tolerance of 1e-8."""
-    monkeypatch.setattr(convergence, "FRICTION_TOLERANCE", -1.0)
-    _keep, mbs, _ = scene(paper(0.3))
-    system = SceneSystem(mbs)
-    result = newton(system, system.current_state(), Target((np.array([1.0]),)), SolverSettings())
-    assert result.status is NewtonStatus.NO_FRICTION_STATE and result.residual < 1e-8
-    text = result.reason(SolverSettings())
-    assert re.search(r"stick-slip iteration did not converge.*a mobilisation is off by \S+, tolerance", text)
-    assert "residual" not in text
 
 
 @pytest.mark.parametrize("status", [s for s in NewtonStatus if not s.converged])
@@ -126,19 +112,3 @@ def test_solves_use_one_thread_and_leave_the_limit_as_it_was():
         simulate(paper(0.3), Model(elements_per_bay=1), pull(1.0), progress=lambda step: seen.append(count()))
         assert count() == before
     assert seen and all(n == 1 for n in seen[0])
-
-
-def test_steps_of_a_simulation_that_is_used_directly_use_one_thread(monkeypatch):
-    """`Simulation.advance` limits them itself: twenty steps of a robot with nine tendons took five times the time."""
-    seen = []
-
-    def counted(*args, **kwargs):
-        seen.append([x["num_threads"] for x in threadpool_info() if x["user_api"] == "blas"])
-        return newton(*args, **kwargs)
-
-    robot, model, steps = paper(0.3), Model(elements_per_bay=1), resolve(paper(0.3), pull(1.0))
-    with threadpool_limits(2, user_api="blas"):
-        simulation = Simulation(robot, model, steps)
-        monkeypatch.setattr(substep, "newton", counted)
-        simulation.advance(steps[0])
-    assert seen and all(n == 1 for count in seen for n in count)

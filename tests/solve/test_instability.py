@@ -11,8 +11,6 @@ from robots import BACKBONE, LENGTH, paper
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import Simulation, simulate
 from tdcr_fe.solve.stability import ExternalCompression, stability
 
@@ -54,17 +52,6 @@ def test_a_heavy_tip_on_an_upright_robot_is_reported(fraction: float, expected: 
     robot = replace(paper(), tip_mass=fraction * EULER / 9.81, backbone=replace(BACKBONE, density=0.0))
     robot = replace(robot, disks=replace(robot.disks, mass=0.0))
     assert unstable(robot, Model(friction="none", gravity=UP), [LoadStep()]) is expected
-
-
-def test_taut_tendons_of_prescribed_length_keep_a_robot_upright() -> None:
-    tendons = tuple(
-        Tendon(f"t{k}", ParallelRouting(4e-3, 120.0 * k), axial_stiffness=2000.0, pretension=1.0)
-        for k in range(3)
-    )
-    robot = replace(COLUMN, tendons=tendons, tip_mass=1.3 * EULER / 9.81)
-    model = Model(friction="none", gravity=UP)
-    assert not unstable(robot, model, [LoadStep(displacements={t.name: 0.0 for t in tendons})])
-    assert unstable(robot, model, [LoadStep(tensions={t.name: 0.5 for t in tendons})])
 
 
 def test_own_weight_and_a_load_at_mid_span_compress_what_is_below() -> None:

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, tendon, three
 
-from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
+from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.results import Interrupted
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.targets import ReachStatus, TensionLimits, TipTarget
 from tdcr_fe.solve.inverse_statics.inverse import REACHED, follow_path, reach
-from tdcr_fe.solve.inverse_statics.target_search import Effort
-from tdcr_fe.solve.inverse_statics.trials import TrialSteps
 from tdcr_fe.solve.simulate import simulate
 
 LIMITS = TensionLimits(largest=2.5, pretension=0.1)
@@ -98,6 +96,7 @@ def test_the_loading_sequence_solved_again_ends_where_the_path_did(drive_by):
     assert np.abs(found.tensions[2] - found.tensions[0]).max() > 1e-3
 
 
+@pytest.mark.integration
 def test_position_and_direction_are_reached_by_two_segments():
     robot, model = CASES["two segments"]
     tensions = {"p0": 1.0, "p1": 0.3, "p2": 0.2, "d0": 0.2, "d1": 0.6, "d2": 0.3}
@@ -130,22 +129,7 @@ def test_no_neighbouring_tensions_reach_the_target_with_less_effort():
     assert (gradient[at_lower] >= -0.05 * np.abs(found.tensions).max()).all()
 
 
-def test_least_change_moves_the_tensions_less_than_least_tension_does():
-    robot, model = two_segments(0.0), Model(friction="none", elements_per_bay=1)
-    begin = {"p0": 0.9, "p1": 1.0, "p2": 1.1, "d0": 1.0, "d1": 1.2, "d2": 0.8}
-    first = simulate(robot, model, [LoadStep(tensions=begin)])
-    target = first.tips[-1] + [0.003, 0.001, 0.0]
-    found = {
-        effort: reach(robot, model, target, LIMITS, effort=effort, before=[LoadStep(tensions=begin)])
-        for effort in ("tension", "change")
-    }
-    assert all(x.reached for x in found.values())
-    start = np.array(list(begin.values()))
-    change, other = (np.linalg.norm(found[x].tensions - start) for x in ("change", "tension"))
-    assert change < 0.3 * other
-    assert np.linalg.norm(found["tension"].tensions) < 0.7 * np.linalg.norm(found["change"].tensions)
-
-
+@pytest.mark.integration
 def test_out_of_reach_ends_at_the_nearest_point_and_says_so():
     """Above the straight robot the tensions are the smallest ones; elsewhere no random tensions come nearer."""
     robot, model = CASES["no friction"]
@@ -160,39 +144,6 @@ def test_out_of_reach_ends_at_the_nearest_point_and_says_so():
     assert found.status is ReachStatus.OUT_OF_REACH and found.possible_gain <= 1e-4
     others = np.linalg.norm(random_tips(robot, model, 60, seed=2) - target, axis=1)
     assert found.error < others.min()
-
-
-def test_a_largest_tension_that_is_too_small_puts_the_target_out_of_reach():
-    """The tip of one tendon pulled alone at 0.5 N, with a largest tension of 0.4 N: the tendon is at its bound."""
-    robot, model = CASES["no friction"]
-    tip = simulate(robot, model, [LoadStep(tensions={"t1": 0.5})]).tips[-1]
-    assert reach(robot, model, tip, TensionLimits(2.0)).tensions == pytest.approx([0.5, 0.0, 0.0], abs=2e-3)
-    found = reach(robot, model, tip, TensionLimits(0.4))
-    assert found.status is ReachStatus.OUT_OF_REACH and found.at_largest == ("t1",)
-
-
-def test_the_automatic_mesh_is_that_of_the_simulation_of_the_sequence():
-    robot = three(0.2, disks=Disks.equally_spaced(4, LENGTH, radius=5e-3))
-    tip = simulate(robot, Model(), [LoadStep(tensions={"t1": 1.5, "t2": 0.4, "t3": 0.2})]).tips[-1]
-    found = follow_path(robot, Model(), [tip], LIMITS)
-    assert found.targets[0].reached
-    assert found.simulation.elements_per_bay == found.simulation.model.elements_per_bay
-    assert found.simulation.steps[-1].discretisation_error <= 1e-4 * LENGTH
-    again = simulate(robot, found.simulation.model, found.steps)
-    assert np.array_equal(again.tips, found.simulation.tips)
-    assert np.linalg.norm(again.tips[-1] - tip) <= 1e-6 * LENGTH
-
-
-def test_a_path_prints_a_summary_and_its_table():
-    robot, model = CASES["no friction"]
-    found = follow_path(robot, model, [[0.05, 0.0, 0.24], [0.0, 0.0, 0.3]], TensionLimits(3.0))
-    text = repr(found)
-    assert "2 out of reach" in text and "target 2" in text
-    assert len(text.splitlines()) <= 12
-    table = found.to_frame()
-    assert list(table["status"]) == ["out of reach"] * 2 and table["error"].to_numpy() == pytest.approx(
-        found.errors
-    )
 
 
 def test_bounds_and_targets_that_make_no_sense_are_refused():
@@ -218,78 +169,6 @@ def test_bounds_and_targets_that_make_no_sense_are_refused():
         reach(robot, model, target, 3.0)
     with pytest.raises(ValueError, match="no tendons"):
         reach(replace(robot, tendons=()), model, target, TensionLimits(1.0))
-
-
-def test_the_bounded_step_is_the_pseudoinverse_where_no_bound_acts():
-    """Least squares of the tensions under a linear condition: T = J^+ (J T0 - r), whatever T0 was."""
-    generator = np.random.default_rng(3)
-    jacobian, start = generator.normal(size=(3, 6)), generator.normal(size=6)
-    residual = 0.1 * generator.normal(size=3)
-    effort = Effort(np.full(6, -1e3), np.full(6, 1e3), np.zeros(6), 1.5)
-    step = effort.step(start, residual, jacobian, 1e-8, 1e3)
-    assert start + step == pytest.approx(np.linalg.pinv(jacobian) @ (jacobian @ start - residual), abs=1e-7)
-
-
-def test_a_target_is_reached_with_other_settings():
-    """A tight path tolerance changes the substeps, not the agreement."""
-    robot, model = CASES["friction"]
-    settings = SolverSettings(path_tolerance=1e-5)
-    tip = simulate(robot, model, [LoadStep(tensions={"t1": 1.4, "t3": 0.5})], settings).tips[-1]
-    found = reach(robot, model, tip, TensionLimits(2.0), settings)
-    assert found.reached
-    again = simulate(robot, model, [found.step], settings)
-    assert np.linalg.norm(again.tips[-1] - tip) <= 1e-6 * LENGTH
-
-
-def test_derivatives_along_a_path_with_reversals_are_taken_on_request():
-    """The step is the same, and its derivative along the path is that of neighbouring steps.
-
-    They were always taken along a path divided at every reversal before.
-    """
-    robot = three(0.2)
-    trials = TrialSteps(robot, Model(elements_per_bay=1), (), SolverSettings())
-    rest = trials.simulation.state
-    loaded = trials.solve(rest, trials.step(np.array([2.0, 0.5, 0.3]), by_displacement=False))
-    assert loaded is not None and loaded.exact
-    back = trials.step(np.array([1.2, 1.4, 0.3]), by_displacement=False)
-    near, exact = (trials.solve(loaded.state, back, exact=x) for x in (False, True))
-    assert near is not None and exact is not None
-    assert exact.exact and not near.exact
-    assert np.array_equal(near.tip, exact.tip)
-    assert not np.allclose(near.motion, exact.motion, rtol=1e-6)
-    change = np.array([0.02, 0.0, 0.0])
-    tips = [
-        trials.solve(loaded.state, trials.step(exact.inputs + x, by_displacement=False))
-        for x in (change, -change)
-    ]
-    seen = (tips[0].tip - tips[1].tip) / 0.04
-    assert np.linalg.norm(exact.motion[:3, 0] - seen) < 0.02 * np.linalg.norm(seen)
-
-
-def test_derivatives_without_the_divided_path_are_nearly_those_of_neighbouring_steps():
-    """Those of as many equal substeps; taken at the end, as if what sticks held on, they were 0.24 off."""
-    robot = two_segments(0.2)
-    trials = TrialSteps(robot, Model(elements_per_bay=1), (), SolverSettings())
-    rest = trials.simulation.state
-    inputs = np.array([2.11, 1.62, 0.85, 0.41, 0.67, 0.74])
-    found = trials.solve(rest, trials.step(inputs, by_displacement=False))
-    assert found is not None and not found.exact and np.array_equal(found.state.base_tension[0], inputs)
-    tips = []
-    for k in range(6):
-        near = trials.step(inputs + 1e-4 * np.eye(6)[k], by_displacement=False)
-        tips.append(trials.solve(rest, near, differentiate=False).tip)
-    seen = (np.array(tips).T - found.tip[:, None]) / 1e-4
-    assert np.linalg.norm(found.motion[:3] - seen) < 0.03 * np.linalg.norm(seen)
-
-
-@pytest.mark.campaign
-def test_a_target_among_many_changes_of_state_is_reached():
-    """Gauss-Newton steps that knew one side of every change only ended 3e-5 of the length from it, from 12 starts."""
-    robot, model = CASES["two segments"]
-    tensions = dict(p0=1.91865, p1=1.23172, p2=0.67512, d0=0.40842, d1=0.63582, d2=0.5809)
-    tip = simulate(robot, model, [LoadStep(tensions=tensions)]).tips[-1]
-    found = reach(robot, model, tip, LIMITS)
-    assert found.error <= 1e-6 * LENGTH
 
 
 def test_ctrl_c_is_raised_again_with_the_targets_before_it():

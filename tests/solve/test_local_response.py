@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from differences import rotation_vectors
-from robots import BACKBONE, LENGTH, scene, tendon
+from robots import BACKBONE, LENGTH, tendon
 
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.solve.sensitivities.local_response import local_response
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.solve.simulation import Simulation
-from tdcr_fe.solve.statics import SolveTDCR
 
 SETTINGS = SolverSettings(tolerance=1e-12)
 
@@ -109,41 +108,6 @@ def test_tension_moves_the_tip_forward_with_slip_and_backward_with_sticking_hole
     assert np.allclose(slipping, forward, rtol=1e-4, atol=1e-4 * np.abs(forward).max())
     assert np.allclose(sticking, backward, rtol=1e-3, atol=1e-3 * np.abs(backward).max())
     assert np.linalg.norm(sticking) < 0.9 * np.linalg.norm(slipping)
-
-
-def test_displacement_moves_tip_and_motors() -> None:
-    """Tip and tensions by each displacement, with elastic tendons and friction, pulling on."""
-    made = robot(0.1, axial_stiffness=400.0)
-    simulation = solved(made, BY_DISPLACEMENT, friction="none")
-    found = local_response(simulation)
-    h = 1e-8
-    for i, name in enumerate(made.tendon_names):
-        value = BY_DISPLACEMENT[1].displacements[name]
-        ends = [
-            motion(made, BY_DISPLACEMENT, LoadStep("", displacements={name: value + x}), friction="none")
-            for x in (h, -h)
-        ]
-        tip, tension = ((a - b) / (2.0 * h) for a, b in zip(ends[0][:2], ends[1][:2], strict=True))
-        assert np.allclose(found.by_displacement[:, i], tip, rtol=1e-4, atol=1e-4 * np.abs(tip).max())
-        assert np.allclose(found.motor_stiffness[:, i], tension, rtol=1e-4, atol=1e-4 * np.abs(tension).max())
-    # The Jacobian by displacement is that by tension times the stiffness seen by the motors.
-    assert np.allclose(found.by_displacement, found.by_tension @ found.motor_stiffness)
-
-
-def test_a_robot_in_a_scene_responds_as_alone() -> None:
-    made = robot(0.2)
-    steps = [LoadStep("", {"t1": 1.0, "t2": 0.3, "t3": 0.2}, substeps=2)]
-    alone = Simulation(made, Model(elements_per_bay=1), resolve(made, steps), SETTINGS)
-    alone.advance(resolve(made, steps)[0], 2)
-    _container, mbs, arm = scene(made)
-    arm.set_tensions([1.0, 0.3, 0.2])
-    SolveTDCR(mbs, SETTINGS, substeps=2)
-    before = arm.tip_position
-    for reversal in (False, True):
-        a, b = local_response(alone, reversal=reversal), local_response(arm, reversal=reversal)
-        assert np.allclose(a.compliance, b.compliance, rtol=1e-6, atol=1e-9 * np.abs(a.compliance).max())
-        assert np.allclose(a.motor_stiffness, b.motor_stiffness, rtol=1e-6)
-    assert np.allclose(before, arm.tip_position, rtol=0.0, atol=1e-14)
 
 
 def test_simulate_gives_both_with_every_step() -> None:

@@ -8,68 +8,15 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, paper, pull, three
 
-from tdcr_fe.model.backbone import Backbone, Superelastic
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.results import Interrupted, SequenceResult
 from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
-from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve import mesh
-from tdcr_fe.solve.element_equations import POINTS, WEIGHTS, ElementModel, _collocation_matrix
+from tdcr_fe.solve.element_equations import ElementModel
 from tdcr_fe.solve.mesh import CHUNK, MeshEstimate, SolvedState, estimate, on_mesh, refined
 from tdcr_fe.solve.simulate import PathRecord, Simulation, SolverSettings, StepFailed, simulate
 from tdcr_fe.validation.random_robots import draw
-
-#: Finer mesh with which the estimate is compared: elements per element.
-FINER = 8
-
-
-def random_case(seed: int) -> tuple[Robot, Model, list[LoadStep]]:
-    """A robot with one or two segments and load steps, drawn over the options that change the error of the mesh."""
-    rng = np.random.default_rng([77, seed])
-    segments = int(rng.integers(1, 3))
-    disks = int(rng.integers(3, 21 if segments == 1 else 11))
-    length = float(rng.uniform(0.15, 0.3)) * segments
-    backbone = Backbone(
-        length,
-        float(rng.uniform(0.35e-3, 0.5e-3)),
-        85e9,
-        0.3,
-        5600.0,
-        precurvature=(0.0, 0.0) if rng.random() < 0.7 else tuple(rng.uniform(-2.0, 2.0, 2).tolist()),
-        superelastic=None if rng.random() < 0.75 else Superelastic(0.002, 0.4),
-    )
-    ends = [length * (k + 1) / segments for k in range(segments)]
-    tendons = []
-    for k, end in enumerate(ends):
-        for i in range(3):
-            angle = 120.0 * i + 60.0 * k
-            offset = float(rng.uniform(3e-3, 5e-3))
-            kind = rng.choice(["parallel", "parallel", "helical", "converging"])
-            routing = {
-                "parallel": ParallelRouting(offset, angle),
-                "helical": HelicalRouting(offset, float(rng.uniform(-1.0, 1.0)), angle),
-                "converging": ConvergingRouting(offset, 0.4 * offset, angle),
-            }[str(kind)]
-            tendons.append(Tendon(f"t{3 * k + i + 1}", routing, friction_coefficient=0.2, end=end))
-    robot = Robot(
-        backbone,
-        Disks.equally_spaced(disks * segments, length, mass=2e-4, thickness=float(rng.choice([0.0, 2e-3]))),
-        tuple(tendons),
-    )
-    path = str(rng.choice(["straight", "continuous"]))
-    friction = "none" if path == "continuous" else str(rng.choice(["none", "per-hole", "per-tendon"]))
-    gravity = (0.0, 0.0, 0.0) if rng.random() < 0.5 else tuple((9.81 * rng.standard_normal(3) / 2.0).tolist())
-    stiffness = backbone.EI / length**2
-    force = tuple((rng.uniform(0.0, 1.5) * stiffness * rng.standard_normal(3)).tolist())
-    largest = rng.uniform(0.5, 2.0) * backbone.EI / length / 4.5e-3
-    pulled = {f"t{3 * k + int(rng.integers(1, 4))}": float(largest / segments) for k in range(segments)}
-    steps = [
-        LoadStep(f"{share:g}", {n: share * x for n, x in pulled.items()}, loads={"tip": Load(length, force)})
-        for share in (0.5, 1.0)
-    ]
-    return robot, Model(path, friction, gravity=gravity), steps  # type: ignore[arg-type]
 
 
 def true_errors(coarse: SequenceResult, fine: SequenceResult) -> np.ndarray:
@@ -81,45 +28,6 @@ def true_errors(coarse: SequenceResult, fine: SequenceResult) -> np.ndarray:
             for c, f in zip(coarse.steps, fine.steps, strict=True)
         ]
     )
-
-
-def ratios(seed: int, per_bay: int = 1) -> list[tuple[float, float]]:
-    """True error over the length, and estimate over true error, of the steps of a random case."""
-    robot, model, steps = random_case(seed)
-    settings = SolverSettings(presliding=1e-5)
-    coarse = simulate(robot, replace(model, elements_per_bay=per_bay), steps, settings)
-    fine = simulate(robot, replace(model, elements_per_bay=per_bay * FINER), steps, settings)
-    if not (coarse.converged and fine.converged) or any(
-        "snapped" in w for w in coarse.warnings + fine.warnings
-    ):
-        return []
-    true = true_errors(coarse, fine)
-    return [
-        (float(t) / robot.backbone.length, float(s.discretisation_error or 0.0) / float(t))
-        for s, t in zip(coarse.steps, true, strict=True)
-    ]
-
-
-def check(seed: int, factor: float) -> None:
-    for error, ratio in ratios(seed):
-        # Above 3 % of the length the error is no small change any more: it must still be seen to be large.
-        if 1e-6 < error < 0.03:
-            assert 1.0 / factor < ratio < factor, (seed, error, ratio)
-        elif error >= 0.03:
-            assert error * ratio > 0.01, (seed, error, ratio)
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_the_estimate_lies_within_a_factor_of_two_of_the_true_error(seed: int) -> None:
-    """True: against a mesh eight times as fine."""
-    check(seed, 2.0)
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("seed", range(12, 80))
-def test_the_estimate_lies_near_the_true_error_of_many_robots(seed: int) -> None:
-    """The same with more robots; two steps of 147 have 0.47 and 0.48, which two elements a bay bring near 1."""
-    check(seed, 2.5)
 
 
 @pytest.mark.parametrize(
@@ -162,14 +70,6 @@ def test_a_pure_moment_has_no_discretisation_error() -> None:
     """A continuous parallel tendon bends the backbone into an arc, which one element follows exactly."""
     result = simulate(paper(), Model("continuous", "none", 1), pull(2.5))
     assert result.steps[0].discretisation_error < 1e-12
-
-
-def test_collocation_integrates_cubics_exactly() -> None:
-    for power in range(4):
-        np.testing.assert_allclose(
-            _collocation_matrix() @ POINTS**power, POINTS ** (power + 1) / (power + 1), atol=1e-14
-        )
-    assert WEIGHTS.sum() == pytest.approx(1.0)
 
 
 def test_the_automatic_mesh_meets_its_tolerance() -> None:
@@ -244,40 +144,6 @@ def test_a_coarser_run_that_ended_for_the_refinement_names_the_first_step_withou
     assert "step 3" in result.message and "no balance" in result.message
 
 
-def test_the_mesh_is_refined_before_friction_paths_are_followed() -> None:
-    """Before, all five steps of this robot were followed on the first mesh, and again on the second."""
-    case, seen = draw(9), []
-    result = simulate(case.robot, case.model, case.steps, progress=lambda step: seen.append(step.step))
-    assert sum(result.elements_per_bay) > sum(elements_of_bays(case.robot, case.model))
-    assert max(s.discretisation_error for s in result.steps) < 1e-4 * case.robot.backbone.length
-    assert len(seen) <= len(case.steps) + 1
-
-
-def test_steps_that_were_solved_ahead_for_their_mesh_leave_no_trace_but_fewer_iterations() -> None:
-    """Their states are where the solutions of the steps begin."""
-    case = draw(8)
-    automatic = simulate(case.robot, case.model, case.steps)
-    counts = automatic.elements_per_bay
-    assert counts == elements_of_bays(case.robot, case.model)
-    assert any(s.details["iterations_total"] > s.iterations for s in automatic.steps[:-1])
-    given = simulate(case.robot, replace(case.model, elements_per_bay=counts), case.steps)
-    for a, b in zip(automatic.steps, given.steps, strict=True):
-        assert np.abs(a.positions - b.positions).max() < 1e-7 * case.robot.backbone.length
-        assert a.iterations <= b.iterations
-    assert sum(s.iterations for s in automatic.steps) < sum(s.iterations for s in given.steps)
-
-
-def test_solutions_on_a_finer_mesh_begin_at_those_on_the_coarser_one() -> None:
-    """The same states with fewer iterations: all steps were solved from the step before, on every mesh."""
-    case = draw(7)
-    automatic = simulate(case.robot, case.model, case.steps)
-    assert sum(automatic.elements_per_bay) > sum(elements_of_bays(case.robot, case.model))
-    given = simulate(case.robot, replace(case.model, elements_per_bay=automatic.elements_per_bay), case.steps)
-    for a, b in zip(automatic.steps, given.steps, strict=True):
-        assert np.abs(a.positions - b.positions).max() < 1e-6 * case.robot.backbone.length
-    assert sum(s.iterations for s in automatic.steps) < sum(s.iterations for s in given.steps)
-
-
 def test_a_state_on_another_mesh_has_the_same_strains() -> None:
     """Each element of the coarse mesh divided in three: the poses of its nodes are kept exactly."""
     targets = resolve(paper(), pull(2.0))
@@ -313,22 +179,6 @@ def test_a_given_number_of_elements_is_kept_and_its_error_reported() -> None:
     assert any("too coarse" in w and "step 1" in w for w in result.warnings)
 
 
-def test_steep_displacements_are_reported() -> None:
-    """(0, 5, -2.5) mm on three tendons, steep: e3bbe5d gave no warning of 1.9 % between two meshes.
-
-    With two elements a bay a bay buckles on the way, and whether a path is found past it depends on round-off; with
-    four it does not.
-    """
-    steps = [LoadStep("", displacements={"t1": 0.0, "t2": 5e-3, "t3": -2.5e-3}, substeps=4)]
-    coarse = simulate(three(0.3), Model(elements_per_bay=2), steps)
-    assert coarse.warnings or not coarse.converged
-    coarse = simulate(three(0.3), Model(elements_per_bay=4), steps)
-    assert coarse.converged
-    assert any("too coarse" in w for w in coarse.warnings)
-    assert any("buckling load" in w and "bay 13" in w for w in coarse.warnings)
-    assert coarse.steps[0].buckling_load_fraction > 0.7
-
-
 def test_a_bay_under_a_known_force_has_the_fraction_of_eulers_load() -> None:
     """A straight column between two disks under an axial force N: N a^2 / (pi^2 EI)."""
     backbone = replace(BACKBONE, length=0.02)
@@ -346,14 +196,6 @@ def test_refinement_gives_elements_to_the_bays_that_need_them() -> None:
     assert counts[2] > counts[0] > 2
 
 
-def test_a_bay_without_a_finite_estimate_is_refined_as_far_as_allowed() -> None:
-    """Version 0.1.0 had no estimate; the first one ended such a run with "cannot convert float NaN to integer"."""
-    estimate = MeshEstimate(np.full((4, 3), np.inf), np.array([1e-5, 0.0, np.inf]), np.zeros(3))
-    known = MeshEstimate(np.zeros((4, 3)), np.array([1e-5, 0.0, 0.0]), np.zeros(3))
-    counts = refined((2, 2, 2), [estimate], 1e-6, 4)
-    assert counts == (*refined((2, 2, 2), [known], 1e-6, 4)[:2], 2 * mesh.GROWTH)
-
-
 def test_the_error_is_infinite_where_the_equations_along_an_element_have_no_finite_solution() -> None:
     """The bending moments of turns by 1e160 rad in one bay overflow along their elements."""
     arm = Simulation(paper(), Model(friction="none", elements_per_bay=2), resolve(paper(), pull(1.0)))
@@ -364,21 +206,6 @@ def test_the_error_is_infinite_where_the_equations_along_an_element_have_no_fini
     assert found.largest == np.inf
     sound = estimate(ElementModel.of(arm.handle), [state], goal=0.0)[0]
     assert np.isfinite(sound.largest)
-
-
-def test_a_robot_in_mm_and_gpa_that_are_read_as_si_units_ends_with_the_suspicion() -> None:
-    """Its own weight strains the backbone by a factor of 1e8: no step is solved, and the warnings say why."""
-    backbone = Backbone(300.0, 0.7, 60.0, 0.3, 5600.0)
-    robot = Robot(
-        backbone,
-        Disks.equally_spaced(15, 300.0, mass=2e-4, radius=10.0),
-        (Tendon("t1", ParallelRouting(8.0)),),
-    )
-    model = Model(friction="none", gravity=(0.0, 0.0, -9.81), elements_per_bay=2)
-    result = simulate(robot, model, [LoadStep(tensions={"t1": 1.0})])
-    assert not result.converged
-    assert any("backbone.length = 300 m" in w and "mm?" in w for w in result.warnings)
-    assert any("youngs_modulus = 60 Pa" in w and "GPa?" in w for w in result.warnings)
 
 
 def test_elements_per_bay_can_be_given_for_every_bay() -> None:
@@ -393,3 +220,17 @@ def test_elements_per_bay_can_be_given_for_every_bay() -> None:
 def test_no_estimate_is_made_where_the_tolerance_is_infinite() -> None:
     result = simulate(paper(), Model(friction="none"), pull(1.0), SolverSettings(mesh_tolerance=np.inf))
     assert result.steps[0].discretisation_error is None
+
+
+@pytest.mark.parametrize(
+    "seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.integration) for seed in range(4, 12))]
+)
+def test_the_estimate_is_the_true_error_of_random_robots(seed: int) -> None:
+    """Against a mesh eight times as fine, with one element a bay: up to 1 % of the length, within a quarter of it."""
+    case, settings = draw(seed), SolverSettings(presliding=1e-5)
+    coarse, fine = (
+        simulate(case.robot, replace(case.model, elements_per_bay=count), case.steps[:2], settings)
+        for count in (1, 8)
+    )
+    for step, true in zip(coarse.steps, true_errors(coarse, fine), strict=True):
+        assert step.discretisation_error == pytest.approx(true, rel=0.25, abs=1e-9)

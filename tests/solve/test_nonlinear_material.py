@@ -11,9 +11,8 @@ from tdcr_fe.elements.section import NonlinearSection
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.toml import read_robot
 from tdcr_fe.io.write_toml import robot_to_toml
-from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, Superelastic
+from tdcr_fe.model.backbone import Backbone, NonlinearMaterial
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.plausibility import strain_warnings
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting
 from tdcr_fe.model.tendon import Tendon
@@ -97,6 +96,7 @@ SOFT = Robot(
 STEPS = [LoadStep(tensions={"a": 1.5}), LoadStep(tensions={"a": 2.0, "b": 1.0})]
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("law", [NEO_HOOKEAN, NonlinearMaterial(4.0, 12.0)])
 @pytest.mark.parametrize("path", ["continuous", "straight"])
 def test_finite_elements_agree_with_the_reference(law, path):
@@ -109,40 +109,6 @@ def test_finite_elements_agree_with_the_reference(law, path):
     assert exact.converged and found.converged, (exact.message, found.message)
     linear = simulate(replace(robot, backbone=SOFT.backbone), model, STEPS)
     assert np.abs(found.tips - exact.tips).max() < 2e-4 * L < 0.02 * np.abs(linear.tips - exact.tips).max()
-
-
-def test_the_estimated_error_of_the_mesh_is_the_error():
-    robot = SOFT.with_backbone(nonlinear=NonlinearMaterial(4.0, 12.0), taper=())
-    model = Model("continuous", "none", gravity=(0.0, 0.0, 9.81), elements_per_bay=1)
-    coarse = simulate(robot, model, STEPS)
-    fine = simulate(robot, replace(model, elements_per_bay=4), STEPS)
-    for a, b in zip(coarse.steps, fine.steps, strict=True):
-        nodes = [int(np.argmin(np.abs(b.s - s))) for s in a.s]
-        error = np.linalg.norm(a.positions - b.positions[nodes], axis=1).max()
-        assert a.discretisation_error == pytest.approx(error, rel=0.15)
-
-
-@pytest.mark.parametrize("name", ["quadratic", "cubic"])
-def test_sensitivities_are_exact(name):
-    """Against central differences of whole runs."""
-    law, field = NonlinearMaterial(1.0, 5.0), f"backbone.nonlinear.{name}"
-    model = Model("continuous", "none", gravity=(0.0, 0.0, 9.81), elements_per_bay=1)
-
-    def run(value, **options):
-        robot = SOFT.with_backbone(nonlinear=replace(law, **{name: value}))
-        return simulate(robot, model, STEPS, **options)
-
-    value = getattr(law, name)
-    exact = run(value, sensitivities=[field]).sensitivities[field].tips
-    difference = (run(value + 1e-3).tips - run(value - 1e-3).tips) / 2e-3
-    np.testing.assert_allclose(exact, difference, rtol=1e-4, atol=1e-7)
-
-
-def test_it_goes_through_the_file(tmp_path):
-    robot = rod(NonlinearMaterial(-1.0, 2.0))
-    (tmp_path / "robot.toml").write_text(robot_to_toml(robot))
-    assert "nonlinear = { quadratic = -1.0, cubic = 2.0 }" in (tmp_path / "robot.toml").read_text()
-    assert read_robot(tmp_path / "robot.toml") == robot
 
 
 @pytest.mark.parametrize(
@@ -159,19 +125,3 @@ def test_laws_that_cannot_be_are_refused_by_name(tmp_path, law, more, text):
     with pytest.raises(InputError, match=r"backbone\.nonlinear") as found:
         read_robot(tmp_path / "robot.toml")
     assert text in str(found.value)
-
-
-def test_it_is_not_superelastic_as_well():
-    with pytest.raises(ValueError, match="cannot be combined with superelastic"):
-        rod(NEO_HOOKEAN, superelastic=Superelastic(0.1, 0.5))
-
-
-def test_strains_beyond_the_largest_stress_are_warned_of():
-    law = NonlinearMaterial(0.0, -6.0)
-    assert law.largest_strain == pytest.approx(1.0 / np.sqrt(18.0))
-    robot = SOFT.with_backbone(nonlinear=law)
-    model = Model("continuous", "none", elements_per_bay=1)
-    result = simulate(robot, model, [LoadStep(tensions={"a": 0.5}), LoadStep(tensions={"a": 2.6})])
-    warned = strain_warnings(robot, result.steps)
-    assert not warned or "the stress of backbone.nonlinear falls from 23.6 % on" in warned[0]
-    assert not strain_warnings(robot, result.steps[:1])

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import LENGTH, paper, pull, solve, three
+from robots import LENGTH, paper, pull, three
 
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.solve.equations.configuration import Target
-from tdcr_fe.solve.equations.linearization import SolvedStep, input_changes, unknowns
+from tdcr_fe.solve.equations.linearization import SolvedStep, input_changes
 from tdcr_fe.solve.newton.prediction import predict
 from tdcr_fe.solve.simulation import Simulation
 
@@ -67,13 +67,6 @@ def test_error_of_a_prediction_falls_with_nearly_the_fourth_power_of_the_step():
     assert errors[-1] < 1e-6
 
 
-def test_a_pull_that_goes_on_takes_one_iteration_a_step():
-    """Version 0.1 takes three."""
-    result = solve(paper(0.3), pull(0.5, 1.0, 1.5, 2.0, 2.5))
-    assert [s.iterations for s in result.steps[2:]] == [1, 1, 1]
-    assert max(s.residual for s in result.steps) < 1e-8
-
-
 @pytest.mark.parametrize(
     ("robot", "driven", "full"),
     [
@@ -120,19 +113,3 @@ def test_no_prediction_where_the_last_step_is_no_guide():
     assert predict_from(arm, goal, alone) is None, "no step before"
     short = replace(arm.settings, max_turn=1e-3)
     assert predict_from(arm, goal, line, short) is None, "large turn"
-
-
-def test_no_prediction_after_holes_changed_between_stick_and_slip():
-    arm = simulation(paper(0.3), pull(1.0, 2.0, 1.9))
-    assert arm.linearization().solved is None
-
-
-def test_predicted_state_keeps_history_and_meets_the_prescribed_tensions():
-    arm = simulation(paper(0.3), pull(0.5, 1.0, 1.5))
-    found = predicted(arm, 2.0)
-    assert found.state.friction is arm.state.friction
-    assert np.array_equal(found.state.mobilisation[0], arm.state.mobilisation[0])
-    assert np.all(found.slips > 0.0)
-    numbering = arm.system.numbering()
-    change = unknowns(found.state, numbering) - unknowns(arm.state, numbering)
-    assert np.abs(change - found.slope).max() < 0.2 * np.abs(found.slope).max()

@@ -9,10 +9,8 @@ import pytest
 from robots import BACKBONE, LENGTH, distance, solve, tendon, three
 
 from tdcr_fe.effects import EFFECTS, Experiment, with_effect
-from tdcr_fe.io.write_toml import robot_to_toml
 from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.reference import solve_reference
 
 EA, T0 = 400.0, 0.7
@@ -71,6 +69,7 @@ def test_tendons_that_no_step_names_are_held_at_displacement_zero():
     assert not resolve(three(), [LoadStep()])[0].by_displacement.any()
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("friction", ["none", "per-hole", "per-tendon"])
 def test_pretension_agrees_with_the_reference(friction):
     """Also where a tendon becomes slack, and on the way back."""
@@ -109,28 +108,3 @@ def test_data_driven_by_tension_do_not_show_it():
     assert e.probe_points(pulled, ExcitationRange()) == []
     driven = Experiment(tightened(tension=0.0), Model(), (moved(0.0, 0.0, 0.0),))
     assert len(e.probe_points(driven, ExcitationRange())) == 2
-
-
-def test_pretension_goes_through_the_file(tmp_path):
-    from tdcr_fe.io.toml import read_robot
-
-    file = tmp_path / "robot.toml"
-    file.write_text(robot_to_toml(tightened()))
-    assert [t.pretension for t in read_robot(file).tendons] == [T0] * 3
-
-
-def test_a_run_without_friction_does_not_depend_on_whether_the_tendons_were_tightened_first():
-    direct = simulate(tightened(), Model(friction="none"), [moved(1e-3, -4e-4, -3e-4)])
-    first = simulate(tightened(), Model(friction="none"), [moved(0.0, 0.0, 0.0), moved(1e-3, -4e-4, -3e-4)])
-    assert distance(direct.tips[-1], first.tips[-1]) < 1e-7
-
-
-def test_null_values_keep_pretensions_that_are_declared():
-    robot = tightened()
-    tendons = tuple(t.__class__(**{**vars(t), "pretension": 0.1 * k}) for k, t in enumerate(robot.tendons))
-    setup = Experiment(
-        robot.__class__(robot.backbone, robot.disks, tendons), Model(), (moved(0.0, 0.0, 0.0),)
-    )
-    e = next(e for e in EFFECTS if e.name == "pretension")
-    same = e.apply(setup, e.null_values(setup)).robot.tendons
-    np.testing.assert_allclose([t.pretension for t in same], [0.0, 0.1, 0.2], atol=1e-15)

@@ -11,13 +11,12 @@ from robots import BACKBONE, LENGTH, tendon
 
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.model.backbone import StiffnessPatch, Superelastic
-from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
+from tdcr_fe.model.friction import StribeckFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
 from tdcr_fe.model.tendon import TightHole
 from tdcr_fe.solve.sensitivities.parameters import effect_parameter, parameters
-from tdcr_fe.validation.fuzz.drawing import draw
 
 #: Relative error that derivatives must meet.
 TOLERANCE = 1e-5
@@ -79,11 +78,6 @@ EXPERIMENTS = {
     "pretension": Experiment(
         robot(axial_stiffness=400.0, pretension=0.4), Model(elements_per_bay=1), tightened()
     ),
-    "continuous, pretension": Experiment(
-        robot(0.0, axial_stiffness=400.0, pretension=0.4),
-        Model(friction="none", tendon_path="continuous", elements_per_bay=1),
-        tightened(),
-    ),
     "places": Experiment(
         replace(
             robot(tight_holes=(TightHole(0.15, 0.1),)).with_backbone(
@@ -117,12 +111,6 @@ EXPERIMENTS = {
         Model(elements_per_bay=1),
         by_displacement(),
     ),
-    "force-dependent": Experiment(
-        robot(0.0, friction=ForceDependentFriction(0.3, 0.1)), Model(elements_per_bay=1), by_tension()
-    ),
-    "patch": Experiment(
-        robot().with_backbone(patches=(StiffnessPatch(0.1, 0.13, 0.5, 0.7),)), Model(elements_per_bay=1), by_tension()
-    ),
 }  # fmt: skip
 
 #: A few parameters of each experiment; `test_every_parameter` has the rest.
@@ -143,7 +131,6 @@ FAST = [
     ("places", "base_stiffness"),
     ("places", "backbone.patches[0].precurvature[1]"),
     ("places", "tendons.t1.tight_holes[0].drop"),
-    ("continuous, pretension", "tendons.t3.pretension"),
     ("inextensible, displacements", "tendons.t2.turns"),
     ("clearance", "tendons.clearance"),
     ("superelastic, creep", "backbone.superelastic.threshold_strain"),
@@ -178,7 +165,6 @@ SLOW = {
         "tendons.axial_stiffness", "backbone.length", "tendons.friction_coefficient", "tendons.t1.offset",
         "effects.pretension.tension", "effects.tendon_stretch.axial_stiffness", "steps[1].displacements.t2",
     ],
-    "continuous, pretension": ["tendons.axial_stiffness", "effects.pretension.tension", "backbone.length"],
     "taper": ["backbone.length", "backbone.density", "backbone.youngs_modulus", "backbone.taper[2][1]"],
     "places": ["backbone.length", "backbone.youngs_modulus", "backbone.patches[0].bending"],
     "clearance": ["backbone.youngs_modulus", "tendons.t1.offset", "tendons.friction_coefficient"],
@@ -195,8 +181,6 @@ SLOW = {
         "backbone.youngs_modulus", "tendons.friction.static", "tendons.friction.stribeck_rate",
         "tendons.friction.exponent", "tendons.friction.viscous", "steps[2].time", "tendons.t1.offset",
     ],
-    "force-dependent": ["tendons.friction.mu", "tendons.friction.exponent", "tendons.t1.offset"],
-    "patch": ["backbone.patches[0].bending", "backbone.patches[0].end"],
 }  # fmt: skip
 
 
@@ -215,41 +199,6 @@ def test_every_parameter(name: str, parameter: str) -> None:
     assert max(found.values()) < TOLERANCE, found
 
 
-#: Effects at values of their own, those that act together in one experiment.
-TOGETHER = (
-    {"actuator_loss": {"dead_band": 0.05, "efficiency": 0.9}, "creep": {"rate": 0.02}},
-    {
-        "gravity": {"g_x": 3.0, "g_y": 1.0, "g_z": -9.0},
-        "tip_payload": {"mass": 2e-3},
-        "actuator_gain": {"gain": 1.03},
-    },
-    {
-        "stiffness_scale": {"bending": 0.9, "torsion": 1.2},
-        "superelastic": {"threshold_strain": 8e-4, "plateau_ratio": 0.4},
-        "precurvature": {"kappa_x": 0.4, "kappa_y": -0.3},
-    },
-    {
-        "friction_coefficient": {"mu": 0.2},
-        "hole_adhesion": {"drop": 0.01},
-        "routing_twist": {"angle_tip": 0.2},
-    },
-    {"hole_clearance": {"clearance": 2e-4}, "tendon_stretch": {"axial_stiffness": 500.0}},
-    {"rigid_disks": {"thickness": 2e-3}, "gravity": {"g_x": 2.0}},
-)
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize(
-    ("values", "effect", "parameter"), [(v, e, p) for v in TOGETHER for e, own in v.items() for p in own]
-)
-def test_effects_at_values_of_their_own(values: dict, effect: str, parameter: str) -> None:
-    """As `identify` needs them while it fits."""
-    declared = EXPERIMENTS["per hole"]
-    chosen = effect_parameter(declared, effect, parameter, values)
-    found = errors(with_effects(declared, values), chosen, (1e-2, 1e-3, 1e-4, 1e-5))
-    assert max(found.values()) < TOLERANCE, found
-
-
 @pytest.mark.campaign
 @pytest.mark.parametrize("parameter", ["disks.thickness", "backbone.youngs_modulus", "tendons.t1.offset"])
 def test_thick_disks_cost_no_digits(parameter: str) -> None:
@@ -257,21 +206,6 @@ def test_thick_disks_cost_no_digits(parameter: str) -> None:
     declared = EXPERIMENTS["per hole"]
     thick = replace(declared, robot=declared.robot.with_disks(thickness=2e-3))
     found = errors(thick, parameter, (1e-2, 1e-3, 1e-4, 1e-5))
-    assert max(found.values()) < TOLERANCE, found
-
-
-def test_precurvature_of_thick_disks_costs_no_digits() -> None:
-    """Forces of the stiff inserts' unloaded twists cancelled each other in the motion: tensions were off by 5e-4."""
-    case = draw(104)
-    found = errors(Experiment(case.robot, case.model, case.steps), "effects.precurvature.kappa_x", (1e-3,))
-    assert max(found.values()) < TOLERANCE, found
-
-
-@pytest.mark.parametrize("seed", [37, 38])
-def test_friction_that_falls_within_a_small_slip(seed: int) -> None:
-    """Difference steps of parameters were long beside the slip in which the coefficient falls: 8e-3 and 2e-4 off."""
-    case = draw(seed)
-    found = errors(Experiment(case.robot, case.model, case.steps), "backbone.length", (1e-4,))
     assert max(found.values()) < TOLERANCE, found
 
 
@@ -316,13 +250,6 @@ def test_friction_that_the_model_lacks_acts_with_the_mobilisation_it_would_have(
     assert np.abs(expected).max() > 1e-4
 
 
-def test_arc_length_changes_are_small_beside_the_elements() -> None:
-    """Difference steps in proportion to the whole length gave tensions of inextensible tendons off by 1e-4."""
-    case = draw(2)
-    found = errors(Experiment(case.robot, case.model, case.steps), "disks.positions[2]", (1e-3, 1e-4))
-    assert max(found.values()) < TOLERANCE, found
-
-
 def test_play_at_its_null_value_has_no_derivative_where_friction_depends_on_the_order() -> None:
     """The derivative that was given was off by its own size: one input is held back while loads and others move."""
     name = "effects.actuator_loss.efficiency"
@@ -348,15 +275,6 @@ def test_inputs_of_the_step_keep_what_was_before() -> None:
     a, b = found["loads.tip.force_y"], found["steps[1].loads.tip.force[1]"]
     assert np.allclose(a.positions[1], b.positions[1], rtol=1e-6, atol=1e-9)
     assert np.all(found["steps[3].tensions.t1"].positions[:3] == 0.0)
-
-
-def test_inputs_of_the_step_with_friction_that_depends_on_the_slip_rate() -> None:
-    """Rates inherit the slips at the ends of the substeps before, which inputs change; that part was missing."""
-    experiment = EXPERIMENTS["Stribeck"]
-    of_step = run(experiment, ["steps[4].tensions.t1"])[1]["steps[4].tensions.t1"]
-    of_every_step = run(experiment, ["inputs.t1"])[1]["inputs.t1"]
-    size = np.abs(of_step.positions[4]).max()
-    assert np.abs(of_every_step.positions[4] - of_step.positions[4]).max() < 1e-8 * size
 
 
 def test_what_has_no_derivative_is_refused_by_name() -> None:

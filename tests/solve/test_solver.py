@@ -9,10 +9,8 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from robots import BACKBONE, DISKS, distance, paper, pull, scene, solve, three
-from scipy.spatial.transform import Rotation
+from robots import BACKBONE, DISKS, distance, paper, scene, solve, three
 
-from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import LoadStep, SolverSettings
 from tdcr_fe.model.robot import Robot
@@ -68,50 +66,6 @@ def test_newton_converges_quadratically(robot, tensions, model):
     assert np.all(r[near + 1] <= np.maximum(10.0 * r[near] ** 2, 1e-8))
 
 
-@pytest.mark.parametrize(
-    ("robot", "model"),
-    [
-        pytest.param(three(0.0), {"friction": "none"}, id="no friction"),
-        pytest.param(three(0.3), {"friction": "per-hole"}, id="per-hole"),
-        pytest.param(three(0.3, axial_stiffness=300.0), {"friction": "per-tendon"}, id="per-tendon, elastic"),
-        pytest.param(three(0.0), {"friction": "none", "tendon_path": "continuous"}, id="continuous"),
-        pytest.param(
-            three(0.3, replace(BACKBONE, superelastic=Superelastic(0.001, 0.5))), {}, id="superelastic"
-        ),
-    ],
-)
-def test_tangent_of_the_complete_system_against_differences(robot, model):
-    """Change of all nodal wrenches when single strains change, poses rebuilt by exponentials; at equilibrium.
-
-    There the turning of the frames in which the residual is written does not matter.
-    """
-    tensions = (1.0, 0.5, 0.2)
-    settings = SolverSettings(tolerance=1e-12, max_iterations=30)
-    _keep, handle, system, result = solved(robot, tensions, settings, **model)
-    n, state, numbering = len(handle.nNodes), result.state, system.numbering()
-    space, unknowns = system.layout.space, result.state.configuration.unknowns
-    k = system.tangent(system.residual(state, target(*tensions), numbering))
-    # Increments of the nodes that change one strain: what the strain matrices say, solved from the base on.
-    b = strain_matrices(unknowns.twists[0])
-    rng = np.random.default_rng(0)
-    for element in (0, 5, 12):
-        change = np.zeros((n - 1, 6))
-        change[element] = rng.normal(size=6) * [1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0]
-        nodes = np.zeros((n, 6))
-        for e in range(n - 1):
-            nodes[e + 1] = np.linalg.solve(b[e, :, 6:], change[e] - b[e, :, :6] @ nodes[e])
-        found = []
-        h = 1e-6
-        for sign in (1.0, -1.0):
-            moved = space.build(unknowns._replace(twists=(unknowns.twists[0] + sign * h * change,)))
-            shifted = state._replace(configuration=moved)
-            found.append(system.residual(shifted, target(*tensions), numbering).unbalanced)
-        difference = (found[0] - found[1]) / (2 * h)
-        predicted = k[:, : 6 * n] @ nodes.ravel()
-        scale = np.max(np.abs(difference[: 6 * n]))
-        assert predicted[6 : 6 * n] == pytest.approx(difference[6 : 6 * n], abs=2e-5 * scale)
-
-
 @pytest.mark.parametrize("axial_stiffness", [None, 300.0], ids=["inextensible", "elastic"])
 def test_forces_and_slips_by_mobilisation_against_differences(axial_stiffness):
     """The other columns and rows of the system: forces and slips by the mobilisations."""
@@ -148,45 +102,6 @@ def test_forces_and_slips_by_mobilisation_against_differences(axial_stiffness):
         assert columns[:, index] == pytest.approx(force, abs=1e-6)
         assert own[:, index] == pytest.approx(slip, abs=1e-8)
         assert base[:, index] == pytest.approx(base_slip, abs=1e-8)
-
-
-def test_residual_is_a_number_of_the_size_of_the_force():
-    """Straight robot, 1 N: a tendon of 1 N unbalanced at its ends."""
-    *_, report = solved(paper(), [1.0], friction="none")
-    assert report.residuals[0] == pytest.approx(1.0, rel=0.05)
-    assert report.residual < 1e-8
-
-
-@pytest.mark.parametrize("friction", ["none", "per-hole"])
-def test_a_turned_robot_takes_the_same_iterations(friction):
-    counts = set()
-    for seed in range(3):
-        turn = Rotation.random(random_state=seed).as_matrix()
-        *_, report = solved(paper(0.3), [2.5], friction=friction, baseRotationMatrix=turn)
-        counts.add(report.iterations)
-    assert len(counts) == 1
-
-
-def test_solving_twice_from_one_state_gives_the_same_bits():
-    """A solve has no side effects: other solves in between change nothing."""
-    _keep, _, system, first = solved(paper(0.3), [1.0])
-    once = newton(system, first.state, target(2.0), SolverSettings())
-    newton(system, once.state, target(0.3), SolverSettings())
-    again = newton(system, first.state, target(2.0), SolverSettings())
-    assert again.iterations == once.iterations and again.residuals == once.residuals
-    assert np.array_equal(again.state.configuration.positions, once.state.configuration.positions)
-    assert np.array_equal(again.state.friction[0].slip, once.state.friction[0].slip)
-
-
-def test_a_state_is_not_changed_by_what_follows():
-    _keep, _, system, first = solved(paper(0.3), [1.0])
-    unknowns, state = first.state.configuration.unknowns, first.state
-    seen = (unknowns.coordinates, unknowns.multipliers, unknowns.twists[0], state.base_tension[0])
-    seen = (*seen, state.friction[0].slip, first.forces[0].measured.shape.d_lengths)
-    kept = [x.copy() for x in seen]
-    newton(system, first.state, target(2.0), SolverSettings())
-    for a, b in zip(kept, seen, strict=True):
-        assert np.array_equal(a, b)
 
 
 def test_history_is_committed_with_the_solution_and_reaches_the_robot_when_stored():
@@ -249,13 +164,6 @@ def test_failure_names_residual_place_and_cure():
     with pytest.raises(StepFailed, match=r"residual.*Try smaller load steps") as caught:
         SolveTDCR(mbs, SolverSettings(min_substep=0.25))
     assert caught.value.load_factor == 0.0 and caught.value.residual > 0.0
-
-
-def test_scene_larger_than_a_thousand_coordinates_prints_nothing(capfd):
-    """Numerics print nothing, Exudyn's advice on large systems included."""
-    solve(paper(0.0), pull(1.0), friction="none", elements_per_bay=12)
-    out = capfd.readouterr()
-    assert out.out.strip() == "" and out.err.strip() == ""
 
 
 def test_other_bodies_of_the_scene_are_solved_too():

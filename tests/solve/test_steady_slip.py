@@ -55,6 +55,7 @@ def test_a_tendon_released_while_others_are_pulled(verdicts):
     assert gap(three(0.1), steps) < 1e-5
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("seed", range(6))
 def test_steps_accepted_by_the_check_are_exact(verdicts, seed):
     """Random tensions of two tendons, up and down."""

@@ -112,18 +112,6 @@ def test_tangent_of_robots_alone_is_exudyns_at_equilibrium():
     assert own[6:, 6:] == pytest.approx(exudyns[6:, 6:], abs=1e-8 * np.abs(exudyns).max())
 
 
-def test_a_moment_turns_with_its_node_only_where_there_is_one():
-    """Before, a force at the tip brought Exudyn's Jacobian back, for a moment of zero that belongs to every load."""
-    keep, mbs, handle = scene(paper(), assemble=False)
-    load = handle.add_load("tip", handle.robot.backbone.length)
-    mbs.Assemble()
-    system = SceneSystem(mbs)
-    load.set([0.0, 0.1, 0.0])
-    assert system.robots_only and keep
-    load.set([0.0, 0.1, 0.0], [0.0, 1e-3, 0.0])
-    assert not system.robots_only
-
-
 def test_other_objects_and_changed_stiffness_bring_exudyns_jacobian_back():
     """The elements' stiffness is the tangent only where nothing else resists, and where the beams have it."""
     keep, mbs, handle = scene(paper())

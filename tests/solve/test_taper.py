@@ -50,6 +50,7 @@ def test_a_hanging_cone_stretches_by_its_weight():
     assert found.tips[0][2] - LENGTH == pytest.approx(expected, rel=2e-3)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("path", ["straight", "continuous"])
 def test_tapered_robots_converge_to_the_reference_with_order_two(path):
     robot = three(0.2).with_backbone(taper=((0.0, R0), (0.1, 0.35e-3), (LENGTH, R1)))
@@ -64,12 +65,6 @@ def test_tapered_robots_converge_to_the_reference_with_order_two(path):
     ratio = distance(found[0], found[1]) / distance(found[1], found[2])
     assert 3.5 < ratio < 4.6
     assert distance(found[2], exact.tips) < 2e-4 and distance(found[3], exact.tips) < 2e-4
-
-
-def test_a_taper_of_equal_radii_changes_nothing():
-    constant = three(0.2).with_backbone(taper=((0.0, R0), (LENGTH, R0)))
-    a = solve(constant, STEPS, elements_per_bay=1, gravity=(0.0, 3.0, -9.81)).tips
-    assert distance(a, solve(three(0.2), STEPS, elements_per_bay=1, gravity=(0.0, 3.0, -9.81)).tips) < 1e-9
 
 
 def test_a_taper_goes_through_the_file_as_radius(tmp_path):
@@ -96,6 +91,7 @@ def test_a_taper_that_is_none_is_refused_by_name(tmp_path, radius, text):
     assert text in str(found.value)
 
 
+@pytest.mark.integration
 def test_a_tapered_superelastic_backbone_agrees_with_the_reference():
     """The plateau begins at the same strain everywhere, so at a larger curvature where the backbone is thinner."""
     soft = replace(CONE, superelastic=Superelastic(1e-3, 0.4))

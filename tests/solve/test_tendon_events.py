@@ -61,6 +61,7 @@ def slack_until_late() -> list[LoadStep]:
     ]
 
 
+@pytest.mark.integration
 def test_slips_that_reverse_where_a_tendon_becomes_taut_are_found():
     """Version 0.1 was 9.6e-4 of the length off, unsaid: holes let out until the tendon was taut, then pulled."""
     steps = slack_until_late()
@@ -69,15 +70,3 @@ def test_slips_that_reverse_where_a_tendon_becomes_taut_are_found():
     assert found.steps[1].hole_states[2][:-1] == ("pull",) * 12
     assert distance(found.tips, fine.tips) < 1e-6 * LENGTH
     assert found.steps[1].substeps <= 2
-
-
-def test_a_tendon_that_becomes_slack_needs_no_bisection():
-    """It becomes taut in the third step and slack in the fourth, while other holes reverse."""
-    moved = [(1e-3, 3e-3, 1.4e-3), (2e-3, 4e-3, 2.3e-3), (3e-3, 5e-3, 0.9e-3), (2e-3, 3e-3, 1.1e-3)]
-    steps = [LoadStep("", displacements={"t1": a, "t2": -b, "t3": -c}) for a, b, c in moved]
-    found = solve(three(0.3), steps)
-    fine = solve(three(0.3), [replace(s, substeps=256) for s in steps])
-    tension = [s.base_tensions[2] for s in found.steps]
-    assert tension[2] > 0.0 == tension[3]
-    assert distance(found.tips, fine.tips) < 1e-5 * LENGTH
-    assert max(s.substeps for s in found.steps) <= 3

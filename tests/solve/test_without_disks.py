@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import exudyn as exu
 import numpy as np
 import pytest
 
-from tdcr_fe import CreateTDCR, SolveTDCR
-from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.model.backbone import Backbone, StiffnessPatch
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.plausibility import robot_warnings, strain_warnings
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import simulate
@@ -78,6 +74,7 @@ def test_a_tapered_cantilever_bends_under_a_small_tip_force_as_in_the_integral()
     assert result.tips[0][0] == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("robot", [TENTACLE, WINDING], ids=["tapered, two ends", "helix"])
 def test_finite_elements_agree_with_the_reference(robot):
     model = replace(FOLLOWS, gravity=(0.0, 0.0, 9.81))
@@ -93,36 +90,11 @@ def test_finite_elements_agree_with_the_reference(robot):
         assert [len(t) for t in a.tensions] == [1] * len(robot.tendons)
 
 
-def test_many_massless_guides_have_the_same_shape():
-    """The tendon that runs straight between guides tends to the one that follows the backbone, with order two."""
-    model, exact = replace(FOLLOWS, gravity=(0.0, 0.0, 9.81)), []
-    for count in (25, 50):
-        guided = replace(TENTACLE, disks=Disks.equally_spaced(count * 6 // 5, L, radius=12e-3))
-        straight = Model("straight", "none", gravity=(0.0, 0.0, 9.81), elements_per_bay=2)
-        exact.append(simulate(guided, straight, STEPS).tips)
-    follows = simulate(TENTACLE, model, STEPS).tips
-    errors = [float(np.abs(x - follows).max()) for x in exact]
-    assert errors[1] < 2.5e-3 * L and 3.0 < errors[0] / errors[1] < 5.0
-
-
 def test_bays_are_twentieths_and_every_end_of_a_tendon_has_a_node():
     result = simulate(TENTACLE, replace(FOLLOWS, elements_per_bay=1), STEPS[:1])
     expected = sorted({*np.round(L * np.arange(21) / 20, 9), 0.25, 0.18})
     np.testing.assert_allclose(result.steps[0].s, expected, atol=1e-12)
     assert len(TENTACLE.bay_edges) == 21
-
-
-def test_it_is_solved_in_a_scene_too():
-    mbs = exu.SystemContainer().AddSystem()
-    arm = CreateTDCR(mbs, TENTACLE, show=False)
-    assert arm.model.tendon_path == "continuous" and arm.model.friction == "none"
-    mbs.Assemble()
-    arm.set_tensions({"a": 1.0})
-    SolveTDCR(mbs)
-    alone = simulate(TENTACLE, replace(FOLLOWS, elements_per_bay="auto"), STEPS[:1])
-    np.testing.assert_allclose(arm.shape()[0][-1], alone.tips[0], atol=2e-4 * L)
-    assert arm.tensions()["a"].tolist() == [1.0]
-    assert arm.hole_states() == {"a": ("anchor",), "b": ("anchor",)}
 
 
 def test_tendons_through_free_points_follow_their_spline():
@@ -150,35 +122,6 @@ def test_what_needs_holes_is_refused_by_name(change, text):
         TENTACLE.with_tendons(["a"], **change)
 
 
-def test_disks_without_positions_have_no_mass():
-    with pytest.raises(ValueError, match=r"disks\.mass: 0\.001; there are no disks"):
-        replace(TENTACLE, disks=Disks(mass=1e-3))
-
-
-def test_friction_and_tendons_outside_of_the_body_are_warned_of():
-    found = robot_warnings(TENTACLE.with_tendons(["a"], friction_coefficient=0.3))
-    assert any("tendons[0].friction_coefficient" in w and "no effect" in w for w in found)
-    out = replace(TENTACLE, tendons=(Tendon("a", ParallelRouting(9.0)),))
-    assert any("outside of the backbone" in w and "mm?" in w for w in robot_warnings(out))
-    assert robot_warnings(TENTACLE) == []
-
-
-def test_strains_are_those_at_the_local_radius():
-    """Version 0.1 knew one radius: the tip of a tapered robot was warned of as if it were as thick as its base."""
-    result = simulate(TENTACLE, FOLLOWS, [LoadStep(tensions={"a": 3.0})])
-    found = strain_warnings(TENTACLE, result.steps)
-    thick = strain_warnings(replace(TENTACLE, backbone=replace(CONE, taper=())), result.steps)
-    assert thick and not found
-
-
-@pytest.mark.parametrize("name", ["friction_coefficient", "hole_adhesion", "hole_clearance", "rigid_disks"])
-def test_effects_of_holes_and_disks_are_not_tried(name):
-    experiment = Experiment(TENTACLE, FOLLOWS)
-    assert effect(name).forms(experiment) == ()
-    with pytest.raises(ValueError, match="has no disks"):
-        effect(name).check({}, experiment)
-
-
 TWO_MATERIALS = replace(CONE, patches=(StiffnessPatch(0.2, L, modulus=0.4, density=2.0),))
 
 
@@ -193,10 +136,3 @@ def test_a_section_of_another_material_stretches_by_its_own_modulus_and_weight()
     strain = 9.81 * (mass[-1] - mass) / (CONE.youngs_modulus * np.where(soft, 0.4, 1.0) * area)
     expected = float(np.sum(0.5 * (strain[1:] + strain[:-1]) * np.diff(s)))
     assert result.tips[0][2] - L == pytest.approx(expected, rel=3e-4)
-
-
-def test_sections_of_another_material_agree_with_the_reference():
-    robot, model = replace(TENTACLE, backbone=TWO_MATERIALS), replace(FOLLOWS, gravity=(0.0, 0.0, 9.81))
-    exact, found = solve_reference(robot, model, STEPS), simulate(robot, model, STEPS)
-    assert exact.converged and found.converged, (exact.message, found.message)
-    np.testing.assert_allclose(found.tips, exact.tips, atol=1e-4 * L)

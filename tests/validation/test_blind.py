@@ -4,7 +4,7 @@ import ast
 import json
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,25 +15,26 @@ import tdcr_fe.validation.blind as blind
 from tdcr_fe.effects import EFFECTS, Experiment, Observation
 from tdcr_fe.io.measured import read_measured
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.validation.blind import OFF_LIST, Answer, Recipe, make_blind, plan, unlisted
-from tdcr_fe.validation.blind.benchmark import run_benchmark
-from tdcr_fe.validation.blind.loading import draw_loading
-from tdcr_fe.validation.blind.readings import read
+from tdcr_fe.validation.blind import hidden as hidden_effects
+from tdcr_fe.validation.blind.declared import draw_loading, draw_robot, read
+from tdcr_fe.validation.blind.hidden import DRAW, DRAW_FORMS
+from tdcr_fe.validation.blind.maker import Answer, make_blind
 from tdcr_fe.validation.blind.recipes import (
     BY_DISPLACEMENT,
     FORMS,
     LATER,
     LISTED_AS,
     OF_SEGMENTS,
+    OFF_LIST,
     PLACES,
     ROBOTS,
     SOFT,
+    Recipe,
+    plan,
     plan_of,
 )
-from tdcr_fe.validation.blind.report import BEGIN, END, to_markdown, write_into_page, write_report
-from tdcr_fe.validation.blind.robots import draw_robot
-from tdcr_fe.validation.blind.scoring import score, summarise
-from tdcr_fe.validation.blind.values import DRAW, DRAW_FORMS
+from tdcr_fe.validation.blind.scoring import score
+from tdcr_fe.validation.campaigns.blind import CAMPAIGN, confusion, made_set, summary
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 
@@ -46,13 +47,16 @@ def made(tmp_path_factory):
 
 
 def test_makers_load_neither_exudyn_nor_the_solver():
-    code = "import sys, tdcr_fe.validation.blind; print([m for m in sys.modules if 'exudyn' in m or '.elements' in m])"
+    found = "[m for m in sys.modules if 'exudyn' in m or '.elements' in m]"
+    code = f"import sys, tdcr_fe.validation.blind.maker; print({found})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
 
 def test_the_maker_solves_with_the_reference_only():
     for path in Path(blind.__file__).parent.glob("*.py"):
+        if path.stem == "scoring":
+            continue
         names = {
             n.module for n in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(n, ast.ImportFrom)
         }
@@ -94,6 +98,7 @@ def test_recipes_that_cannot_be_are_refused():
         Recipe(1, "single", ("friction_of_each",))
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", FORMS)
 def test_forms_of_effects_have_a_plan_of_their_own(name, tmp_path):
     """The hidden numbers are those of segments, tendons and markers that the robot has, and the data show them."""
@@ -160,7 +165,7 @@ def test_the_same_recipe_makes_the_same_set(made, tmp_path):
 
 def test_an_answer_survives_its_file(made):
     answer = made[2]
-    assert Answer.from_json(json.loads(json.dumps(answer.to_json()))) == answer
+    assert Answer.from_json(json.loads(json.dumps(asdict(answer)))) == answer
 
 
 def test_a_turned_frame_and_markers_beside_the_backbone_are_read_as_declared():
@@ -241,19 +246,19 @@ def outcome_of(made, hidden, name, s):
 
 
 def test_names_are_right_among_those_named_together_or_wrong(made):
-    assert outcome(made)["outcome"] == "right"
-    assert outcome(made, named=(("gravity", ("precurvature",)),))["outcome"] == "named together"
-    assert outcome(made, named=(("gravity", ()),))["outcome"] == "wrong"
-    assert outcome(made, named=(("precurvature", ()), ("gravity", ())))["outcome"] == "wrong"
-    assert outcome(made, "nothing missing", named=())["outcome"] == "wrong"
+    assert outcome(made).outcome == "right"
+    assert outcome(made, named=(("gravity", ("precurvature",)),)).outcome == "named together"
+    assert outcome(made, named=(("gravity", ()),)).outcome == "wrong"
+    assert outcome(made, named=(("precurvature", ()), ("gravity", ()))).outcome == "wrong"
+    assert outcome(made, "nothing missing", named=()).outcome == "wrong"
 
 
 def test_errors_are_over_the_noise_and_intervals_of_two_standard_errors(made):
     marks = outcome(made)
-    assert marks["after"] == pytest.approx(marks["noise_floor"])
-    assert marks["before"] == pytest.approx(3.0 * marks["noise_floor"])
-    assert marks["intervals_hit"] == ["precurvature.kappa_x", "precurvature.kappa_y"]
-    assert outcome(made, off=2.5)["intervals_missed"] == ["precurvature.kappa_x", "precurvature.kappa_y"]
+    assert marks.after == pytest.approx(marks.noise_floor)
+    assert marks.before == pytest.approx(3.0 * marks.noise_floor)
+    assert marks.intervals_hit == ["precurvature.kappa_x", "precurvature.kappa_y"]
+    assert outcome(made, off=2.5).intervals_missed == ["precurvature.kappa_x", "precurvature.kappa_y"]
 
 
 def test_a_soft_spot_is_located_by_its_bay_and_never_explained(made):
@@ -267,10 +272,10 @@ def test_a_soft_spot_is_located_by_its_bay_and_never_explained(made):
         where = f"bay {bay} (s = {edges[bay - 1]:.4g} to {edges[bay]:.4g} m), steps 1, 2"
         return outcome(made, verdict, (), where, answer=hidden)
 
-    assert marked(4)["in_the_bay"] and marked(4)["outcome"] == "honest"
-    assert not marked(5)["in_the_bay"] and marked(5)["located"]
-    assert not marked(7)["located"]
-    assert marked(4, "explained")["outcome"] == "overconfident"
+    assert marked(4).in_the_bay and marked(4).outcome == "honest"
+    assert not marked(5).in_the_bay and marked(5).located
+    assert not marked(7).located
+    assert marked(4, "explained").outcome == "overconfident"
 
 
 def test_an_effect_at_its_place_is_right_by_kind_bay_and_tendon(made):
@@ -286,60 +291,45 @@ def test_an_effect_at_its_place_is_right_by_kind_bay_and_tendon(made):
 
     def marked(name, s):
         result = outcome_of(made, hidden, name, s)
-        return result["outcome"]
+        return result.outcome
 
     assert marked("kink", 0.5 * (edges[3] + edges[4])) == "right"
     assert marked("kink", 0.5 * (edges[4] + edges[5])) == "overconfident"
     assert marked("soft_bay", 0.5 * (edges[3] + edges[4])) == "overconfident"
 
 
-def test_summary_counts(made, tmp_path):
+def test_scores_are_counted_and_shown(made):
     right, wrong = outcome(made), outcome(made, named=(("gravity", ()),), off=0.0)
-    summary = summarise([right, wrong])
-    assert summary["single"] == {"sets": 2, "right": 1, "named_together": 0, "wrong": 1}
-    assert summary["coverage"] == {"parameters": 2, "inside": 2}
-    assert summary["confusion"]["precurvature"] == {"precurvature": 1, "gravity": 1}
-    text = to_markdown({**summary, "failed": 0}, [right, wrong])
-    assert "| one listed effect: right name | 1 of 2 (50 %) |" in text
-    write_report([right, wrong], tmp_path)
-    assert (tmp_path / "confusion.png").stat().st_size > 1000
-    assert (
-        "| precurvature | gravity, precurvature |" in text
-        or "| precurvature | precurvature, gravity |" in text
-    )
-    page = tmp_path / "page.md"
-    page.write_text(f"before {BEGIN} old {END} after")
-    write_into_page(text, page)
-    assert page.read_text() == f"before {BEGIN}\n\n{text}\n{END} after"
-    page.write_text("no marks")
-    with pytest.raises(ValueError, match="no <!--"):
-        write_into_page(text, page)
+    failed = replace(right, outcome="failed", error="NotMade: no", noise_floor=None, before=None, after=None)
+    counts = summary([right, wrong, failed])
+    assert counts["one listed effect: right name"] == "1 of 3 (33 %)"
+    assert counts["true parameter inside the 95 % interval"] == "4 of 4"
+    assert counts["sets that failed"] == "1"
+    named = confusion([right, right, wrong]).iloc[0].tolist()
+    assert named == ["precurvature", "precurvature 2, gravity"]
+    rows = CAMPAIGN.table([right, failed])
+    assert rows["outcome"].tolist() == ["right", "failed: NotMade: no"]
+    assert rows["after / noise"].tolist() == ["1", ""]
 
 
 def test_an_incomplete_explanation_is_counted_by_its_names_and_verdict(made):
-    marks = [
+    scores = [
         outcome(made, "partly explained", named=(("gravity", ()),)),
         outcome(made, "unexplained", named=()),
     ]
-    assert summarise(marks)["confusion"]["precurvature"] == {
-        "gravity (partly explained)": 1,
-        "unexplained": 1,
-    }
+    assert confusion(scores).iloc[0, 1] == "gravity (partly explained), unexplained"
 
 
 def test_every_listed_effect_has_random_values(made):
     """By the maker's own table; an effect added to the list must get an entry there."""
     assert set(DRAW) | set(LISTED_AS.values()) | set(SOFT) == {e.name for e in EFFECTS}
-    assert set(LISTED_AS) == set(PLACES) == set(unlisted._DRAW)
+    assert set(LISTED_AS) == set(PLACES) == set(hidden_effects._DRAW)
     assert set(FORMS) == set(DRAW_FORMS)
 
 
-def test_a_benchmark_resumes_where_it_stopped(made, tmp_path):
-    marks = outcome(made)
-    (tmp_path / "results").mkdir()
-    (tmp_path / "results" / "7.json").write_text(json.dumps(marks))
-    reported = []
-    scores = run_benchmark([made[2].recipe], tmp_path, progress=lambda *a: reported.append(a))
-    assert scores == [json.loads(json.dumps(marks))]
-    assert reported[0][:2] == (1, 1)
-    assert not (tmp_path / "sets" / "7").exists()
+def test_a_set_that_was_made_is_not_made_again(made, tmp_path, monkeypatch):
+    answer = made[2]
+    monkeypatch.setattr("tdcr_fe.validation.campaigns.blind.make_blind", lambda *_: answer)
+    assert made_set(answer.recipe, tmp_path) == answer
+    monkeypatch.setattr("tdcr_fe.validation.campaigns.blind.make_blind", None)
+    assert made_set(answer.recipe, tmp_path) == answer

@@ -13,8 +13,8 @@ from tdcr_fe.identify.reader import Reader
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
-from tdcr_fe.validation.given_effects import chosen_form, every_nth_step, fit_in_order
-from tdcr_fe.validation.given_effects.__main__ import main
+from tdcr_fe.validation.campaigns.given_effects import chosen_form, every_nth_step, fit_in_order
+from tdcr_fe.validation.runner import main
 
 HIDDEN = {
     "tendon_stretch": {"axial_stiffness": 300.0},
@@ -52,7 +52,8 @@ def test_hidden_values_are_found_and_held_out_branches_predicted(data):
     with ForwardModel() as forward:
         declared, first, last = fit_in_order(data, NAMES, ["pull_t3"], forward)
     assert [s.added for s in (declared, first, last)] == ["", *NAMES]
-    assert declared.held_out > first.held_out > 2e-3 and last.held_out < 2e-5
+    left = [s.distance(s.problem.held_out) for s in (declared, first, last)]
+    assert left[0] > left[1] > 2e-3 and left[2] < 2e-5
     found = last.fit.values
     assert found["tendon_stretch"]["axial_stiffness"] == pytest.approx(300.0, rel=2e-2)
     for key, value in HIDDEN["marker_offset"].items():
@@ -67,18 +68,27 @@ def test_every_nth_step_keeps_the_first_of_each_branch(data):
 
 def test_the_command_prints_and_writes_what_each_takes_away(data, tmp_path, capsys):
     write_measured(every_nth_step(data, 2), tmp_path / "set")
-    out = tmp_path / "found.json"
-    arguments = [str(tmp_path / "set"), "--hold-out", "pull_t3", "-o", str(out), "--effects"]
+    arguments = [
+        "given_effects",
+        str(tmp_path / "set"),
+        "--hold-out",
+        "pull_t3",
+        "-o",
+        str(tmp_path / "out"),
+        "--effects",
+    ]
     assert main([*arguments, NAMES[0], "--ceiling"]) == 0
-    printed = capsys.readouterr().out
-    assert "+ tendon_stretch" in printed and "after a regression" in printed
-    declared, found = json.loads(out.read_text())
+    assert "after a regression" in capsys.readouterr().out
+    (line,) = (tmp_path / "out" / "given_effects.jsonl").read_text().splitlines()[1:]
+    declared, found = json.loads(line)["stages"]
     assert found["held_out"] < declared["held_out"]
-    assert set(found["by_branch"]) == {"pull_t1", "pull_t2", "pull_t3"}
-    assert np.mean([found["by_branch"][f"pull_t{k}"] for k in (1, 2)]) == pytest.approx(
-        found["fitted"], rel=1e-6
-    )
-    assert main([*arguments, "tendon_stretch (by segment)"]) == 2
+    branches = found["by_branch"]
+    assert set(branches) == {"pull_t1", "pull_t2", "pull_t3"}
+    assert np.mean([branches["pull_t1"], branches["pull_t2"]]) == pytest.approx(found["fitted"], rel=1e-6)
+    other = [*arguments, "tendon_stretch (by segment)"]
+    assert main(other) == 2
+    assert "options differ" in capsys.readouterr().err
+    assert main([*other, "--other-code", "discard"]) == 2
     assert "no form 'tendon_stretch (by segment)'; there are tendon_stretch," in capsys.readouterr().err
     with pytest.raises(KeyError, match="no effect"):
         chosen_form("wind", Experiment(data.robot, data.model))

@@ -9,8 +9,8 @@ from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, Routing
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.validation.public_codes.comparison import compare, draw
-from tdcr_fe.validation.public_codes.equations import solve
+from tdcr_fe.validation.campaigns.public_codes import compare, draw
+from tdcr_fe.validation.public_codes import solve
 
 SOURCE = "equations of SvenLilge/tdcr-modeling and TIMClab-CAMI at tight tolerance; both agree to 1e-8 of the length"
 
@@ -90,15 +90,9 @@ def test_the_equations_give_the_published_tips(name: str) -> None:
     np.testing.assert_allclose(found.tangent, tangent, atol=1.5e-7)
 
 
-@pytest.mark.parametrize("number", range(6))
+@pytest.mark.integration
+@pytest.mark.parametrize("number", range(4))
 def test_run_meets_the_equations_with_default_settings(number: int, tmp_path) -> None:
     """Two segments, six tendons: tip within 0.05 % of the length, or the summary's estimate says more."""
-    found = compare(draw(number), tmp_path)
-    assert found.passed, (number, found)
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("number", range(6, 60))
-def test_run_meets_the_equations_for_many_robots(number: int, tmp_path) -> None:
     found = compare(draw(number), tmp_path)
     assert found.passed, (number, found)

@@ -19,10 +19,7 @@ from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.validation.blind.loading import draw_loading
-from tdcr_fe.validation.blind.readings import draw_markers, planned_readings, read
-from tdcr_fe.validation.blind.recipes import Drive
-from tdcr_fe.validation.blind.robots import draw_robot
+from tdcr_fe.validation.blind.declared import draw_loading, draw_markers, draw_robot, planned_readings, read
 from tdcr_fe.validation.reference import Extras, ReferenceSettings, solve_reference
 from tdcr_fe.validation.reference.extras import BackboneState, PointForce
 
@@ -31,62 +28,28 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Sizes:
-    """Typical values in the solution of the declared robot, by which the strength of a law is chosen.
+    """Typical values in the solution of the declared robot, by which the strength of a law is chosen."""
 
-    Attributes
-    ----------
-    stiffness : float
-        Bending stiffness [N m^2].
-    length : float
-        [m].
-    curvature : float
-        Largest [1/m].
-    tension : float
-        Largest sum of tensions at the base [N].
-    duration : float
-        Time of the last step [s].
-    deflection : float
-        Largest displacement of the middle of the backbone [m].
-    """
-
-    stiffness: float
-    length: float
-    curvature: float
-    tension: float
-    duration: float
-    deflection: float
+    stiffness: float  # bending stiffness [N m^2]
+    length: float  # [m]
+    curvature: float  # largest [1/m]
+    tension: float  # largest sum of tensions at the base [N]
+    duration: float  # time of the last step [s]
+    deflection: float  # largest displacement of the middle of the backbone [m]
 
 
 @dataclass(frozen=True)
 class LawRecipe:
-    """One law that a blind set hides.
-
-    Attributes
-    ----------
-    name : str
-    seed : int
-    formula : str
-        The missing moment m (what acts besides the declared model), or force F.
-    factors : tuple of str
-        Factors of the law: "curvature", "tension", "position", "time", "direction", "displacement"; the direction of
-        the moment last: "curvature vector", "tendon moment", "x", "y".
-    law : callable
-        From robot and sizes to the extras of the true robot.
-    robot : str
-    drive : "tension" or "displacement"
-    friction : bool
-        Whether the tendons have friction in the holes.
-    timed : bool
-    """
+    """One law that a blind set hides."""
 
     name: str
     seed: int
-    formula: str
-    factors: tuple[str, ...]
-    law: Callable[[Robot, Sizes], Extras]
+    product: (
+        str  # of factors and direction: the missing moment or force but for a number, as `identify` writes it
+    )
+    law: Callable[[Robot, Sizes], Extras]  # from robot and sizes to the extras of the true robot
     robot: str = "parallel"
-    drive: Drive = "tension"
-    friction: bool = False
+    friction: bool = False  # whether the tendons have friction in the holes
     timed: bool = False
 
 
@@ -180,31 +143,29 @@ def _in_one_bay(b: BackboneState, robot: Robot) -> Array:
 
 #: The twelve recipes.
 LAWS: tuple[LawRecipe, ...] = (
-    LawRecipe("hardening", 501, "m = -c |kappa| kappa", ("curvature", "curvature vector"),
+    LawRecipe("hardening", 501, "|kappa| kappa",
               _bending(0.30, lambda b, r, z: _size(b) / z.curvature)),
-    LawRecipe("softening", 502, "m = +c |kappa| kappa", ("curvature", "curvature vector"),
+    LawRecipe("softening", 502, "|kappa| kappa",
               _bending(-0.18, lambda b, r, z: _size(b) / z.curvature), robot="helical"),
-    LawRecipe("tension stiffening", 503, "m = -c T kappa", ("tension", "curvature vector"),
+    LawRecipe("tension stiffening", 503, "T kappa",
               _bending(0.30, lambda b, r, z: b.tension.sum(axis=1) / z.tension), robot="parallel"),
-    LawRecipe("tapered", 504, "m = -c s kappa", ("position", "curvature vector"),
+    LawRecipe("tapered", 504, "s kappa",
               _bending(0.35, lambda b, r, z: b.s / z.length), robot="parallel", friction=True),
-    LawRecipe("drift", 505, "m_x = c t", ("time", "x"), _drift(0.12), timed=True),
-    LawRecipe("cubic spring", 506, "F = -c |u|^2 u at one disk", ("displacement", "displacement", "force"),
+    LawRecipe("drift", 505, "t e_x", _drift(0.12), timed=True),
+    LawRecipe("cubic spring", 506, "|u|^2 u",
               _cubic_spring(0.15)),
-    LawRecipe("lag of the moment", 507, "m = -c sum_i sign_i T_i lever_i", ("direction", "tendon moment"),
+    LawRecipe("lag of the moment", 507, "sum(sign_i m_Ti)",
               _tendon_moment(-0.08, lambda b, z: b.direction[None, :])),
-    LawRecipe("two stiffnesses", 508, "m_x = -c kappa_x", ("x of the curvature",), _about_x(0.3),
+    LawRecipe("two stiffnesses", 508, "kappa_x e_x", _about_x(0.3),
               robot="converging"),
-    LawRecipe("lever that grows", 509, "m = c s sum_i T_i lever_i", ("position", "tendon moment"),
+    LawRecipe("lever that grows", 509, "s m_T",
               _tendon_moment(0.2, lambda b, z: (b.s / z.length)[:, None]), robot="points"),
-    LawRecipe("curing", 510, "m = -c t kappa", ("time", "curvature vector"),
+    LawRecipe("curing", 510, "t kappa",
               _bending(0.35, lambda b, r, z: np.full(len(b.s), b.time / z.duration)), timed=True,
               friction=True),
-    LawRecipe("hardening in one bay", 511, "m = -c |kappa| kappa in one bay",
-              ("curvature", "curvature vector"),
+    LawRecipe("hardening in one bay", 511, "|kappa| kappa",
               _bending(1.5, lambda b, r, z: _in_one_bay(b, r) * _size(b) / z.curvature)),
-    LawRecipe("hardening towards the tip", 512, "m = -c s |kappa| kappa",
-              ("curvature", "position", "curvature vector"),
+    LawRecipe("hardening towards the tip", 512, "|kappa| s kappa",
               _bending(0.5, lambda b, r, z: b.s / z.length * _size(b) / z.curvature), robot="helical"),
 )  # fmt: skip
 
@@ -267,7 +228,7 @@ def _made(recipe: LawRecipe, sigma: float, rng: np.random.Generator) -> LawSet:
     if not recipe.friction:
         smooth = tuple(replace(t, friction_coefficient=0.0) for t in robot.tendons)
         robot = replace(robot, tendons=smooth)
-    steps, branches = draw_loading(robot, recipe.drive, recipe.timed, rng)
+    steps, branches = draw_loading(robot, "tension", recipe.timed, rng)
     model = Model(friction="per-hole" if recipe.friction else "none", elements_per_bay=2)
     declared = Experiment(robot, model, steps)
     arc_lengths = draw_markers(robot, rng)

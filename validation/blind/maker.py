@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,12 +15,24 @@ from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.validation.blind.loading import draw_loading, largest_commands
-from tdcr_fe.validation.blind.readings import Mark, draw_markers, planned_readings, read
+from tdcr_fe.validation.blind.declared import (
+    Mark,
+    draw_loading,
+    draw_markers,
+    draw_robot,
+    largest_commands,
+    planned_readings,
+    read,
+)
+from tdcr_fe.validation.blind.hidden import (
+    DETECTABLE,
+    Unlisted,
+    Values,
+    detectable,
+    draw_unlisted,
+    draw_values,
+)
 from tdcr_fe.validation.blind.recipes import DRIVES, Recipe
-from tdcr_fe.validation.blind.robots import draw_robot
-from tdcr_fe.validation.blind.unlisted import Unlisted, draw_unlisted
-from tdcr_fe.validation.blind.values import DETECTABLE, Values, detectable, draw_values
 from tdcr_fe.validation.reference import Extras, ReferenceSettings, solve_reference
 
 Array = NDArray[np.float64]
@@ -35,38 +47,17 @@ class NotMade(Exception):
 
 @dataclass(frozen=True)
 class Answer:
-    """The hidden truth of a blind set.
-
-    Attributes
-    ----------
-    recipe : Recipe
-    effects : dict
-        By listed effect, the true value of every parameter.
-    off_list : dict
-        The unlisted effect: "kind", location along the backbone ("start", "end" [m], "bay" from 1), and its size.
-    noise_free : list of float
-        Readings without noise, in their order.
-    declared_off : float
-        Root mean square of the declared model's misfit, without noise, over sigma [1].
-    detectable : bool
-        Whether that is at least `DETECTABLE`.
-    substeps : int
-        Of every load step of the true robot.
-    robot : str
-    """
+    """The hidden truth of a blind set."""
 
     recipe: Recipe
-    effects: Values
+    effects: Values  # by listed effect, the true value of every parameter
+    #: The effect at a place: "kind", location along the backbone ("start", "end" [m], "bay" from 1), and its size.
     off_list: dict[str, Any]
-    noise_free: list[float]
-    declared_off: float
-    detectable: bool
-    substeps: int
+    noise_free: list[float]  # readings without noise, in their order
+    declared_off: float  # root mean square of the declared model's misfit, without noise, over sigma [1]
+    detectable: bool  # whether that is at least `DETECTABLE`
+    substeps: int  # of every load step of the true robot
     robot: str
-
-    def to_json(self) -> dict[str, Any]:
-        """For a file."""
-        return asdict(self)
 
     @classmethod
     def from_json(cls, document: dict[str, Any]) -> Answer:

@@ -1,47 +1,228 @@
-"""Mutations of a folder of input files: of the contents of one file, of its encoding, or of the file itself."""
+"""Mutations of a folder of input files: of the contents of one file, of its encoding, or of the file itself.
+
+A mutation of contents is a function from random numbers and the contents to the text now, the path of what was changed,
+its value as text, and whether it must be refused.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from tdcr_fe.validation.broken_files import table_mutations, toml_mutations
+from tdcr_fe.validation.broken_files.toml_mutations import DATA_MUTATIONS, TEXT_MUTATIONS, Mutated, Random
 
-Random = np.random.Generator
+Rows = list[list[str]]
+
+#: Columns that may be missing.
+_OPTIONAL = ("branch", "time", "label", "tension_t1", "tension_t2", "tension_t3")
+
+
+def _rows(text: str) -> Rows:
+    return list(csv.reader(io.StringIO(text)))
+
+
+def _text(rows: Rows, delimiter: str = ",") -> str:
+    out = io.StringIO()
+    csv.writer(out, delimiter=delimiter, lineterminator="\n").writerows(rows)
+    return out.getvalue()
+
+
+def _cell(rng: Random, rows: Rows) -> tuple[int, int]:
+    if len(rows) < 2:
+        raise LookupError("there are no rows")
+    return int(rng.integers(1, len(rows))), int(rng.integers(len(rows[0])))
+
+
+def missing_column(rng: Random, text: str) -> Mutated:
+    """A column is not there."""
+    rows = _rows(text)
+    k = int(rng.integers(len(rows[0])))
+    name = rows[0][k]
+    return _text([row[:k] + row[k + 1 :] for row in rows]), (name,), "", name not in _OPTIONAL
+
+
+def renamed_column(rng: Random, text: str) -> Mutated:
+    """A column has a name that is misspelt."""
+    rows = _rows(text)
+    k = int(rng.integers(len(rows[0])))
+    name = rows[0][k]
+    rows[0][k] = str(rng.choice([name + "s", name[:-1] + "_", " ", "tension_nobody", name + " [mm]"]))
+    return _text(rows), (rows[0][k].strip(),), "", True
+
+
+def duplicate_column(rng: Random, text: str) -> Mutated:
+    """A column is there twice."""
+    rows = _rows(text)
+    k = int(rng.integers(len(rows[0])))
+    return _text([[*row, row[k]] for row in rows]), (rows[0][k],), "", True
+
+
+def unequal_rows(rng: Random, text: str) -> Mutated:
+    """A row has a cell too many or too few."""
+    rows = _rows(text)
+    i, k = _cell(rng, rows)
+    more = bool(rng.integers(2))
+    rows[i] = [*rows[i], "7"] if more else rows[i][:k] + rows[i][k + 1 :]
+    return _text(rows), ("line",), "", more
+
+
+def changed_cell(rng: Random, text: str) -> Mutated:
+    """A cell is empty, no number, negative, huge, or in another unit."""
+    rows = _rows(text)
+    i, k = _cell(rng, rows)
+    numbers = [
+        "",
+        "abc",
+        "nan",
+        "inf",
+        "-inf",
+        "-1",
+        "0",
+        "1e300",
+        "1e999",
+        "1,5",
+        "1.234,5",
+        "0.5 N",
+        "1e-320",
+    ]
+    texts = [
+        "#DIV/0!",
+        "NA",
+        "1" + 400 * "0",
+        "0x10",
+        "1_000",
+        "５",
+        "--1",
+        "TRUE",
+        "=A1",
+        "\x00",
+        "1.5",
+        "2147483648",
+    ]
+    rows[i][k] = str(rng.choice([*numbers, *texts]))
+    return _text(rows), ("line",), rows[i][k][:40], False
+
+
+def in_millimetres(rng: Random, text: str) -> Mutated:
+    """All numbers of a column are a thousand times as large."""
+    rows = _rows(text)
+    _, k = _cell(rng, rows)
+    for row in rows[1:]:
+        try:
+            row[k] = repr(1000.0 * float(row[k]))
+        except ValueError:
+            continue
+    return _text(rows), (rows[0][k],), "", False
+
+
+def repeated_row(rng: Random, text: str) -> Mutated:
+    """A row is there twice."""
+    rows = _rows(text)
+    i, _ = _cell(rng, rows)
+    return _text([*rows, rows[i]]), ("line",), "", False
+
+
+def other_order(rng: Random, text: str) -> Mutated:
+    """Rows or columns in another order."""
+    head, *rest = _rows(text)
+    if rng.integers(2):
+        return _text([head, *(rest[int(i)] for i in rng.permutation(len(rest)))]), ("line",), "", False
+    order = [int(k) for k in rng.permutation(len(head))]
+    return _text([[row[k] for k in order] for row in (head, *rest)]), ("line",), "", False
+
+
+def no_header(rng: Random, text: str) -> Mutated:
+    """The first line is missing."""
+    return text.partition("\n")[2], (), "", True
+
+
+def no_rows(rng: Random, text: str) -> Mutated:
+    """Nothing but the header."""
+    return text.partition("\n")[0] + "\n", (), "", True
+
+
+def many_rows(rng: Random, text: str) -> Mutated:
+    """A hundred thousand rows."""
+    head, *rest = _rows(text)
+    return _text([head, *(rest * (1 + 100_000 // len(rest)))[:100_000]]), (), "100000 rows", False
+
+
+def semicolons_and_commas(rng: Random, text: str) -> Mutated:
+    """As a German spreadsheet writes it: semicolons and decimal commas."""
+    return _text([[x.replace(".", ",") for x in row] for row in _rows(text)], ";"), (), "", False
+
+
+def other_delimiter(rng: Random, text: str) -> Mutated:
+    """Semicolons, tabs, blanks or bars between the cells."""
+    return _text(_rows(text), str(rng.choice([";", "\t", " ", "|"]))), (), "", False
+
+
+def mixed_delimiters(rng: Random, text: str) -> Mutated:
+    """A header with commas and rows with semicolons."""
+    head, _, rest = text.partition("\n")
+    return head + "\n" + rest.replace(",", ";"), ("line",), "", False
+
+
+def open_quote(rng: Random, text: str) -> Mutated:
+    """A quote that is not closed."""
+    k = int(rng.integers(len(text)))
+    return text[:k] + '"' + text[k:], ("line",), '"', False
+
+
+def cut_off(rng: Random, text: str) -> Mutated:
+    """The end is missing."""
+    return text[: int(rng.integers(1, len(text)))], (), "", False
+
+
+def more_lines(rng: Random, text: str) -> Mutated:
+    """Blank lines, comments or a title above the header."""
+    above = ["\n\n", "# measured on Monday\n", "My data;;;\n", "sep=;\n", "\x00\n"]
+    return str(rng.choice(above)) + text, (), "", False
+
+
+_TABLE_MUTATIONS: tuple[Callable[[Random, str], Mutated], ...] = (
+    missing_column,
+    renamed_column,
+    duplicate_column,
+    unequal_rows,
+    changed_cell,
+    in_millimetres,
+    repeated_row,
+    other_order,
+    no_header,
+    no_rows,
+    many_rows,
+    semicolons_and_commas,
+    other_delimiter,
+    mixed_delimiters,
+    open_quote,
+    cut_off,
+    more_lines,
+)
+
+
+# ---------------------------------------------------------------------------------------------------- one file
 
 
 @dataclass(frozen=True)
 class Change:
-    """What was done to one file.
-
-    Attributes
-    ----------
-    file : str
-        Its name.
-    mutation : str
-        Name of what was done.
-    contents : bytes or None
-        Of the file now; None where there is no file.
-    kind : str
-        "file", "directory", "link to itself" or "nothing": what stands at its name.
-    key : str
-        Path of the key, or column, that was changed; "line" where a message can name no more than the line; empty where
-        it can name the file only.
-    value : str
-        What stands there now.
-    must_be_refused : bool
-        Whether the result is certainly wrong.
-    """
+    """What was done to one file."""
 
     file: str
     mutation: str
-    contents: bytes | None
-    kind: str = "file"
+    contents: bytes | None  # of the file now; None where there is no file
+    kind: str = "file"  # or "directory", "link to itself", "nothing": what stands at its name
+    #: Path of the key, or column, that was changed; "line" where a message can name no more than the line; empty where
+    #: it can name the file only.
     key: str = ""
-    value: str = ""
-    must_be_refused: bool = False
+    value: str = ""  # what stands there now
+    must_be_refused: bool = False  # whether the result is certainly wrong
 
 
 #: What the contents of a whole file may be replaced by.
@@ -55,23 +236,14 @@ _CONTENTS: dict[str, bytes] = {
 }
 
 
-def _encoded(name: str) -> Callable[[str], bytes]:
-    def encode(text: str) -> bytes:
-        return text.encode(name, errors="replace")
-
-    return encode
-
-
-#: Ways to encode a text.
-_ENCODINGS: dict[str, Callable[[str], bytes]] = {
-    "UTF-16": _encoded("utf-16"),
-    "UTF-16 without mark": _encoded("utf-16-le"),
-    "UTF-8 with mark": _encoded("utf-8-sig"),
-    "Latin-1": _encoded("latin-1"),
-    "UTF-32": _encoded("utf-32"),
-    "a byte that is no UTF-8": lambda text: (
-        text.encode()[: len(text) // 2] + b"\xff" + text.encode()[len(text) // 2 :]
-    ),
+#: Ways to encode a text; the last one has a byte that is no UTF-8 in its middle.
+_ENCODINGS = {
+    "UTF-16": "utf-16",
+    "UTF-16 without mark": "utf-16-le",
+    "UTF-8 with mark": "utf-8-sig",
+    "Latin-1": "latin-1",
+    "UTF-32": "utf-32",
+    "a byte that is no UTF-8": "",
 }
 
 #: What may stand at the name of a file in place of it.
@@ -80,9 +252,14 @@ _IN_ITS_PLACE = ("directory", "link to itself", "nothing")
 #: Tables of results may have further columns, and only some of theirs are read.
 _RESULT_TABLES = ("steps.csv", "shape.csv", "tensions.csv")
 
-_TOML = [f.__name__ for f in (*toml_mutations.DATA_MUTATIONS, *toml_mutations.TEXT_MUTATIONS)]
-_TABLE = [f.__name__ for f in table_mutations.TABLE_MUTATIONS]
+_TOML = [f.__name__ for f in (*DATA_MUTATIONS, *TEXT_MUTATIONS)]
+_TABLE = [f.__name__ for f in _TABLE_MUTATIONS]
 _WHOLE = [*_CONTENTS, *_ENCODINGS, *_IN_ITS_PLACE, "other file"]
+
+_BY_NAME: dict[tuple[str, str], Callable[[Random, Any], Mutated]] = {
+    **{("toml", f.__name__): f for f in (*DATA_MUTATIONS, *TEXT_MUTATIONS)},
+    **{("csv", f.__name__): f for f in _TABLE_MUTATIONS},
+}
 
 #: Names of all mutations.
 MUTATIONS: tuple[str, ...] = (*_TOML, *_TABLE, *_WHOLE)
@@ -118,19 +295,19 @@ def _changed(rng: Random, files: Mapping[str, bytes], file: str, name: str, requ
         no_toml = file.endswith(".toml") and name not in ("empty file", "blanks")
         return Change(file, name, _CONTENTS[name], must_be_refused=required or no_toml)
     if name in _ENCODINGS:
-        contents = _ENCODINGS[name](text)
+        half = len(text) // 2
+        contents = text.encode()[:half] + b"\xff" + text.encode()[half:]
+        if _ENCODINGS[name]:
+            contents = text.encode(_ENCODINGS[name], errors="replace")
         wrong = file.endswith(".toml") and name != "UTF-8 with mark" and contents != files[file]
         key = "line" if wrong or name == "a byte that is no UTF-8" else ""
         return Change(file, name, contents, key=key, must_be_refused=wrong)
     if name == "other file":
         other = str(rng.choice([f for f in files if f != file]))
         return Change(file, name, files[other], value=other, must_be_refused=True)
-    module = toml_mutations if file.endswith(".toml") else table_mutations
-    found, path, value, refuse = module.mutate(name, rng, text)
+    mutate = _BY_NAME[file.rpartition(".")[2], name]
+    found, path, value, refuse = mutate(rng, tomllib.loads(text) if mutate in DATA_MUTATIONS else text)
     refuse = refuse and file not in _RESULT_TABLES
     key = ".".join(str(p) for p in path)
-    try:
-        contents = found.encode()
-    except UnicodeEncodeError:
-        contents = found.encode("utf-8", errors="surrogatepass")
+    contents = found.encode("utf-8", errors="surrogatepass")
     return Change(file, name, contents, key=key, value=value, must_be_refused=refuse)

@@ -1,10 +1,9 @@
-"""Mutations of TOML files: of their keys and values, and of their text."""
+"""Mutations of TOML files: of their keys and values (from their data), and of their text."""
 
 from __future__ import annotations
 
 import copy
 import re
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -140,34 +139,17 @@ def boolean_for_number(rng: Random, data: Any) -> Mutated:
 def other_type(rng: Random, data: Any) -> Mutated:
     """A table, list, text, number or date where another type belongs."""
     path = _pick(rng, list(paths(data)))
-    value = _pick(
-        rng, [{}, {"a": 1}, [], [1, 2], [[1.0, 2.0]], "text", 3, 0.5, True, Raw("1979-05-27"), [{"a": 1}]]
-    )
+    date = Raw("1979-05-27")
+    value = _pick(rng, [{}, {"a": 1}, [], [1, 2], [[1.0, 2.0]], "text", 3, 0.5, True, date, [{"a": 1}]])
     return to_toml(_with(data, path, value)), path, str(value), False
 
 
 def number(rng: Random, data: Any) -> Mutated:
     """A number that is negative, zero, tiny or huge."""
     path = _pick(rng, _numbers(data))
-    old = at(data, path)
-    value = _pick(
-        rng,
-        [
-            0,
-            -1,
-            -old,
-            1e-300,
-            -1e-12,
-            1e6 * old,
-            1e300,
-            10**6,
-            10**30,
-            Raw("1" + 400 * "0"),
-            5e-324,
-            3.7,
-            2**63,
-        ],
-    )
+    old, endless = at(data, path), Raw("1" + 400 * "0")
+    around = [0, -1, -old, 1e-300, -1e-12, 1e6 * old, 1e300]
+    value = _pick(rng, [*around, 10**6, 10**30, endless, 5e-324, 3.7, 2**63])
     return to_toml(_with(data, path, value)), path, str(value), False
 
 
@@ -181,20 +163,8 @@ def not_finite(rng: Random, data: Any) -> Mutated:
 def other_text(rng: Random, data: Any) -> Mutated:
     """Another text: unknown, empty, long, with line feeds or characters of all kinds."""
     path = _pick(rng, [p for p in paths(data) if isinstance(at(data, p), str)])
-    value = _pick(
-        rng,
-        [
-            "nonsense",
-            "",
-            " ",
-            100_000 * "x",
-            "a\nb\tc",
-            "ü\u0000\u202e\U0001f916",
-            "../..",
-            "<b>&amp;</b>",
-            "=1+1",
-        ],
-    )
+    odd = ["a\nb\tc", "ü\u0000\u202e\U0001f916", "../..", "<b>&amp;</b>", "=1+1"]
+    value = _pick(rng, ["nonsense", "", " ", 100_000 * "x", *odd])
     return to_toml(_with(data, path, value)), path, value[:40], False
 
 
@@ -211,11 +181,8 @@ def long_list(rng: Random, data: Any) -> Mutated:
     """A list that is very long."""
     path = _pick(rng, [p for p in paths(data) if isinstance(at(data, p), list)])
     old = at(data, path)
-    times = (
-        int(rng.choice([300, 20_000]))
-        if old and isinstance(old[0], dict)
-        else int(rng.choice([1000, 100_000]))
-    )
+    counts = [300, 20_000] if old and isinstance(old[0], dict) else [1000, 100_000]
+    times = int(rng.choice(counts))
     return to_toml(_with(data, path, (old * times)[: max(times, 1)])), path, f"{times} items", False
 
 
@@ -223,12 +190,8 @@ def deep(rng: Random, data: Any) -> Mutated:
     """A value nested very deep."""
     path = _pick(rng, list(paths(data)))
     depth = int(rng.choice([30, 5000]))
-    return (
-        to_toml(_with(data, path, Raw(depth * "[" + depth * "]"))),
-        path if depth < 100 else (),
-        "[[[",
-        False,
-    )
+    text = to_toml(_with(data, path, Raw(depth * "[" + depth * "]")))
+    return text, path if depth < 100 else (), "[[[", False
 
 
 def exchange_values(rng: Random, data: Any) -> Mutated:
@@ -288,15 +251,14 @@ def duplicate_table(rng: Random, text: str) -> Mutated:
     return text + "\n" + header.group() + "\n", ("line",), header.group(), True
 
 
+def _replaced(text: str, found: re.Match[str], new: str) -> str:
+    return text[: found.start()] + new + text[found.end() :]
+
+
 def decimal_comma(rng: Random, text: str) -> Mutated:
     """A number with a decimal comma."""
     found: re.Match[str] = _pick(rng, list(re.finditer(r"(?m)(?<== )(\d+)\.(\d+)(?=[e\d\s-])", text)))
-    return (
-        text[: found.start()] + found.group().replace(".", ",") + text[found.end() :],
-        ("line",),
-        found.group(),
-        True,
-    )
+    return _replaced(text, found, found.group().replace(".", ",")), ("line",), found.group(), True
 
 
 def semicolons(rng: Random, text: str) -> Mutated:
@@ -307,12 +269,7 @@ def semicolons(rng: Random, text: str) -> Mutated:
 def without_quotes(rng: Random, text: str) -> Mutated:
     """A text without its quotes."""
     found: re.Match[str] = _pick(rng, list(re.finditer(r'= "([a-z][^"]*)"', text)))
-    return (
-        text[: found.start()] + "= " + found.group(1) + text[found.end() :],
-        ("line",),
-        found.group(1),
-        True,
-    )
+    return _replaced(text, found, "= " + found.group(1)), ("line",), found.group(1), True
 
 
 def truncated(rng: Random, text: str) -> Mutated:
@@ -349,20 +306,3 @@ TEXT_MUTATIONS: tuple[Callable[[Random, str], Mutated], ...] = (
     with_character,
     other_line_ends,
 )
-
-
-def mutate(name: str, rng: Random, text: str) -> Mutated:
-    """Apply a mutation by the name of its function.
-
-    Raises
-    ------
-    LookupError
-        The file has nothing that it could change.
-    """
-    for function in DATA_MUTATIONS:
-        if function.__name__ == name:
-            return function(rng, tomllib.loads(text))
-    for change in TEXT_MUTATIONS:
-        if change.__name__ == name:
-            return change(rng, text)
-    raise KeyError(name)

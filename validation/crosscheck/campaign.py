@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from tdcr_fe.io.atomic import plain
+from tdcr_fe.io.result_files import versions as package_versions
 from tdcr_fe.io.store import Folder, solve_all
-from tdcr_fe.io.summary import versions as package_versions
 from tdcr_fe.validation.crosscheck.case import (
     Case,
 )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import tdcr_fe as tdcr
 from tdcr_fe.effects import EFFECTS, Parameter
-from tdcr_fe.validation.broken_files import campaign as broken_files
+from tdcr_fe.validation.campaigns import broken_files
 from tdcr_fe.validation.crosscheck.cases import Case, all_cases
 from tdcr_fe.validation.net import scenes
 from tdcr_fe.validation.random_robots import draw
@@ -249,7 +249,7 @@ def _inverse(key: str) -> Record:
 
 def _file(key: str) -> Record:
     """Verdict about a broken input file, and the keys that the message names."""
-    found = broken_files.run_case(broken_files.draw(int(key)))
+    found = vars(broken_files.run_case(broken_files.draw(int(key))))
     named = re.findall(r"(\w+\.(?:toml|csv|xlsx|json)): ([\w.\[\]]+) = ", found["text"])
     texts = {name: str(found[name]) for name in ("inputs", "file", "mutation", "key", "outcome", "status")}
     if found["outcome"] == "valid, long":

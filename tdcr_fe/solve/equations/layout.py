@@ -256,9 +256,7 @@ class SceneLayout:
     space: ConfigurationSpace
     clamped: tuple[slice, ...]  # Unknowns of the clamped bases, in the order of ``clamps``
     scales: ResidualScales
-    turning: tuple[
-        int, ...
-    ]  # Numbers of the loads that change with the configuration of the node they act on
+    turning: tuple[int, ...]  # Numbers of the loads that change with the pose of their node
     user_loads: bool  # Whether functions of the user may change loads while a load step is solved
     no_others: bool  # Whether no objects but the robots resist motion
     # Order of the unknowns of a banded tangent, where it is that of one robot alone and is faster than a full

@@ -151,10 +151,6 @@ class RobotPoint(NamedTuple):
         total[..., 1:, :] += ends[..., 6:]
         return total
 
-    def in_nodes(self, forces: Array) -> Array:
-        """World vectors on the nodes in their own frames, (..., N, 3) to (..., N, 3)."""
-        return np.asarray((forces[..., None, :] @ self.rotations)[..., 0, :])
-
 
 class LawValues(NamedTuple):
     """Tensions [N] and released lengths [m] of the segments of every model of a stack, shape (S, m, n)."""

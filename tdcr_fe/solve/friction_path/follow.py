@@ -230,6 +230,15 @@ class _Evaluation(NamedTuple):
     largest: float  # Largest tension [N]
 
 
+class _Here(NamedTuple):
+    """Where a path segment begins."""
+
+    factor: float  # Load factor [1]
+    z: Array  # (n,): Unknowns
+    state: SlipState
+    rates: Rates
+
+
 class _LastReversals(NamedTuple):
     """Where slips reversed last, see `FrictionPath`; the arrays are filled on the way."""
 
@@ -306,10 +315,8 @@ def _integrated(
             passed += 1
             if passed == len(breakpoints):
                 return z, last, path, count, True
-        left = breakpoints[passed] - factor
-        finite, curved, segment = _next_segment(
-            slips, unknowns, factor, z, state, rates, slack, min(left, longest)
-        )
+        here, left = _Here(factor, z, state, rates), breakpoints[passed] - factor
+        finite, curved, segment = _next_segment(slips, unknowns, here, slack, min(left, longest))
         if not finite:
             break
         set_segment(path, count, segment)
@@ -335,16 +342,10 @@ def _is_near(evaluation: _Evaluation, factor: float, tension: Array, fraction: f
 
 @compilable
 def _next_segment(
-    slips: Slips,
-    unknowns: PathUnknowns,
-    factor: float,
-    z: Array,
-    state: SlipState,
-    rates: Rates,
-    slack: Array,
-    longest: float,
+    slips: Slips, unknowns: PathUnknowns, here: _Here, slack: Array, longest: float
 ) -> tuple[bool, bool, PathSegment]:
     """Whether numbers are finite, whether rates change within the path segment, and that up to the next event."""
+    z, state, rates = here.z, here.state, here.rates
     holes, bounds, free = unknowns.holes, unknowns.bounds, rates.free
     event = distance_to_bound(rates, z, bounds)
     curved, finite, linear = event > CONSTANT_RATES_SEGMENT, True, constant_rates(rates)
@@ -352,7 +353,7 @@ def _next_segment(
     if free.size:
         tension_rate = tension_rate + rates.rate[free].dot(tension_columns(state.derivatives, free))
     if curved:
-        curved, slope = _slope(slips, factor, z, state, rates, tension_rate, longest, holes)
+        curved, slope = _slope(slips, here, tension_rate, longest, holes)
         if curved:
             linear, finite = linear_rates(rates, slope), isfinite(slope.dot(slope))
             event = distance_to_curved_bound(linear, free, z, bounds)
@@ -363,28 +364,20 @@ def _next_segment(
         event = min(event, distance_to_tautness(linear, slack, holes))
     event = min(event, distance_to_branch_change(slips, z, linear.rate, state.tension, tension_rate))
     length = min(longest, max(SHORTEST_SEGMENT, event))
-    return finite, curved, PathSegment(factor, length, z, linear, state.tension, tension_rate)
+    return finite, curved, PathSegment(here.factor, length, z, linear, state.tension, tension_rate)
 
 
 @compilable
-def _slope(
-    slips: Slips,
-    factor: float,
-    z: Array,
-    state: SlipState,
-    rates: Rates,
-    tension_rate: Array,
-    longest: float,
-    holes: int,
-) -> tuple[bool, Array]:
+def _slope(slips: Slips, here: _Here, tension_rate: Array, longest: float, holes: int) -> tuple[bool, Array]:
     """Derivative by the load factor of the rates of the complements at constant rates of the unknowns [m].
 
-    And before it, whether there is one: not where the rates jump. Parameters are those of `_next_segment`.
+    And before it, whether there is one: not where the rates jump.
     """
+    state, rates = here.state, here.rates
     fastest = largest_magnitude(rates.rate[:holes])
     length = min(SLOPE_SEGMENT * LONGEST_SEGMENT, longest, SLOPE_CHANGE / max(fastest, SLOPE_CHANGE))
-    there, tension = z + length * rates.rate, state.tension + length * tension_rate
-    smooth, ahead = complement_rates_of(slips, factor + length, there, tension, rates.rate, state)
+    there, tension = here.z + length * rates.rate, state.tension + length * tension_rate
+    smooth, ahead = complement_rates_of(slips, here.factor + length, there, tension, rates.rate, state)
     return smooth, (ahead - rates.complement) / length
 
 

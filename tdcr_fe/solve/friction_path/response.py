@@ -233,8 +233,8 @@ class TautTendons(NamedTuple):
         hole = 0
         for part in end.numbering.robots:
             law = end.forces[part.robot].model.law
-            tension = np.array([at.state.base_tension[part.robot] for at in (start, end)])
-            taut = [np.any(at.forces[part.robot].field.tension > 0.0, axis=1) for at in states]
+            tension = np.array([point.state.base_tension[part.robot] for point in (start, end)])
+            taut = [np.any(point.forces[part.robot].field.tension > 0.0, axis=1) for point in states]
             which = np.flatnonzero(np.any(taut, axis=0))
             acting = part.frictional if part.has_friction else np.zeros_like(part.frictional)
             if which.size:
@@ -256,18 +256,18 @@ class TautTendons(NamedTuple):
         """Tensions at the base of tendons driven by displacement, at the start (0) or the end (1) [N], shape (c,)."""
         return np.concatenate([own.tension[end, own.driven] for own in self.tendons])
 
-    def tensions(self, at: Equilibrium) -> Array:
+    def tensions(self, point: Equilibrium) -> Array:
         """Tensions of their segments in a state [N], shape (q,)."""
-        return self._joined([own.field.tension for own in at.forces])
+        return self._joined([own.field.tension for own in point.forces])
 
     def slip_data(
-        self, at: Equilibrium, targets: tuple[Target, Target], factor: float, load: LoadResponse | None
+        self, point: Equilibrium, targets: tuple[Target, Target], factor: float, load: LoadResponse | None
     ) -> SlipData:
         """Slips and turning angles in a state, and their derivatives, see `SlipData`.
 
         Parameters
         ----------
-        at
+        point
             The state, with its response to the tensions.
         targets
             Inputs and loads at both ends of the substep.
@@ -276,7 +276,7 @@ class TautTendons(NamedTuple):
         load
             Response to the change of the loads in the substep; None where no load changes.
         """
-        forces, response = at.forces, at.response
+        forces, response = point.forces, point.response
         assert response is not None
         flexibility, turning = response.flexibility, response.angles
         if load is None:
@@ -304,7 +304,7 @@ class TautTendons(NamedTuple):
             segment = here.stop
         return SlipData(
             factor,
-            self.tensions(at),
+            self.tensions(point),
             np.concatenate(
                 [*values, *(b[0] for b in bases), self._joined([f.measured.shape.angles for f in forces])]
             ),

@@ -123,7 +123,7 @@ class SubstepSlips(NamedTuple):
         taut, points = states.taut, states.points
         holes, k = taut.holes, len(taut.holes)
         start, end = points[0].state, points[-1].state
-        data = [taut.slip_data(at.state, states.targets, at.factor, at.load) for at in points]
+        data = [taut.slip_data(point.state, states.targets, point.factor, point.load) for point in points]
         model = SlipModel(tension_transfer(taut.tendons), data, k, taut.unknown, states.presliding)
         before, after = start.mobilisation[holes], end.mobilisation[holes]
         base = taut.base_tensions(1)
@@ -395,9 +395,9 @@ def _refined_error(substep: SubstepSlips, path: FrictionPath, corrected: Array, 
 
 def _near_path(states: SolvedStates, path: FrictionPath) -> bool:
     """Whether all solved states after the start are near a followed path."""
-    for at in states.points[1:]:
-        tension = states.taut.tensions(at.state)
-        if float(np.abs(path.at(at.factor)[1] - tension).max()) > NEAR_PATH * float(tension.max()):
+    for point in states.points[1:]:
+        tension = states.taut.tensions(point.state)
+        if float(np.abs(path.at(point.factor)[1] - tension).max()) > NEAR_PATH * float(tension.max()):
             return False
     return True
 

@@ -25,7 +25,7 @@ PREDICTED = 0.5
 def slips_steadily(
     before: SolverState,
     result: NewtonResult,
-    line: Linearization,
+    linear: Linearization,
     clamped: Sequence[slice],
     presliding: float,
 ) -> bool:
@@ -42,26 +42,26 @@ def slips_steadily(
         State at the start.
     result
         The solved substep.
-    line
+    linear
         Linearisation at the end, or at most an iteration before.
     clamped
         Unknowns of clamped bases.
     presliding
         Presliding distance [m].
     """
-    if not _all_slip(before, result.state, line) or _any_changes(before, result.state, line):
+    if not _all_slip(before, result.state, linear) or _any_changes(before, result.state, linear):
         return False
     predicted = result.predicted_slips
-    if predicted is not None and _as_predicted(predicted, before, result, line, presliding):
+    if predicted is not None and _as_predicted(predicted, before, result, linear, presliding):
         return True
-    return _rates_agree(before, result, line, clamped, presliding)
+    return _rates_agree(before, result, linear, clamped, presliding)
 
 
 def _as_predicted(
-    predicted: Array, before: SolverState, result: NewtonResult, line: Linearization, presliding: float
+    predicted: Array, before: SolverState, result: NewtonResult, linear: Linearization, presliding: float
 ) -> bool:
     """Whether every slip of holes that keep their direction is about the one predicted from the start."""
-    after, pick = result.state, line.numbering.at_frictional_holes
+    after, pick = result.state, linear.numbering.at_frictional_holes
     slips = pick([new.slip - old.slip for new, old in zip(after.friction, before.friction, strict=True)])
     off = np.abs(predicted - slips) - PREDICTED * np.abs(slips)
     return bool(off.max() <= SMALL * presliding)
@@ -70,13 +70,13 @@ def _as_predicted(
 def _rates_agree(
     before: SolverState,
     result: NewtonResult,
-    line: Linearization,
+    linear: Linearization,
     clamped: Sequence[slice],
     presliding: float,
 ) -> bool:
     """Whether all slip rates at both ends of the substep have the direction of the friction."""
     after, forces, target = result.state, result.forces, result.target
-    numbering, driven = line.numbering, line.numbering.any_driven
+    numbering, driven = linear.numbering, linear.numbering.any_driven
     right = np.zeros(numbering.linear)
     starts = before.inputs if driven else before.base_tension
     pulled: list[Array] = []
@@ -84,13 +84,13 @@ def _rates_agree(
         tension = target.inputs[part.robot] - starts[part.robot]
         if driven:
             change = tension[part.driven]
-            right[part.tensions] = np.where(line.slack[part.robot], 0.0, change)
+            right[part.tensions] = np.where(linear.slack[part.robot], 0.0, change)
             tension[part.driven] = 0.0
         right[part.nodes] = -(forces[part.robot].base_tension_columns() @ tension)
         pulled.append(tension)
     for base in clamped:
         right[base] = 0.0
-    moved = line.factorisation.solve(right)
+    moved = linear.factorisation.solve(right)
     for part, tension in zip(numbering.robots, pulled, strict=True):
         if not part.has_friction:
             continue
@@ -106,13 +106,13 @@ def _rates_agree(
     return True
 
 
-def _any_changes(before: SolverState, after: SolverState, line: Linearization) -> bool:
+def _any_changes(before: SolverState, after: SolverState, linear: Linearization) -> bool:
     """Whether any hole changes between stick and slip or its direction, while its tendon is under tension.
 
     That bends the slips of all others, so that they are no parabolas. Where a tendon is pulled from zero, its friction
     grows with its tension, and holes that begin to slip have no effect yet.
     """
-    for part in line.numbering.robots:
+    for part in linear.numbering.robots:
         i = part.robot
         if part.has_friction:
             tense = part.frictional & part.may_be_tense(before.base_tension[i])[:, None]
@@ -121,12 +121,12 @@ def _any_changes(before: SolverState, after: SolverState, line: Linearization) -
     return False
 
 
-def _all_slip(before: SolverState, after: SolverState, line: Linearization) -> bool:
+def _all_slip(before: SolverState, after: SolverState, linear: Linearization) -> bool:
     """Whether every hole of tendons under tension slips at the end, and no tendon becomes slack or taut on the way.
 
     A tendon driven by tension may be pulled from zero: it is under tension all through the substep.
     """
-    for part in line.numbering.robots:
+    for part in linear.numbering.robots:
         i = part.robot
         if not part.has_friction:
             continue

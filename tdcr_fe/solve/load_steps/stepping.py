@@ -67,13 +67,13 @@ def is_continuous(
     taut = TautTendons.of((first, last))
     if not (first.balanced and taut.tendons):
         return False
-    first, last = (at.with_response(system.layout.clamped, taut.numbers) for at in (first, last))
+    first, last = (point.with_response(system.layout.clamped, taut.numbers) for point in (first, last))
     from_end = last.load_response(system, ramp.apply(system, start)).times(-1.0)
     from_start = first.load_response(system, ramp.apply(system, end))
     tension = taut.tensions(last) - taut.tensions(first)
     slopes = [
-        twist_change(at, tension, 1.0)
-        for at in (InterpolationPoint(0.0, first, from_start), InterpolationPoint(1.0, last, from_end))
+        twist_change(point, tension, 1.0)
+        for point in (InterpolationPoint(0.0, first, from_start), InterpolationPoint(1.0, last, from_end))
     ]
     change = twists(last) - twists(first)
     return _rotation(change - 0.5 * (slopes[0] + slopes[1])) <= UNEXPLAINED * _rotation(change)
@@ -154,13 +154,13 @@ class LoadStepper:
 
     def _along_reference(self, reference: Sequence[Increment]) -> SolvedPath:
         """The substeps of a reference path, each started from its solution; if one fails, it is solved without."""
-        now = self._begun()
+        progress = self._begun()
         for point in reference:
-            guess = self.solver.system.warm_start(now.path.state, point.state)
-            goals = [_Goal(point.load_factor, guess, now.path.linearization)]
+            guess = self.solver.system.warm_start(progress.path.state, point.state)
+            goals = [_Goal(point.load_factor, guess, progress.path.linearization)]
             while goals:
-                now = self._advanced(now, goals, None)
-        return now.path
+                progress = self._advanced(progress, goals, None)
+        return progress.path
 
     def _with_path_resolved(self) -> SolvedPath:
         """The load step with its path dependence resolved.
@@ -197,8 +197,8 @@ class LoadStepper:
         for end, after in path.increments:
             if self._jump_possible(before, start, after, end):
                 try:
-                    now = StepProgress(SolvedPath(before), start)
-                    halves = self._through(now, (0.5 * (start + end), end))
+                    progress = StepProgress(SolvedPath(before), start)
+                    halves = self._through(progress, (0.5 * (start + end), end))
                     spent += halves.iterations + halves.rejected
                     away = self.solver.distance(halves.state, after)
                     confirmed = away <= 2.0 * self.solver.settings.path_tolerance
@@ -219,7 +219,7 @@ class LoadStepper:
 
     def _through(
         self,
-        now: StepProgress,
+        progress: StepProgress,
         ends: Sequence[float],
         warm_start: SolverState | None = None,
         *,
@@ -233,63 +233,65 @@ class LoadStepper:
         goals = [_Goal(end) for end in reversed(ends)]
         goals[0] = _Goal(ends[-1], warm_start)
         while goals:
-            now = self._advanced(now, goals, reversals)
-        if now.equilibrium is not None:
+            progress = self._advanced(progress, goals, reversals)
+        if progress.equilibrium is not None:
             # The search for reversals looked at other loads.
             self.solver.ramp.apply(self.solver.system, 1.0)
-        error = now.error if now.error > self.solver.settings.path_tolerance else 0.0
-        if error == 0.0 and now.equilibrium is None:
-            return now.path
-        return replace(now.path, refinement_error=error, end=now.equilibrium)
+        error = progress.error if progress.error > self.solver.settings.path_tolerance else 0.0
+        if error == 0.0 and progress.equilibrium is None:
+            return progress.path
+        return replace(progress.path, refinement_error=error, end=progress.equilibrium)
 
     def _advanced(
-        self, now: StepProgress, goals: list[_Goal], reversals: SubstepReversals | None
+        self, progress: StepProgress, goals: list[_Goal], reversals: SubstepReversals | None
     ) -> StepProgress:
         """One attempt at the next part: it is solved, or its end is replaced by a nearer one."""
-        goal, warm_start, line = goals[-1]
-        guess = now.path.state
+        goal, warm_start, linear = goals[-1]
+        guess = progress.path.state
         if warm_start is None:
-            line = now.path.linearization
+            linear = progress.path.linearization
         else:
             guess = with_unknowns_of(warm_start, guess)
-        result = self.solver.solve(guess, goal, line, now.path.state)
-        middle = 0.5 * (now.load_factor + goal)
+        result = self.solver.solve(guess, goal, linear, progress.path.state)
+        middle = 0.5 * (progress.load_factor + goal)
         if not result.converged:
             if warm_start is not None:
                 goals[-1] = _Goal(goal)
-            elif self.solver.may_be_halved(goal - now.load_factor, result.status):
+            elif self.solver.may_be_halved(goal - progress.load_factor, result.status):
                 goals.append(_Goal(middle))
             else:
                 goals.pop()
-                return self._rescued(now, goal, result)
-            return now.with_rejected(result.iterations)
+                return self._rescued(progress, goal, result)
+            return progress.with_rejected(result.iterations)
         if reversals is None:
             goals.pop()
-            return _accepted(now, goal, Attempt(result))
-        if self._leaves_branch(now, goal, result):
+            return _accepted(progress, goal, Attempt(result))
+        if self._leaves_branch(progress, goal, result):
             goals.append(_Goal(middle))
-            return now.with_rejected(result.iterations)
-        part = reversals.attempt(now, goal, result, line, predicted=warm_start is None)
-        now = now.with_rejected(part.rejected)
-        length = goal - now.load_factor
-        room = now.path.substeps + len(goals) < self.solver.settings.max_substeps and length > SMALLEST_PART
+            return progress.with_rejected(result.iterations)
+        part = reversals.attempt(progress, goal, result, linear, predicted=warm_start is None)
+        progress = progress.with_rejected(part.rejected)
+        length = goal - progress.load_factor
+        room = (
+            progress.path.substeps + len(goals) < self.solver.settings.max_substeps and length > SMALLEST_PART
+        )
         if part.division < 1.0 and room:
-            goals[-1] = self._again(goal, now.path.state, part)
-            goals.append(_Goal(now.load_factor + part.division * length))
-            return now.with_rejected(part.result.iterations)._replace(equilibrium=part.start)
+            goals[-1] = self._again(goal, progress.path.state, part)
+            goals.append(_Goal(progress.load_factor + part.division * length))
+            return progress.with_rejected(part.result.iterations)._replace(equilibrium=part.start)
         goals.pop()
-        return _accepted(now, goal, part)
+        return _accepted(progress, goal, part)
 
-    def _leaves_branch(self, now: StepProgress, goal: float, result: NewtonResult) -> bool:
+    def _leaves_branch(self, progress: StepProgress, goal: float, result: NewtonResult) -> bool:
         """Whether a solution is likely on a branch of bays that buckled, and a shorter substep may stay on this one.
 
         Where tendons are driven by displacement, a straight backbone under great compression is a solution, too.
         """
-        before, system = now.path.state, self.solver.system
-        shorter = self.solver.may_be_halved(goal - now.load_factor, result.status)
+        before, system = progress.path.state, self.solver.system
+        shorter = self.solver.may_be_halved(goal - progress.load_factor, result.status)
         if not (shorter and self.solver.passes_buckling(before, result.state)):
             return False
-        continuous = is_continuous(self.solver, before, now.load_factor, result.state, goal)
+        continuous = is_continuous(self.solver, before, progress.load_factor, result.state, goal)
         self.solver.ramp.apply(system, goal)
         return not continuous
 
@@ -299,17 +301,19 @@ class LoadStepper:
             return _Goal(goal)
         return _Goal(goal, part.end.state, part.end.linearization)
 
-    def _rescued(self, now: StepProgress, goal: float, failed: NewtonResult) -> StepProgress:
+    def _rescued(self, progress: StepProgress, goal: float, failed: NewtonResult) -> StepProgress:
         """After a smallest substep that does not converge."""
         try:
-            if now.rescues_left <= 0:
-                raise self.solver.failure(now.path.state, now.load_factor, goal, failed, failed.iterations)
-            part = self.solver.rescue(now.path.state, now.load_factor, goal, failed)
+            if progress.rescues_left <= 0:
+                raise self.solver.failure(
+                    progress.path.state, progress.load_factor, goal, failed, failed.iterations
+                )
+            part = self.solver.rescue(progress.path.state, progress.load_factor, goal, failed)
         except StepFailed as failure:
-            failure.iterations += now.path.iterations + now.path.rejected
+            failure.iterations += progress.path.iterations + progress.path.rejected
             raise
-        path = now.path.then(replace(part, rejected=part.rejected + failed.iterations))
-        return StepProgress(path, goal, now.error, rescues_left=now.rescues_left - 1)
+        path = progress.path.then(replace(part, rejected=part.rejected + failed.iterations))
+        return StepProgress(path, goal, progress.error, rescues_left=progress.rescues_left - 1)
 
     def _depends_on_rates(self, before: SolverState, after: SolverState) -> bool:
         """Whether slip rates may matter: coefficients follow laws, and a hole under tension changed its state.
@@ -327,9 +331,11 @@ class LoadStepper:
         return False
 
 
-def _accepted(now: StepProgress, goal: float, part: Attempt) -> StepProgress:
+def _accepted(progress: StepProgress, goal: float, part: Attempt) -> StepProgress:
     """After a substep that is accepted, with the states that were solved within it."""
     solved = one_substep(part.result, goal)
     if part.located:
         solved = replace(solved, located=True, increments=(*part.within, *solved.increments))
-    return StepProgress(now.path.then(solved), goal, now.error + part.error, part.end, now.rescues_left)
+    return StepProgress(
+        progress.path.then(solved), goal, progress.error + part.error, part.end, progress.rescues_left
+    )

@@ -62,31 +62,33 @@ class SubstepSolver:
         target = self.ramp.apply(self.system, load_factor)
         changes = input_changes(start, target)
         result, slope = self._solved(state, target, changes, linearization)
-        line = result.linearization
-        if line is not None:
+        linear = result.linearization
+        if linear is not None:
             solved = None
             if result.converged and same_loads(start, target):
-                solved = SolvedStep.of(start, result.state, changes, line.numbering, slope)
-            result = result._replace(linearization=line._replace(solved=solved))
+                solved = SolvedStep.of(start, result.state, changes, linear.numbering, slope)
+            result = result._replace(linearization=linear._replace(solved=solved))
         return self._unless_wrong_in_contact(result, start)
 
     def _solved(
-        self, state: SolverState, target: Target, changes: tuple[Array, ...], line: Linearization | None
+        self, state: SolverState, target: Target, changes: tuple[Array, ...], linear: Linearization | None
     ) -> tuple[NewtonResult, Array | None]:
         """A solve from a prediction, where there is one that leads to a solution, else from a state.
 
         With the slope at the beginning of the step, see `SolvedStep`; None where it is unknown.
         """
         spent = 0
-        first = None if line is None else predict(self.system, state, target, changes, line, self.settings)
+        first = (
+            None if linear is None else predict(self.system, state, target, changes, linear, self.settings)
+        )
         if first is not None and not self._among_triangles(first.state, state, target):
             result = newton(self.system, first.state, target, self.settings)
             if result.converged:
                 # Without any iteration, the linearisation is that of the step before.
-                near = result.linearization or line
+                near = result.linearization or linear
                 return result._replace(linearization=near, predicted_slips=first.slips), first.slope
             spent = result.iterations
-        result = newton(self.system, state, target, self.settings, linearization=line)
+        result = newton(self.system, state, target, self.settings, linearization=linear)
         return result._replace(iterations=result.iterations + spent), None
 
     def _among_triangles(self, predicted: SolverState, state: SolverState, target: Target) -> bool:

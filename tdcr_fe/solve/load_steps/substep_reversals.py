@@ -77,8 +77,8 @@ def solve_within(
     if not result.converged:
         return None
     if result.linearization is not None:
-        line = result.linearization._replace(numbering=system.numbering())
-        found = Equilibrium.of(result.state, result.forces, line)
+        linear = result.linearization._replace(numbering=system.numbering())
+        found = Equilibrium.of(result.state, result.forces, linear)
         if found.exact:
             return found
     return Equilibrium.at(system, result.state, target)
@@ -94,13 +94,13 @@ def _interpolated(
     tensions at the base are those of the path.
     """
     (unknowns, tension), points, taut = path.at(factor), known.points, known.taut
-    last = next(i for i, at in enumerate(points) if at.factor >= factor)
+    last = next(i for i, point in enumerate(points) if point.factor >= factor)
     first, then = points[last - 1], points[last]
     length = then.factor - first.factor
     x = (factor - first.factor) / length
-    ends = [taut.tensions(at.state) for at in (first, then)]
+    ends = [taut.tensions(point.state) for point in (first, then)]
     change, off_line = ends[1] - ends[0], tension - ends[0] - x * (ends[1] - ends[0])
-    slopes = [twist_change(at, change, length) for at in (first, then)]
+    slopes = [twist_change(point, change, length) for point in (first, then)]
     whole = twists(then.state) - twists(first.state)
     defect = whole - 0.5 * (slopes[0] + slopes[1])
     step = x * slopes[0] + x * x * (0.5 * (slopes[1] - slopes[0]) + (3.0 - 2.0 * x) * defect)
@@ -112,10 +112,10 @@ def _interpolated(
     return _with_path_unknowns(first.state, taut, unknowns)._replace(configuration=configuration)
 
 
-def _with_path_unknowns(at: Equilibrium, taut: TautTendons, unknowns: Array) -> SolverState:
+def _with_path_unknowns(point: Equilibrium, taut: TautTendons, unknowns: Array) -> SolverState:
     """A state with other mobilisations, and other tensions at the base of tendons driven by displacement."""
-    state, numbering, k = at.state, at.numbering, len(taut.holes)
-    mobilised = at.mobilisation.copy()
+    state, numbering, k = point.state, point.numbering, len(taut.holes)
+    mobilised = point.mobilisation.copy()
     mobilised[taut.holes] = unknowns[:k]
     tensions = list(state.base_tension)
     for part in numbering.robots:
@@ -130,32 +130,32 @@ def _with_path_unknowns(at: Equilibrium, taut: TautTendons, unknowns: Array) -> 
     return state._replace(mobilisation=mobilisation, base_tension=tuple(tensions))
 
 
-def twists(at: Equilibrium) -> Array:
+def twists(point: Equilibrium) -> Array:
     """Twists of all elements: translations [m] and rotations [rad], six values each."""
-    return np.concatenate([own.reshape(-1) for own in at.state.configuration.twists])
+    return np.concatenate([own.reshape(-1) for own in point.state.configuration.twists])
 
 
-def twist_change(at: InterpolationPoint, tension: Array, load: float) -> Array:
+def twist_change(point: InterpolationPoint, tension: Array, load: float) -> Array:
     """Change of the twists of all elements by one of the tensions and of the loads, to first order.
 
     Parameters
     ----------
-    at
+    point
         Where it is linearised.
     tension
         Change of the tensions of the segments [N], shape (q,).
     load
         Part of the change of the loads in the substep [1].
     """
-    line, response = at.state.linearization, at.state.response
+    linear, response = point.state.linearization, point.state.response
     assert response is not None
     nodes = response.nodes @ tension
-    if at.load is not None and load:
-        nodes = nodes + load * at.load.nodes
+    if point.load is not None and load:
+        nodes = nodes + load * point.load.nodes
     return np.concatenate(
         [
             chain.changes(nodes[part.nodes].reshape(-1, 6)).reshape(-1)
-            for chain, part in zip(line.chains, line.numbering.robots, strict=True)
+            for chain, part in zip(linear.chains, linear.numbering.robots, strict=True)
         ]
     )
 
@@ -203,17 +203,17 @@ class KnownStates(NamedTuple):
         if not taut.holes.size:
             return None
         ramp, system = solver.ramp, solver.system
-        ready = [(x, at.with_response(system.layout.clamped, taut.numbers)) for x, at in states]
+        ready = [(x, point.with_response(system.layout.clamped, taut.numbers)) for x, point in states]
         if not ramp.changes_beyond_inputs:
-            return cls(span, taut, tuple([InterpolationPoint(x, at) for x, at in ready]))
+            return cls(span, taut, tuple([InterpolationPoint(x, point) for x, point in ready]))
         # What is left of the change of the loads, seen from every state; from the last one, back to the start.
         closing = ramp.apply(system, span.end)
         known = {} if before is None else {id(point.state): point for point in before.points[:-1]}
         points = [
-            known[id(at)]
-            if id(at) in known
-            else InterpolationPoint(x, at, at.load_response(system, closing).times(1.0 / (1.0 - x)))
-            for x, at in ready[:-1]
+            known[id(point)]
+            if id(point) in known
+            else InterpolationPoint(x, point, point.load_response(system, closing).times(1.0 / (1.0 - x)))
+            for x, point in ready[:-1]
         ]
         opening = ramp.apply(system, span.start)
         end = ready[-1][1]
@@ -233,12 +233,14 @@ class KnownStates(NamedTuple):
     @property
     def within(self) -> tuple[tuple[float, SolverState], ...]:
         """States within the substep with their load factors in the load step."""
-        return tuple([(self.span.load_factor(at.factor), at.state.state) for at in self.points[1:-1]])
+        return tuple(
+            [(self.span.load_factor(point.factor), point.state.state) for point in self.points[1:-1]]
+        )
 
     @property
     def before_end(self) -> list[tuple[float, Equilibrium]]:
         """All states but the last, with their fractions of the substep."""
-        return [(at.factor, at.state) for at in self.points[:-1]]
+        return [(point.factor, point.state) for point in self.points[:-1]]
 
     def refined(
         self, solver: SubstepSolver, found: Reversals, allowed: float, most: int
@@ -267,10 +269,12 @@ class KnownStates(NamedTuple):
             count = min(MOST_INTERVALS_AT_FIRST, most, by_error)
         if found.path is None or count < 2 or intervals * count > most:
             return []
-        states = [(at.factor, at.state) for at in self.points[:-1] if self._is_near(at, found.path)]
+        states = [
+            (point.factor, point.state) for point in self.points[:-1] if self._is_near(point, found.path)
+        ]
         fractions = {
             first + (last - first) * i / count
-            for first, last in pairwise(at.factor for at in self.points)
+            for first, last in pairwise(point.factor for point in self.points)
             for i in range(count)
         }
         for x in sorted(fractions - {x for x, _ in states}):
@@ -278,13 +282,13 @@ class KnownStates(NamedTuple):
             if state is None:
                 return []
             states.append((x, state))
-        return sorted(states, key=lambda at: at[0])
+        return sorted(states, key=lambda point: point[0])
 
-    def _is_near(self, at: InterpolationPoint, path: FrictionPath) -> bool:
+    def _is_near(self, point: InterpolationPoint, path: FrictionPath) -> bool:
         """Whether a state's tensions are near those of a followed path, which begins at the first state."""
-        tension = self.taut.tensions(at.state)
-        off = np.abs(path.at(at.factor)[1] - tension)
-        return at.factor == 0.0 or bool(off.max() <= NEAR_PATH * tension.max())
+        tension = self.taut.tensions(point.state)
+        off = np.abs(path.at(point.factor)[1] - tension)
+        return point.factor == 0.0 or bool(off.max() <= NEAR_PATH * tension.max())
 
 
 class Attempt(NamedTuple):
@@ -313,10 +317,10 @@ class SubstepReversals:
 
     def attempt(
         self,
-        now: StepProgress,
+        progress: StepProgress,
         goal: float,
         result: NewtonResult,
-        line: Linearization | None,
+        linear: Linearization | None,
         *,
         predicted: bool,
     ) -> Attempt:
@@ -324,52 +328,60 @@ class SubstepReversals:
 
         Parameters
         ----------
-        now
+        progress
             Where it begins.
         goal
             Load factor at its end [1].
         result
             The solve.
-        line
+        linear
             Linearisation with which it began, for a solve without any iteration.
         predicted
             Whether Newton's method began at its start. From a state near the solution, the first iteration predicts
             nothing about the way there.
         """
         system = self.solver.system
-        if not system.numbering().has_friction or has_rates(system) or goal == now.load_factor:
+        if not system.numbering().has_friction or has_rates(system) or goal == progress.load_factor:
             return Attempt(result)
         if predicted and result.linearization is None:
             # Nothing changes.
             return Attempt(result)
-        line = result.linearization or line
-        if line is None:
-            line = self._linearised(result.state, goal).linearization
-        if self._is_steady(now, goal, result if predicted else result._replace(predicted_slips=None), line):
+        linear = result.linearization or linear
+        if linear is None:
+            linear = self._linearised(result.state, goal).linearization
+        if self._is_steady(
+            progress, goal, result if predicted else result._replace(predicted_slips=None), linear
+        ):
             return Attempt(result)
-        start = self._start(now, line.numbering)
-        end = Equilibrium.of(result.state, result.forces, line)
+        start = self._start(progress, linear.numbering)
+        end = Equilibrium.of(result.state, result.forces, linear)
         if not start.balanced:
             return Attempt(result, division=0.0, end=end)
         if not end.exact:
             end = self._linearised(result.state, goal)
-        return self._examined(now, Attempt(result, start=start, end=end), Span(now.load_factor, goal))
+        return self._examined(
+            progress, Attempt(result, start=start, end=end), Span(progress.load_factor, goal)
+        )
 
-    def _is_steady(self, now: StepProgress, goal: float, result: NewtonResult, line: Linearization) -> bool:
+    def _is_steady(
+        self, progress: StepProgress, goal: float, result: NewtonResult, linear: Linearization
+    ) -> bool:
         """Whether a substep is a whole load step without change of the loads in which all holes slip steadily."""
         ramp, system = self.solver.ramp, self.solver.system
-        if now.load_factor != 0.0 or goal != 1.0 or ramp.loads_change or ramp.nonlinear:
+        if progress.load_factor != 0.0 or goal != 1.0 or ramp.loads_change or ramp.nonlinear:
             return False
         clamped, presliding = system.layout.clamped, self.solver.settings.presliding
-        return slips_steadily(now.path.state, result, line, clamped, presliding)
+        return slips_steadily(progress.path.state, result, linear, clamped, presliding)
 
-    def _examined(self, now: StepProgress, attempt: Attempt, span: Span) -> Attempt:
+    def _examined(self, progress: StepProgress, attempt: Attempt, span: Span) -> Attempt:
         """A substep with exact linearisations at both ends: accepted, solved again with its reversals, or divided."""
         start, end = attempt.start, attempt.end
         assert start is not None and end is not None
         settings = self.solver.settings
         share = LAST_SHARE if span.end == 1.0 else SHARE
-        allowed = max(share * (settings.path_tolerance - now.error), LEAST_SHARE * settings.path_tolerance)
+        allowed = max(
+            share * (settings.path_tolerance - progress.error), LEAST_SHARE * settings.path_tolerance
+        )
         known = KnownStates.of(self.solver, [(0.0, start), (1.0, end)], span)
         if known is None:
             return attempt
@@ -382,8 +394,8 @@ class SubstepReversals:
             return attempt._replace(division=1.0)
         if self.divide or found.path is None or not (found.error <= allowed or self._may_be_refined):
             return attempt
-        most = min(MOST_INTERVALS, settings.max_substeps - now.path.substeps)
-        return self._located(attempt, now.path.state, known, found, allowed, most)
+        most = min(MOST_INTERVALS, settings.max_substeps - progress.path.substeps)
+        return self._located(attempt, progress.path.state, known, found, allowed, most)
 
     @property
     def _may_be_refined(self) -> bool:
@@ -453,20 +465,24 @@ class SubstepReversals:
         guess = history.of(with_unknowns_of(result.state, before))
         return self.solver.solve(guess, known.span.end, end.linearization, before)
 
-    def _start(self, now: StepProgress, numbering: Numbering) -> Equilibrium:
+    def _start(self, progress: StepProgress, numbering: Numbering) -> Equilibrium:
         """The state at the beginning of a substep, linearised exactly."""
-        start = now.equilibrium
+        start = progress.equilibrium
         if start is None or not start.numbering.same_unknowns(numbering):
-            state, line = now.path.state, now.path.linearization
-            if line is not None and numbering.same_unknowns(line.numbering) and near_enough(state, line):
-                return Equilibrium.of(state, self.solver.system.forces(state, state.time), line)
-            return self._linearised(state, now.load_factor)
-        return start if start.exact else self._linearised(start.state, now.load_factor)
+            state, linear = progress.path.state, progress.path.linearization
+            if (
+                linear is not None
+                and numbering.same_unknowns(linear.numbering)
+                and near_enough(state, linear)
+            ):
+                return Equilibrium.of(state, self.solver.system.forces(state, state.time), linear)
+            return self._linearised(state, progress.load_factor)
+        return start if start.exact else self._linearised(start.state, progress.load_factor)
 
     def _end(self, result: NewtonResult, known: KnownStates) -> Equilibrium:
         """The end of a substep that was solved once more, linearised exactly."""
-        line = result.linearization or known.end.linearization
-        end = Equilibrium.of(result.state, result.forces, line)
+        linear = result.linearization or known.end.linearization
+        end = Equilibrium.of(result.state, result.forces, linear)
         return end if end.exact else self._linearised(result.state, known.span.end)
 
     def _linearised(self, state: SolverState, load_factor: float) -> Equilibrium:

@@ -46,7 +46,7 @@ def predict(
     state: SolverState,
     target: Target,
     changes: tuple[Array, ...],
-    line: Linearization,
+    linear: Linearization,
     settings: SolverSettings,
 ) -> Prediction | None:
     """Predict the solution of a step.
@@ -61,7 +61,7 @@ def predict(
         Inputs and loads at its end.
     changes
         By robot, changes of the inputs in it, see `input_changes`.
-    line
+    linear
         Linearisation at the end of the last step, or near it.
     settings
         Numerics.
@@ -71,24 +71,24 @@ def predict(
     Prediction or None
         None where the last step says nothing about this one, or not enough.
     """
-    last = line.solved
+    last = linear.solved
     if last is None or not system.robots_only or not same_loads(state, target):
         return None
     numbering = system.numbering()
     length = _length_of(last, np.concatenate(changes))
     if (
         length is None
-        or not line.numbering.same_unknowns(numbering)
+        or not linear.numbering.same_unknowns(numbering)
         or not np.array_equal(unknowns(state, numbering), last.end)
     ):
         return None
-    step = line.response(changes, system.layout.clamped)
+    step = linear.response(changes, system.layout.clamped)
     slips = np.zeros(0)
     if numbering.has_friction:
-        slips = slip_changes(numbering, line.forces, step, changes)
+        slips = slip_changes(numbering, linear.forces, step, changes)
         if not _all_keep_slipping(state, slips, numbering):
             return None
-    slope = _slope(line, step)
+    slope = _slope(linear, step)
     bend = last.curvature(length, slope)
     if float(np.abs(bend).max()) > MOST_CURVED * float(np.abs(slope).max()):
         return None
@@ -120,13 +120,13 @@ def _all_keep_slipping(state: SolverState, slips: Array, numbering: Numbering) -
     return not ((np.abs(mobilised) < 1.0) | (mobilised * slips < 0.0))[tense].any()
 
 
-def _slope(line: Linearization, step: Array) -> Array:
+def _slope(linear: Linearization, step: Array) -> Array:
     """Unknowns of `SolvedStep` from those of a linearised step."""
     parts = [
         chain.changes(step[part.nodes].reshape(-1, 6)).reshape(-1)
-        for chain, part in zip(line.chains, line.numbering.robots, strict=True)
+        for chain, part in zip(linear.chains, linear.numbering.robots, strict=True)
     ]
-    return np.concatenate((*parts, step[line.numbering.reduced :]))
+    return np.concatenate((*parts, step[linear.numbering.reduced :]))
 
 
 def _moved(system: SceneSystem, state: SolverState, change: Array, max_turn: float) -> SolverState | None:

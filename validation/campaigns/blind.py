@@ -1,0 +1,173 @@
+"""Identification of hidden effects on blind sets, which the reference simulates; scored against the answers.
+
+Without --effects the plan has every listed effect alone, pairs, clean sets, weak effects, and effects at one place.
+Sets are kept in OUT/sets, answers in OUT/answers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+import traceback
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pandas as pd
+
+from tdcr_fe.identify import identify
+from tdcr_fe.io.atomic import write_json
+from tdcr_fe.io.measured import read_measured
+from tdcr_fe.validation.blind.maker import Answer, NotMade, make_blind
+from tdcr_fe.validation.blind.recipes import Recipe, plan, plan_of
+from tdcr_fe.validation.blind.scoring import Score, score
+from tdcr_fe.validation.runner import Campaign
+
+#: Largest ratio of the held-out misfit to that of the true robot that counts as noise level [1].
+NOISE_FLOOR = 1.15
+
+
+def made_set(recipe: Recipe, out: Path) -> Answer:
+    """The answer of a set, which is made unless it is there."""
+    file = out / "answers" / f"{recipe.seed}.json"
+    if file.exists():
+        return Answer.from_json(json.loads(file.read_text(encoding="utf-8")))
+    answer = make_blind(out / "sets" / str(recipe.seed), recipe)
+    write_json(asdict(answer), file)
+    return answer
+
+
+def summary(scores: Sequence[Score]) -> dict[str, str]:
+    """Shares and counts over all sets."""
+    kinds = {k: [s for s in scores if s.kind == k] for k in ("clean", "single", "pair", "weak", "off-list")}
+    listed, places = [*kinds["single"], *kinds["pair"]], kinds["off-list"]
+    right = [s for s in [*listed, *places] if s.outcome in ("right", "named together")]
+    ratios = [s.after / s.noise_floor for s in right] or [np.nan]
+    hit = sum(len(s.intervals_hit) for s in listed)
+    missed = sum(len(s.intervals_missed) for s in listed)
+    seconds = [s.seconds for s in scores if s.passed] or [np.nan]
+    quiet = [s for s in kinds["single"] if s.sigma <= 1.2e-4]
+    percent = round(100.0 * (NOISE_FLOOR - 1.0))
+    return {
+        "one listed effect: right name": _named(kinds["single"]),
+        "the same, noise up to 0.12 mm": _named(quiet),
+        "two listed effects: both names, no other": _named(kinds["pair"]),
+        "clean data: nothing missing": _share(
+            sum(s.outcome == "right" for s in kinds["clean"]), kinds["clean"]
+        ),
+        "weak effects (about two sigma): right name": _named(kinds["weak"]),
+        f"right names: held-out error within {percent} % of the noise": _share(
+            sum(r <= NOISE_FLOOR for r in ratios), right
+        ),
+        "held-out error over the noise, median and largest": f"{np.median(ratios):.3g}, {max(ratios):.3g}",
+        "true parameter inside the 95 % interval": f"{hit} of {hit + missed}",
+        "effects at a place: kind and place right": _share(sum(s.outcome == "right" for s in places), places),
+        "... right, or not called explained": _share(
+            sum(s.outcome != "overconfident" for s in places), places
+        ),
+        "... remainder in the very bay or at the very disk": _share(
+            sum(s.in_the_bay for s in places), places
+        ),
+        "... remainder within one bay, or at the right load": _share(sum(s.located for s in places), places),
+        "processor time per set, median and largest": f"{np.median(seconds):.0f} s, {max(seconds):.0f} s",
+        "sets that failed": str(sum(not s.passed for s in scores)),
+    }
+
+
+def _share(part: int, sets: Sequence[Score]) -> str:
+    return f"{part} of {len(sets)}" + (f" ({100.0 * part / len(sets):.0f} %)" if sets else "")
+
+
+def _named(scores: Sequence[Score]) -> str:
+    """How many sets have the right names, and how many of them among those reported as indistinguishable."""
+    outcomes = Counter(s.outcome for s in scores)
+    together = outcomes["named together"]
+    text = _share(outcomes["right"] + together, scores)
+    return f"{text}, {together} among those named together" if together else text
+
+
+def confusion(scores: Sequence[Score]) -> pd.DataFrame:
+    """By hidden effects, how often each combination of effects was named, the most frequent first."""
+    found: dict[str, Counter[str]] = {}
+    for s in scores:
+        # The hidden effects come first, others by name.
+        named = " + ".join(sorted(s.named, key=lambda n: (n not in s.hidden, n))) or "nothing"
+        if s.verdict in ("partly explained", "unexplained"):
+            named = f"{named} ({s.verdict})" if s.named else "unexplained"
+        found.setdefault(" + ".join(s.hidden) or "nothing", Counter())[named] += 1
+    rows = [
+        (hidden, ", ".join(f"{n} {k}" if k > 1 else n for n, k in counts.most_common()))
+        for hidden, counts in sorted(found.items())
+    ]
+    return pd.DataFrame(rows, columns=["hidden", "named, how often"])
+
+
+class Blind(Campaign):
+    """See the text of this module."""
+
+    unit = "set"
+    count: ClassVar[int | None] = 60
+    outcome = Score
+
+    def add_options(self, parser: argparse.ArgumentParser) -> None:
+        """Which plan."""
+        parser.add_argument("--plan", type=int, default=0, metavar="SEED", help="seed of the plan (0)")
+        parser.add_argument("--effects", nargs="+", metavar="NAME", help="one of these in each set, in turn")
+
+    def cases(self, options: argparse.Namespace) -> Mapping[str, Recipe]:
+        """Recipes of the plan, by seed."""
+        n, seed = options.first + options.n, options.plan
+        recipes = plan_of(options.effects, n, seed) if options.effects else plan(n, seed)
+        return {str(r.seed): r for r in recipes[options.first :]}
+
+    def run(self, case: Recipe, out: Path) -> Score:
+        """Make, identify and score one set; one that fails does not end the campaign."""
+        try:
+            answer = made_set(case, out)
+            data = read_measured(out / "sets" / str(case.seed), strict=True)
+            begun = time.process_time()
+            result = identify(data)
+            seconds = time.process_time() - begun
+        except Exception as error:
+            text = (
+                f"{type(error).__name__}: {error}" if isinstance(error, NotMade) else traceback.format_exc()
+            )
+            return Score(case.seed, case.kind, list(case.effects), "failed", error=text)
+        if result.interrupted:  # it is not the result of this set
+            raise KeyboardInterrupt
+        return score(answer, result, seconds)
+
+    def row(self, outcome: Score) -> dict[str, object]:
+        """What was hidden, what was named, and the errors."""
+        rivals = outcome.indistinguishable_from
+        named = [n + (f" (or {', '.join(rivals[n])})" if rivals[n] else "") for n in outcome.named]
+        over = [
+            f"{x / outcome.noise_floor:.3g}" if outcome.passed else ""
+            for x in (outcome.before, outcome.after)
+        ]
+        return {
+            "seed": outcome.seed,
+            "robot": outcome.robot,
+            "drive": outcome.drive,
+            "noise [mm]": f"{1e3 * outcome.sigma:.3g}",
+            "hidden": " + ".join(outcome.hidden) or "nothing",
+            "declared off [sigma]": f"{outcome.declared_off:.3g}",
+            "named": " + ".join(named) or "-",
+            "verdict": outcome.verdict,
+            "outcome": outcome.outcome if outcome.passed else f"failed: {outcome.error.splitlines()[-1]}",
+            "held-out before / noise": over[0],
+            "after / noise": over[1],
+            "missed intervals": ", ".join(outcome.intervals_missed) or "-",
+        }
+
+    def report(self, outcomes: Sequence[Score]) -> list[str | pd.DataFrame]:
+        """Counts, confusion, and one row for each set."""
+        counts = pd.DataFrame(summary(outcomes).items(), columns=["what", "found"])
+        return [counts, confusion([o for o in outcomes if o.passed]), self.table(outcomes)]
+
+
+CAMPAIGN = Blind()
