@@ -55,26 +55,35 @@ def sequence():
     )
 
 
+def positions(true, sigma=1e-4, seed=0, tolerance=2e-5):
+    """Readings of the positions of two markers in every step of an experiment, with noise."""
+    ids = tuple(range(1, true.step_ends[-1][0] + 2))
+    readings = [Reading(n, f"position_{a}", s, 0.0, sigma) for n in ids for s in (0.1, LENGTH) for a in "xyz"]
+    run = simulate_experiment(Task(true, run_settings(SolverSettings(), tolerance)))
+    assert run.solved == len(ids)
+    values = Reader(readings, ids, true.robot.tendon_names).read(run, true)
+    values = values + np.random.default_rng(seed).normal(0.0, sigma, values.size)
+    return tuple(replace(r, value=float(v)) for r, v in zip(readings, values, strict=True))
+
+
+def data_of(steps, readings, robot=ROBOT, model=MODEL, branches=None, name="small"):
+    """A data set with such load steps."""
+    ids = tuple(range(1, len(steps) + 1))
+    return MeasuredData(name, robot, model, ids, tuple(steps), tuple(branches or ("",) * len(ids)), readings)
+
+
 def measured(truth=None, sigma=1e-4, seed=0, robot=None, given=True, model=MODEL, catalogue=EFFECTS):
     """Readings of a true robot that is ``robot`` (`ROBOT`) with effects, on a finer mesh, with noise.
 
     With another ``model`` than `MODEL`, the robot is also the declared one.
     """
     steps = sequence()
-    ids = tuple(range(1, len(steps) + 1))
-    readings = [Reading(n, f"position_{a}", s, 0.0, sigma) for n in ids for s in (0.1, LENGTH) for a in "xyz"]
-    true = with_effects(
-        Experiment(robot or ROBOT, replace(model, elements_per_bay=4), steps), truth or {}, catalogue
-    )
-    run = simulate_experiment(Task(true, run_settings(SolverSettings(), 2e-5)))
-    values = Reader(readings, ids, ROBOT.tendon_names).read(run, true)
-    values = values + np.random.default_rng(seed).normal(0.0, sigma, values.size)
-    readings = [
-        replace(r, value=float(v), sigma=r.sigma if given else None)
-        for r, v in zip(readings, values, strict=True)
-    ]
+    fine = Experiment(robot or ROBOT, replace(model, elements_per_bay=4), steps)
+    readings = positions(with_effects(fine, truth or {}, catalogue), sigma, seed)
+    if not given:
+        readings = tuple(replace(r, sigma=None) for r in readings)
     declared = ROBOT if robot is None or model is MODEL else robot
-    return MeasuredData("small", declared, model, ids, steps, ("",) * len(ids), tuple(readings))
+    return data_of(steps, readings, declared, model)
 
 
 def problem_of(data, held=(), sigma=1e-4, forward=None):

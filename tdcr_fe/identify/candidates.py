@@ -105,8 +105,7 @@ def propose(
 ) -> tuple[SearchState, list[Extended]]:
     """The best candidates beside each model, by the predicted BIC to first order; `SECOND_LOOK` more than are fitted.
 
-    A candidate that comes with another effect has a model that contains that one, at values that are not yet fitted.
-    Such pairs are not tried beside a model that leaves noise, or where another one does.
+    Pairs of effects (see `_pairs`) are not tried beside a model that leaves noise, or where another one does.
     """
     proposals: list[Proposal] = []
     for fit in level:
@@ -266,14 +265,7 @@ def _with_fit(problem: FitProblem, entry: Candidate, fit: Fit | None) -> Candida
 def fit_and_rank(
     search: Search, state: SearchState, starters: Sequence[Extended], contest: Contest
 ) -> tuple[SearchState, list[tuple[Extended, Fit]]]:
-    """Fit models with one more effect; those that cannot come near the best are stopped.
-
-    Returns
-    -------
-    state : SearchState
-    fits : list
-        Model and fit of every one that was fitted, now or before.
-    """
+    """Fit models with one more effect, where they were not before; those that cannot come near the best are stopped."""
     problem, most = state.problem, contest.most
     new = [x for x in starters if x.names not in state.fits]
     lowest = min([contest.lowest, *(state.fits[x.names].cost for x in starters if x.names in state.fits)])

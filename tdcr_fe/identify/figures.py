@@ -19,7 +19,6 @@ from tdcr_fe.report.style import CORRECTED, DECLARED, HELD_OUT, MEASURED, logari
 
 Array = NDArray[np.float64]
 
-_MM = 1e3
 #: A run of steps shows a loop where it has at least as many.
 _LOOP_STEPS = 4
 
@@ -56,7 +55,7 @@ def _tip(result: IdentificationResult) -> tuple[Array, Array, Array]:
     """Measured, declared and corrected positions of the marker next to the tip [mm], shape (n_steps, 3) each."""
     s = result.shapes
     last = int(np.argmax(np.where(np.isfinite(s.measured).any(axis=(0, 2)), s.arc_lengths, -np.inf)))
-    return _MM * s.measured[:, last], _MM * s.before[:, last], _MM * s.after[:, last]
+    return 1e3 * s.measured[:, last], 1e3 * s.before[:, last], 1e3 * s.after[:, last]
 
 
 def _dots(axes: Axes, x: Array, y: Array, held_out: NDArray[np.bool_]) -> None:
@@ -129,9 +128,9 @@ def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
         tip = _tip(result)[0][k, :2]
         across = tip / max(float(np.linalg.norm(tip)), 1e-9)
         for backbone, colour in _drawn(result, s.backbone_before[k], s.backbone_after[k]):
-            axes.plot(side * _MM * backbone[:, :2] @ across, _MM * backbone[:, 2], color=colour, lw=1.4)
+            axes.plot(side * 1e3 * backbone[:, :2] @ across, 1e3 * backbone[:, 2], color=colour, lw=1.4)
         measured, before, after = (
-            np.column_stack((side * _MM * x[k][:, :2] @ across, _MM * x[k][:, 2]))
+            np.column_stack((side * 1e3 * x[k][:, :2] @ across, 1e3 * x[k][:, 2]))
             for x in (s.measured, s.before, s.after)
         )
         if _beside_backbone(result):  # then the lines do not pass through the markers
@@ -168,7 +167,7 @@ def _inputs(result: IdentificationResult) -> tuple[Array, str]:
         [(s.displacements if driven else s.tensions).get(n, 0.0) for n in data.robot.tendon_names]
         for s in data.steps
     ]
-    return np.array(values).reshape(len(data.steps), -1) * (_MM if driven else 1.0), "mm" if driven else "N"
+    return np.array(values).reshape(len(data.steps), -1) * (1e3 if driven else 1.0), "mm" if driven else "N"
 
 
 def loops(result: IdentificationResult) -> list[tuple[int, range]]:
@@ -269,7 +268,7 @@ def _errors(result: IdentificationResult, residual: Array) -> tuple[list[int], A
         for i in space:
             groups.setdefault((readings[i].step, readings[i].location), []).append(i)
         size = np.array([np.sqrt(np.sum(residual[g] ** 2)) for g in groups.values()])
-        return [g[0] for g in groups.values()], size * _MM, "mm"
+        return [g[0] for g in groups.values()], size * 1e3, "mm"
     units = [r.unit for r in readings]
     unit = max(dict.fromkeys(units), key=units.count)
     chosen = [i for i, u in enumerate(units) if u == unit]
@@ -280,7 +279,7 @@ def _errors(result: IdentificationResult, residual: Array) -> tuple[list[int], A
 def _noise(result: IdentificationResult) -> float:
     """Noise in the measure of `_errors` of the declared model."""
     if result.noise.rms_position is not None:
-        return _MM * result.noise.rms_position
+        return 1e3 * result.noise.rms_position
     chosen, _, _ = _errors(result, result.residual_before)
     unit = result.data.readings[chosen[0]].unit
     factor, _ = shown_unit(unit, float(np.max(np.abs(result.residual_before[chosen]), initial=0.0)) or 1.0)
@@ -357,7 +356,7 @@ def along(result: IdentificationResult) -> str:
             _, size, unit = _errors(result, residual)
             keys, rms = _rms_by(s, size)
             order = np.argsort(keys)
-            axes.plot(_MM * np.array(keys)[order], rms[order], "o-", color=colour, ms=4, label=label)
+            axes.plot(1e3 * np.array(keys)[order], rms[order], "o-", color=colour, ms=4, label=label)
         axes.axhline(_noise(result), color=MEASURED, ls=":", lw=1.0, label="noise")
         logarithmic(axes)
         axes.set_xlabel("arc length s [mm]")
@@ -413,7 +412,7 @@ def missing_moment(result: IdentificationResult) -> str:
         figure = Figure(figsize=(11.6, 3.0), layout="constrained")
         axes = figure.subplots()
         axes.grid(False)
-        mesh = axes.pcolormesh(np.arange(size.shape[1] + 1) - 0.5, _MM * rest.bays, size, cmap="magma_r")
+        mesh = axes.pcolormesh(np.arange(size.shape[1] + 1) - 0.5, 1e3 * rest.bays, size, cmap="magma_r")
         figure.colorbar(mesh, ax=axes, label="missing moment [N mm]")
         _step_axis(axes, result)
         axes.set_ylabel("arc length s [mm]")

@@ -299,14 +299,6 @@ class SearchedSteps:
     total: int  # load steps of the data
     fitted_to_all: bool  # whether the final fit and all errors are of all load steps; else they are of these
 
-    @property
-    def sentence(self) -> str:
-        """For the report."""
-        count = f"{len(self.steps)} of {self.total} load steps"
-        if self.fitted_to_all:
-            return f"The search used {count}; the final fit and all errors are of all load steps."
-        return f"The search used {count}, and all errors are of these: there is no fit to all load steps."
-
 
 class Verdict(StrEnum):
     """The verdict; `tdcr_fe.identify.sentences.HEADLINES` has the sentence of each."""
@@ -355,25 +347,20 @@ class IdentificationResult:
         Effects that were not tried, with the reason.
     runs : int
         Simulated sequences.
-    wall_time : float
-        [s].
+    wall_time : float [s]
     not_tried : tuple of str
-        Parts of the identification for which the time limit did not suffice.
+        Parts of the identification for which the time limit was too short.
     interrupted : bool
     history : tuple of str
-        What was done, in sentences.
     noise : Misfit
         What the noise alone gives, which the misfits are compared with.
     shapes : Shapes
-        Measured and predicted positions, for pictures.
     corrected : Experiment
         Robot, model, loading sequence and observation with the effects that were added.
     commanded : Experiment
         What was simulated, without effects: the declared one with the mesh and the divided steps of the fit.
     solver : SolverSettings
-        Of the simulations.
     catalogue : tuple of Effect
-        The candidates.
     law : FoundLaw or None
         An unlisted law that is part of the final model.
     ceiling : Misfit or None

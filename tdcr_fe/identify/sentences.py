@@ -208,7 +208,7 @@ def headline(result: IdentificationResult) -> str:
     return by_place.get(where, by_place[""]).format(
         names=names,
         removes="remove" if len(result.effects) > 1 else "removes",
-        beside=f" beside {names}" if names else "",
+        beside=f" together with {names}" if names else "",
         found=f" Found so far: {names}." if names else "",
         stopped="was interrupted" if result.interrupted else "ran out of time",
     )
@@ -305,13 +305,23 @@ def _held_out(result: IdentificationResult) -> list[str]:
             f"the error drops from {size(before)} to {size(after)}, so the corrected model predicts data it was not "
             "fitted to."
         )
-    count = f"{len(result.held_out_steps)} of {len(result.data.steps)} steps"
-    return [f"{count} were held out and not used for fitting. On these held-out steps {change}"]
+    count = len(result.held_out_steps)
+    held = (
+        f"{count} of {len(result.data.steps)} steps {'was' if count == 1 else 'were'} held out and not used"
+    )
+    return [f"{held} for fitting. On the held-out steps {change}"]
 
 
 def _search(result: IdentificationResult) -> list[str]:
     """What the search used, and what it left out."""
-    found = [] if result.searched is None else [result.searched.sentence]
+    found = []
+    if result.searched is not None:
+        rest = "; the final fit and all errors are of all load steps."
+        if not result.searched.fitted_to_all:
+            rest = ", and all errors are of these: there is no fit to all load steps."
+        found.append(
+            f"The search used {len(result.searched.steps)} of {result.searched.total} load steps{rest}"
+        )
     if result.not_tried:
         found.append(f"The time limit (--minutes) was too short for {_joined(result.not_tried)}.")
     return found

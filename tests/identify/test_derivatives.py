@@ -49,73 +49,68 @@ STEPS = {
 
 #: Effects at values of their own, those that act together.
 TOGETHER = [
-    ("tension", {"actuator_loss": {"dead_band": 0.05, "efficiency": 0.9}, "creep": {"rate": 0.02}}),
+    ("tension", {"actuator_loss": dict(dead_band=0.05, efficiency=0.9), "creep": dict(rate=0.02)}),
     (
         "tension",
-        {"actuator_gain (each tendon)": {"gain_t1": 1.03, "gain_t2": 0.96}, "idle_tension": {"tension": 0.7}},
+        {"actuator_gain (each tendon)": dict(gain_t1=1.03, gain_t2=0.96), "idle_tension": dict(tension=0.7)},
     ),
-    ("tension", {"idle_tension (each tendon)": {"tension_t1": 0.6, "tension_t2": 0.4}}),
-    ("tension", {"gravity": {"g_x": 3.0, "g_y": 1.0, "g_z": -9.0}, "tip_payload": {"mass": 2e-3}}),
-    ("tension", {"actuator_gain": {"gain": 1.03}, "precurvature": {"kappa_x": 0.4, "kappa_y": -0.3}}),
-    (
-        "tension",
-        {
-            "stiffness_scale": {"bending": 0.9, "torsion": 1.2},
-            "superelastic": {"threshold_strain": 8e-4, "plateau_ratio": 0.4},
-        },
-    ),
-    ("tension", {"modulus_scale": {"factor": 0.9}, "nonlinear_material": {"quadratic": 3.0, "cubic": 400.0}}),
-    ("tension", {"density_scale": {"factor": 0.8}, "gravity": {"g_x": 3.0, "g_y": 1.0, "g_z": -9.0}}),
-    ("tension", {"friction_coefficient": {"mu": 0.2}, "hole_adhesion": {"drop": 0.01}}),
-    ("tension", {"routing_twist": {"angle_tip": 0.2}, "hole_clearance": {"clearance": 2e-4}}),
-    ("tension", {"misplaced_channels": {"factor_end": 0.8}}),
-    ("tension", {"rigid_disks": {"thickness": 2e-3}}),
+    ("tension", {"idle_tension (each tendon)": dict(tension_t1=0.6, tension_t2=0.4)}),
+    ("tension", {"gravity": dict(g_x=3.0, g_y=1.0, g_z=-9.0), "tip_payload": dict(mass=2e-3)}),
+    ("tension", {"actuator_gain": dict(gain=1.03), "precurvature": dict(kappa_x=0.4, kappa_y=-0.3)}),
     (
         "tension",
         {
-            "frame_misalignment": {"rot_x": 0.05, "rot_y": -0.1, "rot_z": 0.2},
-            "marker_offset": {"offset_x": 1e-3, "offset_y": -2e-3},
+            "stiffness_scale": dict(bending=0.9, torsion=1.2),
+            "superelastic": dict(threshold_strain=8e-4, plateau_ratio=0.4),
         },
     ),
-    ("displacement", {"actuator_backlash": {"backlash": 2e-4}, "actuator_gain": {"gain": 1.03}}),
-    ("displacement", {"tendon_stretch": {"axial_stiffness": 500.0}, "gravity": {"g_x": 3.0}}),
-    ("displacement", {"pretension": {"tension": 0.3}}),
+    ("tension", {"modulus_scale": dict(factor=0.9), "nonlinear_material": dict(quadratic=3.0, cubic=400.0)}),
+    ("tension", {"density_scale": dict(factor=0.8), "gravity": dict(g_x=3.0, g_y=1.0, g_z=-9.0)}),
+    ("tension", {"friction_coefficient": dict(mu=0.2), "hole_adhesion": dict(drop=0.01)}),
+    ("tension", {"routing_twist": dict(angle_tip=0.2), "hole_clearance": dict(clearance=2e-4)}),
+    ("tension", {"misplaced_channels": dict(factor_end=0.8)}),
+    ("tension", {"rigid_disks": dict(thickness=2e-3)}),
+    (
+        "tension",
+        {
+            "frame_misalignment": dict(rot_x=0.05, rot_y=-0.1, rot_z=0.2),
+            "marker_offset": dict(offset_x=1e-3, offset_y=-2e-3),
+        },
+    ),
+    ("displacement", {"actuator_backlash": dict(backlash=2e-4), "actuator_gain": dict(gain=1.03)}),
+    ("displacement", {"tendon_stretch": dict(axial_stiffness=500.0), "gravity": dict(g_x=3.0)}),
+    ("displacement", {"pretension": dict(tension=0.3)}),
     (
         "displacement",
         {
-            "tendon_stretch (each)": {"axial_stiffness_t1": 400.0, "axial_stiffness_t2": 700.0},
-            "pretension (each)": {"tension_t1": 0.3, "tension_t2": 0.5},
-            "friction_coefficient (each)": {"mu_t1": 0.3, "mu_t2": 0.1},
+            "tendon_stretch (each)": dict(axial_stiffness_t1=400.0, axial_stiffness_t2=700.0),
+            "pretension (each)": dict(tension_t1=0.3, tension_t2=0.5),
+            "friction_coefficient (each)": dict(mu_t1=0.3, mu_t2=0.1),
         },
     ),
     (
         "tension",
         {
-            "frame_misalignment (rotated and moved)": {
-                "rot_x": 0.05,
-                "rot_y": -0.1,
-                "rot_z": 0.2,
-                "shift_x": 2e-3,
-                "shift_y": -1e-3,
-                "shift_z": 3e-3,
-            },
-            "marker_offset (along the tangent, too)": {"offset_x": 1e-3, "offset_y": -2e-3, "offset_z": 4e-3},
-            "gravity": {"g_x": 3.0, "g_y": 1.0, "g_z": -9.0},
+            "frame_misalignment (rotated and moved)": dict(
+                rot_x=0.05, rot_y=-0.1, rot_z=0.2, shift_x=2e-3, shift_y=-1e-3, shift_z=3e-3
+            ),
+            "marker_offset (along the tangent, too)": dict(offset_x=1e-3, offset_y=-2e-3, offset_z=4e-3),
+            "gravity": dict(g_x=3.0, g_y=1.0, g_z=-9.0),
         },
     ),
     (
         "displacement",
         {
-            "frame_misalignment (moved)": {"shift_x": 2e-3, "shift_y": -1e-3, "shift_z": 3e-3},
+            "frame_misalignment (moved)": dict(shift_x=2e-3, shift_y=-1e-3, shift_z=3e-3),
             "marker_offset (each)": {
-                f"offset_{a}_marker_{k}": 1e-3 * k - 3e-3 * i for k in (1, 2) for i, a in enumerate("xyz")
+                f"offset_{a}_marker_{k}": 0.001 * k - 0.003 * i for k in (1, 2) for i, a in enumerate("xyz")
             },
-            "tendon_stretch": {"axial_stiffness": 500.0},
+            "tendon_stretch": dict(axial_stiffness=500.0),
         },
     ),
-    ("tension", {"base_compliance": {"stiffness": 0.05}, "gravity": {"g_y": 3.0}}),
-    ("tension", {"time_lag": {"lag": 0.1}}),
-    ("displacement", {"frame_misalignment": {"rot_x": 0.05, "rot_y": -0.1, "rot_z": 0.2}}),
+    ("tension", {"base_compliance": dict(stiffness=0.05), "gravity": dict(g_y=3.0)}),
+    ("tension", {"time_lag": dict(lag=0.1)}),
+    ("displacement", {"frame_misalignment": dict(rot_x=0.05, rot_y=-0.1, rot_z=0.2)}),
 ]
 
 

@@ -4,18 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import MODEL, ROBOT, measured, problem_of, searching, state_of, with_model
+from identify_data import (
+    MODEL,
+    ROBOT,
+    data_of,
+    measured,
+    positions,
+    problem_of,
+    searching,
+    state_of,
+    with_model,
+)
 
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.candidates import Round, propose
-from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
-from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.search import MANY_EFFECTS, _worthwhile, forward_selection
 from tdcr_fe.identify.search_state import without
-from tdcr_fe.io.measured import MeasuredData
-from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep, SolverSettings
+from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 
@@ -38,14 +44,8 @@ def opposed():
         for x in (0.3, 0.65, 1.0, 0.5, 0.0):
             steps.append(LoadStep(displacements={"t1": 4e-3 * a * x, "t2": 4e-3 * b * x}))
             names.append(f"branch {k}")
-    ids = tuple(range(1, len(steps) + 1))
-    readings = [Reading(n, f"position_{a}", s, 0.0, SIGMA) for n in ids for s in (0.1, 0.2) for a in "xyz"]
     true = with_effects(Experiment(OPPOSED, replace(MODEL, elements_per_bay=3), tuple(steps)), TRUTH)
-    run = simulate_experiment(Task(true, run_settings(SolverSettings(), 1e-4)))
-    values = Reader(readings, ids, OPPOSED.tendon_names).read(run, true)
-    values = values + np.random.default_rng(2).normal(0.0, SIGMA, values.size)
-    readings = [replace(r, value=float(v)) for r, v in zip(readings, values, strict=True)]
-    return MeasuredData("opposed", OPPOSED, MODEL, ids, tuple(steps), tuple(names), tuple(readings))
+    return data_of(steps, positions(true, SIGMA, 2, 1e-4), OPPOSED, branches=names)
 
 
 @pytest.mark.integration

@@ -145,7 +145,7 @@ def within_errors(found, truth, most=4.0):
 
 @pytest.mark.integration
 def test_a_missing_effect_is_named_with_its_numbers():
-    truth = {"kappa_x": 0.4, "kappa_y": -0.3}
+    truth = {"kappa_x": 0.4, "kappa_y": -0.8}
     result = identify(measured({"precurvature": truth}))
     (found,) = result.effects
     assert (result.verdict, found.name) == ("explained", "precurvature") and within_errors(found, truth)
@@ -165,53 +165,44 @@ def test_a_soft_bay_is_found_with_place_and_size():
     assert found.parameters["s"].value == pytest.approx(0.075) and within_errors(found, {"factor": 0.5})
 
 
-@pytest.mark.campaign
-def test_a_base_that_gives_way_and_a_time_lag_are_found(monkeypatch):
-    (base,) = identify(measured({"base_compliance": {"stiffness": 0.08}})).effects
-    assert base.name == "base_compliance"
-    assert within_errors(base, {"stiffness": 0.08})
-    timed = tuple(replace(s, time=float(k)) for k, s in enumerate(identify_data.sequence(), 1))
-    monkeypatch.setattr(identify_data, "sequence", lambda: timed)
-    (lag,) = identify(measured({"time_lag": {"lag": 0.2}})).effects
-    assert lag.name == "time_lag"
-    assert within_errors(lag, {"lag": 0.2})
+def timed():
+    """The loading sequence with a second between its steps."""
+    return tuple(replace(s, time=float(k)) for k, s in enumerate(identify_data.sequence(), 1))
 
 
-@pytest.mark.campaign
-def test_pretension_of_each_tendon_is_found(monkeypatch):
-    """Elastic tendons driven by displacement, let out as well as pulled in."""
+def displaced():
+    """Both tendons driven by displacement, let out as well as pulled in."""
     values = [(0, 0), (1, -1), (2, -2), (3, -3), (2, -2), (1, -1), (0, 0), (-1, 1), (-2, 2), (-1, 3)]
     values += [(-0.5, 2), (0, 1), (1, 1), (1, 0), (2, 0), (2, -1)]
-    steps = tuple(LoadStep(displacements={"t1": 1e-3 * a, "t2": 1e-3 * b}) for a, b in values)
-    monkeypatch.setattr(identify_data, "sequence", lambda: steps)
-    truth = {"tension_t1": 0.9, "tension_t2": 0.4}
-    elastic, model = ROBOT.with_tendons(axial_stiffness=500.0), Model(friction="none", elements_per_bay=2)
-    result = identify(measured({"pretension": truth}, robot=elastic, model=model))
-    assert result.verdict == "explained"
-    (found,) = result.effects
-    assert found.name == "pretension" and set(found.parameters) == set(truth) and within_errors(found, truth)
+    return tuple(LoadStep(displacements={"t1": 1e-3 * a, "t2": 1e-3 * b}) for a, b in values)
+
+
+ELASTIC = {
+    "robot": ROBOT.with_tendons(axial_stiffness=500.0),
+    "model": Model(friction="none", elements_per_bay=2),
+}
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(
-    ("name", "values"),
+    ("truth", "steps", "given"),
     [
-        ("kink", {"s": 0.125, "kappa_x": 0.6, "kappa_y": -0.8}),
-        ("side_spring", {"s": 0.1, "stiffness": 1.5}),
+        ({"base_compliance": {"stiffness": 0.08}}, None, {}),
+        ({"time_lag": {"lag": 0.2}}, timed, {}),
+        ({"pretension": {"tension_t1": 0.9, "tension_t2": 0.4}}, displaced, ELASTIC),
+        ({"kink": {"s": 0.125, "kappa_x": 0.6, "kappa_y": -0.8}}, None, {}),
+        ({"side_spring": {"s": 0.1, "stiffness": 1.5}}, None, {}),
+        ({"gravity": {"g_y": -9.81}, "marker_offset": {"offset_x": 1e-3, "offset_y": 0.0}}, None, {}),
     ],
+    ids=lambda x: "+".join(x) if isinstance(x, dict) else "",
 )
-def test_effects_at_a_place_are_found_with_place_and_size(name, values):
-    result = identify(measured({name: values}))
-    assert result.verdict == "explained"
-    (found,) = result.effects
-    assert found.name == name and within_errors(found, values)
-
-
-@pytest.mark.campaign
-def test_two_effects_are_found_together():
-    truth = {"gravity": {"g_y": -9.81}, "marker_offset": {"offset_x": 1e-3, "offset_y": 0.0}}
-    result = identify(measured(truth))
+def test_effects_are_found_with_their_numbers(truth, steps, given, monkeypatch):
+    if steps is not None:
+        made = steps()
+        monkeypatch.setattr(identify_data, "sequence", lambda: made)
+    result = identify(measured(truth, **given))
     assert result.verdict == "explained" and {e.name for e in result.effects} == set(truth)
+    assert all(within_errors(e, truth[e.name]) for e in result.effects)
 
 
 def test_an_interruption_keeps_what_was_found(monkeypatch):

@@ -4,17 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import LENGTH, MODEL, ROBOT, concluded, problem_of, state_of
+from identify_data import MODEL, ROBOT, concluded, data_of, positions, problem_of, state_of
 
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.noise import find_input_noise
 from tdcr_fe.identify.problem import evaluate
-from tdcr_fe.identify.reader import Reader
-from tdcr_fe.io.measured import MeasuredData
-from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep, SolverSettings
+from tdcr_fe.model.loading import LoadStep
 
 SIGMA = 1e-4
 PULLS = [(a, b) for a in (0.0, 0.3, 0.6, 0.9, 1.2) for b in (0.0, 0.3, 0.6, 0.9, 1.2) if a or b]
@@ -27,15 +23,8 @@ def data(factors, added, by="tensions", pulls=PULLS, truth=None):
     commanded = [LoadStep(**{by: {"t1": float(a), "t2": float(b)}}) for a, b in pulls]
     actual = np.array(pulls) * factors + added * (np.array(pulls) > 0.0)
     steps = tuple(LoadStep(**{by: {"t1": float(a), "t2": float(b)}}) for a, b in actual)
-    ids = tuple(range(1, len(steps) + 1))
-    readings = [Reading(n, f"position_{a}", s, 0.0, SIGMA) for n in ids for s in (0.1, LENGTH) for a in "xyz"]
     true = with_effects(Experiment(ROBOT, replace(MODEL, elements_per_bay=4), steps), truth or {})
-    run = simulate_experiment(Task(true, run_settings(SolverSettings(), 2e-5)))
-    assert run.solved == len(steps)
-    values = Reader(readings, ids, ROBOT.tendon_names).read(run, true)
-    values = values + np.random.default_rng(1).normal(0.0, SIGMA, values.size)
-    readings = [replace(r, value=float(v)) for r, v in zip(readings, values, strict=True)]
-    return MeasuredData("scatter", ROBOT, MODEL, ids, tuple(commanded), ("",) * len(ids), tuple(readings))
+    return data_of(commanded, positions(true, SIGMA, 1))
 
 
 def scatter(measured):

@@ -3,9 +3,20 @@
 import math
 from dataclasses import replace
 
+import identify_result
 import numpy as np
 import pytest
-from identify_data import FRICTIONAL, MODEL, ROBOT, concluded, problem_of, searching, state_of
+from identify_data import (
+    FRICTIONAL,
+    MODEL,
+    ROBOT,
+    concluded,
+    data_of,
+    positions,
+    problem_of,
+    searching,
+    state_of,
+)
 
 from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify import identify
@@ -22,12 +33,10 @@ from tdcr_fe.identify.long_data import (
     fit_to_all_rows,
     problem_of_rows,
 )
-from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.report import write_report
 from tdcr_fe.identify.search_state import fitted_model
 from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.settings import ALL_STEPS, CEILING, SMALLER_MODELS, IdentifySettings
-from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep, SolverSettings
 
@@ -43,15 +52,12 @@ def long_data(branches=24, model=MODEL, truth=None):
         for x in (*np.linspace(0.1, 1.0, 10), *np.linspace(0.9, 0.0, 10)):
             steps.append(LoadStep(tensions=dict(zip(("t1", "t2"), (x * top).tolist(), strict=True))))
             names.append(f"branch {n}")
-    ids = tuple(range(1, len(steps) + 1))
-    readings = [Reading(n, f"position_{a}", s, 0.0, SIGMA) for n in ids for s in (0.1, 0.2) for a in "xyz"]
+    true = Experiment(ROBOT, replace(model, elements_per_bay=3), tuple(steps))
     if truth:
-        true = with_effects(Experiment(ROBOT, replace(model, elements_per_bay=3), tuple(steps)), truth)
-        run = simulate_experiment(Task(true, run_settings(SolverSettings(), 1e-4)))
-        values = Reader(readings, ids, ROBOT.tendon_names).read(run, true)
-        values = values + np.random.default_rng(1).normal(0.0, SIGMA, values.size)
-        readings = [replace(r, value=float(v)) for r, v in zip(readings, values, strict=True)]
-    return MeasuredData("long", ROBOT, model, ids, tuple(steps), tuple(names), tuple(readings))
+        return data_of(steps, positions(with_effects(true, truth), SIGMA, 1, 1e-4), ROBOT, model, names)
+    ids = range(1, len(steps) + 1)
+    readings = [Reading(n, f"position_{a}", s, 0.0, SIGMA) for n in ids for s in (0.1, 0.2) for a in "xyz"]
+    return data_of(steps, tuple(readings), ROBOT, model, names)
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +153,8 @@ def test_the_report_says_when_all_errors_are_of_the_chosen_rows(chosen):
     described = found.described(found.of(data))
     assert not described.fitted_to_all and described.total == len(data.steps)
     assert described.steps == tuple(data.step_ids[k] for k in found.steps) == found.described(data).steps
-    assert "all errors are of these" in described.sentence
+    made = identify_result.result(searched=described)
+    assert any("all errors are of these" in text for text in sentences(made))
 
 
 def test_friction_has_the_same_history_on_the_chosen_steps_of_a_branch():

@@ -3,11 +3,10 @@
 from dataclasses import replace
 
 import pytest
-from identify_data import FRICTIONAL, GRAVITY, ROBOT, measured, problem_of, searching, state_of
+from identify_data import FRICTIONAL, ROBOT, measured, problem_of, searching, state_of
 
 from tdcr_fe.effects import EffectAtPlace, effect
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.candidates import first_order_local_scores, local_scores_beside
 from tdcr_fe.identify.fitting import Race, fit
 from tdcr_fe.identify.places import better_places, saturated_pairs, search_places
 
@@ -32,20 +31,6 @@ def test_a_hole_that_holds_fast_is_found_although_its_derivative_is_that_of_a_sm
     best = search_places(search, state, [state.declared]).best
     assert best.names == ("stuck_hole (tendon = 2, s = 0.05)",)
     assert best.cost < 2.0 * own.count < 0.1 * state.declared.cost
-
-
-def test_holes_that_hold_fast_are_not_simulated_where_another_place_explains_or_a_model_is_far_ahead():
-    """On a robot driven by displacements six such holes took 15 s, with a spring that explained everything."""
-    search = searching()
-    for truth, ahead in ({"kink": {"s": 0.075, "kappa_x": 0.3, "kappa_y": -0.4}}, False), (GRAVITY, True):
-        own = problem_of(measured(truth, robot=ROBOT, model=FRICTIONAL))
-        state = state_of(own)
-        if ahead:
-            state = replace(state, best=fit(own, tuple(effect(e) for e in GRAVITY), [GRAVITY]))
-        state, first = first_order_local_scores(state, state.declared)
-        before = own.forward.runs
-        state, scores = local_scores_beside(search, state, state.declared)
-        assert len(scores) == len(first) and own.forward.runs == before
 
 
 @pytest.mark.integration
@@ -120,12 +105,3 @@ def test_beside_a_model_that_adapts_a_hole_that_holds_fast_is_found():
     best = search_places(searching(), state, [beside]).best
     assert best.names == ("gravity", "stuck_hole (tendon = 2, s = 0.15)")
     assert best.cost < 1.5 * own.count < 0.2 * beside.cost
-
-
-def test_without_what_saturates_no_pairs_are_tried():
-    own = problem_of(measured(GRAVITY, robot=ROBOT, model=FRICTIONAL))
-    own = replace(own, catalogue=tuple(e for e in own.catalogue if e.name != "stuck_hole"))
-    state = state_of(own)
-    before = own.forward.runs
-    assert list(saturated_pairs(searching(), state)) == []
-    assert own.forward.runs == before

@@ -76,23 +76,6 @@ def test_search_without_time_ends_with_the_first_effect_and_says_what_is_not_tri
     assert result.after_fit.rms_position < result.before_fit.rms_position
 
 
-@pytest.mark.integration
-def test_simulations_end_with_the_time_limit_and_the_declared_model_is_reported(monkeypatch):
-    """In version 0.1 the first effect was fitted whatever time that took."""
-    result = identified(monkeypatch, measured(TWO), {"fitting": 1.2})
-    assert result.effects == () and result.verdict == "unfinished" and result.not_tried[0] == FURTHER_EFFECTS
-    assert result.after_fit == result.before_fit and result.next_experiment is None
-
-
-@pytest.mark.integration
-def test_what_is_left_is_not_called_unexplained_before_places_and_laws_were_tried(monkeypatch):
-    """It ended "partly explained", although the missing effect might have been at one place, or an unlisted law."""
-    data = measured(TWO)
-    result = identified(monkeypatch, data, {"local causes": 1.05}, candidates=2, max_effects=1)
-    assert len(result.effects) == 1 and result.verdict == "unfinished"
-    assert FURTHER_EFFECTS not in result.not_tried and {PLACES, A_LAW} < set(result.not_tried)
-
-
 def test_a_search_that_is_late_keeps_its_model_and_notes_what_it_has_not_tried():
     """One of two effects is found when the time is over: the verdict stays open."""
     state = with_model(begun(measured(TWO)), {"gravity": {**GRAVITY["gravity"], "g_x": 2.0}})

@@ -1,13 +1,9 @@
 """Candidates are evaluated at their predicted values before some of them are fitted."""
 
-from types import SimpleNamespace
-
-import numpy as np
 import pytest
 from identify_data import FRICTIONAL, ROBOT, measured, problem_of, searching, state_of
 
-from tdcr_fe.identify.candidates import SECOND_LOOK, Round, _has_a_chance, fit_proposals, propose
-from tdcr_fe.identify.fitting import Race
+from tdcr_fe.identify.candidates import SECOND_LOOK, Round, fit_proposals, propose
 from tdcr_fe.identify.places import place_ahead
 
 
@@ -48,22 +44,3 @@ def test_scores_are_computed_once_for_a_model():
     before = problem.forward.runs
     state, proposals = propose(search, state, Round(1, 0.0), [state.declared])
     assert located is None and proposals and problem.forward.runs == before
-
-
-def test_where_one_candidate_takes_nearly_all_off_those_that_promise_next_to_nothing_are_not_simulated():
-    """Five candidates that took 2 to 3 % off were simulated, and two fitted, beside gravity that took 99.8 % off."""
-    far = np.array([100.0, 0.0])
-    problem = SimpleNamespace(cost=lambda r: (float(np.sum(r**2)), 0.0))
-    parent = SimpleNamespace(cost=1e4)
-    promising = {
-        x: SimpleNamespace(cost=lambda p, x=x: p.cost(np.sqrt(1.0 - x) * far)[0]) for x in (0.03, 0.1, 0.5)
-    }
-
-    def chosen(lowest, explained):
-        race = Race(lowest)
-        return [x for x, s in promising.items() if _has_a_chance(problem, (parent, s), race, explained)]
-
-    assert chosen(5e3, explained=False) == [0.03, 0.1, 0.5]
-    assert chosen(100.0, explained=False) == [0.1, 0.5]
-    assert chosen(1e3, explained=True) == [0.5]
-    assert chosen(100.0, explained=True) == []
