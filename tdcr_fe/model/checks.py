@@ -367,7 +367,7 @@ def size_contradictions(robot: Robot, model: Model, steps: int = 1) -> list[Cont
     if elements > most:
         disks, per_bay = len(robot.bay_ends), model.starting_elements_per_bay
         sentence = (
-            f"{disks} disks with {per_bay} elements a bay are {elements} elements; at most {most} fit into "
+            f"{disks} disks with {per_bay} elements per bay are {elements} elements; at most {most} fit into "
             f"{MEMORY_LIMIT / 1e9:g} GB"
         )
         if disks > most:

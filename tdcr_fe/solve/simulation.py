@@ -270,7 +270,7 @@ def step_warnings(number: int, report: LoadStepReport) -> list[str]:
         )
     if report.refinement_error > 0.0:
         found.append(
-            f"step {number}: Friction path not resolved: what is left of it may move a node by "
-            f"{report.refinement_error:.1e} of the length. Use smaller load steps."
+            f"step {number}: Friction path not resolved: the remaining uncertainty may move a node by "
+            f"{100.0 * report.refinement_error:.2g} % of the length. Use smaller load steps."
         )
     return found

@@ -232,7 +232,7 @@ def test_model_that_needs_too_much_memory_is_refused():
     keep = exu.SystemContainer()
     robot = paper().with_disks(positions=tuple(LENGTH * (i + 1) / 50 for i in range(50)))
     with pytest.raises(
-        ValueError, match=r"model.elements_per_bay = 64: 50 disks with 64 elements a bay are 3200"
+        ValueError, match=r"model.elements_per_bay = 64: 50 disks with 64 elements per bay are 3200"
     ):
         CreateTDCR(keep.AddSystem(), robot, Model(elements_per_bay=64))
 

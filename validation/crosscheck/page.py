@@ -67,7 +67,7 @@ def page(outcome: Record) -> Page:
         ),
         sections=tuple(_sections(outcome)),
         notes=(
-            f"{made}. {time['processes']} processes, {time['wall']:.0f} s{recalled}.",
+            f"{made}. {time['processes']} process{'' if time['processes'] == 1 else 'es'}, {time['wall']:.0f} s{recalled}.",
             f"Repeat with: tdcr-fe validate -o OUT{full}",
         ),
     )

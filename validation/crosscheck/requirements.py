@@ -120,7 +120,7 @@ def _of_case(what: str, solved: Sequence[Record], key: str, limit: float, unit: 
 def _hole_states(solved: Sequence[Record]) -> Record:
     off = sum(c["holes_differing_off_threshold"] for c in solved)
     holes = sum(c["holes"] for c in solved)
-    what = "Hole states that differ, not at the stick-slip threshold"
+    what = "Hole states that differ (excluding those at the stick-slip threshold)"
     return _requirement(what, f"{off}", "0", f"of {holes}", off == 0)
 
 
