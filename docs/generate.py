@@ -200,10 +200,11 @@ def _toml(value: Any) -> str:
 
 def effects() -> str:
     """Table of the effects, in the order in which they are applied."""
-    lines = ["| effect | what it is | parameters |", "| --- | --- | --- |"]
+    lines = ["| effect | what it is | parameters | null values |", "| --- | --- | --- | --- |"]
     for effect in EFFECTS:
         parameters = ", ".join(f"`{p.name}` [{p.unit}] {p.meaning}".strip() for p in effect.parameters)
-        lines.append(f"| `{effect.name}` | {effect.description} | {parameters} |".replace("\n", " "))
+        null = ", ".join(f"{p.null_value:g}" for p in effect.parameters)
+        lines.append(f"| `{effect.name}` | {effect.description} | {parameters} | {null} |".replace("\n", " "))
     return "\n".join(lines) + "\n"
 
 

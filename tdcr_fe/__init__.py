@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tdcr_fe.io.keys import json_schema as json_schema
     from tdcr_fe.io.measured import read_measured as read_measured
     from tdcr_fe.io.problems import InputError as InputError
-    from tdcr_fe.io.tables import write_results as write_results
+    from tdcr_fe.io.result_files import write_results as write_results
     from tdcr_fe.io.toml import read_model as read_model
     from tdcr_fe.io.toml import read_robot as read_robot
     from tdcr_fe.io.toml import read_scenario as read_scenario
@@ -83,7 +83,7 @@ _PUBLIC = {
     "tdcr_fe.effects": ("Experiment", "effect", "with_effects"),
     "tdcr_fe.identify": ("IdentificationResult", "IdentifySettings", "identify"),
     "tdcr_fe.io.measured": ("read_measured",),
-    "tdcr_fe.io.tables": ("write_results",),
+    "tdcr_fe.io.result_files": ("write_results",),
     "tdcr_fe.io.keys": ("json_schema",),
     "tdcr_fe.io.problems": ("InputError",),
     "tdcr_fe.io.toml": ("read_model", "read_robot", "read_scenario"),

@@ -13,7 +13,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from tdcr_fe import __version__
 from tdcr_fe.commands.common import (
@@ -25,7 +25,6 @@ from tdcr_fe.commands.common import (
     document,
     stdout_kept_free,
 )
-from tdcr_fe.compiled import numba_version
 from tdcr_fe.io.processes import sigterm_as_interrupt
 
 if TYPE_CHECKING:
@@ -172,10 +171,15 @@ def _print_json(command: str, status: int, args: argparse.Namespace | None, ende
     sys.stdout.flush()
 
 
-def _version() -> str:
-    """Version, and by what the friction path is computed."""
-    numba = numba_version()
-    return f"tdcr-fe {__version__} " + (f"(compiled by numba {numba})" if numba else "(not compiled)")
+class _Version(argparse.Action):
+    """Prints the version, and by what the friction path is computed."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *rest: Any) -> None:
+        from tdcr_fe.compiled import numba_version  # imports numpy
+
+        numba = numba_version()
+        print(f"tdcr-fe {__version__} " + (f"(compiled by numba {numba})" if numba else "(not compiled)"))
+        parser.exit()
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -185,7 +189,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit status: 0 done, 1 the model did not converge, 2 the input is wrong, 130 interrupted "
         "(143 by SIGTERM).",
     )
-    parser.add_argument("--version", action="version", version=_version())
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
     for place in COMMANDS:
         module, _, function = place.partition(":")

@@ -104,6 +104,12 @@ def test_readme_has_a_row_for_every_command():
     assert sorted(rows) == sorted(set(commands.choices))
 
 
+def test_the_page_validation_has_a_row_for_every_campaign():
+    rows = re.findall(r"^\| `(\w+)(?: [^`]*)?` \| ", text_of(DOCS / "validation.md"), re.MULTILINE)
+    campaigns = {p.stem for p in (ROOT / "validation" / "campaigns").glob("*.py")} - {"__init__"}
+    assert campaigns <= set(rows)
+
+
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
 def test_example_asserts_a_number_and_has_its_place_in_the_gallery(script):
     tree = ast.parse(text_of(script))
@@ -122,6 +128,7 @@ def test_example_runs(script, monkeypatch, tmp_path):
     plt.close("all")
 
 
+@pytest.mark.integration
 def test_the_picture_of_the_readme_is_that_of_the_demo(monkeypatch, tmp_path):
     """Small grey copies differ by less than half of the drawn lines; that of 0.1 showed an older run."""
     from PIL import Image

@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from tdcr_fe.io.atomic import check_output_folder, plain, write_text
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.processes import sigterm_as_interrupt
+from tdcr_fe.io.result_files import versions
 from tdcr_fe.io.store import Lines, OtherHead, Record, solve_all
-from tdcr_fe.io.summary import versions
 
 if TYPE_CHECKING:
     import pandas as pd

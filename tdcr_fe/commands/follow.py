@@ -60,9 +60,9 @@ def add_follow_parser(commands: Any) -> None:
 def follow(args: argparse.Namespace) -> int:
     """Find the loading sequence, and write it with what it reaches."""
     from tdcr_fe.io.atomic import check_output_folder
-    from tdcr_fe.io.follow_files import write_follow
-    from tdcr_fe.io.path_table import read_path
+    from tdcr_fe.io.loading_table import read_path
     from tdcr_fe.io.problems import InputError, Problem
+    from tdcr_fe.io.result_files import write_follow
     from tdcr_fe.io.toml import digest, read_model_file, read_robot
     from tdcr_fe.model.loading import Model, SolverSettings
     from tdcr_fe.model.results import Interrupted

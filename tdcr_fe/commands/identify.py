@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
     from tdcr_fe.identify.settings import GRACE_OF_TABLES, IdentifySettings, clock
     from tdcr_fe.io.atomic import check_output_folder
     from tdcr_fe.io.measured import join_measured, read_measured
-    from tdcr_fe.io.own_effects import read_own_effects
+    from tdcr_fe.io.user_effects import read_own_effects
 
     begun = clock()
     data = join_measured([read_measured(folder, strict=args.strict) for folder in args.folder])

@@ -69,9 +69,8 @@ def _add_solver_options(parser: argparse.ArgumentParser, *further: str) -> None:
 def run(args: argparse.Namespace) -> int:
     """Solve a scenario and write the results."""
     from tdcr_fe.io.atomic import check_output_folder
-    from tdcr_fe.io.effects import effects_reader
-    from tdcr_fe.io.own_effects import read_own_effects
     from tdcr_fe.io.toml import read_scenario
+    from tdcr_fe.io.user_effects import effects_reader, read_own_effects
 
     def read() -> Scenario:
         return read_scenario(args.scenario, {"effects": effects_reader(read_own_effects(args.effects))})
@@ -105,7 +104,7 @@ def demo(args: argparse.Namespace) -> int:
 
 def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> int:
     """Solve a scenario, write its results, and return the exit status."""
-    from tdcr_fe.io.tables import write_results
+    from tdcr_fe.io.result_files import write_results
     from tdcr_fe.model.plausibility import plausibility_warnings
 
     if not args.no_pictures:

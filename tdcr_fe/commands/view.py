@@ -98,7 +98,7 @@ def _write_video(motion: Motion, path: Path, args: argparse.Namespace) -> None:
 
 def _page(result: str, out: str | None) -> Path:
     """Where the page goes."""
-    from tdcr_fe.io.tables import VIEW_PAGE
+    from tdcr_fe.io.result_files import VIEW_PAGE
 
     return _file(str(Path(result) / VIEW_PAGE) if out is None else out, (".html", ".htm"), "-o")
 

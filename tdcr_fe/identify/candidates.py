@@ -35,7 +35,7 @@ SECOND_LOOK = 4
 
 #: So many that promise most go first. Where one of them leaves noise, those are not tried whose predicted cost is more
 #: than so many times that at which a fit is of interest, or that take off less than this share of what that one does.
-FIRST, HOPELESS, LITTLE_BESIDE_NOISE = 2, 10.0, 0.15
+FIRST, PRUNED_ABOVE, LITTLE_BESIDE_NOISE = 2, 10.0, 0.15
 
 #: The best of them is fitted to the end at once where its cost is at most so many times that of noise: the error of a
 #: path that is not its own may be larger than noise.
@@ -305,7 +305,7 @@ def _has_a_chance(problem: FitProblem, new: Extended, race: fitting.Race, explai
     predicted = score.cost(problem)
     share = (parent.cost - predicted) / max(1e-300, parent.cost - race.lowest)
     if explained:
-        return predicted <= HOPELESS * race.limit and share >= LITTLE_BESIDE_NOISE
+        return predicted <= PRUNED_ABOVE * race.limit and share >= LITTLE_BESIDE_NOISE
     return share >= LITTLE or race.lowest > LITTLE * parent.cost
 
 
@@ -377,7 +377,7 @@ def finished(problem: FitProblem, fits: Sequence[Fit], race: fitting.Race, margi
     found, done = list(fits), set[int]()
     todo = [i for i, f in enumerate(found) if f.solved and f.cost <= race.limit]
     while todo:
-        ready = [fitting.finish(problem, replace(found[i], given_up=False), race) for i in todo]
+        ready = [fitting.finish(problem, replace(found[i], pruned=False), race) for i in todo]
         for i, fit in zip(todo, fitting.run_fits(problem, ready), strict=True):
             found[i] = fit
             done.add(i)
@@ -452,9 +452,8 @@ def _strong_scores(problem: FitProblem, fit: Fit) -> list[Score]:
     scores = []
     for new in at_full_strength(problem, fit):
         point, left = fitting.linear_optimum(problem, new)
-        cost, held_cost = problem.cost(left)
         starts = [point, new.values] if new.free else [point]
-        scores.append(Score(new.effects[-1], fit.cost - cost, fit.held_cost - held_cost, starts, left, none))
+        scores.append(Score(new.effects[-1], fit.cost - problem.cost(left)[0], starts, left, none))
     return scores
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect, Experiment, with_effects
 from tdcr_fe.identify.forward import solve_commanded_steps
 from tdcr_fe.identify.result import AddedEffect, Estimate, IdentificationResult
+from tdcr_fe.io.result_files import write_results
 from tdcr_fe.io.result_folder import CORRECTED, write_markers
-from tdcr_fe.io.tables import write_results
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml, value_to_toml
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.results import SequenceResult

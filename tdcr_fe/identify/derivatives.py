@@ -102,12 +102,11 @@ def linearize_each(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
 def _linearize_here(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
     """Linearise models; only their runs are shared among processes."""
     first = pairs[0][0]
-    forward, path_tolerance, deadline = first.forward, first.path_tolerance, first.deadline
     given = [_part_or_impossible(problem, request) for problem, request in pairs]
     parts = [x for x in given if isinstance(x, _Part)]
-    runs = forward.run_jobs([p.job for p in parts], path_tolerance, deadline)
+    runs = first.run([p.job for p in parts])
     beside = [p.differences(run) for p, run in zip(parts, runs, strict=True)]
-    found = iter(forward.run_jobs([job for jobs in beside for job in jobs], path_tolerance, deadline))
+    found = iter(first.run([job for jobs in beside for job in jobs]))
     solved = iter(
         [
             part.linear(run, [next(found) for _ in jobs])

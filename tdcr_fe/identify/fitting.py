@@ -62,7 +62,7 @@ class Race:
         self.lowest = min(self.lowest, cost)
 
     @property
-    def over(self) -> bool:
+    def out_of_time(self) -> bool:
         """Whether the time is over."""
         return clock() > self.deadline
 
@@ -164,7 +164,7 @@ def begin(
         if best is None or new.cost < best.cost:
             best = new
         race.reached(new.cost)
-        if race.over:
+        if race.out_of_time:
             break
     assert best is not None
     return best
@@ -245,14 +245,14 @@ def descend(
     damping = 1e-3
     error = float("inf") if predicted is None else _distance(problem, now.residual, predicted)
     for _ in range(max_iterations if now.free else 0):
-        if race.over:
+        if race.out_of_time:
             break
         z, step, promised = _proposal(problem, now, damping)
         if promised < 0.02 + 2e-4 * now.cost:
             break
         reach = reachable_cost(problem, now)
         if np.sqrt(reach) - error > np.sqrt(race.limit):
-            return replace(now, given_up=True)
+            return replace(now, pruned=True)
         point = problem.point(now.effects, now.values, now.free, z)
         try:
             trial = yield from evaluated(problem, now.effects, point, now.free, now)
@@ -272,7 +272,7 @@ def descend(
         if (gain < 0.05 + 1e-3 * now.cost and promised < 2.0 * gain) or not now.free:
             break
         if gain < 0.1 * now.cost and reach > race.limit:
-            return replace(now, given_up=True)
+            return replace(now, pruned=True)
     return now
 
 
@@ -300,7 +300,7 @@ def finish(problem: FitProblem, now: Fit, race: Race, max_iterations: int = 12) 
     """Improve a fit to the end; far from the run that has chosen its substeps, it chooses its own and goes on."""
     for _ in range(2):
         now = yield from descend(problem, now, race, max_iterations)
-        if now.given_up or now.distance_from_path < NEAR_PATH:
+        if now.pruned or now.distance_from_path < NEAR_PATH:
             break
         try:
             again = yield from evaluated(problem, now.effects, now.values, now.free)

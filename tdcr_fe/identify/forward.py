@@ -215,8 +215,6 @@ def _differentiated(
 
 
 Given = TypeVar("Given")
-
-
 Found = TypeVar("Found")
 
 #: Runs kept in memory, with their paths: those without a reference path, which alone are asked for again.
@@ -227,7 +225,7 @@ class Job(NamedTuple):
     """One simulation asked for."""
 
     experiment: Experiment
-    reference: Run | None = None  # A neighbouring run with its trajectory, used as reference path
+    reference: Run | None = None  # a neighbouring run with its trajectory, used as reference path: fast
     record: bool = False  # record the trajectory
     parameters: tuple[Parameter, ...] = ()  # by which the run is differentiated
 
@@ -276,46 +274,18 @@ class ForwardModel:
         self._pool = None
         self._stack.__exit__(kind, error, traceback)
 
-    def run(
-        self,
-        experiments: Sequence[Experiment],
-        path_tolerance: float,
-        reference: Run | None = None,
-        record: bool = False,
-        deadline: float = math.inf,
-    ) -> list[Run]:
-        """Simulate experiments, those that were simulated before from memory.
-
-        Parameters
-        ----------
-        experiments
-            What to simulate; experiments that differ in the observation only share a run.
-        path_tolerance
-            Of the solver, where the declared settings leave it to the identification. Not part of a run's key: it grows
-            once, and earlier, more accurate runs remain valid.
-        reference
-            A neighbouring run with its trajectory, used as reference path; three times as fast, for sensitivities.
-        record
-            Record trajectories.
-        deadline
-            Reading of `tdcr_fe.identify.settings.clock` at which simulations end [s].
-
-        Raises
-        ------
-        OutOfTime
-            The deadline has passed.
-        """
-        return self.run_jobs([Job(e, reference, record) for e in experiments], path_tolerance, deadline)
-
-    def run_jobs(self, jobs: Sequence[Job], path_tolerance: float, deadline: float = math.inf) -> list[Run]:
+    def run(self, jobs: Sequence[Job], path_tolerance: float, deadline: float = math.inf) -> list[Run]:
         """Simulate jobs at a time; those without derivatives and reference that were simulated before from memory.
 
         Parameters
         ----------
         jobs
-            What to simulate.
-        path_tolerance, deadline
-            See `run`.
+            What to simulate; experiments that differ in the observation only share a run.
+        path_tolerance
+            Of the solver, where the declared settings leave it to the identification. Not part of a run's key: it grows
+            once, and earlier, more accurate runs remain valid.
+        deadline
+            Reading of `tdcr_fe.identify.settings.clock` at which simulations end [s].
 
         Raises
         ------

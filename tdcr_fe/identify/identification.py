@@ -43,7 +43,7 @@ from tdcr_fe.identify.settings import (
     clock,
 )
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
-from tdcr_fe.io.own_effects import check_on
+from tdcr_fe.io.user_effects import check_on
 from tdcr_fe.model.arguments import check_callable, wrong_type
 
 #: Tolerance of the loading path as a fraction of the noise of a position (a third of it is left), and its limit.

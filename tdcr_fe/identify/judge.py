@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, EffectAtPlace
-from tdcr_fe.identify.ceiling import held_out_ceiling
 from tdcr_fe.identify.criteria import (
     chi_square_threshold,
     insufficient_data,
@@ -20,6 +19,7 @@ from tdcr_fe.identify.criteria import (
     residual_is_noise,
 )
 from tdcr_fe.identify.data_faults import jump_of_residual, wrong_sigma
+from tdcr_fe.identify.explainable_variance import held_out_ceiling
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.forward import run_settings
 from tdcr_fe.identify.long_data import RowChoice
@@ -165,7 +165,7 @@ def _with_ceiling(search: Search, state: SearchState) -> tuple[SearchState, Misf
     """The ceiling of the held-out misfit, if the time suffices."""
     if state.interrupted:
         return state, None
-    if search.late:
+    if search.out_of_time:
         return state.without_trying(CEILING), None
     return state, held_out_ceiling(state.problem, state.declared, state.best)
 

@@ -194,7 +194,7 @@ def law_ahead(search: Search, state: SearchState, iterations: int = LEAST_ITERAT
         The time limit has passed within a simulation.
     """
     problem = state.problem
-    if not search.laws or state.law_sought or search.late or not _may_have_law(search, state):
+    if not search.laws or state.law_sought or search.out_of_time or not _may_have_law(search, state):
         return state
     budget = _budget(search, problem, iterations)
     search.report("reading the missing moment from the shapes", EARLY_PROGRESS)
@@ -248,7 +248,7 @@ def find_law(
             return None, state.with_history(
                 "no search for a law with several data sets"
             ) if several else state
-        if search.late:
+        if search.out_of_time:
             raise OutOfTime
         sought, alternatives, state = _sought(search, state, iterations)
         if sought is None:
@@ -287,7 +287,7 @@ def _sought(
     alternatives: tuple[Term, ...] = ()
     for base in _bases(state):
         if budget.spent:
-            why = "out of time" if search.late else "too many runs before it"
+            why = "out of time" if search.out_of_time else "too many runs before it"
             state = state.with_history(f"no search for a law {_beside(base)}: {why}")
             continue
         search.report("reading the missing moment from the shapes", LAW_PROGRESS)

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.forward import SMALLEST_ON_REFERENCE, last_parts, run_settings
 from tdcr_fe.identify.problem import FitProblem
-from tdcr_fe.identify.run import Ends, Run
+from tdcr_fe.identify.run import Ends, Run, RunDerivatives
 from tdcr_fe.identify.settings import ending_at
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.interpolation import interpolate_positions
@@ -254,40 +254,30 @@ def action_response(
         for c in range(6)
     ]
     run = run_with_action(problem, experiment, reference.repeated, reference, inputs)
-    found = list(run.result.sensitivities.values())
-    last = last_parts(experiment)
+    acted = run.run
+    ended = last_parts(experiment)[: acted.solved]
+    by = RunDerivatives.of(run.result.sensitivities, ended, acted.solved, {})
     widths = np.diff(run.state.edges)
-    nodes = [int(np.argmin(np.abs(run.run.s - e))) for e in run.state.edges]
-    positions = np.stack([x.positions for x in found], axis=-1)
-    rotations = np.stack([x.rotations for x in found], axis=-1)
-    displacements = np.stack([x.displacements for x in found], axis=-1)
-    tendons, counts = len(experiment.robot.tendons), len(positions)
-    distal = np.zeros((counts, tendons, len(found)))
-    for p, x in enumerate(found):
-        for i, along in enumerate(x.tensions):
-            distal[:, i, p] = along[:, -1]
+    nodes = [int(np.argmin(np.abs(acted.s - e))) for e in run.state.edges]
     reader, data = problem.readings.reader, problem.data
+    observed = reader.observer(acted, experiment)
     by_step: list[tuple[NDArray[np.int_], Array]] = []
-    state = np.zeros((run.run.solved, COMPONENTS * bays, COMPONENTS * bays))
-    for k, j in enumerate(last[: run.run.solved]):
+    state = np.zeros((acted.solved, COMPONENTS * bays, COMPONENTS * bays))
+    for k in range(acted.solved):
         turn = _loads_of_action(run.state.rotation[k])
         change = ObservedChange(
-            positions[j] @ turn,
-            rotations[j] @ turn,
-            displacements[j] @ turn,
-            distal[j] @ turn,
-            np.zeros((run.run.s.size, turn.shape[-1])),
+            by.positions[k] @ turn,
+            by.rotations[k] @ turn,
+            by.displacements[k] @ turn,
+            by.distal_tensions[k] @ turn,
+            np.zeros((acted.s.size, turn.shape[-1])),
         )
-        seen = experiment.observation.step(
-            run.run.s, run.run.positions[k], run.run.rotations[k], run.run.displacements[k],
-            run.run.distal_tensions[k], tuple(data.robot.tendon_names),
-        )  # fmt: skip
         mine = np.flatnonzero(reader.step == k)
         rows = np.zeros((mine.size, COMPONENTS * bays))
         for quantity in dict.fromkeys(data.readings[i].quantity for i in mine):
             which = [n for n, i in enumerate(mine) if data.readings[i].quantity == quantity]
             locations = [data.readings[mine[n]].location for n in which]
-            rows[which] = channel(quantity).derivatives(seen, change, locations)
+            rows[which] = channel(quantity).derivatives(observed(k), change, locations)
         by_step.append((mine, rows / problem.sigma[mine][:, None]))
         turned = change.rotations[nodes]
         local = np.einsum("bij,bip->bjp", run.state.rotation[k], turned[1:] - turned[:-1])

@@ -23,7 +23,7 @@ from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.load_steps import blocks, inputs
-from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate
+from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, with_elements
 from tdcr_fe.identify.result import SearchedSteps
 from tdcr_fe.identify.search import forward_selection
 from tdcr_fe.identify.search_state import Search, SearchState, Stage, mean_cost
@@ -189,14 +189,9 @@ def _spread(table: Array, branches: Sequence[Sequence[int]], most: int) -> list[
 
 def problem_of_rows(problem: FitProblem, rows: RowChoice) -> FitProblem:
     """The same problem on chosen load steps, with the declared model."""
-    index = np.array(rows.readings)
-    fresh = FitProblem.of(
-        rows.of(problem.data),
-        problem.sigma[index],
-        problem.held_out[index],
-        problem.forward,
-        problem.path_tolerance,
-    )
+    index, data = np.array(rows.readings), rows.of(problem.data)
+    sigma, held_out = problem.sigma[index], problem.held_out[index]
+    fresh = FitProblem.of(data, sigma, held_out, problem.forward, problem.path_tolerance)
     return replace(fresh, catalogue=problem.catalogue)
 
 
@@ -220,11 +215,7 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
         Of all load steps; the state of the search where a model is not solved on all of them, or not in time.
     """
     search.report("the final fit to all load steps", 0.8)
-    mesh = state.problem.experiment.model.elements_per_bay
-    experiment = replace(problem.experiment, model=replace(problem.experiment.model, elements_per_bay=mesh))
-    problem = replace(
-        problem, experiment=experiment, scales=state.problem.scales, mesh_error=state.problem.mesh_error
-    )
+    problem = _on_mesh_of(state.problem, problem)
     begun = clock()
     try:
         problem, found = _evaluated(problem, state.best)
@@ -242,6 +233,13 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
         (best,) = fitting.run_fits(problem, [fitting.finish(problem, best, race, FINAL_ITERATIONS)])
     everything = state.begun_anew(problem, declared, best)
     return _with_smaller_models(search, state, everything, duration)
+
+
+def _on_mesh_of(searched: FitProblem, problem: FitProblem) -> FitProblem:
+    """A problem with the mesh on which a search ended, and with what it knows of typical steps and of the mesh."""
+    count = searched.experiment.model.starting_elements_per_bay
+    experiment = with_elements(problem.experiment, count)
+    return replace(problem, experiment=experiment, scales=searched.scales, mesh_error=searched.mesh_error)
 
 
 def _evaluated(problem: FitProblem, best: Fit) -> tuple[FitProblem, list[Fit]]:
@@ -304,10 +302,9 @@ def _within(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Po
         found[e.name] = {}
         for p in e.parameters:
             low, high = problem.bounds(e, p.name)
-            z = p.coordinate(values[e.name][p.name])
-            found[e.name][p.name] = (
-                values[e.name][p.name] if low <= z <= high else p.value(min(max(z, low), high))
-            )
+            value = values[e.name][p.name]
+            z = p.coordinate(value)
+            found[e.name][p.name] = value if low <= z <= high else p.value(min(max(z, low), high))
     return found
 
 
@@ -362,14 +359,7 @@ def restore_friction(search: Search, state: SearchState, problem: FitProblem) ->
         With friction; that without where a model is not solved with it.
     """
     search.report("the best model with friction", 0.8)
-    experiment = problem.experiment
-    mesh = state.problem.experiment.model.elements_per_bay
-    problem = replace(
-        problem,
-        experiment=replace(experiment, model=replace(experiment.model, elements_per_bay=mesh)),
-        scales=state.problem.scales,
-        mesh_error=state.problem.mesh_error,
-    )
+    problem = _on_mesh_of(state.problem, problem)
     declared = evaluate(problem, (), {})
     problem = replace(problem, robust_threshold=robust_threshold(declared.residual))
     declared = evaluate(problem, (), {})

@@ -61,7 +61,7 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
     problem, best = state.problem, state.best
     if not best.effects or not best.solved or any(name == "law" for name, _ in best.free):
         return None
-    if search.late:
+    if search.out_of_time:
         raise OutOfTime
     search.report("the next experiment", 0.96)
     rivals = leading_rivals(search, state)

@@ -326,7 +326,7 @@ def _input_response(problem: FitProblem, fit: Fit, experiment: Experiment) -> Ar
     inputs = tuple(StepInput(f"inputs.{name}", tendon=i) for i, name in enumerate(names))
     reference = fit.run if fit.run.trajectory is not None else None
     job = Job(experiment, reference, False, inputs)
-    (run,) = problem.forward.run_jobs([job], problem.path_tolerance, problem.deadline)
+    (run,) = problem.run([job])
     derivatives = problem.readings.reader.derivatives(run, experiment) / problem.sigma[:, None]
     found: Array = np.where(np.isfinite(derivatives), derivatives, 0.0)
     return found

@@ -163,7 +163,7 @@ def better_places(
     order = sorted(range(len(found)), key=lambda i: found[i].cost)
     for i in order[:MOVED]:
         tried = {found[i].names[-1]}
-        while found[i].solved and not race.over and found[i].cost <= movable * race.limit:
+        while found[i].solved and not race.out_of_time and found[i].cost <= movable * race.limit:
             effect = found[i].effects[-1]
             assert isinstance(effect, EffectAtPlace)
             near = [x for x in effect.neighbours(problem.data.robot) if x.name not in tried]
@@ -195,11 +195,11 @@ def _moved(
         now = yield from fitting.begin(problem, effects, [{**values, effect.name: x}], race, fit)
         if best is None or fitting.reachable_cost(problem, now) < fitting.reachable_cost(problem, best):
             best = now
-        if fitting.reachable_cost(problem, best) <= race.limit or race.over:
+        if fitting.reachable_cost(problem, best) <= race.limit or race.out_of_time:
             break
     assert best is not None
     if fitting.reachable_cost(problem, best) > OUT_OF_REACH * race.limit:
-        return replace(best, given_up=True)
+        return replace(best, pruned=True)
     return (yield from fitting.descend(problem, best, race))
 
 
@@ -259,7 +259,7 @@ def _promising_pairs(search: Search, state: SearchState) -> tuple[SearchState, l
     waiting = sorted(at_full_strength(problem, declared), key=lambda f: f.cost)[:CAUSES]
     known = {f.names for f in waiting}
     pairs: list[tuple[float, Extended]] = []  # with the BIC of the fitted readings to first order
-    while waiting and not search.late:
+    while waiting and not search.out_of_time:
         for cause in waiting:
             scores = screen(problem, cause, _others(state, cause))
             state = with_screened(state, scores)

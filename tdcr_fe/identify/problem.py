@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import EFFECTS, Effect, ExcitationRange, Experiment
-from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.load_steps import divide_steps, join_steps
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.result import Misfit
@@ -104,7 +104,7 @@ class FitProblem:
             forward=forward,
             sigma=sigma,
             held_out=held_out,
-            experiment=replace(declared, model=replace(declared.model, elements_per_bay=1)),
+            experiment=with_elements(declared, 1),
             path_tolerance=path_tolerance,
             robust_threshold=ROBUST,
             correction=np.zeros(len(data.readings)),
@@ -137,8 +137,12 @@ class FitProblem:
     def solve(
         self, experiments: Sequence[Experiment], reference: Run | None = None, record: bool = False
     ) -> list[Run]:
-        """Simulate experiments; see `ForwardModel.run`."""
-        return self.forward.run(experiments, self.path_tolerance, reference, record, self.deadline)
+        """Simulate experiments, along the path of a neighbouring run if one is given; ``record``: with their paths."""
+        return self.run([Job(e, reference, record) for e in experiments])
+
+    def run(self, jobs: Sequence[Job]) -> list[Run]:
+        """Simulate jobs; see `ForwardModel.run`."""
+        return self.forward.run(jobs, self.path_tolerance, self.deadline)
 
     def residuals(
         self,
@@ -253,7 +257,7 @@ class Fit:
     path_residual: Array | None = None
     # parameters by which the derivatives are differences of two runs, with the reason
     differenced: Mapping[tuple[str, str], str] = field(default_factory=dict)
-    given_up: bool = False  # whether the fit was stopped because it could not come near the best
+    pruned: bool = False  # whether the fit was stopped because it could not come near the best
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -329,7 +333,7 @@ def refine(
         )
         return _known(problem.residual(observed, found) - here)
 
-    change = change_with(_with_elements(experiment, n + 1), run)
+    change = change_with(with_elements(experiment, n + 1), run)
     share = 1.0 - (n / (n + 1.0)) ** ORDER
     mesh_error = float(np.sqrt(np.mean(change**2))) / share
     unresolved = {int(k) for k in np.flatnonzero(run.refinement_errors > 0.0)}
@@ -341,7 +345,7 @@ def refine(
     refined = divided
     if mesh_error > MESH and n < FINEST:
         more = min(FINEST, max(n + 1, int(np.ceil(n * (mesh_error / MESH) ** (1.0 / ORDER)))))
-        refined = _with_elements(divided, more)
+        refined = with_elements(divided, more)
         mesh_error *= (n / more) ** ORDER
     if refined is experiment:
         # Extrapolated only where it is small, so that its law is known.
@@ -352,7 +356,7 @@ def refine(
     return problem, again
 
 
-def _with_elements(experiment: Experiment, count: int) -> Experiment:
+def with_elements(experiment: Experiment, count: int) -> Experiment:
     """The same with so many elements a bay."""
     return replace(experiment, model=replace(experiment.model, elements_per_bay=count))
 

@@ -175,7 +175,7 @@ class Reader:
             Whose observation map is used.
         """
         out = np.full(self.count, np.nan)
-        observe = self._observer(run, experiment)
+        observe = self.observer(run, experiment)
         markers = self._markers.solved(run)
         if markers.which.size:
             out[markers.which] = markers.positions(run, observe(0))
@@ -198,7 +198,7 @@ class Reader:
         by = run.derivatives
         assert by is not None
         out = np.full((self.count, len(by.names)), np.nan)
-        observe = self._observer(run, experiment)
+        observe = self.observer(run, experiment)
         markers = self._markers.solved(run)
         if markers.which.size:
             out[markers.which] = markers.changes(run, by, observe(0))
@@ -208,7 +208,7 @@ class Reader:
                 out[which] = known.derivatives(step, change, locations)
         return out
 
-    def _observer(self, run: Run, experiment: Experiment) -> Callable[[int], ObservedStep]:
+    def observer(self, run: Run, experiment: Experiment) -> Callable[[int], ObservedStep]:
         """What is observed of a run's steps."""
         return lambda k: experiment.observation.step(
             run.s,

@@ -24,7 +24,7 @@ from tdcr_fe.identify.result import IdentificationResult, Misfit
 from tdcr_fe.identify.sentences import half_width, headline, measure, noise_size, remarks, sentences, size
 from tdcr_fe.identify.settings import TABLES, OutOfTime
 from tdcr_fe.io.atomic import write_json, write_text
-from tdcr_fe.io.summary import versions
+from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.channels import channel
 from tdcr_fe.report import page as kit
 from tdcr_fe.report import viewer

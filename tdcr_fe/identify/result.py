@@ -16,7 +16,7 @@ from tdcr_fe.identify.run import Trajectory
 from tdcr_fe.io.atomic import plain
 from tdcr_fe.io.loading_table import loading_text
 from tdcr_fe.io.measured import MeasuredData
-from tdcr_fe.io.summary import versions
+from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.loading import LoadStep, SolverSettings
 
 Array = NDArray[np.float64]

@@ -191,11 +191,6 @@ class RunDerivatives:
 _BY_STEP = ("positions", "rotations", "displacements", "base_tensions", "distal_tensions")
 
 
-def _nothing(values: Array, steps: int) -> Array:
-    """NaN in the shape of a field, for so many steps."""
-    return np.full((steps, *values.shape[1:]), np.nan)
-
-
 def _padded(values: Array, steps: int) -> Array:
     """One value for each of so many steps, zero where there is none."""
     return np.concatenate((values[:steps], np.zeros(max(0, steps - len(values)))))
@@ -247,14 +242,14 @@ class Run:
     @classmethod
     def joined(cls, runs: Sequence[Run], lengths: Sequence[int]) -> Run:
         """Several loading sequences with so many steps each, one after another; those that have no run are NaN."""
-        full = list(runs)
-        for length in lengths[len(runs) :]:
-            empty: dict[str, Any] = {n: _nothing(getattr(runs[0], n), length) for n in _BY_STEP}
-            full.append(replace(runs[0], **empty))
-        nodes = max(full, key=lambda r: r.solved).s
-        for i, (run, length) in enumerate(zip(full, lengths, strict=True)):
-            if run.s.size != nodes.size:  # nothing was solved: the nodes are not known
-                full[i] = cls.unsolved(nodes, length, run)
+        best = max(runs, key=lambda r: r.solved)
+        nodes = best.s
+        full = [
+            # Where nothing was solved, the nodes are not known.
+            run if run.s.size == nodes.size else cls.unsolved(nodes, length, run)
+            for run, length in zip(runs, lengths, strict=False)
+        ]
+        full += [cls.unsolved(nodes, length, best) for length in lengths[len(runs) :]]
         solved = 0
         for run, length in zip(runs, lengths, strict=False):
             solved += run.solved

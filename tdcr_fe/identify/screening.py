@@ -23,7 +23,6 @@ class Score:
 
     effect: Effect
     drop: float  # fall of the sum of squares over the fitted readings, to first order
-    drop_held: float  # fall of the sum of squares over the held-out readings for the same change
     starts: list[Point]  # where a fit may begin
     predicted: Array  # residual over sigma that it would leave, to first order, shape (n,)
     signature: Array  # change of the predictions over sigma, by direction, shape (n, k)
@@ -32,6 +31,14 @@ class Score:
     scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
     # parameters whose part of the signature is a difference of two runs, with the reason
     differenced: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def refused(
+        cls, effect: Effect, fit: Fit, note: str, scales: Mapping[tuple[str, str], float] | None = None
+    ) -> Score:
+        """Of an effect that is not tried beside a model."""
+        nothing = np.zeros((fit.residual.size, 0))
+        return cls(effect, 0.0, [], fit.residual, nothing, note, scales or {})
 
     @property
     def count(self) -> int:
@@ -65,13 +72,12 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> list[Sco
     excitation = problem.excitation_range(fit.run)
     sets: list[_ProbeSet] = []
     scores: list[Score] = []
-    none = np.zeros((fit.residual.size, 0))
     for e in effects:
         probes = e.probe_points(experiment, excitation)
         alternatives = [points for points in probes if _possible(problem, fit, e, points)]
         if not alternatives:
             note = "the robot cannot be combined with it" if probes else "these data cannot show it"
-            scores.append(Score(e, 0.0, 0.0, [], fit.residual, none, note))
+            scores.append(Score.refused(e, fit, note))
         sets += [_ProbeSet.of(e, points, experiment) for points in alternatives]
     signatures, differenced = _signatures(problem, fit, sets)
     for e in effects:
@@ -206,7 +212,6 @@ def _score(problem: FitProblem, fit: Fit, sets: Sequence[tuple[_ProbeSet, Array]
         left = (fit.residual - a @ amplitude) * w
         weighted = fit.residual * w
         drop = float(np.sum(weighted[fitted] ** 2) - np.sum(left[fitted] ** 2))
-        drop_held = float(np.sum(weighted[problem.held_out] ** 2) - np.sum(left[problem.held_out] ** 2))
         for name, j in ((n, j) for d in one.directions for n, j in d.items()):
             if j != 0.0:
                 scales[(e.name, name)] = abs(j)
@@ -214,27 +219,11 @@ def _score(problem: FitProblem, fit: Fit, sets: Sequence[tuple[_ProbeSet, Array]
         others.append(starts[0])
         if best is None or drop > best.drop:
             points = [*starts, {**fit.values, e.name: one.points[0]}]
-            best = Score(e, drop, drop_held, points, fit.residual - a @ amplitude, signature)
+            best = Score(e, drop, points, fit.residual - a @ amplitude, signature)
     if best is None:
-        return Score(
-            e,
-            0.0,
-            0.0,
-            [],
-            fit.residual,
-            np.zeros((fit.residual.size, 0)),
-            "it changes nothing on these data",
-            scales,
-        )
-    return Score(
-        e,
-        best.drop,
-        best.drop_held,
-        best.starts + [o for o in others if o is not best.starts[0]],
-        best.predicted,
-        best.signature,
-        scales=scales,
-    )
+        return Score.refused(e, fit, "it changes nothing on these data", scales)
+    starts = best.starts + [o for o in others if o is not best.starts[0]]
+    return replace(best, starts=starts, scales=scales)
 
 
 def _direction(

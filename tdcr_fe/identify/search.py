@@ -97,7 +97,7 @@ def swap_effects(search: Search, state: SearchState) -> Stage:
 def _swap_one(search: Search, state: SearchState) -> tuple[SearchState, bool]:
     """Try others in place of each effect until one explains more; indistinguishable rivals found so far are kept."""
     for e in state.best.effects:
-        if search.late:
+        if search.out_of_time:
             return state.without_trying(EXCHANGES), False
         state, rest = without(state, e)
         state, every = scores_beside(state, rest)
@@ -195,13 +195,13 @@ def search_effects(search: Search, state: SearchState) -> Stage:
     state = yield from in_time(state, forward_selection(search, state), FURTHER_EFFECTS)
     if _law_is_ahead(search, state):
         return state
-    if state.best.effects and search.late:
+    if state.best.effects and search.out_of_time:
         state = state.without_trying(EXCHANGES)
     elif state.best.effects:
         search.report("backward selection and swaps", 0.75)
         state = yield from in_time(state, backward_selection(search, state), EXCHANGES)
         state = yield from in_time(state, swap_effects(search, state), EXCHANGES)
-    if search.late:
+    if search.out_of_time:
         state = state.without_trying(PLACES)
         yield state
     elif state.best.effects or not residual_is_noise(state.problem, state.best, search.significance):
@@ -210,7 +210,7 @@ def search_effects(search: Search, state: SearchState) -> Stage:
         state = yield from in_time(state, local_search(search, state), PLACES)
         if state.best is not before:
             state = yield from _beside_local_cause(search, state)
-        if not (search.late or residual_is_noise(state.problem, state.best, search.significance)):
+        if not (search.out_of_time or residual_is_noise(state.problem, state.best, search.significance)):
             before = state.best
             state = yield from in_time(state, saturated_pairs(search, state), PLACES)
             if state.best is not before:
@@ -249,7 +249,7 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
             break
         if (
             number > 1
-            and search.late
+            and search.out_of_time
             and not residual_is_noise(state.problem, state.best, search.significance)
         ):
             state = state.without_trying(FURTHER_EFFECTS)
@@ -293,7 +293,7 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
             again = [fitting.descend(problem, f, fitting.Race(), 5) for f in others]
             others = fitting.run_fits(problem, again)
         level = [best] if explained or number > 1 else [best, *others]
-        if explained or not locate or search.late:
+        if explained or not locate or search.out_of_time:
             continue
         before = state.best
         state = yield from _causes_ahead(search, state, number, state.problem.forward.iterations - begun)
@@ -354,7 +354,7 @@ def with_intermediate_models(state: SearchState) -> SearchState:
     for i in range(1, len(effects)):
         part = effects[:i]
         known = state.fits.get(frozenset(e.name for e in part))
-        if known is None or not known.solved or known.given_up:
+        if known is None or not known.solved or known.pruned:
             values = state.best.values if known is None or not known.solved else known.values
             try:
                 state, _ = fitted_model(state, part, [{e.name: values[e.name] for e in part}], whole=True)

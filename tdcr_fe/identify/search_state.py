@@ -46,7 +46,7 @@ class Search:
     laws: bool = False  # whether an unlisted law is looked for besides the listed effects
 
     @property
-    def late(self) -> bool:
+    def out_of_time(self) -> bool:
         """Whether the time of the search is over."""
         return clock() > self.deadline
 
@@ -148,7 +148,7 @@ def in_time(state: SearchState, stage: Stage, what: str) -> Stage:
 
 def cut_short(search: Search, state: SearchState, part: str) -> SearchState:
     """With a part noted as not tried where its fits ended with the time, more than noise is left, and none is noted."""
-    if not search.late or residual_is_noise(state.problem, state.best, search.significance):
+    if not search.out_of_time or residual_is_noise(state.problem, state.best, search.significance):
         return state
     return state.without_trying(part) if MAY_EXPLAIN.isdisjoint(state.not_tried) else state
 
@@ -161,7 +161,7 @@ def fitted_model(
     ``whole``: to its best values, even where it cannot come near the best model; else it ends where that is seen.
     """
     key = frozenset(e.name for e in effects)
-    if key not in state.fits or (whole and state.fits[key].given_up):
+    if key not in state.fits or (whole and state.fits[key].pruned):
         race = fitting.Race() if whole else fitting.Race(state.best.cost)
         fitted = fitting.smaller(state.problem, effects, starts, state.best, race)
         (new,) = fitting.run_fits(state.problem, [fitted])

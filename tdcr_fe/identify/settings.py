@@ -45,7 +45,7 @@ class IdentifySettings:
     path_tolerance : float
         Of the solver: accuracy of the path of loading over the length [1].
     own_effects : tuple of Effect
-        Candidates besides the listed ones; see `tdcr_fe.io.own_effects.read_own_effects`.
+        Candidates besides the listed ones; see `tdcr_fe.io.user_effects.read_own_effects`.
     """
 
     processes: int = 1

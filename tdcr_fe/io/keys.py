@@ -126,7 +126,7 @@ ROBOT = Keys(
 )
 #: Keys at the top of ``model.toml``.
 MODEL_FILE = Keys({"model": Annotated[_TABLE, _MODEL], "solver": Annotated[_TABLE, _SOLVER]}, {"solver": {}})
-#: Keys at the top of ``scenario.toml``, without those of `tdcr_fe.io.effects`.
+#: Keys at the top of ``scenario.toml``, without those of `tdcr_fe.io.user_effects`.
 SCENARIO = Keys({"robot": Annotated[str, _PATH]}).with_keys(
     {**MODEL_FILE, "steps": Annotated[_TABLES, _STEPS]}, model={}, solver={}
 )

@@ -1,20 +1,24 @@
-"""The loading sequence of a measurement: the rows of ``loading.csv``, read with every mistake by name, and written."""
+"""Tables of commands: the loading sequence `loading.csv`, read and written, and the targets of the tip, `path.csv`.
+
+Every mistake is named by its line and column.
+"""
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.io.problems import Problem
-from tdcr_fe.io.spreadsheet import millimetres_hint, number, whole_number
+from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.spreadsheet import millimetres_hint, number, read_table, whole_number
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, resolve
+from tdcr_fe.model.messages import meant
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.targets import TipTarget
 
 FORCES = ("force_x", "force_y", "force_z")
 #: A table with more mistakes is not read on.
@@ -38,24 +42,54 @@ class Loading(NamedTuple):
     branches: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class _Row:
-    """A row of texts.
+#: What is wrong with a cell: its column, and what is allowed there.
+_Wrong = tuple[str, str]
 
-    Attributes
-    ----------
-    cells : mapping
-        By column.
-    file : str
-    """
 
-    cells: Mapping[Any, Any]
-    file: str
+class _Rows:
+    """What both tables share: numbers of steps are different, times do not run backwards, mistakes have a line."""
 
-    def problem(self, column: str, allowed: str) -> Problem:
-        """What is wrong with one cell."""
-        where = f"line {self.cells['line']}, {column}"
-        return Problem(self.file, where, str(self.cells[column]) or "empty", allowed)
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.problems: list[Problem] = []
+        self.taken: dict[int, None] = {}  # in order; many steps are found in it fast
+        self.last_time = 0.0
+
+    def check_columns(self, columns: Iterable[str], known: Sequence[str], required: Sequence[str]) -> None:
+        """Columns that are unknown or missing."""
+        columns = [c for c in columns if c != "line"]
+        for column in columns:
+            if column not in known:
+                text = f"unknown column{meant(column, known)}; allowed: {', '.join(known)}"
+                self.problems.append(Problem(self.file, column, "", text))
+        text = f"missing column; must have {', '.join(required)}"
+        self.problems += [Problem(self.file, c, "", text) for c in required if c not in columns]
+        for three in (FORCES, DIRECTION):
+            if 0 < len(set(three) & set(columns)) < 3 and three[0] in known:
+                text = "all three or none of these columns"
+                self.problems.append(Problem(self.file, ", ".join(three), "", text))
+
+    def step(self, cells: Mapping[Any, Any], time: float | None, wrong: list[_Wrong]) -> int:
+        """Number of the step in a row, 0 where it has none; what is wrong with number and time goes to ``wrong``."""
+        step = whole_number(cells["step"])
+        if step is None:
+            wrong.append(("step", "must be a whole number"))
+        elif step in self.taken:
+            text = "the step is there more than once; the order of the rows is the order of loading"
+            wrong.append(("step", text))
+        if time is not None and time < self.last_time:
+            wrong.append(("time", f"must not be before the step before, at {self.last_time:g} s"))
+        self.last_time = max(self.last_time, time or 0.0)
+        self.taken[step or 0] = None
+        return step or 0
+
+    def report(self, line: Any, cells: Mapping[Any, Any], wrong: Iterable[_Wrong]) -> bool:
+        """Take mistakes of a row; whether there are too many to read on."""
+        self.problems += [
+            Problem(self.file, f"line {line}, {column}", str(cells[column]) or "empty", allowed)
+            for column, allowed in wrong
+        ]
+        return len(self.problems) > MOST_PROBLEMS
 
 
 def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> tuple[Loading, list[Problem]]:
@@ -77,92 +111,47 @@ def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> tuple[Loading,
     problems : list of Problem
         Those of the first rows where there are more than `MOST_PROBLEMS`.
     """
-    problems = _column_problems(table.columns, robot, file)
-    if problems:
-        return Loading(), problems
-    if table.empty:
-        return Loading(), [Problem(file, "", "", "has no steps")]
-    numbers: dict[int, None] = {}  # in order; many steps are found in it fast
+    tendons, rows = robot.tendon_names, _Rows(file)
+    inputs = [f"{kind}_{name}" for kind in ("displacement", "tension") for name in tendons]
+    rows.check_columns(table.columns, sorted({"step", "branch", "time", *FORCES, *inputs}), ["step"])
+    both = "the tendon has a tension too; one of the two is allowed"
+    rows.problems += [
+        Problem(file, f"displacement_{name}", "", both)
+        for name in tendons
+        if {f"tension_{name}", f"displacement_{name}"} <= set(table.columns)
+    ]
+    if not rows.problems and table.empty:
+        rows.problems.append(Problem(file, "", "", "has no steps"))
+    if rows.problems:
+        return Loading(), rows.problems
     steps, branches = [], []
-    last_time = 0.0
     for cells in table.to_dict("records"):
-        row = _Row(cells, file)
-        step_id, wrong = _step_id(row, numbers)
-        values, more = _values(row, robot.backbone.length)
-        wrong += more
-        if values.get("time", last_time) < last_time:
-            wrong.append(row.problem("time", f"must not be before the step before, at {last_time:g} s"))
-        last_time = max(last_time, values.get("time", last_time))
-        numbers[step_id] = None
-        problems += wrong
-        if len(problems) > MOST_PROBLEMS:
+        values, wrong = _values(cells, robot.backbone.length)
+        step_id = rows.step(cells, values.get("time"), wrong)
+        if rows.report(cells["line"], cells, wrong):
             break
         if not wrong:
             steps.append(_load_step(step_id, values, robot))
             branches.append(str(cells.get("branch", "")))
-    return Loading(tuple(numbers), tuple(steps), tuple(branches)), problems
+    return Loading(tuple(rows.taken), tuple(steps), tuple(branches)), rows.problems
 
 
-def _column_problems(columns: Iterable[str], robot: Robot, file: str) -> list[Problem]:
-    """Columns that are unknown, missing, or exclude each other."""
-    columns, tendons = list(columns), robot.tendon_names
-    known = {"step", "branch", "time", *FORCES}
-    known |= {f"{kind}_{name}" for kind in ("tension", "displacement") for name in tendons}
-    problems = []
-    if "step" not in columns:
-        problems.append(Problem(file, "step", "", "missing column"))
-    for column in columns:
-        if column not in known and column != "line":
-            near = difflib.get_close_matches(column, known, n=1)
-            hint = f"; did you mean {near[0]}?" if near else ""
-            allowed = ", ".join(sorted(known))
-            problems.append(Problem(file, column, "", f"unknown column{hint}; allowed: {allowed}"))
-    both = "the tendon has a tension too; one of the two is allowed"
-    problems += [
-        Problem(file, f"displacement_{name}", "", both)
-        for name in tendons
-        if {f"tension_{name}", f"displacement_{name}"} <= set(columns)
-    ]
-    if 0 < len(set(FORCES) & set(columns)) < 3:
-        problems.append(Problem(file, ", ".join(FORCES), "", "all three or none of these columns"))
-    return problems
-
-
-def _step_id(row: _Row, taken: Collection[int]) -> tuple[int, list[Problem]]:
-    """Number of a step; 0 where it has none."""
-    found = whole_number(row.cells["step"])
-    if found is None:
-        return 0, [row.problem("step", "must be a whole number")]
-    if found in taken:
-        allowed = "the step is there more than once; the order of the rows is the order of loading"
-        return found, [row.problem("step", allowed)]
-    return found, []
-
-
-def _values(row: _Row, length: float) -> tuple[dict[str, float], list[Problem]]:
-    """Inputs, forces and time of a step, by column; NaN where a cell is no finite number."""
+def _values(cells: Mapping[Any, Any], length: float) -> tuple[dict[str, float], list[_Wrong]]:
+    """Inputs, forces and time of a step, by column, NaN where a cell is no finite number; and what is wrong."""
     values: dict[str, float] = {}
-    problems = []
-    for column, text in row.cells.items():
+    wrong = []
+    for column, text in cells.items():
         if column in ("line", "step", "branch") or (column == "time" and text == ""):
             continue
         values[column] = value = number(text)
-        allowed = _allowed(column, value, length)
-        if allowed:
-            problems.append(row.problem(column, allowed))
-    return values, problems
-
-
-def _allowed(column: str, value: float, length: float) -> str:
-    """What is allowed in a column; empty where the value is."""
-    if math.isnan(value):
-        return "must be a finite number; without it the history of loading is lost"
-    if column.startswith("tension_") and value < 0.0:
-        return "a tension must be zero or more [N]"
-    if column.startswith("displacement_") and abs(value) > length:
-        hint = millimetres_hint(value, length)
-        return f"more than the robot's length of {length:g} m; must be in m{hint}"
-    return ""
+        if math.isnan(value):
+            wrong.append((column, "must be a finite number; without it the history of loading is lost"))
+        elif column.startswith("tension_") and value < 0.0:
+            wrong.append((column, "a tension must be zero or more [N]"))
+        elif column.startswith("displacement_") and abs(value) > length:
+            hint = millimetres_hint(value, length)
+            wrong.append((column, f"more than the robot's length of {length:g} m; must be in m{hint}"))
+    return values, wrong
 
 
 def _load_step(step_id: int, values: Mapping[str, float], robot: Robot) -> LoadStep:
@@ -170,11 +159,11 @@ def _load_step(step_id: int, values: Mapping[str, float], robot: Robot) -> LoadS
     if FORCES[0] in values:
         x, y, z = (values[c] for c in FORCES)
         loads["tip"] = Load(robot.backbone.length, (x, y, z))
-
-    def inputs(kind: str) -> dict[str, float]:
-        return {n: values[f"{kind}_{n}"] for n in robot.tendon_names if f"{kind}_{n}" in values}
-
-    return LoadStep(str(step_id), inputs("tension"), inputs("displacement"), loads, time=values.get("time"))
+    tensions, displacements = (
+        {n: values[f"{kind}_{n}"] for n in robot.tendon_names if f"{kind}_{n}" in values}
+        for kind in ("tension", "displacement")
+    )
+    return LoadStep(str(step_id), tensions, displacements, loads, time=values.get("time"))
 
 
 def loading_table(
@@ -251,3 +240,67 @@ def loading_text(
     """A loading sequence as the text of a ``loading.csv``, see `loading_table`."""
     text: str = loading_table(robot, step_ids, steps, branches).to_csv(index=False)
     return text
+
+
+POSITION, DIRECTION = ("x", "y", "z"), ("dx", "dy", "dz")
+#: A target farther away than this many lengths of the robot is taken for one in another unit.
+FARTHEST = 10.0
+
+
+def read_path(path: str | os.PathLike[str], length: float) -> tuple[TipTarget, ...]:
+    """Read ``path.csv``.
+
+    Parameters
+    ----------
+    path
+        Columns ``step,x,y,z`` and, optionally, ``dx,dy,dz``, ``label`` and ``time``.
+    length
+        Of the robot [m], by which positions in another unit are recognised.
+
+    Raises
+    ------
+    InputError
+        With every mistake in the file.
+    """
+    table, rows = read_table(path), _Rows(str(path))
+    known = ("step", *POSITION, *DIRECTION, "label", "time")
+    rows.check_columns(table.columns, known, ("step", *POSITION))
+    if not rows.problems and table.empty:
+        rows.problems.append(Problem(str(path), "", "", "has no targets"))
+    if rows.problems:
+        raise InputError(rows.problems)
+    targets = []
+    for line, cells in table.to_dict("index").items():
+        target, wrong = _target(cells, length)
+        rows.step(cells, None if target is None else target.time, wrong)
+        if rows.report(line, cells, wrong):
+            break
+        if target is not None:
+            targets.append(target)
+    if rows.problems:
+        raise InputError(rows.problems)
+    return tuple(targets)
+
+
+def _target(cells: Mapping[Any, str], length: float) -> tuple[TipTarget | None, list[_Wrong]]:
+    """The target of a row, None where it is not sound; and what is wrong."""
+    wrong = []
+    values = {c: number(cells[c]) for c in (*POSITION, *DIRECTION, "time") if cells.get(c)}
+    free = all(not cells.get(c) for c in DIRECTION)
+    for column in (*POSITION, *(() if free else DIRECTION)):
+        value = values.get(column, math.nan)
+        if math.isnan(value):
+            wrong.append((column, "must be a finite number"))
+        elif column in POSITION and abs(value) > FARTHEST * length:
+            hint = millimetres_hint(value, length)
+            wrong.append((column, f"more than {FARTHEST:g} lengths of the robot away; must be in m{hint}"))
+    if not free and not any(values.get(c, 1.0) for c in DIRECTION):
+        wrong.append(("dx", "the direction is zero; leave dx, dy and dz empty where it does not matter"))
+    time = values.get("time")
+    if time is not None and not time >= 0.0:
+        wrong.append(("time", "must be a time of zero or more [s]"))
+    if wrong:
+        return None, wrong
+    x, y, z = (values[c] for c in POSITION)
+    direction = None if free else (values["dx"], values["dy"], values["dz"])
+    return TipTarget((x, y, z), direction, cells.get("label") or f"step {cells['step']}", time), []

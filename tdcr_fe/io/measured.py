@@ -12,7 +12,6 @@ import pandas as pd
 
 from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.atomic import write_text
-from tdcr_fe.io.effects import checked_effects
 from tdcr_fe.io.loading_table import loading_table, read_loading
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.readings import (
@@ -25,6 +24,7 @@ from tdcr_fe.io.readings import (
 )
 from tdcr_fe.io.spreadsheet import read_table, table_file
 from tdcr_fe.io.toml import digest, read_model_file, read_robot, read_toml
+from tdcr_fe.io.user_effects import checked_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
 from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings

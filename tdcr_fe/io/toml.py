@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tdcr_fe.io.effects import read_effects
 from tdcr_fe.io.keys import BACKBONE, DISKS, MODEL_FILE, ROBOT, SCENARIO, routings_with, tendon_keys
 from tdcr_fe.io.problems import InputError, Problem, Report, Reporter, read_bytes
+from tdcr_fe.io.user_effects import read_effects
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import (
     ARC_TOLERANCE,

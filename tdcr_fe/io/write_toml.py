@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import is_dataclass
 from typing import Any
 
-from tdcr_fe.model import arguments
 from tdcr_fe.model.friction import FRICTION_COEFFICIENTS
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import bare, quoted
@@ -57,7 +56,6 @@ def robot_to_toml(robot: Robot) -> str:
     ValueError
         The robot has what the file format cannot express, such as a user-defined routing; all of it is named.
     """
-    arguments.check_robot("robot_to_toml", robot)
     foreign = [
         f"tendons[{i}].routing ({t.routing.kind})"
         for i, t in enumerate(robot.tendons)
@@ -103,8 +101,6 @@ def model_to_toml(
     model, settings, effects
         Description to write; None leaves out the tables `[solver]` and `[effects]`.
     """
-    arguments.check_model("model_to_toml", model)
-    arguments.check_settings("model_to_toml", settings)
     lines = ["[model]", *_lines(_table(model))]
     if settings is not None:
         lines += ["", "[solver]", *_lines(_table(settings))]
@@ -134,9 +130,6 @@ def scenario_to_toml(
         By name, values of their parameters; None leaves out the table `[effects]`.
     """
     steps = list(steps)
-    arguments.check_model("scenario_to_toml", model)
-    arguments.check_steps("scenario_to_toml", steps)
-    arguments.check_settings("scenario_to_toml", settings)
     lines = [f"robot = {value_to_toml(robot)}", "", model_to_toml(model, settings).rstrip()]
     if effects is not None:
         lines += ["", "[effects]", *_lines(effects)]

@@ -13,10 +13,9 @@ from typing import Any, Literal, get_args
 import exudyn
 import numpy as np
 
-from tdcr_fe.io.effects import effects_reader
-from tdcr_fe.io.own_effects import read_own_effects
 from tdcr_fe.io.problems import InputError, Reporter
 from tdcr_fe.io.toml import ScenarioTables, TableReader, build_scenario, read_scenario_tables
+from tdcr_fe.io.user_effects import effects_reader, read_own_effects
 from tdcr_fe.model.dataframes import AFTER_TENDONS, OF_TENDONS
 from tdcr_fe.model.messages import meant, shown
 from tdcr_fe.model.results import SequenceResult, StepResult

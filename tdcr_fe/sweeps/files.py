@@ -11,8 +11,8 @@ from typing import Any
 
 from tdcr_fe.io.atomic import to_json, write_folder, write_json
 from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.result_files import versions
 from tdcr_fe.io.store import Lines, OtherHead
-from tdcr_fe.io.summary import versions
 from tdcr_fe.sweeps.cases import Evaluate, Outcome
 from tdcr_fe.sweeps.description import Sweep, Variation
 from tdcr_fe.sweeps.result import Message, SweepResult

@@ -12,9 +12,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from tdcr_fe.io.effects import effects_reader
 from tdcr_fe.io.keys import json_schema
-from tdcr_fe.io.own_effects import read_own_effects
 from tdcr_fe.io.problems import InputError, Problem, Reporter
 from tdcr_fe.io.toml import (
     Scenario,
@@ -26,6 +24,7 @@ from tdcr_fe.io.toml import (
     read_toml,
     with_robot_table,
 )
+from tdcr_fe.io.user_effects import effects_reader, read_own_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import join, meant, quoted, shown

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tdcr_fe.io.atomic import write_text
-from tdcr_fe.io.summary import versions
+from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.messages import shown as value_text
 from tdcr_fe.report import page as kit
 from tdcr_fe.report.environment import fixed, quantity, significant

@@ -14,7 +14,7 @@ from arcs import arc_result
 from inputs import ROBOT, SCENARIO, changed, write
 
 from tdcr_fe import __version__, cli
-from tdcr_fe.io.tables import RESULT_FILES
+from tdcr_fe.io.result_files import RESULT_FILES
 from tdcr_fe.model.results import Interrupted
 
 
@@ -212,7 +212,7 @@ def test_further_command_is_one_function(monkeypatch, capsys):
 def test_help_loads_neither_solver_nor_tables_nor_pictures():
     code = (
         "import sys\nfrom tdcr_fe.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
-        "print(sorted({'exudyn', 'matplotlib', 'pandas', 'scipy'} & set(sys.modules)))"
+        "print(sorted({'exudyn', 'matplotlib', 'numpy', 'pandas', 'pydantic', 'scipy'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"

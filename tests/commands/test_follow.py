@@ -10,7 +10,7 @@ import pytest
 from robots import LENGTH, three
 
 from tdcr_fe import cli
-from tdcr_fe.io.follow_files import write_follow
+from tdcr_fe.io.result_files import write_follow
 from tdcr_fe.io.spreadsheet import read_table
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
 from tdcr_fe.model.loading import Load, LoadStep, Model

@@ -8,7 +8,7 @@ import pytest
 from arcs import arc_result
 
 from tdcr_fe import cli
-from tdcr_fe.io.tables import write_results
+from tdcr_fe.io.result_files import write_results
 
 
 @pytest.fixture

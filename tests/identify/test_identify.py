@@ -22,7 +22,7 @@ from tdcr_fe.cli import main
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.identify import NotSolved, fitting, identification, identify
 from tdcr_fe.identify.candidates import FIRST
-from tdcr_fe.identify.forward import ForwardModel, run_settings
+from tdcr_fe.identify.forward import ForwardModel, Job, run_settings
 from tdcr_fe.identify.load_steps import blocks, choose_held_out
 from tdcr_fe.identify.noise import chi_square_z_score, estimate_sigma, is_noise, outliers, structure
 from tdcr_fe.identify.problem import refine
@@ -107,7 +107,7 @@ def test_runs_are_solved_with_the_settings_of_model_toml():
     tips = {}
     for name, settings in (("own", own), ("default", SolverSettings())):
         with ForwardModel(settings=settings) as forward:
-            (run,) = forward.run([experiment], 5e-5)
+            (run,) = forward.run([Job(experiment)], 5e-5)
         tips[name] = run.positions[-1, -1]
     expected = simulate(robot, experiment.model, steps, replace(own, max_substeps=16)).steps[-1].tip
     assert tips["own"] == pytest.approx(expected, abs=1e-12)

@@ -52,10 +52,10 @@ class RecordingForwardModel(ForwardModel):
         super().__init__()
         self.asked = []
 
-    def run(self, experiments, path_tolerance, reference=None, record=False, deadline=float("inf")):
+    def run(self, jobs, path_tolerance, deadline=float("inf")):
         """As that of the forward model."""
-        self.asked += [(e.model.elements_per_bay, reference is not None) for e in experiments]
-        return super().run(experiments, path_tolerance, reference, record, deadline)
+        self.asked += [(j.experiment.model.elements_per_bay, j.reference is not None) for j in jobs]
+        return super().run(jobs, path_tolerance, deadline)
 
 
 def test_the_error_of_the_path_is_not_counted_as_error_of_the_mesh():

@@ -12,8 +12,8 @@ from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS, Experiment
 from tdcr_fe.identify import IdentifySettings, identify
 from tdcr_fe.io.measured import write_measured
-from tdcr_fe.io.own_effects import read_own_effects
 from tdcr_fe.io.problems import InputError
+from tdcr_fe.io.user_effects import read_own_effects
 
 PAGE = (Path(__file__).parents[2] / "docs" / "identify.md").read_text(encoding="utf-8")
 EXAMPLE = re.search(r"```python\n# cable_pull\.py\n(.*?)```", PAGE, re.S)[1]

@@ -34,7 +34,7 @@ def test_a_smaller_model_that_cannot_come_near_is_not_fitted_to_the_end_before_i
     state = replace(state_of(own).with_fit(best), best=best)
     before = own.forward.runs
     state, smaller = without(state, gravity)
-    assert smaller.given_up and smaller.cost > 10.0 * best.cost and own.forward.runs - before <= 3
+    assert smaller.pruned and smaller.cost > 10.0 * best.cost and own.forward.runs - before <= 3
     reported = with_intermediate_models(replace(state, best=replace(best, effects=(other, gravity))))
     whole = reported.fits[frozenset({"superelastic"})]
-    assert not whole.given_up and whole.cost <= smaller.cost
+    assert not whole.pruned and whole.cost <= smaller.cost

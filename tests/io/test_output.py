@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.io import tables as output
+from tdcr_fe.io import result_files as output
 from tdcr_fe.io.problems import InputError
-from tdcr_fe.io.tables import write_results
+from tdcr_fe.io.result_files import write_results
 from tdcr_fe.model.dataframes import quaternions
 from tdcr_fe.model.loading import LoadStep
 

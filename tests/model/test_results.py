@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from arcs import arc_result, paper_robot
 
-from tdcr_fe.io.tables import write_results
+from tdcr_fe.io.result_files import write_results
 from tdcr_fe.model.loading import LoadStep
 
 

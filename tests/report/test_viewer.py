@@ -19,8 +19,8 @@ from run_files import write_robot
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe import cli
+from tdcr_fe.io.result_files import write_results
 from tdcr_fe.io.result_folder import read_motion
-from tdcr_fe.io.tables import write_results
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult

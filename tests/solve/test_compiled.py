@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tdcr_fe import cli, compiled
-from tdcr_fe.io.summary import versions
+from tdcr_fe.io.result_files import versions
 from tdcr_fe.solve.friction_path import follow
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.random_robots import draw

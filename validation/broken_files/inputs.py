@@ -78,7 +78,7 @@ def is_required(inputs: Inputs, file: str) -> bool:
 @cache
 def _results() -> dict[str, bytes]:
     """Tables that `tdcr-fe run` writes, for `tdcr-fe view`."""
-    from tdcr_fe.io.tables import write_results
+    from tdcr_fe.io.result_files import write_results
     from tdcr_fe.io.toml import read_scenario
     from tdcr_fe.solve.simulate import simulate
 

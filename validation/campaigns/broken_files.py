@@ -49,7 +49,7 @@ _SOLVING = (
     "tdcr_fe.identify",
     "tdcr_fe.sweeps.run",
     "tdcr_fe.sweeps.cases",
-    "tdcr_fe.io.tables",
+    "tdcr_fe.io.result_files",
     "tdcr_fe.report",
 )
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, Experiment, effect
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.ceiling import StepFeatures, predicted_residuals
 from tdcr_fe.identify.criteria import robust_threshold
+from tdcr_fe.identify.explainable_variance import StepFeatures, predicted_residuals
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.load_steps import held_out_branches
 from tdcr_fe.identify.noise import estimate_sigma

@@ -1,4 +1,4 @@
-"""Ceiling: what a flexible regression of the residual removes at best on held-out steps.
+"""Explainable variance: what a flexible regression of the residual removes at best on held-out steps.
 
 A Gaussian process predicts the residual of every quantity and location from the inputs of the step, those of the step
 before, the directions in which they changed, and time. It knows no mechanics. Whatever function of these it can learn
@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.distance import cdist
 
 from tdcr_fe.identify.load_steps import blocks, directions, inputs
 from tdcr_fe.identify.problem import Fit, FitProblem
@@ -64,22 +65,13 @@ class StepFeatures:
         """Of some of the steps."""
         return StepFeatures(tuple(g[steps] for g in self.groups))
 
-    def distances(self) -> list[Array]:
-        """Squared distances between all steps by group, each of shape (K, K)."""
-        found = []
-        for group in self.groups:
-            square = np.sum(group**2, axis=1)
-            found.append(np.maximum(square[:, None] + square[None, :] - 2.0 * group @ group.T, 0.0))
-        return found
-
-    def kernel(self, scales: tuple[float, ...], distances: Sequence[Array] | None = None) -> Array:
+    def kernel(self, scales: tuple[float, ...]) -> Array:
         """Covariance of all steps: constant, linear in the inputs, and squared exponential, shape (K, K)."""
-        known = self.distances() if distances is None else distances
-        distance = np.zeros_like(known[0])
-        for own, scale in zip(known, scales, strict=True):
-            if np.isfinite(scale):
-                distance += own / scale**2
         table = self.groups[0]
+        distance = np.zeros((len(table), len(table)))
+        for group, scale in zip(self.groups, scales, strict=True):
+            if np.isfinite(scale):
+                distance += cdist(group, group, "sqeuclidean") / scale**2
         return np.asarray(np.exp(-0.5 * distance) + table @ table.T + 1.0)
 
 
@@ -129,108 +121,66 @@ def predicted_residuals(
     """
     steps = problem.readings.reader.step
     fitted = np.unique(steps[problem.fitted])
-    tables, index = _series(problem, residuals)
-    chosen = _chosen_kernels(problem, features, fitted, tables)
+    index, tables = _series(problem, residuals)
+    there, is_fitted = index >= 0, np.isin(np.arange(len(index)), fitted)
     found = []
-    for table, (scales, noise) in zip(np.moveaxis(tables, 2, 0), chosen, strict=True):
-        kernel, out = features.kernel(scales), np.zeros(problem.count)
-        for columns in _patterns(table[fitted]):
-            known = fitted[np.isfinite(table[fitted][:, columns[0]])]
-            if known.size:
-                predicted = _regress(
-                    kernel, noise, known, table[np.ix_(known, columns)], np.arange(len(table))
-                )
-                for j, column in enumerate(columns):
-                    there = index[:, column] >= 0
-                    out[index[there, column]] = predicted[there, j]
+    for table, (scales, noise) in zip(
+        tables, _chosen_kernels(problem, features, fitted, tables), strict=True
+    ):
+        out = np.zeros(problem.count)
+        out[index[there]] = _regress(features.kernel(scales), noise, table, is_fitted)[there]
         found.append(out)
     return found
 
 
 def _chosen_kernels(
-    problem: FitProblem, features: StepFeatures, fitted: NDArray[np.int_], tables: Array
+    problem: FitProblem, features: StepFeatures, fitted: NDArray[np.int_], tables: Sequence[Array]
 ) -> list[tuple[tuple[float, ...], float]]:
     """Length scales and noise of each of several residuals by cross-validation; all share the factors."""
     tried = fitted[:: max(1, int(np.ceil(fitted.size / MOST_STEPS)))]
     among = features.among(tried)
-    distances = among.distances()
-    folds = [np.array([int(k) in fold for k in tried]) for fold in _folds(problem, fitted)]
-    best: list[tuple[float, tuple[float, ...], float]] = [(np.inf, SCALES[0], NOISE[0])] * tables.shape[2]
+    folds = [np.isin(tried, fold) for fold in _folds(problem, fitted)]
+    values = np.concatenate([table[tried] for table in tables], axis=1)
+    best = [(np.inf, SCALES[0], NOISE[0])] * len(tables)
     for scales in SCALES:
-        kernel = among.kernel(scales, distances)
+        kernel = among.kernel(scales)
         for noise in NOISE:
-            errors = sum(_fold_errors(kernel, noise, tables[tried], fold) for fold in folds)
-            for j, error in enumerate(np.atleast_1d(errors)):
+            left = values.copy()
+            for fold in folds:
+                left[fold] -= _regress(kernel, noise, values, ~fold)[fold]
+            errors = np.nansum(left**2, axis=0).reshape(len(tables), -1).sum(axis=1)
+            for j, error in enumerate(errors.tolist()):
                 if error < best[j][0]:
-                    best[j] = (float(error), scales, noise)
+                    best[j] = (error, scales, noise)
     return [(scales, noise) for _, scales, noise in best]
 
 
-def _series(problem: FitProblem, residuals: Sequence[Array]) -> tuple[Array, NDArray[np.int_]]:
-    """Residuals by step and series, and numbers of the readings; NaN and -1 where there is none.
-
-    Returns
-    -------
-    tables : ndarray, shape (K, S, R)
-    index : ndarray of int, shape (K, S)
-    """
+def _series(problem: FitProblem, residuals: Sequence[Array]) -> tuple[NDArray[np.int_], list[Array]]:
+    """Numbers of the readings by step and series, -1 where there is none, shape (K, S); residuals, NaN there."""
     series: dict[tuple[str, object], int] = {}
     columns = [series.setdefault((r.quantity, r.location), len(series)) for r in problem.data.readings]
     index = np.full((len(problem.data.steps), len(series)), -1)
     index[problem.readings.reader.step, columns] = np.arange(problem.count)
-    tables = np.stack([np.where(index >= 0, r[index], np.nan) for r in residuals], axis=2)
-    return tables, index
+    return index, [np.where(index >= 0, r[index], np.nan) for r in residuals]
 
 
-def _folds(problem: FitProblem, fitted: NDArray[np.int_]) -> list[set[int]]:
+def _folds(problem: FitProblem, fitted: NDArray[np.int_]) -> list[list[int]]:
     """Fitted steps in groups of whole branches; single steps where there are fewer branches than groups."""
     chosen = set(fitted.tolist())
     parts = [p for b in blocks(problem.data) if (p := [k for k in b if k in chosen])]
     if len(parts) < FOLDS:
         parts = [[int(k)] for k in fitted]
-    return [{k for b in parts[n::FOLDS] for k in b} for n in range(FOLDS)]
+    return [[k for b in parts[n::FOLDS] for k in b] for n in range(FOLDS)]
 
 
-def _patterns(table: Array) -> list[list[int]]:
-    """Columns with readings in the same steps, together."""
-    found: dict[bytes, list[int]] = {}
-    for column in range(table.shape[1]):
-        found.setdefault(np.isfinite(table[:, column]).tobytes(), []).append(column)
-    return list(found.values())
-
-
-def _regress(
-    kernel: Array, noise: float, known: NDArray[np.int_], values: Array, wanted: NDArray[np.int_]
-) -> Array:
-    """Mean of the process at some steps, from its values at others."""
-    factor = cho_factor(kernel[np.ix_(known, known)] + noise * np.eye(known.size), lower=True)
-    return np.asarray(kernel[np.ix_(wanted, known)] @ cho_solve(factor, values))
-
-
-def _fold_errors(kernel: Array, noise: float, tables: Array, inside: NDArray[np.bool_]) -> Array:
-    """Sums of squares on the steps of a fold, predicted from the others, by residual, shape (R,).
-
-    Parameters
-    ----------
-    kernel
-        Of the steps, shape (K, K).
-    noise
-        Over the signal variance [1].
-    tables
-        Residuals of these steps, shape (K, S, R).
-    inside
-        The steps of the fold, shape (K,).
-    """
-    error = np.zeros(tables.shape[2])
-    for columns in _patterns(tables[..., 0]):
-        there = np.isfinite(tables[:, columns[0], 0])
-        known, wanted = np.flatnonzero(there & ~inside), np.flatnonzero(there & inside)
-        if not wanted.size:
-            continue
-        truth = tables[wanted][:, columns]
-        predicted = np.zeros_like(truth)
-        if known.size:
-            values = tables[known][:, columns].reshape(known.size, -1)
-            predicted = _regress(kernel, noise, known, values, wanted).reshape(truth.shape)
-        error += np.sum((truth - predicted) ** 2, axis=(0, 1))
-    return error
+def _regress(kernel: Array, noise: float, table: Array, known: NDArray[np.bool_]) -> Array:
+    """Mean of the process at all steps, from the values at some of them, shape (K, S); NaN: no value there."""
+    out = np.zeros_like(table)
+    patterns, which = np.unique(np.isfinite(table) & known[:, None], axis=1, return_inverse=True)
+    for j, there in enumerate(patterns.T):
+        if there.any():
+            columns = which.ravel() == j
+            own = kernel[np.ix_(there, there)] + noise * np.eye(int(there.sum()))
+            weights = cho_solve(cho_factor(own, lower=True), table[np.ix_(there, columns)])
+            out[:, columns] = kernel[:, there] @ weights
+    return out

@@ -5,7 +5,7 @@ import pytest
 from identify_data import MODEL, ROBOT
 from identify_result import GRAVITY, result
 
-from tdcr_fe.identify.ceiling import StepFeatures, held_out_ceiling, predicted_residuals
+from tdcr_fe.identify.explainable_variance import StepFeatures, held_out_ceiling, predicted_residuals
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import Misfit

@@ -1,0 +1,243 @@
+"""Result files of a simulation and of a followed path: tables, `summary.json`, pictures and the 3D page.
+
+The columns of the tables are in `tdcr_fe.model.dataframes`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import os
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tdcr_fe import __version__
+from tdcr_fe.compiled import is_compiled, numba_version
+from tdcr_fe.io.atomic import write_folder, write_json, write_text
+from tdcr_fe.io.loading_table import loading_table, without_columns
+from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
+from tdcr_fe.model.loading import SolverSettings, resolve
+from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.targets import FollowResult
+from tdcr_fe.report.motion import geometry
+
+
+def versions() -> dict[str, str]:
+    """Versions of this package and of the libraries that its results depend on."""
+    found = {"tdcr_fe": __version__}
+    for name in ("exudyn", "numpy", "scipy"):
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "not installed"
+    return {
+        **found,
+        "numba": (numba_version() if is_compiled() else None) or "not used",
+        "python": platform.python_version(),
+    }
+
+
+def _responses(step: StepResult) -> dict[str, Any]:
+    """Responses of the tip to small changes, matrices as lists of rows; without what there is not."""
+    matrices = ("compliance", "by_tension", "by_displacement", "motor_stiffness")
+    found = [
+        {"holes": "reversal" if r.reversal else "as they are", "s": r.s}
+        | {name: getattr(r, name).tolist() for name in matrices}
+        for r in step.responses
+    ]
+    return {"tip_response": found} if found else {}
+
+
+def _inputs(result: SequenceResult, step: StepResult) -> dict[str, Any]:
+    """Loads that act at the end of a step, and tendons driven by displacement; without what there is not."""
+    state = step.actuation
+    if state is None:
+        return {}
+    loads = {
+        name: {"at": x.at, "force": list(x.force), "moment": list(x.moment), "frame": x.frame}
+        for name, x in state.loads.items()
+        if any(x.force) or any(x.moment)
+    }
+    names = result.robot.tendon_names
+    driven = [n for n, driven in zip(names, state.by_displacement, strict=True) if driven]
+    return {**({"loads": loads} if loads else {}), **({"displacement_controlled": driven} if driven else {})}
+
+
+def summary(
+    result: SequenceResult, digests: Mapping[str, str] | None = None, steps_asked: int | None = None
+) -> dict[str, Any]:
+    """The contents of `summary.json`.
+
+    Parameters
+    ----------
+    result
+        What was solved.
+    digests
+        SHA-256 of the input files, by name.
+    steps_asked
+        Number of steps in the loading sequence; None means that all of it was solved.
+    """
+    model = result.model
+    fields = ("step", "label", "converged", "iterations", "substeps", "residual")
+    estimates = ("discretisation_error", "buckling_load_fraction")
+    steps = [
+        {**{name: getattr(s, name) for name in (*fields, *estimates)}, **_inputs(result, s), **_responses(s)}
+        for s in result.steps
+    ]
+    return {
+        "versions": versions(),
+        "input": {name: {"sha256": sha256} for name, sha256 in (digests or {}).items()},
+        "robot": {"name": result.robot.name, "tendons": list(result.robot.tendon_names)},
+        "model": {f.name: getattr(model, f.name) for f in dataclasses.fields(model)},
+        "geometry": geometry(result),
+        "mesh": {"elements_per_bay": list(result.elements_per_bay)},
+        "settings": dict(result.settings),
+        "wall_time": result.wall_time,
+        "converged": result.converged,
+        "steps_asked": len(result.steps) if steps_asked is None else steps_asked,
+        "steps_solved": sum(s.converged for s in result.steps),
+        "failed_step": result.failed_step,
+        "message": result.message,
+        "warnings": list(result.warnings),
+        "steps": steps,
+    }
+
+
+#: Every table and summary that `write_results` writes.
+RESULT_FILES = ("steps.csv", "shape.csv", "tensions.csv", "summary.json")
+#: Table of derivatives, written where they were asked for.
+SENSITIVITIES = "sensitivities.csv"
+#: Every picture that it may write.
+PICTURE_FILES = ("shapes.png", "tensions.png", "hysteresis.png")
+#: Page with the robot in 3D, written with the pictures.
+VIEW_PAGE = "view.html"
+
+
+def write_results(
+    result: SequenceResult,
+    out: str | os.PathLike[str],
+    digests: Mapping[str, str] | None = None,
+    steps_asked: int | None = None,
+    pictures: bool = True,
+) -> list[Path]:
+    """Write tables, summary, pictures and the 3D page of a simulation.
+
+    Parameters
+    ----------
+    result
+        The result; of a sequence that did not converge the solved steps are written.
+    out
+        Directory; created if it does not exist. Result files of an earlier run are replaced.
+    digests
+        SHA-256 of the input files, by name.
+    steps_asked
+        Length of the loading sequence.
+    pictures
+        Whether to draw pictures and the 3D page.
+
+    Returns
+    -------
+    list of pathlib.Path
+        Every file written.
+
+    Raises
+    ------
+    InputError
+        ``out`` cannot be a directory.
+    OSError
+        A file cannot be written.
+    """
+
+    def write_tables(folder: Path) -> None:
+        result.to_frame().to_csv(folder / "steps.csv", index=False)
+        result.shape_frame().to_csv(folder / "shape.csv", index=False)
+        result.tensions_frame().to_csv(folder / "tensions.csv", index=False)
+        if result.sensitivities:
+            result.sensitivities_frame().to_csv(folder / SENSITIVITIES, index=False)
+        write_json(summary(result, digests, steps_asked), folder / "summary.json")
+
+    def draw(folder: Path) -> None:
+        from tdcr_fe.report.motion import motion_of
+        from tdcr_fe.report.plots import save_pictures
+        from tdcr_fe.report.viewer import view_page
+
+        save_pictures(result, folder)
+        if result.steps:
+            write_text(view_page(motion_of(result)), folder / VIEW_PAGE)
+
+    written = write_folder(out, write_tables, ours=(*RESULT_FILES, SENSITIVITIES, *PICTURE_FILES, VIEW_PAGE))
+    return (
+        written + write_folder(out, draw) if pictures else written
+    )  # an interruption while drawing leaves the tables
+
+
+#: Folder with the loading sequence, and the table of targets.
+SCENARIO, TARGETS = "scenario", "targets.csv"
+
+
+def write_follow(
+    result: FollowResult,
+    out: str | os.PathLike[str],
+    settings: SolverSettings | None = None,
+    digests: Mapping[str, str] | None = None,
+    targets_asked: int | None = None,
+    options: Mapping[str, object] | None = None,
+    pictures: bool = True,
+) -> list[Path]:
+    """Write a followed path; `tdcr-fe run` solves ``scenario/scenario.toml`` again.
+
+    Parameters
+    ----------
+    result
+        The path.
+    out
+        Directory; created if it does not exist.
+    settings
+        Numerics that it was solved with.
+    digests
+        SHA-256 of the input files, by name.
+    targets_asked
+        Number of targets; None means that there is a result for each.
+    options
+        Bounds and choices, for the summary.
+    pictures
+        Whether to draw.
+
+    Returns
+    -------
+    list of pathlib.Path
+        Every file written.
+    """
+    out, sequence = Path(out), result.simulation
+
+    def write_scenario(folder: Path) -> None:
+        scenario = scenario_to_toml(sequence.model, result.steps, settings=settings)
+        (folder / "robot.toml").write_text(robot_to_toml(result.robot), encoding="utf-8")
+        (folder / "scenario.toml").write_text(scenario, encoding="utf-8")
+        numbers = range(1, len(result.steps) + 1)
+        if not without_columns(result.robot, resolve(result.robot, result.steps)):
+            table = loading_table(result.robot, list(numbers), result.steps, [""] * len(result.steps))
+            table.to_csv(folder / "loading.csv", index=False)
+
+    asked = len(result.targets) if targets_asked is None else targets_asked
+    steps_asked = len(result.steps) - len(result.targets) + asked
+    targets = {
+        "asked": asked,
+        "reached": sum(x.reached for x in result.targets),
+        "out_of_reach": result.out_of_reach,
+        "not_converged": result.not_converged,
+        "largest_error": float(result.errors.max()) if result.targets else None,
+        "load_steps_tried": sum(x.trials for x in result.targets),
+        **(options or {}),
+    }
+
+    def write_targets(folder: Path) -> None:
+        result.to_frame().to_csv(folder / TARGETS, index=False)
+        write_json({**summary(sequence, digests, steps_asked), "targets": targets}, folder / "summary.json")
+
+    # A scenario needs a step; without one there is nothing to solve again.
+    written = write_folder(out / SCENARIO, write_scenario) if result.steps else []
+    written += write_results(sequence, out, digests, steps_asked, pictures and bool(sequence.steps))
+    return list(dict.fromkeys([*written, *write_folder(out, write_targets)]))

@@ -1,0 +1,230 @@
+"""The ``[effects]`` table of `scenario.toml` and `model.toml`, and effects that users write in Python files."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import os
+import runpy
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from tdcr_fe.effects import EFFECTS, Effect, Experiment, Parameter, with_effects
+from tdcr_fe.io.problems import InputError, Problem, Report
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.messages import meant
+from tdcr_fe.model.robot import Robot
+
+
+def read_effects(
+    table: Any,
+    robot: Robot,
+    model: Model,
+    steps: tuple[LoadStep, ...],
+    report: Report,
+    catalogue: Sequence[Effect] = EFFECTS,
+) -> tuple[Robot, Model, tuple[LoadStep, ...]]:
+    """Apply a table such as ``gravity = { g_z = -9.81 }`` to the robot, model and steps of a scenario.
+
+    Parameters
+    ----------
+    table
+        By name of the effect, a table of its parameters; those that are not named keep their null values.
+    robot, model, steps
+        As the files describe them.
+    report
+        Takes every mistake: key, value, what is allowed.
+    catalogue
+        The effects that there are.
+    """
+    experiment = Experiment(robot, model, steps)
+    sound = checked_effects(table, experiment, report, catalogue)
+    try:
+        changed = with_effects(experiment, sound, catalogue)
+    except ValueError as error:  # a robot that cannot be
+        report("effects", "", str(error))
+        return robot, model, steps
+    if changed.observation != experiment.observation:
+        names = " and ".join(n for n in sound if n in ("frame_misalignment", "marker_offset"))
+        report(
+            "effects",
+            names,
+            "acts on the measurement only; the results of a run are those of the robot itself",
+        )
+    return changed.robot, changed.model, changed.steps
+
+
+def checked_effects(
+    table: Any, experiment: Experiment, report: Report, catalogue: Sequence[Effect] = EFFECTS
+) -> dict[str, dict[str, float]]:
+    """Values of a table of effects, by effect and parameter; what is wrong is reported and left out.
+
+    Parameters
+    ----------
+    table
+        By name of the effect, a table of its parameters.
+    experiment
+        Whose tendons and markers parameters may name.
+    report
+        Takes every mistake: key, value, what is allowed.
+    catalogue
+        The effects that there are.
+    """
+    if not isinstance(table, dict):
+        report("effects", str(table), "must be a table of effects by name, each a table of numbers")
+        return {}
+    known = {e.name: e for e in catalogue}
+    sound: dict[str, dict[str, float]] = {}
+    for name, values in table.items():
+        if name not in known:
+            text = f"unknown effect{meant(name, known)}; there are {', '.join(known)}"
+            report(f"effects.{name}", str(values), text)
+            continue
+        parameters = {p.name: p for p in known[name].parameters_of(experiment)}
+        allowed = ", ".join(f"{p.name} [{p.unit}]" for p in parameters.values())
+        if not isinstance(values, dict):
+            report(f"effects.{name}", str(values), f"must be a table with {allowed}")
+            continue
+        sound[name] = {}
+        for key, value in values.items():
+            p = parameters.get(key)
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if p is None:
+                text = f"unknown parameter{meant(key, parameters)}; there are {allowed}"
+                report(f"effects.{name}.{key}", str(value), text)
+            elif not is_number or not p.lower <= value <= p.upper:
+                text = f"must be a number from {p.lower:g} to {p.upper:g} {p.unit}"
+                report(f"effects.{name}.{key}", str(value), text)
+            else:
+                sound[name][key] = float(value)
+    return sound
+
+
+def effects_reader(
+    own: Sequence[Effect],
+) -> Callable[[Any, Robot, Model, tuple[LoadStep, ...], Report], tuple[Robot, Model, tuple[LoadStep, ...]]]:
+    """`read_effects` that knows effects of the user's own besides the listed ones."""
+
+    def read(
+        table: Any, robot: Robot, model: Model, steps: tuple[LoadStep, ...], report: Report
+    ) -> tuple[Robot, Model, tuple[LoadStep, ...]]:
+        return read_effects(table, robot, model, steps, report, (*EFFECTS, *own))
+
+    return read
+
+
+#: What a file must contain.
+ONE_CLASS = (
+    "must define a class derived from tdcr_fe.effects.Effect, with name, description, parameters and apply"
+)
+
+
+def read_own_effects(paths: Iterable[str | os.PathLike[str]]) -> tuple[Effect, ...]:
+    """The effects that Python files define, in their order.
+
+    Each file is run. Every class in it that is derived from `tdcr_fe.effects.Effect` is made without arguments.
+
+    Parameters
+    ----------
+    paths
+        Of the files.
+
+    Returns
+    -------
+    tuple of Effect
+
+    Raises
+    ------
+    InputError
+        A file cannot be read or run, defines no effect, or an effect lacks what it must have; all of it is named.
+    """
+    problems: list[Problem] = []
+    found: list[Effect] = []
+    for path in map(Path, paths):
+        try:
+            made = _effects_of(path)
+        except InputError as error:
+            problems += error.problems
+            continue
+        for e in made:
+            faults = list(_faults(e, [*EFFECTS, *found]))
+            problems += [Problem(str(path), f"{type(e).__name__}.{k}", v, text) for k, v, text in faults]
+            found += [] if faults else [e]
+    if problems:
+        raise InputError(problems)
+    return tuple(found)
+
+
+def check_on(effects: Sequence[Effect], experiment: Experiment) -> None:
+    """Apply effects of one's own once, at their null values, so that mistakes show before anything is simulated.
+
+    Raises
+    ------
+    InputError
+        Names the method that fails, and the error in it.
+    """
+    problems = []
+    for e in effects:
+        file = inspect.getsourcefile(type(e).apply) or type(e).__module__
+        step, value, text = "null_values", "", ""
+        try:
+            values = e.null_values(experiment)
+            step = "bounds"
+            e.bounds(experiment)
+            step = "apply"
+            changed = e.apply(experiment, values)
+            if not isinstance(changed, Experiment):
+                value = f"a {type(changed).__name__}"
+                text = "must return an Experiment, such as experiment.with_robot(...)"
+        except Exception as error:  # whatever a user's method raises is a mistake in the user's file
+            text = f"fails at null values: {type(error).__name__}: {error}"
+        if text:
+            problems.append(Problem(file, f"{type(e).__name__}.{step}", value, text))
+    if problems:
+        raise InputError(problems)
+
+
+#: Name of the module that a user's file is run as.
+_MODULE = "own_effects"
+
+
+def _effects_of(path: Path) -> list[Effect]:
+    """Effects that a file defines."""
+
+    def refused(text: str) -> InputError:
+        return InputError([Problem(str(path), "", "", text)])
+
+    if not path.is_file():
+        raise refused("no such file; must be a Python file with an effect")
+    try:
+        names = runpy.run_path(str(path), run_name=_MODULE)
+        classes = [c for c in names.values() if inspect.isclass(c) and c.__module__ == _MODULE]
+        made = [c() for c in classes if issubclass(c, Effect)]
+    except Exception as error:  # whatever a user's file raises is a mistake in it
+        raise refused(f"cannot be run: {type(error).__name__}: {error}") from error
+    if not made:
+        raise refused(ONE_CLASS)
+    return made
+
+
+def _faults(e: Effect, others: Sequence[Effect]) -> Iterable[tuple[str, str, str]]:
+    """Attribute, value and what is allowed, of everything that an effect lacks."""
+    if not (isinstance(e.name, str) and e.name.isidentifier()):
+        yield "name", repr(e.name), "must be a word, such as 'my_effect'; it is the key in [effects]"
+    elif e.name in {o.name for o in others}:
+        yield "name", repr(e.name), "is the name of another effect"
+    if not (isinstance(e.description, str) and e.description):
+        yield "description", repr(e.description), "must say in a sentence what it is, for the report"
+    if type(e).apply is Effect.apply:
+        yield "apply", "", "must be defined: from an experiment and values to another experiment"
+    sound = isinstance(e.parameters, tuple) and all(isinstance(p, Parameter) for p in e.parameters)
+    if not (sound and e.parameters):
+        yield "parameters", repr(e.parameters), "must be a tuple of at least one tdcr_fe.effects.Parameter"
+        return
+    for p in e.parameters:
+        if not p.lower <= p.null_value <= p.upper:
+            text = f"must lie within its bounds, {p.lower:g} to {p.upper:g} {p.unit}"
+            yield f"parameters.{p.name}.null_value", f"{p.null_value:g}", text
+        if not (p.scale > 0.0 and math.isfinite(p.scale)):
+            yield f"parameters.{p.name}.scale", f"{p.scale:g}", "must be positive: a noticeable change"
