@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from tdcr_fe.io.atomic import plain
+from tdcr_fe.io.result_files import versions as package_versions
 from tdcr_fe.io.store import Lines, OtherHead, solve_all
-from tdcr_fe.io.summary import versions as package_versions
 from tdcr_fe.validation.crosscheck.cases import Case
 from tdcr_fe.validation.crosscheck.compare import compare
 from tdcr_fe.validation.crosscheck.studies import Study, run_study
