@@ -19,20 +19,10 @@ from tdcr_fe.model import arguments
 from tdcr_fe.model.checks import course_contradictions, size_contradictions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.scene import parts
 from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.mesh import build_mesh
-from tdcr_fe.scene.parts import (
-    add_base_joint,
-    add_disks,
-    add_gravity,
-    add_ground,
-    add_material_damping,
-    add_tendons,
-    add_tip_mass,
-    base_pose,
-    section_marker,
-)
 
 #: Colour of the backbone (RGBA).
 BACKBONE_COLOR = (0.20, 0.25, 0.35, 1.0)
@@ -118,7 +108,7 @@ def CreateTDCR(
         raise ValueError(
             f"loadPositions: {outside[0]:g} m; the backbone spans 0 to {robot.backbone.length:g} m"
         )
-    pose = base_pose(
+    pose = parts.base_pose(
         mbs,
         _one_of("basePosition", basePosition, "referencePosition", referencePosition),
         _one_of("baseRotationMatrix", baseRotationMatrix, "referenceRotationMatrix", referenceRotationMatrix),
@@ -130,16 +120,18 @@ def CreateTDCR(
     mesh, rigid = build_mesh(robot, model, loadPositions)
     drawn = BACKBONE_COLOR if color is None else tuple(color)
     backbone = add_backbone(mbs, mesh, pose.position, pose.rotation, name, robot.backbone.radius, drawn)
-    disks = add_disks(mbs, robot, mesh, backbone.nodes, name)
-    bodies = [*disks, *add_tip_mass(mbs, robot, backbone.nodes[-1], name)]
+    disks = parts.add_disks(mbs, robot, mesh, backbone.nodes, name)
+    bodies = [*disks, *parts.add_tip_mass(mbs, robot, backbone.nodes[-1], name)]
     with_mass = [*backbone.beams, *bodies] if robot.backbone.density > 0.0 else bodies
-    weight = add_gravity(mbs, with_mass, model.gravity, name)
-    base = section_marker(mbs, backbone.nodes[0], f"{name}.mBase")
+    weight = parts.add_gravity(mbs, with_mass, model.gravity, name)
+    base = parts.section_marker(mbs, backbone.nodes[0], f"{name}.mBase")
     on_ground = baseMarker is None
-    carrier = add_ground(mbs, pose, robot.plate_radius, name, graphicsDataList) if on_ground else baseMarker
-    joint = add_base_joint(mbs, carrier, base, name)
-    tendons = add_tendons(mbs, robot, mesh, [backbone.beams[0], *disks], name)
-    damping = add_material_damping(hooks.system, robot, mesh, backbone.nodes, name)
+    carrier = (
+        parts.add_ground(mbs, pose, robot.plate_radius, name, graphicsDataList) if on_ground else baseMarker
+    )
+    joint = parts.add_base_joint(mbs, carrier, base, name)
+    tendons = parts.add_tendons(mbs, robot, mesh, [backbone.beams[0], *disks], name)
+    damping = parts.add_material_damping(hooks.system, robot, mesh, backbone.nodes, name)
     forces = force_model(robot, model, mesh, rigid, presliding, pose)
     item = _force_item(mbs, backbone.nodes, name)
     others = [*bodies, joint] if damping is None else [*bodies, joint, damping.item]
