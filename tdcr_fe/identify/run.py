@@ -164,7 +164,7 @@ class RunDerivatives:
             fill([x.positions for x in every]),
             fill([x.rotations for x in every]),
             fill([x.displacements for x in every]),
-            fill([np.stack([t[:, -1] for t in x.tensions], axis=1) for x in every]),
+            fill([np.array([t[:, -1] for t in x.tensions]).T.reshape(x.displacements.shape) for x in every]),
             np.stack([x.arc_lengths for x in every], axis=1) if every else np.zeros((0, 0)),
             tuple(found),
             refused,
