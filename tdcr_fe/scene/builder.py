@@ -157,15 +157,17 @@ def CreateTDCR(
 
 def check_system(function: str, mbs: Any) -> None:
     """Refuse anything but a system of Exudyn; the error names what makes one."""
-    hint = "SC = exudyn.SystemContainer(); mbs = SC.AddSystem() makes one."
-    arguments.check_instance(function, "mbs", mbs, exu.MainSystem, "an exudyn.MainSystem", hint)
+    hint = "an exudyn.MainSystem. SC = exudyn.SystemContainer(); mbs = SC.AddSystem() makes one."
+    arguments.check_instance(function, "mbs", mbs, exu.MainSystem, hint)
 
 
 def _checked_model(robot: Any, model: Any, gravity: Sequence[float] | None) -> Model:
     """The model of a robot, with the gravity given beside it; refuses one that needs too much memory."""
-    arguments.check_robot("CreateTDCR", robot)
+    hint = "a Robot. read_robot(path) reads one from robot.toml"
+    arguments.check_instance("CreateTDCR", "robot", robot, Robot, hint)
     model = Model.default_for(robot) if model is None else model
-    arguments.check_model("CreateTDCR", model)
+    hint = "a Model, such as Model(friction='per-hole')"
+    arguments.check_instance("CreateTDCR", "model", model, Model, hint)
     if gravity is not None:
         hint = "[0, 0, -9.81] is that on earth."
         arguments.check_numbers("CreateTDCR", "gravity", gravity, hint, count=3)
@@ -181,8 +183,8 @@ def _checked_model(robot: Any, model: Any, gravity: Sequence[float] | None) -> M
 
 def _check_placement(name: Any, positions: dict[str, Any], load_positions: Any, presliding: Any) -> None:
     """Refuse arguments of `CreateTDCR` of another type or size; positions by the name they were given under."""
-    hint = "It is the prefix of all item names; None takes the robot's name."
-    arguments.check_instance("CreateTDCR", "name", name, (str, type(None)), "a text", hint)
+    hint = "a text. It is the prefix of all item names; None takes the robot's name."
+    arguments.check_instance("CreateTDCR", "name", name, (str, type(None)), hint)
     for argument, position in positions.items():
         if position is not None:
             arguments.check_numbers("CreateTDCR", argument, position, "[0, 0, 0] is the origin [m].", count=3)
@@ -195,11 +197,11 @@ def _check_placement(name: Any, positions: dict[str, Any], load_positions: Any, 
 def _check_drawing(show: Any, color: Any, graphics: Any, on_marker: bool) -> None:
     """Refuse a colour other than four numbers in [0, 1], and graphics where no base of its own draws them."""
     check = arguments.check_instance
-    check("CreateTDCR", "show", show, (bool, np.bool_), "True or False", "False draws nothing.")
-    hint, expected = "[exudyn.graphics.Sphere(radius=0.01)] is one.", "a list of graphics"
-    check("CreateTDCR", "graphicsDataList", graphics, (list, tuple), expected, hint)
+    check("CreateTDCR", "show", show, (bool, np.bool_), "True or False. False draws nothing.")
+    hint = "a list of graphics. [exudyn.graphics.Sphere(radius=0.01)] is one."
+    check("CreateTDCR", "graphicsDataList", graphics, (list, tuple), hint)
     for each in graphics:
-        check("CreateTDCR", "graphicsDataList", each, dict, expected, hint)
+        check("CreateTDCR", "graphicsDataList", each, dict, hint)
     if color is not None:
         hint = "[1, 0, 0, 1] is red; exudyn.graphics.color has others."
         arguments.check_numbers("CreateTDCR", "color", color, hint, count=4)

@@ -128,7 +128,8 @@ def TDCREigenvalues(mbs: exu.MainSystem, *, holes: Holes = "stuck", numberOfEige
     ValueError
         The system is not assembled or has no robot, or an argument is another.
     """
-    arguments.check_count("TDCREigenvalues", "numberOfEigenvalues", numberOfEigenvalues)
+    hint = "It is the number of modes."
+    arguments.check_number("TDCREigenvalues", "numberOfEigenvalues", numberOfEigenvalues, hint, positive=True)
     mass, stiffness, _, basis = _matrices(mbs, _checked_hooks("TDCREigenvalues", mbs, holes), holes)
     squared, vectors = eig(stiffness, mass)
     moving = np.isfinite(squared)

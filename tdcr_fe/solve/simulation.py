@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
-from tdcr_fe.model import arguments
 from tdcr_fe.model.loading import Actuation, Load, Model, SolverSettings
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
@@ -82,10 +81,6 @@ class Simulation:
     def __init__(
         self, robot: Robot, model: Model, steps: Sequence[Actuation], settings: SolverSettings | None = None
     ) -> None:
-        hint = "resolve(robot, load_steps) of tdcr_fe.model.loading makes them."
-        for k, step in enumerate(steps):
-            arguments.check_instance("Simulation", f"steps[{k}]", step, Actuation, "an Actuation", hint)
-        arguments.check_settings("Simulation", settings)
         self.settings = settings or SolverSettings()
         keys = {self.load_key(name, load) for step in steps for name, load in step.loads.items()}
         # Exudyn's system container owns the system, so a reference to it is kept.
