@@ -54,13 +54,6 @@ def test_adhesion_drops_the_tension_by_the_same_at_every_hole():
     assert released.tension[0] == pytest.approx([2.0, 2.1, 2.2, 2.3], abs=1e-14)
 
 
-def test_adhesion_never_makes_a_tendon_push():
-    x = law(PerHoleFriction(), mu=0.3, adhesion=0.8)
-    field = x.evaluate(np.array([2.0, 0.5]), LENGTHS - 1e-3 * MASK, ANGLES, x.initial_state())
-    assert np.all(field.tension >= 0.0)
-    assert field.tension[0, 3] == 0.0
-
-
 def test_a_reversal_has_to_slide_twice_the_presliding_distance():
     """From full pull to full release; at half of the slip the friction is zero."""
     x = law(PerHoleFriction(), presliding=1e-6)

@@ -78,15 +78,6 @@ def test_force_dependent_coefficient_follows_the_wrapped_tendon_with_order_two(w
     assert -2.1 < slope < -1.9
 
 
-@pytest.mark.parametrize("rate", [1e-5, 3e-4, 1e-3, 2e-2])
-@pytest.mark.parametrize("way", [1.0, -1.0])
-def test_steady_sliding_has_the_coefficient_of_its_rate_at_every_hole(rate, way):
-    """``T_k+1 / T_k = exp(-+mu(v) theta)`` to the last digits."""
-    tension = fan(STRIBECK, 6, 1.2, 2.0, way * rate)
-    mu = 0.2 + 0.2 * np.exp(-((rate / 1e-3) ** 2)) + 5.0 * rate
-    assert tension[1:] / tension[:-1] == pytest.approx(np.exp(-way * mu * 0.2) * np.ones(6), rel=1e-12)
-
-
 # ---------------------------------------------------------------- consistency and derivatives
 
 
