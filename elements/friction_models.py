@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,80 +33,28 @@ class TendonParameters:
         return self.lengths / (1.0 + self.compliance * self.pretension)[:, None]
 
 
-class FrictionModel(Protocol):
-    """Which slip drives friction at which holes. Adding a model takes a class here and a line in `FRICTION_MODELS`.
+@dataclass(frozen=True)
+class FrictionModel:
+    """Which slip drives friction at which holes, by ``g`` mobilisations of every tendon.
 
-    A model has ``g`` mobilisations per tendon; the matrices give the slip that drives them and where they act.
+    The matrices are given for a number ``n`` of segments. Adding a model takes an entry of `FRICTION_MODELS`.
     """
 
-    @property
-    def kind(self) -> str:
-        """Name in ``scenario.toml``."""
-        ...
-
-    @property
-    def active(self) -> bool:
-        """Whether the model has friction."""
-        ...
-
-    def slip_operator(self, n: int) -> Array:
-        """Matrix from released segment lengths to the slip that drives each friction variable, shape (g, n)."""
-        ...
-
-    def hole_incidence(self, n: int) -> Array:
-        """From the mobilisations to the holes ``1 .. n-1``, shape (n-1, g)."""
-        ...
+    kind: str  # Name in ``scenario.toml``
+    # From released segment lengths to the slip that drives each mobilisation, shape (g, n)
+    slip_operator: Callable[[int], Array]
+    hole_incidence: Callable[[int], Array]  # From the mobilisations to the holes ``1 .. n-1``, shape (n-1, g)
+    active: bool = True  # Whether there is friction
 
 
-@dataclass(frozen=True)
-class NoFriction:
-    """The same tension all along (paper, Eq. 11)."""
-
-    kind: ClassVar[str] = "none"
-    active: ClassVar[bool] = False
-
-    def slip_operator(self, n: int) -> Array:
-        """See `FrictionModel.slip_operator`."""
-        return np.zeros((0, n))
-
-    def hole_incidence(self, n: int) -> Array:
-        """See `FrictionModel.hole_incidence`."""
-        return np.zeros((n - 1, 0))
-
-
-@dataclass(frozen=True)
-class PerTendonFriction:
-    """The paper's law: one sign per tendon, from the rate of its whole length (Eqs. 15-31, Fig. 2)."""
-
-    kind: ClassVar[str] = "per-tendon"
-    active: ClassVar[bool] = True
-
-    def slip_operator(self, n: int) -> Array:
-        """See `FrictionModel.slip_operator`."""
-        return np.ones((1, n))
-
-    def hole_incidence(self, n: int) -> Array:
-        """See `FrictionModel.hole_incidence`."""
-        return np.ones((n - 1, 1))
-
-
-@dataclass(frozen=True)
-class PerHoleFriction:
-    """Stick, pull-slip or release-slip at each hole, from the material that passes that hole."""
-
-    kind: ClassVar[str] = "per-hole"
-    active: ClassVar[bool] = True
-
-    def slip_operator(self, n: int) -> Array:
-        """See `FrictionModel.slip_operator`."""
-        return np.triu(np.ones((n - 1, n)), 1)
-
-    def hole_incidence(self, n: int) -> Array:
-        """See `FrictionModel.hole_incidence`."""
-        return np.eye(n - 1)
-
-
-#: Every friction model, by the name it has in ``scenario.toml``.
+#: Every friction model, by the name it has in ``scenario.toml``: none, so that the tension is the same all along (paper,
+#: Eq. 11); the paper's law, with one sign per tendon from the rate of its whole length (Eqs. 15-31, Fig. 2); and stick,
+#: pull-slip or release-slip at each hole, from the material that passes that hole.
 FRICTION_MODELS: dict[str, FrictionModel] = {
-    law.kind: law for law in (NoFriction(), PerTendonFriction(), PerHoleFriction())
+    model.kind: model
+    for model in (
+        FrictionModel("none", lambda n: np.zeros((0, n)), lambda n: np.zeros((n - 1, 0)), active=False),
+        FrictionModel("per-tendon", lambda n: np.ones((1, n)), lambda n: np.ones((n - 1, 1))),
+        FrictionModel("per-hole", lambda n: np.triu(np.ones((n - 1, n)), 1), lambda n: np.eye(n - 1)),
+    )
 }

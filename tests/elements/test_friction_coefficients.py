@@ -10,7 +10,7 @@ from two_tendons import ANGLES, HOLES, LENGTHS, MASK, tendon_law
 
 from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.elements.friction import FrictionState, TendonLaw
-from tdcr_fe.elements.friction_models import PerHoleFriction, PerTendonFriction, TendonParameters
+from tdcr_fe.elements.friction_models import FRICTION_MODELS, TendonParameters
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 
 BASE = np.array([2.0, 1.0])
@@ -38,7 +38,7 @@ LAWS = [
 
 def law(coefficients, model=None, **rest) -> TendonLaw:
     """Two tendons whose coefficients follow these laws."""
-    return tendon_law(model or PerHoleFriction(), coefficients=coefficients, **rest)
+    return tendon_law(model or FRICTION_MODELS["per-hole"], coefficients=coefficients, **rest)
 
 
 def fan(coefficient, holes: int, total: float, base: float, pulled: float) -> np.ndarray:
@@ -48,7 +48,7 @@ def fan(coefficient, holes: int, total: float, base: float, pulled: float) -> np
     zero = np.zeros((1, holes))
     x = TendonLaw(
         TendonParameters(lengths, mask, zero, zero, np.zeros(1), np.zeros(1), (coefficient,)),
-        PerHoleFriction(),
+        FRICTION_MODELS["per-hole"],
     )
     moved = lengths.copy()
     moved[0, -1] -= pulled
@@ -120,7 +120,9 @@ def own(d):
 
 
 @pytest.mark.parametrize("coefficients", LAWS)
-@pytest.mark.parametrize("model", [PerTendonFriction(), PerHoleFriction()], ids=lambda x: x.kind)
+@pytest.mark.parametrize(
+    "model", [FRICTION_MODELS["per-tendon"], FRICTION_MODELS["per-hole"]], ids=lambda x: x.kind
+)
 @pytest.mark.parametrize("compliance", [0.0, 1.0 / 400.0], ids=["inextensible", "elastic"])
 @pytest.mark.parametrize("adhesion", [0.0, 0.05])
 @pytest.mark.parametrize("given", ["mobilisation", "configuration"])
