@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from two_tendons import ANGLES, LENGTHS, MASK, tendon_law
 
-from tdcr_fe.elements.friction import FrictionState, TendonLaw
-from tdcr_fe.elements.friction_models import FRICTION_MODELS
+from tdcr_fe.elements.friction import FRICTION_MODELS, FrictionState, TendonLaw
 
 
 def law(kind, mu=0.3, **rest) -> TendonLaw:

@@ -9,8 +9,7 @@ import pytest
 from two_tendons import ANGLES, HOLES, LENGTHS, MASK, tendon_law
 
 from tdcr_fe.elements.coefficients import normal_forces
-from tdcr_fe.elements.friction import FrictionState, TendonLaw
-from tdcr_fe.elements.friction_models import FRICTION_MODELS, TendonParameters
+from tdcr_fe.elements.friction import FRICTION_MODELS, FrictionState, TendonLaw, TendonParameters
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 
 BASE = np.array([2.0, 1.0])
