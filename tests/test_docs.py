@@ -104,6 +104,12 @@ def test_readme_has_a_row_for_every_command():
     assert sorted(rows) == sorted(set(commands.choices))
 
 
+def test_the_page_validation_has_a_row_for_every_campaign():
+    rows = re.findall(r"^\| `(\w+)(?: [^`]*)?` \| ", text_of(DOCS / "validation.md"), re.MULTILINE)
+    campaigns = {p.stem for p in (ROOT / "validation" / "campaigns").glob("*.py")} - {"__init__"}
+    assert campaigns <= set(rows)
+
+
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
 def test_example_asserts_a_number_and_has_its_place_in_the_gallery(script):
     tree = ast.parse(text_of(script))

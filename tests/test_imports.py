@@ -3,89 +3,32 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-ELEMENTS = sorted((ROOT / "elements").glob("**/*.py"))
-PRODUCT = sorted((ROOT / "tdcr_fe").glob("**/*.py"))
-VALIDATION = sorted((ROOT / "validation").glob("**/*.py"))
-REFERENCE = sorted((ROOT / "validation" / "reference").glob("**/*.py"))
-ALL = [*ELEMENTS, *PRODUCT, *VALIDATION]
-
 #: From the lowest layer to the highest; a module imports its own layer and those below it.
 LAYERS = (
-    "compiled",
-    "elements",
-    "model",
-    "effects",
-    "scene",
-    "solve",
-    "native",
-    "report",
-    "io",
-    "sweeps",
-    "identify",
-    "validation",
-    "commands",
-    "cli",
-    "__main__",
-)
-
-#: Packages and modules that read, write, draw or print; all others are numerics.
-WITH_FILES = {"compiled", "io", "report", "commands", "cli", "__main__"}
-#: Modules of other packages that do.
-MODULES_WITH_FILES = {"report", "journal", "files"}
-NUMERICS = [
-    *ELEMENTS,
     *(
-        p
-        for p in PRODUCT
-        if p.relative_to(ROOT / "tdcr_fe").parts[0].removesuffix(".py") not in WITH_FILES
-        and p.stem not in MODULES_WITH_FILES
+        "compiled",
+        "elements",
+        "model",
+        "effects",
+        "scene",
+        "solve",
+        "native",
+        "report",
+        "io",
+        "sweeps",
+        "identify",
     ),
-    *REFERENCE,
-]
-
-
-def name(path: Path) -> str:
-    return str(path.relative_to(ROOT))
-
-
-def imports(path: Path, lazy: bool = True) -> set[str]:
-    """Full names of all modules that a file imports; ``lazy=False`` leaves out those inside functions."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    inside = {
-        id(n)
-        for f in ast.walk(tree)
-        if isinstance(f, ast.FunctionDef | ast.AsyncFunctionDef)
-        for n in ast.walk(f)
-    }
-    checked = {
-        id(n)
-        for f in ast.walk(tree)
-        if isinstance(f, ast.If) and "TYPE_CHECKING" in ast.dump(f.test)
-        for n in ast.walk(f)
-    }
-    found = set()
-    for node in ast.walk(tree):
-        if id(node) in checked or (not lazy and id(node) in inside):
-            continue
-        if isinstance(node, ast.Import):
-            found |= {a.name for a in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{name(path)} imports relatively"
-            found |= {f"{node.module}.{a.name}" for a in node.names}
-    return found
-
-
-def layer(module: str) -> int | None:
-    """Number of the layer of a module, from its full name; None where it belongs to none."""
-    parts = module.split(".")
-    if parts[-1] == "__main__":
-        return len(LAYERS) - 1
-    return LAYERS.index(parts[1]) if parts[0] == "tdcr_fe" and len(parts) > 1 and parts[1] in LAYERS else None
+    *("validation", "commands", "cli", "__main__"),
+)
+#: Layers that read, write, draw or print, and modules of the others that do; all others are numerics.
+WITH_FILES = {"compiled", "report", "io", "validation", "commands", "cli", "__main__"}
+MODULES_WITH_FILES = {"report", "files"}
 
 
 def module_of(path: Path) -> str:
@@ -93,13 +36,59 @@ def module_of(path: Path) -> str:
     return ".".join(parts if parts[0] == "tdcr_fe" else ("tdcr_fe", *parts))
 
 
-@pytest.mark.parametrize("path", ALL, ids=name)
-def test_nothing_imports_a_layer_above_it(path):
-    own = layer(module_of(path))
-    if own is None:  # the package itself gives the public names
-        return
-    above = {m for m in imports(path) if (layer(m) or 0) > own}
-    assert not above
+def layer(module: str) -> str:
+    """The layer of a module of the project, from its full name; the package itself is in none."""
+    parts = module.split(".")
+    return parts[-1] if parts[-1] == "__main__" else parts[1]
+
+
+#: Every file by its module.
+FILES = {
+    module_of(p): p
+    for top in ("elements", "tdcr_fe", "validation")
+    for p in sorted((ROOT / top).glob("**/*.py"))
+}
+del FILES["tdcr_fe.__init__"]
+IN_LAYER = {name: [m for m in FILES if layer(m) == name] for name in LAYERS}
+REFERENCE = [m for m in FILES if m.startswith("tdcr_fe.validation.reference")]
+NUMERICS = [
+    *(m for m in FILES if layer(m) not in WITH_FILES and m.rpartition(".")[2] not in MODULES_WITH_FILES),
+    *REFERENCE,
+]
+
+
+@cache
+def nodes(module: str) -> list[ast.AST]:
+    return list(ast.walk(ast.parse(FILES[module].read_text(encoding="utf-8"))))
+
+
+def imports(module: str) -> set[str]:
+    """Full names of all that a module imports, but for type checkers."""
+    blocks = [n for n in nodes(module) if isinstance(n, ast.If) and "TYPE_CHECKING" in ast.dump(n.test)]
+    unseen = {id(n) for block in blocks for n in ast.walk(block)}
+    found = set()
+    for node in nodes(module):
+        if id(node) not in unseen and isinstance(node, ast.Import):
+            found |= {a.name for a in node.names}
+        elif id(node) not in unseen and isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module} imports relatively"
+            found |= {f"{node.module}.{a.name}" for a in node.names}
+    return found
+
+
+def own_imports(module: str) -> set[str]:
+    """Those of the project."""
+    return {m for m in imports(module) if m.startswith("tdcr_fe.") and m != "tdcr_fe.__version__"}
+
+
+def test_every_module_has_a_layer_and_every_layer_a_module():
+    assert {layer(m) for m in FILES} == set(LAYERS)
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_nothing_imports_a_layer_above_it(module):
+    own = LAYERS.index(layer(module))
+    assert not {m for m in own_imports(module) if layer(m) in LAYERS[own + 1 :]}
 
 
 #: Folders of the solver, from the lowest; whatever else it has may import all of them.
@@ -108,48 +97,32 @@ SOLVER = ("equations", "newton", "friction_path", "load_steps")
 
 @pytest.mark.parametrize("folder", SOLVER)
 def test_folders_of_the_solver_import_those_below(folder):
-    allowed = tuple(f"tdcr_fe.solve.{below}." for below in SOLVER[: SOLVER.index(folder) + 1])
-    for path in (ROOT / "tdcr_fe" / "solve" / folder).glob("*.py"):
-        found = {m for m in imports(path) if m.startswith("tdcr_fe.solve.")}
-        assert not {m for m in found if not m.startswith(allowed)}, path.name
+    allowed = tuple(f"tdcr_fe.solve.{below}" for below in SOLVER[: SOLVER.index(folder) + 1])
+    there = [m for m in FILES if m.startswith(f"tdcr_fe.solve.{folder}")]
+    assert there
+    for module in there:
+        found = {m for m in own_imports(module) if layer(m) == "solve"}
+        assert not {m for m in found if not m.startswith(allowed)}, module
 
 
-@pytest.mark.parametrize("path", REFERENCE, ids=name)
-def test_the_reference_shares_only_data(path):
-    allowed = ("tdcr_fe.model", "tdcr_fe.validation.reference")
-    assert not {m for m in imports(path) if m.startswith("exudyn")}
-    assert not {m for m in imports(path) if m.startswith("tdcr_fe") and not m.startswith(allowed)}
+@pytest.mark.parametrize("module", [*REFERENCE, *IN_LAYER["model"]])
+def test_description_and_reference_import_no_solver(module):
+    """Neither exudyn nor anything that imports it; the reference shares only data with the finite elements."""
+    allowed = ("tdcr_fe.model", "tdcr_fe.validation.reference")[: 2 if module in REFERENCE else 1]
+    assert not {m for m in own_imports(module) if not m.startswith(allowed)}
+    assert not {m for m in imports(module) if m.startswith("exudyn")}
 
 
-@pytest.mark.parametrize(
-    "path", [p for p in PRODUCT if layer(module_of(p)) == LAYERS.index("model")], ids=name
-)
-def test_the_description_imports_no_solver(path):
-    """Neither exudyn nor anything that imports it."""
-    found = imports(path)
-    assert not {m for m in found if m.startswith("exudyn")}
-    assert not {m for m in found if m.startswith("tdcr_fe.") and not m.startswith("tdcr_fe.model")}
+@pytest.mark.parametrize("module", IN_LAYER["elements"])
+def test_elements_read_no_file_format(module):
+    formats = {"tomllib", "json", "csv", "pathlib", "pandas", "io"}
+    assert not {m.split(".")[0] for m in imports(module)} & formats
 
 
-@pytest.mark.parametrize("path", ELEMENTS, ids=name)
-def test_elements_read_no_file_format(path):
-    assert not {m.split(".")[0] for m in imports(path)} & {
-        "tomllib",
-        "json",
-        "csv",
-        "pathlib",
-        "pandas",
-        "io",
-    }
-
-
-@pytest.mark.parametrize("path", NUMERICS, ids=name)
-def test_numerics_neither_print_nor_open_files(path):
-    called = {
-        n.func.id if isinstance(n.func, ast.Name) else getattr(n.func, "attr", "")
-        for n in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(n, ast.Call)
-    }
+@pytest.mark.parametrize("module", NUMERICS)
+def test_numerics_neither_print_nor_open_files(module):
+    functions = [n.func for n in nodes(module) if isinstance(n, ast.Call)]
+    called = {f.id if isinstance(f, ast.Name) else getattr(f, "attr", "") for f in functions}
     assert not called & {
         "print",
         "open",
@@ -160,10 +133,6 @@ def test_numerics_neither_print_nor_open_files(path):
         "to_csv",
         "read_csv",
     }
-
-
-def test_the_folders_are_there():
-    assert ELEMENTS and PRODUCT and REFERENCE
 
 
 def test_modules_of_tests_have_different_names():

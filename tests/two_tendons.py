@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tdcr_fe.elements.friction import TendonLaw
-from tdcr_fe.elements.friction_models import TendonParameters
+from tdcr_fe.elements.friction import TendonLaw, TendonParameters
 
 LENGTHS = np.array([[0.02, 0.03, 0.02, 0.025], [0.02, 0.03, 0.0, 0.0]])
 MASK = LENGTHS > 0.0

@@ -23,9 +23,9 @@ def add_identify_parser(commands: Any) -> None:
     """Add ``tdcr-fe identify``."""
     parser = commands.add_parser(
         "identify",
-        help="trace the residual of measured data to what the model lacks",
-        description="Find the residual of a declared robot against measured data, trace it to effects that the "
-        "model lacks, add them, and report the error before and after.",
+        help="find from measured data which effects a model is missing",
+        description="Compare a declared robot with measured data, find which effects its model is missing, add "
+        "them, and report the error before and after.",
         epilog="Exit status: 0 done, whatever the verdict; 1 the declared model did not converge; "
         "2 the input is wrong; 130 interrupted (143 by SIGTERM), what was found is written.",
     )

@@ -16,7 +16,7 @@ def add_validate_parser(commands: Any) -> None:
         "validate",
         help="finite elements against the independent shooting reference; write the report",
         description="Solve the same cases with finite elements and with the independent Cosserat shooting "
-        "reference, and write OUT/report.html and OUT/report.json. Finished cases are kept in OUT/cases, so a "
+        "reference, and write OUT/report.html and OUT/report.json. Finished cases are kept in OUT/cases.jsonl, so a "
         "run that was interrupted continues where it stopped.",
         epilog="Exit status: 0 all cases and requirements pass, 1 one fails, 2 the input is wrong, 130 interrupted.",
     )
@@ -30,17 +30,17 @@ def add_validate_parser(commands: Any) -> None:
 def validate(args: argparse.Namespace) -> int:
     """Solve the cases, write the report, print the result of every requirement."""
     from tdcr_fe.io.atomic import check_output_folder
-    from tdcr_fe.validation.crosscheck import campaign, report
+    from tdcr_fe.validation.crosscheck import report
     from tdcr_fe.validation.crosscheck.cases import all_cases
-    from tdcr_fe.validation.crosscheck.requirements import ARBITRATIONS
+    from tdcr_fe.validation.crosscheck.run import run
     from tdcr_fe.validation.crosscheck.studies import all_studies
 
     out = check_output_folder(args.out)
     begun, recalled = time.perf_counter(), 0
     cases = [case for case in all_cases() if args.full or case.quick]
     studies = [study for study in all_studies() if args.full or study.quick]
-    processes, folder = args.processes or os.cpu_count() or 1, out / "cases"
-    with progress_bar(args, len(cases) + len(studies) + ARBITRATIONS, unit="case") as bar:
+    processes, file = args.processes or os.cpu_count() or 1, out / "cases.jsonl"
+    with progress_bar(args, len(cases) + len(studies), unit="case") as bar:
 
         def progress(record: dict[str, Any], known: bool) -> None:
             nonlocal recalled
@@ -48,19 +48,15 @@ def validate(args: argparse.Namespace) -> int:
             bar.update(1)
 
         try:
-            records = campaign.run([*studies, *cases], folder, processes, progress)
-            arbitrations = report.arbitrations([records[case.id] for case in cases])
-            records |= campaign.run(arbitrations, folder, processes, progress)
+            records = run([*studies, *cases], file, processes, progress)
         except KeyboardInterrupt:
-            complain(f"interrupted; finished cases are in {folder}, the same command continues from there")
+            complain(f"interrupted; finished cases are in {file}, the same command continues from there")
             return INTERRUPTED
     outcome = report.judge(
         [records[case.id] for case in cases],
-        [records[study.id] for study in [*studies, *arbitrations]],
-        full=args.full,
-        wall_time=time.perf_counter() - begun,
-        processes=processes,
-        recalled=recalled,
+        [records[study.id] for study in studies],
+        args.full,
+        {"wall": time.perf_counter() - begun, "processes": processes, "recalled": recalled},
     )
     report.write(outcome, out)
     if not args.quiet:

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from tdcr_fe.effects import actuation, by_tendon, holes, material, observation, places, timing
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Observation, Parameter
 from tdcr_fe.effects.places import EffectAtPlace, PlaceEffect
-from tdcr_fe.model.arguments import check_instance
 
 #: Every effect, in the order in which several are applied: the command first, the measurement last.
 EFFECTS: tuple[Effect, ...] = (
@@ -72,10 +71,6 @@ def with_effects(
     KeyError, ValueError
         An unknown effect or parameter, or a value out of bounds.
     """
-    hint = "Experiment(robot, model, steps) makes one."
-    check_instance("with_effects", "experiment", experiment, Experiment, "an Experiment", hint)
-    hint = "{'gravity': {'g_z': -9.81}} is one."
-    check_instance("with_effects", "effects", effects, Mapping, "a mapping of names to values", hint)
     for name in effects:
         effect(name, catalogue)
     for e in catalogue:

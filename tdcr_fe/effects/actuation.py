@@ -254,10 +254,6 @@ class CommandNumber(Effect):
         """See `Effect.further_parameters`."""
         return {f"^{self.parameters[0].name}_.+$": self.parameters[0]}
 
-    def null_value(self, experiment: Experiment, name: str) -> float:
-        """That of the number of all."""
-        return self.parameters[0].null_value
-
     def number(self, experiment: Experiment, values: Values, tendon: str) -> float:
         """The number of a tendon in the experiment's folder."""
         one = self.parameters[0]

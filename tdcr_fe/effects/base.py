@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -264,6 +264,8 @@ class Effect:
     needs_friction: bool = False
     #: Effects that may have to be there before data can show this one.
     after: tuple[str, ...] = ()
+    #: See `further_parameters`.
+    further: ClassVar[Mapping[str, Parameter]] = {}
 
     @property
     def listed(self) -> str:
@@ -285,11 +287,12 @@ class Effect:
     @property
     def further_parameters(self) -> Mapping[str, Parameter]:
         """Parameters besides `parameters` whose names depend on the experiment, by regular expression of the name."""
-        return {}
+        return self.further
 
     def null_value(self, experiment: Experiment, name: str) -> float:
         """Value at which one parameter of `parameters_of` changes nothing."""
-        return self.null_values(experiment)[name]
+        null = {p.name: p.null_value for p in self.parameters_of(experiment)} | self.null_values(experiment)
+        return null.get(name, self.parameters[0].null_value)
 
     def unidentifiable_at_null(self, experiment: Experiment) -> tuple[str, ...]:
         """Parameters that change nothing while the others have their null values; `probe_points` has alternatives."""

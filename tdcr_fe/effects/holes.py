@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 from tdcr_fe.effects.base import (
     Bounds,
@@ -193,6 +193,10 @@ class MisplacedChannels(Effect):
     separating_experiment = "cut a casting of the same mould across, and measure where the channels are"
     parameters = (_parameter("factor_end"),)
     _further = tuple(_parameter(n) for n in AS_DECLARED if n != "factor_end")
+    further: ClassVar[Mapping[str, Parameter]] = {
+        "^factor_(base|end)(_.+)?$": parameters[0],
+        "^angle_(base|end)(_.+)?$": _parameter("angle_base"),
+    }
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """The offset at the end, an angle for each tendon, both, or all for each; none where disks hold the holes."""
@@ -217,18 +221,6 @@ class MisplacedChannels(Effect):
             for t in experiment.robot.tendon_names
         )
         return (*common, *each)
-
-    @property
-    def further_parameters(self) -> Mapping[str, Parameter]:
-        """See `Effect.further_parameters`."""
-        return {
-            "^factor_(base|end)(_.+)?$": self.parameters[0],
-            "^angle_(base|end)(_.+)?$": _parameter("angle_base"),
-        }
-
-    def null_value(self, experiment: Experiment, name: str) -> float:
-        """One for factors, zero for angles."""
-        return 1.0 if name.startswith("factor") else 0.0
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""

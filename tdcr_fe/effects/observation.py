@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -31,6 +32,8 @@ class FrameMisalignment(Effect):
         for axis in AXES
     )
 
+    further: ClassVar[Mapping[str, Parameter]] = {"^shift_[xyz]$": _shift[0]}
+
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """Rotated, rotated and moved, or moved only."""
         turned, moved = [p.name for p in self.parameters], [p.name for p in self._shift]
@@ -43,15 +46,6 @@ class FrameMisalignment(Effect):
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
         """Of the rotation and of the shift."""
         return (*self.parameters, *self._shift)
-
-    @property
-    def further_parameters(self) -> Mapping[str, Parameter]:
-        """See `Effect.further_parameters`."""
-        return {"^shift_[xyz]$": self._shift[0]}
-
-    def null_value(self, experiment: Experiment, name: str) -> float:
-        """Zero."""
-        return 0.0
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`; the frame that is there already is moved by the further one."""
@@ -80,6 +74,11 @@ class MarkerOffset(Effect):
         "offset_z", "m", -0.05, 0.05, 0.0, 2e-4, "along the tangent, positive towards and beyond the tip"
     )
 
+    further: ClassVar[Mapping[str, Parameter]] = {
+        "^offset_z$": _along,
+        "^offset_[xyz]_marker_[1-9][0-9]*$": parameters[0],
+    }
+
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """Beside the backbone; along it, too; or with an offset of its own for each of several markers."""
         common = [p.name for p in (*self.parameters, self._along)]
@@ -99,15 +98,6 @@ class MarkerOffset(Effect):
             for k, s in enumerate(experiment.observation.markers, 1)
             for p in (*self.parameters, self._along)
         )
-
-    @property
-    def further_parameters(self) -> Mapping[str, Parameter]:
-        """See `Effect.further_parameters`."""
-        return {"^offset_z$": self._along, "^offset_[xyz]_marker_[1-9][0-9]*$": self.parameters[0]}
-
-    def null_value(self, experiment: Experiment, name: str) -> float:
-        """Zero."""
-        return 0.0
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`; offsets come on top of those that are there."""

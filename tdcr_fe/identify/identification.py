@@ -44,7 +44,7 @@ from tdcr_fe.identify.settings import (
 )
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
 from tdcr_fe.io.user_effects import check_on
-from tdcr_fe.model.arguments import check_callable, wrong_type
+from tdcr_fe.model.arguments import check_instance
 
 #: Tolerance of the loading path as a fraction of the noise of a position (a third of it is left), and its limit.
 PATH_SHARE, LOOSEST = 0.6, 3e-4
@@ -85,13 +85,9 @@ def identify(
     KeyboardInterrupt
         Interrupted before the declared model was solved.
     """
-    if not isinstance(data, MeasuredData):
-        hint = "read_measured(folder) reads it from robot.toml, loading.csv and observations.csv."
-        raise wrong_type("identify", "data", data, "MeasuredData", hint)
-    if settings is not None and not isinstance(settings, IdentifySettings):
-        hint = "IdentifySettings(processes=2) makes them; those of the solver are data.settings."
-        raise wrong_type("identify", "settings", settings, "IdentifySettings", hint)
-    check_callable("identify", "progress", progress, "It is called with a sentence and a fraction.")
+    check_instance("identify", "data", data, MeasuredData, "MeasuredData. read_measured(folder) reads it")
+    hint = "IdentifySettings; those of the solver are data.settings"
+    check_instance("identify", "settings", settings, (IdentifySettings, type(None)), hint)
     settings = settings or IdentifySettings()
     check_on(settings.own_effects, Experiment(data.robot, data.model, data.steps))
     begun = clock()

@@ -452,4 +452,4 @@ def sentence(term: Term, coefficient: float, edges: Array) -> str:
             if pointing.startswith("along ")
             else f"negative {pointing}"
         )
-    return f"{place}, {what} acts {pointing}, proportional to {size}; the declared model lacks it."
+    return f"{place}, {what} acts {pointing}, proportional to {size}; the declared model does not have it."

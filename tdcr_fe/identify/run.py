@@ -15,7 +15,7 @@ from tdcr_fe.model.results import StepResult
 from tdcr_fe.scene.mesh import build_mesh
 
 if TYPE_CHECKING:
-    from tdcr_fe.model.results import Sensitivities, Sensitivity
+    from tdcr_fe.model.results import Sensitivities
     from tdcr_fe.solve.load_steps.load_path import Increment
     from tdcr_fe.solve.simulate import PathRecord
 
@@ -160,15 +160,11 @@ class RunDerivatives:
             stacked = np.stack([v[last] for v in values], axis=-1)
             return np.concatenate((stacked, np.full((count - len(last), *stacked.shape[1:]), np.nan)))
 
-        def distal(x: Sensitivity) -> Array:
-            ends = [t[:, -1] for t in x.tensions]
-            return np.stack(ends, axis=1) if ends else np.zeros((len(x.positions), 0))
-
         return cls(
             fill([x.positions for x in every]),
             fill([x.rotations for x in every]),
             fill([x.displacements for x in every]),
-            fill([distal(x) for x in every]),
+            fill([np.array([t[:, -1] for t in x.tensions]).T.reshape(x.displacements.shape) for x in every]),
             np.stack([x.arc_lengths for x in every], axis=1) if every else np.zeros((0, 0)),
             tuple(found),
             refused,

@@ -56,13 +56,8 @@ class Contradiction(NamedTuple):
 def backbone_contradictions(backbone: Backbone) -> list[Contradiction]:
     """Stiffnesses that overflow or vanish, and patches that do not lie on the backbone."""
     found: list[Contradiction] = []
-    overrides = {
-        "EI": "bending_stiffness",
-        "GJ": "torsional_stiffness",
-        "EA": "axial_stiffness",
-        "GA": "shear_stiffness",
-    }
-    for name, override in overrides.items():
+    overrides = ("bending_stiffness", "torsional_stiffness", "axial_stiffness", "shear_stiffness")
+    for name, override in zip(("EI", "GJ", "EA", "GA"), overrides, strict=True):
         source = override if getattr(backbone, override) is not None else "radius"
         try:
             value = float(getattr(backbone, name))
@@ -75,13 +70,19 @@ def backbone_contradictions(backbone: Backbone) -> list[Contradiction]:
     found += _taper_contradictions(backbone)
     found += _material_contradictions(backbone)
     for i, patch in enumerate(backbone.patches):
-        if patch.end > backbone.length + ARC_TOLERANCE:
-            sentence = f"beyond the tip; at most {backbone.length:.9g} m"
-            found.append(Contradiction(f"backbone.patches[{i}].end", f"{patch.end:.9g}", sentence))
-        elif patch.end <= patch.start:
+        key = f"backbone.patches[{i}].end"
+        beyond = _beyond(key, patch.end, backbone.length)
+        if not beyond and patch.end <= patch.start:
             sentence = f"must be above start, which is {patch.start:.9g} m"
-            found.append(Contradiction(f"backbone.patches[{i}].end", f"{patch.end:.9g}", sentence))
+            beyond = [Contradiction(key, f"{patch.end:.9g}", sentence)]
+        found += beyond
     return found
+
+
+def _beyond(key: str, at: float, length: float) -> list[Contradiction]:
+    """An arc length beyond the tip [m]."""
+    inside = at <= length + ARC_TOLERANCE
+    return [] if inside else [Contradiction(key, f"{at:.9g}", f"beyond the tip; at most {length:.9g} m")]
 
 
 def _taper_contradictions(backbone: Backbone) -> list[Contradiction]:
@@ -140,13 +141,7 @@ def disk_contradictions(disks: Disks, length: float) -> list[Contradiction]:
                 f"must ascend from above 0 to at most the length, {length:g} m, each apart from the next",
             )
         ]
-    found = []
-    if s[-1] > length + ARC_TOLERANCE:
-        found.append(
-            Contradiction(
-                f"disks.positions[{s.size - 1}]", f"{s[-1]:.9g}", f"beyond the tip; at most {length:.9g} m"
-            )
-        )
+    found = _beyond(f"disks.positions[{s.size - 1}]", float(s[-1]), length)
     if disks.thickness > 0.0:
         limit = min([2.0 * s[0], *np.diff(s)])
         if disks.thickness >= limit:
@@ -157,11 +152,7 @@ def disk_contradictions(disks: Disks, length: float) -> list[Contradiction]:
 
 def spring_contradictions(springs: Sequence[SideSpring], length: float) -> list[Contradiction]:
     """Springs that are not on a backbone of that length [m]."""
-    return [
-        Contradiction(f"springs[{i}].at", f"{spring.at:.9g}", f"beyond the tip; at most {length:.9g} m")
-        for i, spring in enumerate(springs)
-        if spring.at > length + ARC_TOLERANCE
-    ]
+    return [c for i, spring in enumerate(springs) for c in _beyond(f"springs[{i}].at", spring.at, length)]
 
 
 def name_contradictions(names: Sequence[str]) -> list[Contradiction]:
@@ -235,9 +226,7 @@ def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: floa
 
 def _course_contradictions(key: str, tendon: Tendon, end: float, length: float) -> list[Contradiction]:
     """What is wrong with a tendon that follows a backbone without disks to an arc length [m]."""
-    found = []
-    if end > length + ARC_TOLERANCE:
-        found.append(Contradiction(f"{key}.end", f"{end:.9g}", f"beyond the tip; at most {length:.9g} m"))
+    found = _beyond(f"{key}.end", end, length)
     arcs = tendon.routing.fixed_arc_lengths
     if arcs is not None and (abs(arcs[0]) > ARC_TOLERANCE or abs(arcs[-1] - end) > ARC_TOLERANCE):
         sentence = f"points must lead from the base plate to the tendon's end, 0 to {end:.9g} m"
@@ -367,7 +356,7 @@ def size_contradictions(robot: Robot, model: Model, steps: int = 1) -> list[Cont
     if elements > most:
         disks, per_bay = len(robot.bay_ends), model.starting_elements_per_bay
         sentence = (
-            f"{disks} disks with {per_bay} elements a bay are {elements} elements; at most {most} fit into "
+            f"{disks} disks with {per_bay} elements per bay are {elements} elements; at most {most} fit into "
             f"{MEMORY_LIMIT / 1e9:g} GB"
         )
         if disks > most:

@@ -7,8 +7,8 @@ explains it, the unit that was probably meant.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,73 +25,75 @@ LARGEST_STRAIN = 0.2
 #: Largest load times length squared over bending stiffness [1]: an elastica under 100 is bent nearly straight along it.
 LARGEST_LOAD = 100.0
 
-
-@dataclass(frozen=True)
-class _Unit:
-    """A unit that a number may have been given in: its name, and its size in SI."""
-
-    name: str
-    size: float
+#: Units that a number may have been given in, and their size in SI.
+_LENGTHS = {"mm": 1e-3, "cm": 1e-2, "um": 1e-6}
+_MODULI = {"GPa": 1e9, "MPa": 1e6, "kPa": 1e3}
+_DENSITIES = {"g/cm^3": 1e3}
+_FORCES = {"mN": 1e-3, "g": 9.81e-3}
 
 
-_LENGTHS = (_Unit("mm", 1e-3), _Unit("cm", 1e-2), _Unit("um", 1e-6))
-_MODULI = (_Unit("GPa", 1e9), _Unit("MPa", 1e6), _Unit("kPa", 1e3))
-_DENSITIES = (_Unit("g/cm^3", 1e3),)
-_FORCES = (_Unit("mN", 1e-3), _Unit("g", 9.81e-3))
-
-
-def _meant(value: float, units: Sequence[_Unit], low: float, high: float) -> str:
+def _meant(value: float, units: Mapping[str, float], low: float, high: float) -> str:
     """A question that names the unit in which the value would be usual, or nothing."""
-    fitting = [u for u in units if low <= value * u.size <= high]
-    return f"; was it meant in {fitting[0].name}?" if fitting else ""
+    fitting = [name for name, size in units.items() if low <= value * size <= high]
+    return f"; was it meant in {fitting[0]}?" if fitting else ""
+
+
+class _Limit(NamedTuple):
+    """A range in which a value is usual."""
+
+    key: str
+    value: float
+    unit: str
+    usual: tuple[float, float]
+    reason: str  # why a value outside is unusual; empty: the range itself
+    units: Mapping[str, float]  # in which it may have been given
+    meant: tuple[float, float] | None = None  # where it would be usual then; None: the range
+
+    def warnings(self) -> list[str]:
+        """One sentence where the value is outside."""
+        low, high = self.usual
+        if low <= self.value <= high:
+            return []
+        side = f"below {low:g}" if self.value < low else f"above {high:g}"
+        reason = self.reason or f"{side} {self.unit}"
+        hint = _meant(self.value, self.units, *(self.meant or self.usual))
+        return [f"{self.key} = {self.value:g} {self.unit}: {reason}{hint}"]
 
 
 def robot_warnings(robot: Robot) -> list[str]:
     """What is unusual about a robot, by key."""
-    b, d = robot.backbone, robot.disks
-    found = []
-    if b.length > LONGEST:
-        found.append(
-            f"backbone.length = {b.length:g} m: longer than {LONGEST:g} m"
-            + _meant(b.length, _LENGTHS, 0.01, LONGEST)
-        )
-    usual_radius = (b.length / SLENDERNESS[1], b.length / SLENDERNESS[0])
-    if not robot.without_disks:
-        usual_radius = (usual_radius[0], min(d.radius, usual_radius[1]))
-    if not robot.without_disks and b.radius >= d.radius:
-        found.append(
-            f"backbone.radius = {b.radius:g} m: not thinner than its disks (radius {d.radius:g} m)"
-            + _meant(b.radius, _LENGTHS, *usual_radius)
-        )
-    elif b.radius > b.length / SLENDERNESS[0]:
-        found.append(
-            f"backbone.radius = {b.radius:g} m: larger than a fifth of the length; rod theory needs a slender backbone"
-            + _meant(b.radius, _LENGTHS, *usual_radius)
-        )
-    elif b.radius < b.length / SLENDERNESS[1]:
-        found.append(
-            f"backbone.radius = {b.radius:g} m: the length is {b.length / b.radius:.0f} times as large"
-        )
-    if not MODULUS[0] <= b.youngs_modulus <= MODULUS[1]:
-        side = "below" if b.youngs_modulus < MODULUS[0] else "above"
-        bound = MODULUS[0] if side == "below" else MODULUS[1]
-        found.append(
-            f"backbone.youngs_modulus = {b.youngs_modulus:g} Pa: {side} {bound:g} Pa"
-            + _meant(b.youngs_modulus, _MODULI, *MODULUS)
-        )
-    if b.density and not DENSITY[0] <= b.density <= DENSITY[1]:
-        found.append(
-            f"backbone.density = {b.density:g} kg/m^3: outside {DENSITY[0]:g} to {DENSITY[1]:g} kg/m^3"
-            + _meant(b.density, _DENSITIES, *DENSITY)
-        )
-    if robot.without_disks:
-        found += _course_warnings(robot)
-    elif d.radius > 0.5 * b.length:
-        found.append(
-            f"disks.radius = {d.radius:g} m: larger than half the length"
-            + _meant(d.radius, _LENGTHS, b.radius, 0.5 * b.length)
-        )
-    return found
+    b, d, disks = robot.backbone, robot.disks, not robot.without_disks
+    thin, thick = b.length / SLENDERNESS[1], b.length / SLENDERNESS[0]
+    radii = (thin, min(d.radius, thick) if disks else thick)
+    reason = "larger than a fifth of the length; rod theory needs a slender backbone"
+    if disks and b.radius >= d.radius:
+        reason = f"not thinner than its disks (radius {d.radius:g} m)"
+        thick = math.nextafter(d.radius, 0.0)
+    elif b.radius < thin:
+        reason = f"the length is {b.length / b.radius:.0f} times as large"
+    longest, widest = f"longer than {LONGEST:g} m", "larger than half the length"
+    density = b.density or DENSITY[0]  # without density: no weight and no inertia
+    outside = f"outside {DENSITY[0]:g} to {DENSITY[1]:g} kg/m^3"
+    limits = [
+        _Limit("backbone.length", b.length, "m", (0.0, LONGEST), longest, _LENGTHS, (0.01, LONGEST)),
+        _Limit(
+            "backbone.radius",
+            b.radius,
+            "m",
+            (thin, thick),
+            reason,
+            {} if b.radius < thin else _LENGTHS,
+            radii,
+        ),
+        _Limit("backbone.youngs_modulus", b.youngs_modulus, "Pa", MODULUS, "", _MODULI),
+        _Limit("backbone.density", density, "kg/m^3", DENSITY, outside, _DENSITIES),
+    ]
+    if disks:
+        half = 0.5 * b.length
+        limits.append(_Limit("disks.radius", d.radius, "m", (0.0, half), widest, _LENGTHS, (b.radius, half)))
+    return [text for limit in limits for text in limit.warnings()] + (
+        [] if disks else _course_warnings(robot)
+    )
 
 
 def _course_warnings(robot: Robot) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from tdcr_fe.model.loading import LoadStep, Vector
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.schema import Quantity, check_fields
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,18 +41,15 @@ class TipTarget:
         At which the target is to be reached [s]; for creep and for friction that depends on the slip rate.
     """
 
-    position: Vector
-    direction: Vector | None = None
+    position: Annotated[Vector, Quantity("position of the tip", unit="m")]
+    direction: Annotated[Vector | None, Quantity("direction of the tangent at the tip")] = None
     label: str = ""
-    time: float | None = None
+    time: Annotated[float | None, Quantity("at which the target is to be reached", unit="s")] = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", _vector("position", self.position))
-        if self.direction is not None:
-            direction = _vector("direction", self.direction)
-            if not any(direction):
-                raise ValueError("TipTarget.direction = (0, 0, 0): must not be zero; None leaves it free")
-            object.__setattr__(self, "direction", direction)
+        check_fields(self)
+        if self.direction is not None and not any(self.direction):
+            raise ValueError("TipTarget.direction = (0, 0, 0): must not be zero; None leaves it free")
 
     @property
     def unit_direction(self) -> Array | None:
@@ -60,17 +58,6 @@ class TipTarget:
             return None
         direction = np.array(self.direction)
         return np.asarray(direction / np.linalg.norm(direction))
-
-
-def _vector(name: str, value: ArrayLike) -> Vector:
-    try:
-        found = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        found = np.full(0, np.nan)
-    if found.shape != (3,) or not np.isfinite(found).all():
-        raise ValueError(f"TipTarget.{name} = {value!r}: must be three finite numbers")
-    x, y, z = found.tolist()
-    return x, y, z
 
 
 def tip_targets(targets: ArrayLike | Sequence[TipTarget] | TipTarget) -> tuple[TipTarget, ...]:

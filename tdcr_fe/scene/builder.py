@@ -19,20 +19,10 @@ from tdcr_fe.model import arguments
 from tdcr_fe.model.checks import course_contradictions, size_contradictions
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.scene import parts
 from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.mesh import build_mesh
-from tdcr_fe.scene.parts import (
-    add_base_joint,
-    add_disks,
-    add_gravity,
-    add_ground,
-    add_material_damping,
-    add_tendons,
-    add_tip_mass,
-    base_pose,
-    section_marker,
-)
 
 #: Colour of the backbone (RGBA).
 BACKBONE_COLOR = (0.20, 0.25, 0.35, 1.0)
@@ -118,7 +108,7 @@ def CreateTDCR(
         raise ValueError(
             f"loadPositions: {outside[0]:g} m; the backbone spans 0 to {robot.backbone.length:g} m"
         )
-    pose = base_pose(
+    pose = parts.base_pose(
         mbs,
         _one_of("basePosition", basePosition, "referencePosition", referencePosition),
         _one_of("baseRotationMatrix", baseRotationMatrix, "referenceRotationMatrix", referenceRotationMatrix),
@@ -130,16 +120,18 @@ def CreateTDCR(
     mesh, rigid = build_mesh(robot, model, loadPositions)
     drawn = BACKBONE_COLOR if color is None else tuple(color)
     backbone = add_backbone(mbs, mesh, pose.position, pose.rotation, name, robot.backbone.radius, drawn)
-    disks = add_disks(mbs, robot, mesh, backbone.nodes, name)
-    bodies = [*disks, *add_tip_mass(mbs, robot, backbone.nodes[-1], name)]
+    disks = parts.add_disks(mbs, robot, mesh, backbone.nodes, name)
+    bodies = [*disks, *parts.add_tip_mass(mbs, robot, backbone.nodes[-1], name)]
     with_mass = [*backbone.beams, *bodies] if robot.backbone.density > 0.0 else bodies
-    weight = add_gravity(mbs, with_mass, model.gravity, name)
-    base = section_marker(mbs, backbone.nodes[0], f"{name}.mBase")
+    weight = parts.add_gravity(mbs, with_mass, model.gravity, name)
+    base = parts.section_marker(mbs, backbone.nodes[0], f"{name}.mBase")
     on_ground = baseMarker is None
-    carrier = add_ground(mbs, pose, robot.plate_radius, name, graphicsDataList) if on_ground else baseMarker
-    joint = add_base_joint(mbs, carrier, base, name)
-    tendons = add_tendons(mbs, robot, mesh, [backbone.beams[0], *disks], name)
-    damping = add_material_damping(hooks.system, robot, mesh, backbone.nodes, name)
+    carrier = (
+        parts.add_ground(mbs, pose, robot.plate_radius, name, graphicsDataList) if on_ground else baseMarker
+    )
+    joint = parts.add_base_joint(mbs, carrier, base, name)
+    tendons = parts.add_tendons(mbs, robot, mesh, [backbone.beams[0], *disks], name)
+    damping = parts.add_material_damping(hooks.system, robot, mesh, backbone.nodes, name)
     forces = force_model(robot, model, mesh, rigid, presliding, pose)
     item = _force_item(mbs, backbone.nodes, name)
     others = [*bodies, joint] if damping is None else [*bodies, joint, damping.item]
@@ -165,15 +157,17 @@ def CreateTDCR(
 
 def check_system(function: str, mbs: Any) -> None:
     """Refuse anything but a system of Exudyn; the error names what makes one."""
-    hint = "SC = exudyn.SystemContainer(); mbs = SC.AddSystem() makes one."
-    arguments.check_instance(function, "mbs", mbs, exu.MainSystem, "an exudyn.MainSystem", hint)
+    hint = "an exudyn.MainSystem. SC = exudyn.SystemContainer(); mbs = SC.AddSystem() makes one."
+    arguments.check_instance(function, "mbs", mbs, exu.MainSystem, hint)
 
 
 def _checked_model(robot: Any, model: Any, gravity: Sequence[float] | None) -> Model:
     """The model of a robot, with the gravity given beside it; refuses one that needs too much memory."""
-    arguments.check_robot("CreateTDCR", robot)
+    hint = "a Robot. read_robot(path) reads one from robot.toml"
+    arguments.check_instance("CreateTDCR", "robot", robot, Robot, hint)
     model = Model.default_for(robot) if model is None else model
-    arguments.check_model("CreateTDCR", model)
+    hint = "a Model, such as Model(friction='per-hole')"
+    arguments.check_instance("CreateTDCR", "model", model, Model, hint)
     if gravity is not None:
         hint = "[0, 0, -9.81] is that on earth."
         arguments.check_numbers("CreateTDCR", "gravity", gravity, hint, count=3)
@@ -189,8 +183,8 @@ def _checked_model(robot: Any, model: Any, gravity: Sequence[float] | None) -> M
 
 def _check_placement(name: Any, positions: dict[str, Any], load_positions: Any, presliding: Any) -> None:
     """Refuse arguments of `CreateTDCR` of another type or size; positions by the name they were given under."""
-    hint = "It is the prefix of all item names; None takes the robot's name."
-    arguments.check_instance("CreateTDCR", "name", name, (str, type(None)), "a text", hint)
+    hint = "a text. It is the prefix of all item names; None takes the robot's name."
+    arguments.check_instance("CreateTDCR", "name", name, (str, type(None)), hint)
     for argument, position in positions.items():
         if position is not None:
             arguments.check_numbers("CreateTDCR", argument, position, "[0, 0, 0] is the origin [m].", count=3)
@@ -203,11 +197,11 @@ def _check_placement(name: Any, positions: dict[str, Any], load_positions: Any, 
 def _check_drawing(show: Any, color: Any, graphics: Any, on_marker: bool) -> None:
     """Refuse a colour other than four numbers in [0, 1], and graphics where no base of its own draws them."""
     check = arguments.check_instance
-    check("CreateTDCR", "show", show, (bool, np.bool_), "True or False", "False draws nothing.")
-    hint, expected = "[exudyn.graphics.Sphere(radius=0.01)] is one.", "a list of graphics"
-    check("CreateTDCR", "graphicsDataList", graphics, (list, tuple), expected, hint)
+    check("CreateTDCR", "show", show, (bool, np.bool_), "True or False. False draws nothing.")
+    hint = "a list of graphics. [exudyn.graphics.Sphere(radius=0.01)] is one."
+    check("CreateTDCR", "graphicsDataList", graphics, (list, tuple), hint)
     for each in graphics:
-        check("CreateTDCR", "graphicsDataList", each, dict, expected, hint)
+        check("CreateTDCR", "graphicsDataList", each, dict, hint)
     if color is not None:
         hint = "[1, 0, 0, 1] is red; exudyn.graphics.color has others."
         arguments.check_numbers("CreateTDCR", "color", color, hint, count=4)

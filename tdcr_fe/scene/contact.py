@@ -222,7 +222,7 @@ def check_obstacle(other: Any, radius: float | None, quad: Any, position: Sequen
     """Refuse what is neither a sphere on a body or marker nor a quadrangle on a body."""
     hint = "Give a TDCR, the number of a body (ObjectIndex) or, for a sphere, of a marker (MarkerIndex)."
     kinds = (exu.ObjectIndex, exu.MarkerIndex) if quad is None else exu.ObjectIndex
-    arguments.check_instance("add_disk_contact", "other", other, kinds, "a robot, body or marker", hint)
+    arguments.check_instance("add_disk_contact", "other", other, kinds, f"a robot, body or marker. {hint}")
     if (radius is None) == (quad is None):
         raise ValueError("add_disk_contact: give sphereRadius or quadPoints of the obstacle, one of them")
     arguments.check_numbers("add_disk_contact", "localPosition", position, "It is on the body [m].", count=3)

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, reference_poses
 from tdcr_fe.elements.forces import ForceModel, GroundSprings
-from tdcr_fe.elements.friction import TendonLaw
-from tdcr_fe.elements.friction_models import FRICTION_MODELS, TendonParameters
+from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
 from tdcr_fe.elements.section import (
     ContinuousTendons,
     NonlinearSection,

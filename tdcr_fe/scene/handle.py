@@ -15,18 +15,9 @@ from tdcr_fe.elements.native.hooks import SceneHooks, round_off
 from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.elements.native.motors import Motor
 from tdcr_fe.model.loading import Model
+from tdcr_fe.scene import contact
 from tdcr_fe.scene.assembled_robot import AssembledRobot
-from tdcr_fe.scene.contact import (
-    ContactLaw,
-    DiskContact,
-    Sphere,
-    check_obstacle,
-    check_quad,
-    check_spacing,
-    obstacle_sphere,
-    pairs_within,
-    spheres_of,
-)
+from tdcr_fe.scene.contact import DiskContact, Sphere
 from tdcr_fe.scene.energy import EnergyBalance, Masses
 from tdcr_fe.scene.loads import Frame, PointLoad, add_point_load
 from tdcr_fe.scene.parts import section_marker
@@ -280,8 +271,8 @@ class TDCR(AssembledRobot):
         """
         if self.mbs.systemIsConsistent:
             raise ValueError(f"robot {self.name!r}: add_disk_contact must be called before mbs.Assemble()")
-        law = ContactLaw(contactStiffness, contactDamping, dynamicFriction, frictionProportionalZone)
-        contact, own = DiskContact(self.mbs, [], [], [], law), self._contact_spheres(backbone)
+        law = contact.ContactLaw(contactStiffness, contactDamping, dynamicFriction, frictionProportionalZone)
+        made, own = DiskContact(self.mbs, [], [], [], law), self._contact_spheres(backbone)
         if isinstance(other, TDCR):
             if other.mbs is not self.mbs or sphereRadius is not None or quadPoints is not None:
                 raise ValueError(
@@ -290,24 +281,24 @@ class TDCR(AssembledRobot):
             theirs = other._contact_spheres(backbone)
             for these, those in ((own, theirs), (theirs, own)):
                 largest = max(those, key=lambda sphere: sphere.radius)
-                check_spacing(these, largest.radius, largest.name)
-            pairs = pairs_within(own) if other is self else itertools.product(own, theirs)
-            contact.add_spheres(list(pairs), show)
+                contact.check_spacing(these, largest.radius, largest.name)
+            pairs = contact.pairs_within(own) if other is self else itertools.product(own, theirs)
+            made.add_spheres(list(pairs), show)
         else:
-            check_obstacle(other, sphereRadius, quadPoints, localPosition)
+            contact.check_obstacle(other, sphereRadius, quadPoints, localPosition)
             if sphereRadius is None:
-                contact.add_quad(own, other, check_quad(quadPoints), show)
+                made.add_quad(own, other, contact.check_quad(quadPoints), show)
             else:
-                obstacle = obstacle_sphere(self.mbs, other, localPosition, sphereRadius)
-                check_spacing(own, sphereRadius, obstacle.name)
-                contact.add_spheres([(sphere, obstacle) for sphere in own], show)
-        self.contacts.append(contact)
-        return contact
+                obstacle = contact.obstacle_sphere(self.mbs, other, localPosition, sphereRadius)
+                contact.check_spacing(own, sphereRadius, obstacle.name)
+                made.add_spheres([(sphere, obstacle) for sphere in own], show)
+        self.contacts.append(made)
+        return made
 
     def _contact_spheres(self, backbone: bool) -> list[Sphere]:
         """Spheres in contact, added when first used."""
         if backbone not in self._spheres:
-            self._spheres[backbone] = spheres_of(self, self.nNodes, backbone)
+            self._spheres[backbone] = contact.spheres_of(self, self.nNodes, backbone)
         return self._spheres[backbone]
 
     def add_energy_sensor(self, fileName: str = "", storeInternal: bool = True) -> Any:

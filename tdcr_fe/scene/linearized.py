@@ -128,19 +128,17 @@ def TDCREigenvalues(mbs: exu.MainSystem, *, holes: Holes = "stuck", numberOfEige
     ValueError
         The system is not assembled or has no robot, or an argument is another.
     """
-    arguments.check_count("TDCREigenvalues", "numberOfEigenvalues", numberOfEigenvalues)
+    hint = "It is the number of modes."
+    arguments.check_number("TDCREigenvalues", "numberOfEigenvalues", numberOfEigenvalues, hint, positive=True)
     mass, stiffness, _, basis = _matrices(mbs, _checked_hooks("TDCREigenvalues", mbs, holes), holes)
     squared, vectors = eig(stiffness, mass)
     moving = np.isfinite(squared)
     squared, vectors = squared[moving], vectors[:, moving]
     rates = 1j * np.sqrt(squared.astype(complex))
     order = np.argsort(np.abs(squared))[:numberOfEigenvalues]
-    coordinates = basis @ np.real(vectors[:, order])
-    return Modes(
-        np.abs(rates.imag[order]) / (2.0 * np.pi),
-        np.abs(rates.real[order]),
-        coordinates / np.abs(coordinates).max(axis=0),
-    )
+    shapes = basis @ np.real(vectors[:, order])
+    frequencies, growth = np.abs(rates.imag[order]) / (2.0 * np.pi), np.abs(rates.real[order])
+    return Modes(frequencies, growth, shapes / np.abs(shapes).max(axis=0))
 
 
 def TDCRLinearized(
@@ -179,16 +177,12 @@ def TDCRLinearized(
         forces[robot.coordinates.reshape(-1)] = robot.forces_by_inputs(holes == "stuck")
         columns.append(forces)
         names += [mbs.GetNode(node)["name"].removesuffix(".history") for node in robot.history_nodes.nodes]
-    return LinearSystem(
-        mass,
-        damping,
-        stiffness,
+    inputs, driven = (
         basis.T @ np.hstack(columns),
-        tuple(names),
-        np.concatenate([robot.by_displacement for robot in hooks.actuations]),
-        _outputs(mbs, sensors, basis),
-        basis,
+        np.concatenate([r.by_displacement for r in hooks.actuations]),
     )
+    outputs = _outputs(mbs, sensors, basis)
+    return LinearSystem(mass, damping, stiffness, inputs, tuple(names), driven, outputs, basis)
 
 
 def _checked_hooks(function: str, mbs: exu.MainSystem, holes: Holes) -> SceneHooks:

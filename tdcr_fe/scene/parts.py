@@ -111,12 +111,10 @@ def add_ground(
 
 def add_base_joint(mbs: exu.MainSystem, carrier: Any, base: Any, name: str) -> Any:
     """Join the base marker to the marker that carries it, in all six motions; return the joint."""
+    both, hidden = [carrier, base], eii.VObjectJointGeneric(show=False)
     return mbs.AddObject(
         eii.GenericJoint(
-            name=f"{name}.baseJoint",
-            markerNumbers=[carrier, base],
-            constrainedAxes=[1, 1, 1, 1, 1, 1],
-            visualization=eii.VObjectJointGeneric(show=False),
+            name=f"{name}.baseJoint", markerNumbers=both, constrainedAxes=[1] * 6, visualization=hidden
         )
     )
 
@@ -219,16 +217,12 @@ def add_tendons(
             for k, (body, at) in enumerate(places)
         ]
         color = list(TENDON_COLORS[i % len(TENDON_COLORS)])
+        look = eii.VObjectConnectorSpringDamper(drawSize=0.0, color=color)
+        idle = {"referenceLength": 1.0, "stiffness": 0.0, "force": 0.0, "activeConnector": False}
         segments = [
             mbs.AddObject(
                 eii.SpringDamper(
-                    name=f"{prefix}.segment{k}",
-                    markerNumbers=list(pair),
-                    referenceLength=1.0,
-                    stiffness=0.0,
-                    force=0.0,
-                    activeConnector=False,
-                    visualization=eii.VObjectConnectorSpringDamper(drawSize=0.0, color=color),
+                    name=f"{prefix}.segment{k}", markerNumbers=list(pair), **idle, visualization=look
                 )
             )
             for k, pair in enumerate(itertools.pairwise(holes), start=1)

@@ -10,7 +10,7 @@ from math import isfinite
 from typing import NamedTuple
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.model import arguments
+from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
 from tdcr_fe.model.results import Interrupted, Sensitivities, SequenceResult, StepResult
@@ -92,14 +92,8 @@ def simulate(
     Interrupted
         The user pressed Ctrl-C; its attribute ``result`` has the steps solved before, as where a step fails.
     """
-    arguments.check_robot("simulate", robot)
-    arguments.check_model("simulate", model)
-    arguments.check_steps("simulate", steps)
-    arguments.check_settings("simulate", settings)
-    arguments.check_callable("simulate", "progress", progress, "It is called with every StepResult.")
-    for name, path in (("reference_path", reference_path), ("record_path", record_path)):
-        hint = "record_path=[] of one run gives the reference_path of the next."
-        arguments.check_instance("simulate", name, path, (list, type(None)), "a list", hint)
+    check_instance("simulate", "robot", robot, Robot, "a Robot. read_robot(path) reads one from robot.toml")
+    check_instance("simulate", "model", model, Model, "a Model, such as Model(friction='per-hole')")
     settings = settings or SolverSettings()
     begun = time.perf_counter()
     targets = resolve(robot, steps)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
-from tdcr_fe.model import arguments
 from tdcr_fe.model.loading import Actuation, Load, Model, SolverSettings
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
@@ -82,10 +81,6 @@ class Simulation:
     def __init__(
         self, robot: Robot, model: Model, steps: Sequence[Actuation], settings: SolverSettings | None = None
     ) -> None:
-        hint = "resolve(robot, load_steps) of tdcr_fe.model.loading makes them."
-        for k, step in enumerate(steps):
-            arguments.check_instance("Simulation", f"steps[{k}]", step, Actuation, "an Actuation", hint)
-        arguments.check_settings("Simulation", settings)
         self.settings = settings or SolverSettings()
         keys = {self.load_key(name, load) for step in steps for name, load in step.loads.items()}
         # Exudyn's system container owns the system, so a reference to it is kept.
@@ -270,7 +265,7 @@ def step_warnings(number: int, report: LoadStepReport) -> list[str]:
         )
     if report.refinement_error > 0.0:
         found.append(
-            f"step {number}: Friction path not resolved: what is left of it may move a node by "
-            f"{report.refinement_error:.1e} of the length. Use smaller load steps."
+            f"step {number}: Friction path not resolved: the remaining uncertainty may move a node by "
+            f"{100.0 * report.refinement_error:.2g} % of the length. Use smaller load steps."
         )
     return found

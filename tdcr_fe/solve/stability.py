@@ -33,7 +33,6 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, eigh, eigvals, null_space
 
 from tdcr_fe.elements.backbone import strain_matrices
-from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.messages import steps_named
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.scene.energy import Masses
@@ -84,8 +83,6 @@ def stability(simulation: Simulation) -> Stability:
     simulation
         At an equilibrium.
     """
-    hint = "Simulation(robot, model, resolve(robot, steps)) makes one; advance it to the state of interest."
-    check_instance("stability", "simulation", simulation, Simulation, "a Simulation", hint)
     scaled, free_to_nodes = scaled_tangent(simulation)
     symmetric = 0.5 * (scaled + scaled.T)
     skew = 0.5 * (scaled - scaled.T)

@@ -9,7 +9,7 @@ from typing import Any
 import exudyn as exu
 
 from tdcr_fe.elements.native.hooks import SceneHooks
-from tdcr_fe.model import arguments
+from tdcr_fe.model.arguments import check_instance, check_number
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.scene.builder import check_system
 from tdcr_fe.scene.handle import TDCR
@@ -75,10 +75,12 @@ def SolveTDCR(
         a robot is switched off and nothing else holds it.
     """
     check_system("SolveTDCR", mbs)
-    arguments.check_settings("SolveTDCR", settings)
-    arguments.check_count("SolveTDCR", "substeps", substeps)
+    hint = "SolverSettings, such as SolverSettings(max_substeps=128)"
+    check_instance("SolveTDCR", "settings", settings, (SolverSettings, type(None)), hint)
+    if substeps is not None:
+        check_number("SolveTDCR", "substeps", substeps, "None lets the solver choose.", positive=True)
     for name, value in (("startTime", startTime), ("endTime", endTime)):
-        arguments.check_number("SolveTDCR", name, value, "It is a time [s].")
+        check_number("SolveTDCR", name, value, "It is a time [s].")
     hooks = SceneHooks.of(mbs)
     hooks.refuse_motors("SolveTDCR")
     if not all(robot.connected for robot in hooks.actuations):

@@ -14,7 +14,6 @@ from typing import Any, Literal
 
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.processes import worker_pool
-from tdcr_fe.model.arguments import check_callable, check_instance
 from tdcr_fe.sweeps.cases import Evaluate, Job, Outcome, solve_cases
 from tdcr_fe.sweeps.description import Sweep
 from tdcr_fe.sweeps.files import Journal, check_format, head_of, write_sweep
@@ -120,10 +119,6 @@ def sweep(
     SweepInterrupted
         The user pressed Ctrl-C; its attribute ``result`` has what was finished.
     """
-    hint = "client.get_executor() of dask.distributed is one; without it, processes of this machine are used."
-    check_instance("sweep", "executor", executor, (Executor, type(None)), "an Executor", hint)
-    check_callable("sweep", "evaluate", evaluate, "It is called with every SequenceResult.")
-    check_callable("sweep", "progress", progress, "It is called with the numbers of finished and all cases.")
     check_format(table)
     begun = time.perf_counter()
     described = source if isinstance(source, Sweep) else read_sweep(source, effects)

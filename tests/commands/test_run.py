@@ -85,7 +85,7 @@ def test_model_beyond_the_memory_is_refused_by_name(tmp_path, capsys):
     path.write_text(text + '[[steps]]\nlabel = "rest"\n')
     assert cli.main(["run", str(path), "-o", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
-    assert "2000 disks with 1 elements a bay are 2000 elements; at most 1407 fit into 4 GB" in error
+    assert "2000 disks with 1 elements per bay are 2000 elements; at most 1407 fit into 4 GB" in error
     assert not (tmp_path / "out").exists()
 
 

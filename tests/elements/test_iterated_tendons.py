@@ -70,17 +70,6 @@ def test_the_first_iterate_has_predicted_holes_and_all_others_the_law_of_frictio
     )
 
 
-def test_a_step_that_ends_at_its_first_iterate_is_committed_by_the_law(tendons):
-    straight, reference, state = tendons
-    iterated = IteratedTendons(straight)
-    for k in (1, 2):
-        _, (state, _, _) = step(iterated, reference, [2.5e-5 * k], STEP * k, state)
-    expected = straight.pull(bent(reference, -2e-4).reshape(-1, 7) + reference, BASE, state)
-    _, (_, _, pull) = step(iterated, reference, [-2e-4], 3 * STEP, state)
-    assert pull.prediction is None
-    assert np.array_equal(pull.tension, expected.tension)
-
-
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_swing_with_friction_takes_few_jacobians(count):
     """With holes that change between stick and slip: 1.3 to 1.6 a step of 1 ms; without the prediction 1.8 to 2.3."""

@@ -43,14 +43,6 @@ def twists(seed: int) -> np.ndarray:
     return strain * LENGTHS[:, None]
 
 
-def test_length_of_a_helix_about_a_straight_backbone():
-    """Sqrt(1 + (r w)^2) per length."""
-    straight = LENGTHS[:, None] * np.array([1.0, 0, 0, 0, 0, 0])
-    length, _ = helix().evaluate(straight, LENGTHS)
-    per_length = np.sqrt(1 + (4e-3 * 2 * np.pi / 0.09) ** 2)
-    assert length == pytest.approx([0.09 * per_length, 0.05 * per_length], rel=1e-12)
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_gradient_of_the_length_against_differences(seed):
     x = twists(seed)

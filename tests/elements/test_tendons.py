@@ -78,16 +78,6 @@ def test_moving_the_whole_robot_changes_nothing(seed):
     assert a.d_lengths @ world == pytest.approx(np.zeros((3, 3, 3)), abs=1e-12)
 
 
-def test_a_straight_tendon_has_angle_zero_and_no_derivative():
-    p = np.array([[0.02 * k, 0.0, 0.0] for k in range(4)])
-    r = np.broadcast_to(np.eye(3), (4, 3, 3))
-    offsets = np.zeros((3, 4, 3))
-    offsets[..., 1] = 4.5e-3
-    shape = CableGeometry(NODES, offsets, MASK, 4).evaluate(p, r)
-    assert np.all(shape.angles == 0.0)
-    assert np.all(np.isfinite(shape.d_angles)) and np.all(shape.d_angles == 0.0)
-
-
 def test_clearance_shifts_the_tendon_towards_where_it_is_pulled():
     """At a bend the tendon lies at the inner edge of an oversized hole; at base plate and anchor it is not shifted."""
     count, radius, gap = 3, 0.05, 0.2e-3

@@ -138,7 +138,7 @@ def test_a_law_in_words():
     text = sentence(HARDENING, -1.0, edges)
     assert text == (
         "In all bays, a bending moment acts against the curvature, proportional to the square of the curvature; the "
-        "declared model lacks it."
+        "declared model does not have it."
     )
     spring = sentence(Term((DEFLECTION, DEFLECTION), DISPLACED, 1), -1.0, edges)
     assert "At the disk at s = 0.2 m, a force acts against the displacement" in spring

@@ -6,7 +6,7 @@ import exudyn as exu
 import numpy as np
 import pytest
 from contacts import CENTRE, DISK, QUAD, SPHERE, STIFFNESS
-from native_solvers import dynamic_settings, static_settings
+from native_solvers import static_settings
 from robots import BACKBONE, LENGTH, distance, scene, three
 
 from tdcr_fe.model.loading import Model
@@ -131,35 +131,6 @@ def test_mirror_images_press_their_tips_together():
     assert np.linalg.norm(pb[-1] - pa[-1]) == pytest.approx(2 * DISK, abs=2e-4)
 
 
-def test_a_robot_lifts_a_hanging_ball():
-    """A mass on a string: across the string the force of the contact is ``m g sin(phi)``."""
-    weight, radius, string = 0.02, 0.01, 0.1
-    keep, mbs, handle = scene(three(0.0), assemble=False)
-    mass = mbs.CreateMassPoint(
-        referencePosition=[0.03, 0.0, 0.24], mass=weight, gravity=[0.0, 0.0, -9.81], name="ball"
-    )
-    ground = mbs.CreateGround(referencePosition=[0.03, 0.0, 0.24 + string])
-    # An elastic string, taut by the weight from the beginning.
-    mbs.CreateSpringDamper(
-        itemNumbers=[ground, mass], referenceLength=string - weight * 9.81 / STIFFNESS, stiffness=STIFFNESS
-    )
-    contact = handle.add_disk_contact(mass, STIFFNESS, sphereRadius=radius)
-    mbs.Assemble()
-    for tension in np.linspace(0.1, 1.5, 15):
-        handle.set_tensions({"t1": float(tension)})
-        assert mbs.SolveTDCR()["iterations"] <= 30
-    at = mbs.GetObjectOutputBody(mass, exu.OutputVariableType.Position)
-    along = (at - [0.03, 0.0, 0.24 + string]) / np.linalg.norm(at - [0.03, 0.0, 0.24 + string])
-    across = np.array([-along[2], 0.0, along[0]])
-    pressed = np.flatnonzero(contact.normal_forces())
-    assert len(pressed) == 1 and contact.names[pressed[0]] == ("disk 13 of 'three'", "body 'ball'")
-    normal = (at - handle.tip_position) / np.linalg.norm(at - handle.tip_position)
-    push = contact.normal_forces()[pressed[0]] * normal @ across
-    assert along[0] > 0.05
-    assert push == pytest.approx(weight * 9.81 * along[0], rel=1e-6)
-    assert keep
-
-
 def test_a_wall_carries_what_a_cantilever_does_not():
     """A force at the tip against a wall 1 mm away: the wall takes what is beyond the force for that deflection.
 
@@ -178,22 +149,6 @@ def test_a_wall_carries_what_a_cantilever_does_not():
     free = 0.005 * LENGTH**3 / (3 * BACKBONE.EI) + 0.005 * LENGTH / BACKBONE.GA
     carried = 0.005 * (1.0 - handle.tip_position[0] / free)
     assert contact.normal_forces().max() == pytest.approx(carried, rel=1e-3)
-    assert keep
-
-
-def test_dynamics_begin_at_rest_in_contact_and_friction_acts_there():
-    """The gaps are handed over; with friction the same start."""
-    keep, mbs, handle = scene(three(0.3), assemble=False)
-    contact = handle.add_disk_contact(
-        mbs.CreateGround(referencePosition=list(CENTRE)), STIFFNESS, sphereRadius=SPHERE, dynamicFriction=0.2
-    )
-    mbs.Assemble()
-    handle.set_tensions({"t1": 1.5})
-    mbs.SolveTDCR()
-    start, force = handle.shape()[0], contact.normal_forces().max()
-    assert mbs.SolveDynamic(dynamic_settings(0.02, 1e-3))
-    assert distance(handle.shape()[0], start) < 1e-6
-    assert contact.normal_forces().max() == pytest.approx(force, rel=1e-3)
     assert keep
 
 

@@ -201,22 +201,6 @@ def test_the_energy_of_random_motions_is_conserved_for_half_a_second(seed):
     check(random_run(seed, 0.5, elements="auto"), 1e-4, 1e-4)
 
 
-@pytest.mark.integration
-def test_the_numerical_dissipation_falls_with_the_step_as_that_of_exudyns_beams_alone():
-    """No tendon is pulled, and a force at the tip swings the backbone: 2.7e-5 of the work at 1 ms, 8e-6 at 0.5 ms."""
-    found = []
-    for step in (1e-3, 5e-4):
-        _keep, mbs, handle = scene(three(0.0), assemble=False)
-        load, sensor = handle.add_load("tip", LENGTH), handle.add_energy_sensor()
-        mbs.Assemble()
-        load.set([0.05, 0.0, 0.0])
-        run(mbs, handle, 0.2, step)
-        sums = columns(mbs, sensor)
-        found.append(largest(sums["numerical_dissipation"]) / exchanged(sums))
-    assert found[0] < 5e-5
-    assert found[1] < found[0] / 3.0
-
-
 def test_inputs_that_jump_at_every_step_leave_the_balance_as_it_is():
     """Tensions and a load are set in ``PreStep``: they hold in the step, which begins with accelerations of the old.
 
@@ -256,29 +240,6 @@ def test_a_damper_of_the_scene_gets_what_the_balance_shows():
     expected = float(np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(v[:, 0])))
     assert found["balance"][-1] == pytest.approx(expected, rel=1e-2)
     assert expected > 0.1 * found["tendon_work"][-1]
-
-
-@pytest.mark.integration
-def test_the_work_of_a_tendon_is_what_its_motor_gives():
-    """A motor under a constant torque winds an elastic tendon: the work of the torque less its own kinetic energy.
-
-    With the angle of the motor at the end of a step taken for the one at its beginning, it was 3e-5 of that.
-    """
-    inertia, torque = 1e-5, 2e-3
-    elastic = tuple(tendon(f"t{i}", 120.0 * i, 0.2, axial_stiffness=600.0) for i in range(3))
-    _keep, mbs, handle = scene(Robot(BACKBONE, DISKS, elastic, name="wound"), assemble=False)
-    sensor, node = handle.add_energy_sensor(), handle.add_motor("t0", inertia, 5e-3)
-    marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=node, coordinate=0))
-    mbs.AddLoad(eii.LoadCoordinate(markerNumber=marker, load=torque))
-    mbs.Assemble()
-    run(mbs, handle, 0.05)
-    index = mbs.GetNodeODE2Index(node)
-    angle = mbs.systemData.GetODE2Coordinates()[index]
-    rate = mbs.systemData.GetODE2Coordinates_t()[index]
-    given, found = torque * angle - 0.5 * inertia * rate**2, present(mbs, sensor)
-    assert given > 1e-4
-    assert found["tendon_work"] == pytest.approx(given, rel=1e-2)
-    assert abs(found["numerical_dissipation"]) < 1e-2 * given
 
 
 def test_a_swing_loses_what_the_material_dissipates():

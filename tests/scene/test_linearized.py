@@ -182,43 +182,6 @@ def test_the_static_gain_is_what_statics_give(drive):
         assert gain[:, k] == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(
-    ("drive", "mu", "size"),
-    [
-        ("tension", 0.3, 1e-5),
-        pytest.param("displacement", 0.0, 1e-6, marks=pytest.mark.integration),
-    ],
-)
-def test_a_small_step_of_an_input_swings_as_in_dynamics(drive, mu, size):
-    """The first tendon, 0.2 s at 1 ms; the linear system by the trapezoidal rule at the same step.
-
-    With friction all holes are within their presliding.
-    """
-    keep, mbs, handle, sensor = at_rest(drive, mu, **(ELASTIC if drive == "displacement" else {}))
-    linear = mbs.TDCRLinearized(sensors=[sensor])
-    step, count = 1e-3, 200
-    u = np.array([size, 0.0, 0.0])
-    x, v = np.zeros(len(linear.mass)), np.zeros(len(linear.mass))
-    a = np.linalg.solve(linear.mass, linear.inputs @ u)
-    left = linear.mass + 0.25 * step**2 * linear.stiffness
-    expected = [np.zeros(3)]
-    for _ in range(count):
-        ahead = x + step * v + 0.25 * step**2 * a
-        new = np.linalg.solve(left, linear.inputs @ u - linear.stiffness @ ahead)
-        x, v, a = ahead + 0.25 * step**2 * new, v + 0.5 * step * (a + new), new
-        expected.append(linear.outputs @ x)
-    start, inputs = handle.tip_position, handle.actuation.input_values().copy()
-    handle.set_inputs_over_time(lambda t: inputs + u)
-    settings = dynamic_settings(count * step, step)
-    settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
-    settings.timeIntegration.newton.absoluteTolerance = 1e-9
-    settings.solution.sensors.writePeriod = step
-    assert mbs.SolveDynamic(settings)
-    moved = mbs.GetSensorStoredData(sensor)[:, 1:] - start
-    assert np.abs(moved - expected[: len(moved)]).max() < 0.02 * np.abs(expected).max()
-    assert keep
-
-
 def test_modes_and_state_space_agree():
     """Eigenvalues of the first-order system are the frequencies of `TDCREigenvalues`."""
     _keep, mbs, _, sensor = at_rest("tension", 0.3)

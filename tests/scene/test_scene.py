@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import exudyn as exu
-import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from exudyn.rigidBodyUtilities import InertiaCuboid
 from robots import BACKBONE, DISKS, LENGTH, distance, hinged_platform, paper, pull, scene, solve, three
 from scipy.spatial.transform import Rotation
 
@@ -91,46 +89,6 @@ def test_base_on_the_tip_of_another_robot():
 
 
 # ---------------------------------------------------------------- several robots
-
-
-def test_two_robots_in_one_system_are_independent():
-    _keep, mbs = system()
-    a = CreateTDCR(mbs, paper(0.3), MODEL, name="a")
-    b = CreateTDCR(
-        mbs,
-        three(0.3),
-        Model(friction="per-tendon", elements_per_bay=2),
-        name="b",
-        basePosition=[1.0, 0.0, 0.0],
-    )
-    mbs.Assemble()
-    a.set_tensions([1.0])
-    b.set_tensions({"t2": 0.7})
-    mbs.SolveTDCR()
-    assert distance(a.tip_position, single_tip()) < 1e-8
-    single = solve(three(0.3), [LoadStep("", {"t2": 0.7})], friction="per-tendon", elements_per_bay=2)
-    assert distance(b.tip_position - [1.0, 0.0, 0.0], single.tips[-1]) < 1e-8
-
-
-def test_two_robots_coupled_by_a_spring_pull_each_other():
-    """Mirror images joined at their tips: the spring's stretch is shared equally; the forces are equal."""
-    k, gap = 2.0, 0.1
-    _keep, mbs = system()
-    a = CreateTDCR(mbs, paper(0.3, 180.0), MODEL, name="a")
-    b = CreateTDCR(mbs, paper(0.3, 0.0), MODEL, name="b", basePosition=[gap, 0.0, 0.0])
-    mbs.AddObject(eii.SpringDamper(markerNumbers=[a.mTip, b.mTip], stiffness=k, referenceLength=gap))
-    mbs.Assemble()
-    a.set_tensions([1.0])
-    b.set_tensions([1.0])
-    mbs.SolveTDCR()
-    pa, pb = a.tip_position, b.tip_position
-    assert distance(pa * [-1, 1, 1] + [gap, 0, 0], pb) < 1e-7
-    force = k * (np.linalg.norm(pb - pa) - gap)
-    assert force > 0.01
-    single = solve(
-        paper(0.3, 0.0), [LoadStep("", {"t1": 1.0}, loads={"tip": Load(LENGTH, (-force, 0.0, 0.0))})]
-    ).tips[-1]
-    assert distance(pb - [gap, 0, 0], single) < 1e-4
 
 
 def test_two_robots_of_one_name_are_refused():
@@ -274,7 +232,7 @@ def test_model_that_needs_too_much_memory_is_refused():
     keep = exu.SystemContainer()
     robot = paper().with_disks(positions=tuple(LENGTH * (i + 1) / 50 for i in range(50)))
     with pytest.raises(
-        ValueError, match=r"model.elements_per_bay = 64: 50 disks with 64 elements a bay are 3200"
+        ValueError, match=r"model.elements_per_bay = 64: 50 disks with 64 elements per bay are 3200"
     ):
         CreateTDCR(keep.AddSystem(), robot, Model(elements_per_bay=64))
 
@@ -349,32 +307,6 @@ def test_nothing_is_drawn_of_a_robot_that_is_not_shown():
     assert not any(mbs.GetNode(node)["Vshow"] for node in handle.nNodes)
     shown = scene(three(0.3))[1]
     assert sum(shown.GetObject(k)["Vshow"] for k in range(shown.systemData.NumberOfObjects())) > 50
-
-
-def test_a_robot_on_a_hinge_with_a_torsional_spring():
-    """The spring's angle is small under the load at the tip: its torque is force times lever.
-
-    A torsional spring counts its full turns in a state of its own, as the joints of `exudyn.robotics` do; the
-    quasi-static solver refused it for that.
-    """
-    stiffness, force = 2.0, 0.004
-    _keep, mbs = system()
-    ground = mbs.CreateGround()
-    body = mbs.CreateRigidBody(inertia=InertiaCuboid(1000.0, [0.02, 0.02, 0.02]), referencePosition=[0, 0, 0])
-    mbs.CreateRevoluteJoint(itemNumbers=[ground, body], position=[0, 0, 0], axis=[0, 1, 0])
-    mbs.CreateTorsionalSpringDamper(
-        itemNumbers=[ground, body], position=[0, 0, 0], axis=[0, 1, 0], stiffness=stiffness
-    )
-    top = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body))
-    arm = CreateTDCR(mbs, paper(0.0), Model(elements_per_bay=1), baseMarker=top)
-    load = arm.add_load("tip", LENGTH)
-    mbs.Assemble()
-    load.set([force, 0.0, 0.0])
-    mbs.SolveTDCR()
-    turn = mbs.GetObjectOutputBody(body, exu.OutputVariableType.RotationMatrix).reshape(3, 3)
-    angle = np.arctan2(turn[0, 2], turn[2, 2])
-    assert stiffness * angle == pytest.approx(force * arm.tip_position[2], rel=1e-6)
-    assert angle > 4e-4
 
 
 def test_a_window_of_the_renderer_shows_the_solved_state():

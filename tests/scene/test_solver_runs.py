@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import os
 import weakref
 
 import exudyn as exu
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 from contacts import CONTACTS
 from exudyn import robotics
-from exudyn.processing import ParameterVariation
 from exudyn.utilities import HTtranslate, InertiaCuboid, LoadSolutionFile, SetSolutionState
 from native_solvers import damped, dynamic_settings, recommended, static_settings
 from robots import LENGTH, distance, scene, three
@@ -184,28 +182,6 @@ def test_tensions_set_in_a_prestep_function_are_those_of_inputs_over_time():
     assert len(set(seen)) > 30
 
 
-@pytest.mark.integration
-def test_tensions_first_set_in_a_prestep_function_miss_the_initial_accelerations():
-    """Exudyn computes these before: a pull that begins at once comes late by a part of the first step."""
-
-    def shape(step, before):
-        _keep, mbs, handle = scene(three(0.3))
-
-        def before_step(mbs, t):
-            handle.set_tensions([0.5, 0.1, 0.1])
-            return True
-
-        if before:
-            before_step(mbs, 0.0)
-        mbs.SetPreStepUserFunction(before_step)
-        assert mbs.SolveDynamic(recommended(handle, 0.04, step))
-        return handle.shape()[0]
-
-    gaps = [distance(shape(step, True), shape(step, False)) for step in (1e-3, 5e-4)]
-    assert gaps[0] < 2e-3
-    assert gaps[1] == pytest.approx(0.5 * gaps[0], rel=0.2)
-
-
 # ---------------------------------------------------------------- states
 
 
@@ -312,28 +288,6 @@ def test_coordinates_that_were_set_by_hand_do_not_change_the_solution_without_fr
         assert distance(handle.shape()[0], expected) < 1e-8
 
 
-def test_explicit_integrators_are_refused_and_both_implicit_ones_agree():
-    """Nodes with Euler parameters have algebraic equations, which Exudyn's explicit integrators do not solve.
-
-    At 0.25 ms, without numerical damping; at 1 ms the truncation errors of the implicit ones differ by 1e-5.
-    """
-    tips = []
-    kinds = exu.DynamicSolverType
-    for kind in (kinds.ExplicitMidpoint, kinds.GeneralizedAlpha, kinds.TrapezoidalIndex2):
-        _keep, mbs, handle = scene(three(0.3))
-        handle.set_inputs_over_time(swing)
-        settings = recommended(handle, 0.02, 0.25e-3)
-        settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
-        if kind != kinds.ExplicitMidpoint:
-            assert mbs.SolveDynamic(settings, solverType=kind)
-            tips.append(handle.tip_position)
-        else:
-            with pytest.raises(exu.ModelError, match="node 0 which contains algebraic variables"):
-                mbs.SolveDynamic(settings, solverType=kind)
-    assert distance(*tips) < 1e-6
-    assert distance(tips[0], [0.0, 0.0, LENGTH]) > 1e-3
-
-
 # ---------------------------------------------------------------- files and variations
 
 
@@ -386,22 +340,6 @@ def test_sensors_write_the_files_of_exudyn(tmp_path):
     rows = np.loadtxt(tmp_path / "arm_tip_position.txt", comments="#", delimiter=",")
     assert rows.shape == (21, 4)
     assert distance(rows[-1, 1:], handle.tip_position) < 1e-6
-
-
-def test_a_parameter_variation_of_exudyn_gives_the_tips_of_single_runs():
-    def tip(parameters):
-        _keep, mbs, handle = scene(three(parameters["mu"]))
-        return float(pull(mbs, handle, parameters["tension"])[-1, 0])
-
-    grid, found = ParameterVariation(
-        parameterFunction=tip,
-        parameters={"mu": (0.0, 0.3, 2), "tension": (0.5, 1.0, 2)},
-        useMultiProcessing=False,
-        showProgress=False,
-    )
-    for mu, tension, value in zip(grid["mu"], grid["tension"], found, strict=True):
-        assert value == pytest.approx(tip({"mu": mu, "tension": tension}), rel=1e-12)
-    assert len(set(found)) == 4
 
 
 @pytest.mark.parametrize("end", ["stopped", pytest.param("whole", marks=pytest.mark.integration)])
@@ -500,21 +438,3 @@ def test_a_robot_whose_scene_is_dropped_is_freed():
     dropped = made_and_dropped(solve=True)
     gc.collect()
     assert dropped() is None
-
-
-@pytest.mark.integration
-@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="memory is read from /proc")
-def test_scenes_that_are_dropped_leave_no_memory():
-    """Less than 10 kB each; in version 0.1 every scene kept 0.35 MB."""
-
-    def resident() -> float:
-        with open("/proc/self/statm") as file:
-            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-    found = []
-    for count in (30, 150):
-        for _ in range(count):
-            made_and_dropped(solve=False)
-        gc.collect()
-        found.append(resident())
-    assert (found[1] - found[0]) / 150 < 0.01

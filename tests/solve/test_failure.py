@@ -60,7 +60,10 @@ def test_a_resolved_path_gives_no_warning_and_an_unresolved_one_its_size():
     steps = [*pull(2.0), LoadStep("", loads={"tip": Load(LENGTH, (-0.05, 0.0, 0.0))})]
     coarse = solve(paper(0.3), steps, SolverSettings(max_substeps=1, mesh_tolerance=np.inf))
     error = coarse.steps[1].details["refinement_error"]
-    assert f"what is left of it may move a node by {error:.1e} of the length" in coarse.warnings[-1]
+    assert (
+        f"the remaining uncertainty may move a node by {100.0 * error:.2g} % of the length"
+        in coarse.warnings[-1]
+    )
     assert solve(paper(0.3), steps, SolverSettings(mesh_tolerance=np.inf)).warnings == ()
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from robots import LENGTH, paper, pull, three
@@ -97,19 +95,3 @@ def test_predictions_do_not_change_results(robot, driven, full):
         assert np.abs(a.configuration.positions - b.configuration.positions).max() < 1e-10 * LENGTH
         assert a.base_tension[0] == pytest.approx(b.base_tension[0], abs=1e-8)
     assert made >= 4
-
-
-def test_no_prediction_where_the_last_step_is_no_guide():
-    arm = simulation(three(0.3), pull(0.5, 1.0))
-    assert predicted(arm, 1.5, 0.0, 0.0) is not None
-    assert predicted(arm, 0.5, 0.0, 0.0) is None, "reversal"
-    assert predicted(arm, 1.5, 0.1, 0.0) is None, "another direction"
-    assert predicted(arm, 3.0, 0.0, 0.0) is None, "too long"
-    assert predicted(arm, 1.0, 0.0, 0.0) is None, "no change"
-    line, goal = arm.linearization(), Target((np.array([1.5, 0.0, 0.0]),), (), 0.0)
-    elsewhere = line._replace(solved=line.solved._replace(end=line.solved.end + 1e-6))
-    assert predict_from(arm, goal, elsewhere) is None, "another state"
-    alone = line._replace(solved=None)
-    assert predict_from(arm, goal, alone) is None, "no step before"
-    short = replace(arm.settings, max_turn=1e-3)
-    assert predict_from(arm, goal, line, short) is None, "large turn"

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, distance, solve, tendon, three
 
-from tdcr_fe.effects import EFFECTS, Experiment, with_effect
 from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.validation.reference import solve_reference
@@ -87,24 +86,3 @@ def test_pretension_agrees_with_the_reference(friction):
 def test_an_inextensible_tendon_has_no_pretension():
     with pytest.raises(ValueError, match=r"tendons\[0\].pretension: 0.5; needs an elastic tendon"):
         three().with_tendons(pretension=0.5)
-
-
-def test_the_effect_sets_one_tension_for_all_or_one_for_each():
-    setup = Experiment(tightened(tension=0.0), Model(), (moved(0.0, 0.0, 0.0),))
-    assert [t.pretension for t in with_effect(setup, "pretension", tension=0.4).robot.tendons] == [0.4] * 3
-    each = with_effect(setup, "pretension", tension_t1=0.1, tension_t3=0.3)
-    assert [t.pretension for t in each.robot.tendons] == [0.1, 0.0, 0.3]
-    doubled = with_effect(each, "pretension", tension=2.0 * 0.4 / 3.0)
-    np.testing.assert_allclose([t.pretension for t in doubled.robot.tendons], [0.2, 0.0, 0.6])
-    with pytest.raises(ValueError, match="no parameter 'tension_t4'; it has tension, tension_t1"):
-        with_effect(setup, "pretension", tension_t4=0.1)
-
-
-def test_data_driven_by_tension_do_not_show_it():
-    e = next(e for e in EFFECTS if e.name == "pretension")
-    from tdcr_fe.effects import ExcitationRange
-
-    pulled = Experiment(tightened(tension=0.0), Model(), (LoadStep(tensions={"t1": 1.0}),))
-    assert e.probe_points(pulled, ExcitationRange()) == []
-    driven = Experiment(tightened(tension=0.0), Model(), (moved(0.0, 0.0, 0.0),))
-    assert len(e.probe_points(driven, ExcitationRange())) == 2

@@ -104,15 +104,6 @@ def test_forces_and_slips_by_mobilisation_against_differences(axial_stiffness):
         assert base[:, index] == pytest.approx(base_slip, abs=1e-8)
 
 
-def test_history_is_committed_with_the_solution_and_reaches_the_robot_when_stored():
-    _keep, handle, system, first = solved(paper(0.3), [1.0])
-    assert np.all(first.state.friction[0].mobilisation == 1.0)
-    assert np.all(handle.actuation.state.mobilisation == 0.0)
-    system.store(first.state)
-    assert np.all(handle.actuation.state.mobilisation == 1.0)
-    assert handle.tensions()["t1"][0] == 1.0
-
-
 def test_a_stored_state_is_small_and_starts_another_run():
     """Pickled, it takes no more than its numbers; a solve that starts from it needs no iteration."""
     _keep, _, system, first = solved(paper(0.3), [1.0])

@@ -10,7 +10,7 @@ import pytest
 from tdcr_fe.model.backbone import Backbone, StiffnessPatch
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.reference import solve_reference
@@ -95,14 +95,6 @@ def test_bays_are_twentieths_and_every_end_of_a_tendon_has_a_node():
     expected = sorted({*np.round(L * np.arange(21) / 20, 9), 0.25, 0.18})
     np.testing.assert_allclose(result.steps[0].s, expected, atol=1e-12)
     assert len(TENTACLE.bay_edges) == 21
-
-
-def test_tendons_through_free_points_follow_their_spline():
-    """Points of a parallel course give what the parallel routing gives."""
-    points = PointsRouting(tuple(L * k / 4 for k in range(5)), ((5e-3, 0.0),) * 5)
-    a = simulate(Robot(SOFT, tendons=(Tendon("a", points),)), FOLLOWS, STEPS[:1]).tips
-    b = simulate(Robot(SOFT, tendons=(Tendon("a", ParallelRouting(5e-3)),)), FOLLOWS, STEPS[:1]).tips
-    np.testing.assert_allclose(a, b, atol=1e-12)
 
 
 def test_a_straight_path_without_disks_is_refused_by_name():

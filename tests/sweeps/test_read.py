@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 from sweep_files import InProcess, write_files
 
 import tdcr_fe as tdcr
 from tdcr_fe import cli
 from tdcr_fe.io.problems import InputError
+from tdcr_fe.sweeps.cases import STATUSES
+from tdcr_fe.sweeps.sampling import DISTRIBUTIONS, METHODS
 
 
 def problems_of(folder, text, **files):
@@ -38,7 +43,7 @@ HEAD = 'scenario = "scenario.toml"\n'
         ),
         (
             HEAD + '[[vary]]\nkey = "effects.gravity.g_q"\nvalues = [1.0]',
-            'sweep.toml: vary[0].key = "effects.gravity.g_q": unknown parameter; there are g_x',
+            'sweep.toml: vary[0].key = "effects.gravity.g_q": unknown parameter; did you mean g_z',
         ),
         (
             HEAD + '[[vary]]\nkey = "effects.gravty.g_z"\nvalues = [1.0]',
@@ -179,3 +184,20 @@ def test_the_workspace_varies_every_tension_of_the_last_step(tmp_path):
     design = described.design()
     numbers = [design.case(k) for k in range(16)]
     assert len(set(numbers)) == 16 and all(0.0 <= x <= 2.0 for case in numbers for x in case)
+
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = (DOCS / "sweeps.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("name", "cases"), [("uncertainty", 384), ("workspace", 512)])
+def test_the_sweeps_of_the_page_are_the_files_of_the_examples(name, cases):
+    path = DOCS / "examples" / "sweeps" / f"{name}.toml"
+    shown = re.search(rf"^```toml\n# {name}\.toml\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[1]
+    assert shown == path.read_text(encoding="utf-8")
+    assert tdcr.read_sweep(path).design().count == cases
+
+
+def test_the_page_names_everything():
+    for word in (*METHODS, *STATUSES, *DISTRIBUTIONS, "factor", "offset"):  # keys are generated
+        assert re.search(rf'[`"]{re.escape(word)}["`]', PAGE), word

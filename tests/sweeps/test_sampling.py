@@ -22,21 +22,12 @@ from tdcr_fe.sweeps.sampling import (
 )
 
 
-def test_the_last_variation_of_a_grid_changes_fastest():
-    design = grid([[1.0, 2.0], ["a", "b", "c"]])
-    assert [design.case(k) for k in range(design.count)] == [
-        (1.0, "a"),
-        (1.0, "b"),
-        (1.0, "c"),
-        (2.0, "a"),
-        (2.0, "b"),
-        (2.0, "c"),
-    ]
-
-
-def test_lists_are_taken_together():
-    design = together([[1.0, 2.0, 3.0], ["a", "b", "c"]])
-    assert [design.case(k) for k in range(design.count)] == [(1.0, "a"), (2.0, "b"), (3.0, "c")]
+def test_the_last_variation_of_a_grid_changes_fastest_and_lists_are_taken_together():
+    numbers, letters = [1.0, 2.0, 3.0], ["a", "b", "c"]
+    design = grid([numbers[:2], letters])
+    assert [design.case(k) for k in range(design.count)] == [(x, y) for x in numbers[:2] for y in letters]
+    design = together([numbers, letters])
+    assert [design.case(k) for k in range(design.count)] == list(zip(numbers, letters, strict=True))
 
 
 def test_a_range_has_equal_distances_or_ratios():

@@ -1,6 +1,5 @@
 """Worker processes end with their parent, and finished parts are kept."""
 
-import json
 import os
 import signal
 import subprocess
@@ -10,7 +9,10 @@ from pathlib import Path
 import pytest
 from interrupts import start_python
 
-pytestmark = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="lists processes by /proc")
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="lists processes by /proc"),
+]
 
 #: Time that workers may take to end after their parent [s].
 LIMIT = 20.0
@@ -52,10 +54,22 @@ def wait_for_workers(process, count):
     raise AssertionError("no workers were started")
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-def test_workers_of_validate_end_with_it(tmp_path, number):
+VALIDATE = ("tdcr_fe", "validate", "--full", "-q")
+CAMPAIGN = ("tdcr_fe.validation", "random_robots")
+
+
+@pytest.mark.parametrize(
+    ("command", "number"),
+    [
+        (VALIDATE, signal.SIGKILL),
+        (VALIDATE, signal.SIGINT),
+        (CAMPAIGN, signal.SIGTERM),
+        (CAMPAIGN, signal.SIGINT),
+    ],
+)
+def test_workers_end_with_their_parent(tmp_path, command, number):
     """e3bbe5d: after ``kill -9`` of ``validate --full`` its workers still ran 45 minutes later."""
-    process = start("tdcr_fe", "validate", "--full", "-o", str(tmp_path / "out"), "--processes", "2", "-q")
+    process = start(*command, "-o", str(tmp_path / "out"), "--processes", "2")
     workers = []
     try:
         workers = wait_for_workers(process, 2)
@@ -72,27 +86,6 @@ def test_workers_of_validate_end_with_it(tmp_path, number):
     expected = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
     assert process.returncode == expected[number]
     if number != signal.SIGKILL:
-        assert "the same command continues from there" in message
-
-
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-def test_an_interrupted_paper_writes_its_report_and_says_unfinished(tmp_path, number, status):
-    """e3bbe5d: nothing was written where the first part was not finished, and SIGTERM always ended without a report."""
-    out = tmp_path / "out"
-    process = start("tdcr_fe", "paper", "-o", str(out), "--no-effects")
-    try:
-        for _ in range(400):
-            assert process.poll() is None, process.communicate()
-            if out.exists():
-                break
-            time.sleep(0.05)
-        time.sleep(1.0)  # into the first part
-        process.send_signal(number)
-        _, message = process.communicate(timeout=20)
-    finally:
-        process.kill()
-    assert process.returncode == status, message
-    assert "unfinished" in message
-    written = json.loads((out / "report.json").read_text(encoding="utf-8"))
-    assert written["interrupted"] == "figures"
-    assert "Interrupted in" in (out / "report.html").read_text(encoding="utf-8")
+        assert (
+            "the same command continues from there" if command == VALIDATE else "start it again to resume"
+        ) in message

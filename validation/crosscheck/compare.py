@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.simulate import PathRecord, SolverSettings, simulate
-from tdcr_fe.validation.crosscheck.case import (
+from tdcr_fe.validation.crosscheck.cases import (
     PRESLIDING,
     Case,
 )
+from tdcr_fe.validation.fuzz.rod import courses
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 Array = NDArray[np.float64]
@@ -89,18 +90,10 @@ def compare(case: Case) -> Record:
 
 
 class _Friction(NamedTuple):
-    """Friction state of the finite elements at the end of a load step.
+    """Friction state of the finite elements at the end of a load step, both of shape (n_tendons, n_variables)."""
 
-    Attributes
-    ----------
-    mobilisation : ndarray, shape (n_tendons, n_variables)
-        [1].
-    slip : ndarray, shape (n_tendons, n_variables)
-        In this load step [m].
-    """
-
-    mobilisation: Array
-    slip: Array
+    mobilisation: Array  # [1]
+    slip: Array  # in this load step [m]
 
 
 def _solve_both(case: Case) -> tuple[SequenceResult, SequenceResult, list[_Friction]]:
@@ -235,19 +228,11 @@ def _tension_deviation(a: StepResult, b: StepResult, tops: Array) -> float:
 def _compare_friction(case: Case, a: StepResult, b: StepResult, friction: _Friction, tops: Array) -> Record:
     """Hole states, mobilisations, dissipation, and the Capstan bounds of both solutions."""
     rough = case.model.friction != "none"
-    reference = b.details["mobilisation"]
     record: Record = {
         "holes": sum(len(x) - 1 for x in b.hole_states) if rough else 0,
         "holes_differing": _differing(case, a, b, friction, tops) if rough else [],
-        "mobilisation_reference": [x.tolist() for x in reference],
-        "mobilisation_finite_element": [
-            _of_holes(friction.mobilisation[i], len(x)).tolist() for i, x in enumerate(reference)
-        ],
-        "dissipation_reference": float(sum(np.sum(x) for x in b.details["dissipation"])),
     }
     for side, result in (("finite_element", a), ("reference", b)):
-        if rough:
-            record[f"friction_share_{side}"] = friction_shares(case, result)
         outside, off = capstan(case, result) if rough else (0.0, 0.0)
         record[f"outside_{side}"], record[f"off_bound_{side}"] = outside, off
     return record
@@ -297,33 +282,6 @@ def _differing(case: Case, a: StepResult, b: StepResult, friction: _Friction, to
     return found
 
 
-def turning_angles(robot: Robot, step: StepResult, tendon: int) -> Array:
-    """Angles by which a straight-segment tendon turns at its holes [rad], shape (n - 1,)."""
-    t = robot.tendons[tendon]
-    arcs = robot.hole_arc_lengths(t)
-    nodes = np.array([int(np.argmin(np.abs(step.s - s))) for s in arcs])
-    holes = robot.hole_points(t)
-    points = step.positions[nodes] + np.einsum("nij,nj->ni", step.rotations[nodes], holes)
-    edges = np.diff(points, axis=0)
-    sine = np.linalg.norm(np.cross(edges[:-1], edges[1:]), axis=1)
-    return np.asarray(np.arctan2(sine, np.sum(edges[:-1] * edges[1:], axis=1)), dtype=float)
-
-
-def friction_shares(case: Case, step: StepResult) -> list[list[float]]:
-    """By tendon and hole ``ln(T_k+1 / T_k) / (mu theta_k)``: -1 pulls, +1 releases; 0 where nothing is pulled.
-
-    From the solved geometry and tensions alone.
-    """
-    shares = []
-    for i, tendon in enumerate(case.robot.tendons):
-        tension = np.maximum(step.tensions[i], 1e-12)
-        bound = tendon.friction_coefficient * turning_angles(case.robot, step, i)
-        usable = (bound > 1e-12) & (step.tensions[i][:-1] > 1e-6)
-        ratio = np.log(tension[1:] / tension[:-1]) / np.where(usable, bound, 1.0)
-        shares.append(np.where(usable, ratio, 0.0).tolist())
-    return shares
-
-
 def capstan(case: Case, step: StepResult) -> tuple[float, float]:
     """How far tensions violate the Capstan bounds, from the solved geometry and tensions alone.
 
@@ -334,10 +292,11 @@ def capstan(case: Case, step: StepResult) -> tuple[float, float]:
         to the tension before the hole.
     """
     outside = off = 0.0
-    for i, tendon in enumerate(case.robot.tendons):
+    found = courses(case.robot, step.s, step.positions, step.rotations)
+    for i, (tendon, course) in enumerate(zip(case.robot.tendons, found, strict=True)):
         tension = step.tensions[i]
         before, after = tension[:-1], tension[1:]
-        factor = np.exp(tendon.friction_coefficient * turning_angles(case.robot, step, i))
+        factor = np.exp(tendon.friction_coefficient * course.angles)
         lower = np.maximum(0.0, before / factor - tendon.adhesion)
         upper = (before + tendon.adhesion) * factor
         states = np.array(step.hole_states[i][:-1])

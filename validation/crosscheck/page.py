@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from tdcr_fe.report.environment import short
 from tdcr_fe.report.page import Card, Page, Picture, Section, render
 from tdcr_fe.validation.crosscheck import figures
-from tdcr_fe.validation.crosscheck.case import (
+from tdcr_fe.validation.crosscheck.cases import (
     ELEMENTS_PER_BAY,
     LOADS,
     MEDIAN_TOLERANCE,
@@ -21,14 +19,12 @@ from tdcr_fe.validation.crosscheck.case import (
     ROUTINGS,
     TENSION_TOLERANCE,
     TIP_TOLERANCE,
+    all_cases,
 )
-from tdcr_fe.validation.crosscheck.cases import all_cases
 from tdcr_fe.validation.crosscheck.compare import THRESHOLD_MOBILISATION, THRESHOLD_SLIP
+from tdcr_fe.validation.runner import count
 
 Record = dict[str, Any]
-
-#: Largest deviation of the reference's shape from the independent integration [% of the length].
-INTEGRATION_TOLERANCE = 1e-4
 
 
 def to_html(outcome: Record) -> str:
@@ -67,7 +63,7 @@ def page(outcome: Record) -> Page:
         ),
         sections=tuple(_sections(outcome)),
         notes=(
-            f"{made}. {time['processes']} processes, {time['wall']:.0f} s{recalled}.",
+            f"{made}. {count(time['processes'], 'process', 'processes')}, {time['wall']:.0f} s{recalled}.",
             f"Repeat with: tdcr-fe validate -o OUT{full}",
         ),
     )
@@ -107,65 +103,18 @@ def _sections(outcome: Record) -> list[Section]:
     """A section for every kind of evidence in the outcome."""
     studies = outcome["studies"]
     cases = [c for c in outcome["cases"] if c["converged"]]
-    found = [
-        _arbitration(studies["arbitration"], studies["closed"]),
-        Section("shapes", "Shapes and tensions", "shapes.html.j2", {"groups": _groups(cases)}),
-    ]
+    found = [Section("shapes", "Shapes and tensions", "shapes.html.j2", {"groups": _groups(cases)})]
     if studies["mesh"]:
-        picture = Picture(figures.mesh(studies["mesh"]), "Mesh convergence")
-        context = {"studies": studies["mesh"], "picture": picture}
-        found.append(Section("mesh", "Mesh convergence", "mesh.html.j2", context))
+        found.append(Section("mesh", "Mesh convergence", "mesh.html.j2", {"studies": studies["mesh"]}))
     if studies["buckling"]:
         found.append(_buckling(studies["buckling"]))
-    if studies["disks"]:
-        picture = Picture(figures.disks(studies["disks"]), "Straight model against the continuous one")
-        found.append(
-            Section(
-                "disks", "Number of disks: from straight to continuous", "disks.html.j2", {"picture": picture}
-            )
-        )
-    found += [
+    return [
+        *found,
         _histories(outcome, cases),
-        Section("bounds", "Friction bounds at every hole", "bounds.html.j2", {"bounds": _bounds(cases)}),
-        Section(
-            "literature", "Results of other codes", "literature.html.j2", {"studies": studies["literature"]}
-        ),
-        Section(
-            "time",
-            "Time",
-            "time.html.j2",
-            {
-                "time": outcome["time"],
-                "studies": studies["time"],
-                "picture": Picture(figures.times(cases), "Time per substep over the number of disks")
-                if cases
-                else None,
-            },
-        ),
+        Section("literature", "Closed forms and results of other codes", "literature.html.j2", studies),
         Section("all", "All cases", "cases.html.j2", {"cases": outcome["cases"]}),
         _method(outcome),
     ]
-    return found
-
-
-def _arbitration(studies: Sequence[Record], closed: Sequence[Record]) -> Section:
-    right = all(
-        d["integration_shape_percent"] < INTEGRATION_TOLERANCE
-        and d["deviation_percent"][-1] < 0.2 * d["deviation_percent"][0]
-        for d in studies
-    )
-    context = {
-        "studies": sorted(studies, key=lambda d: d["deviation_percent"], reverse=True),
-        "count": len(studies),
-        "closed": closed,
-        "reference_right": right and bool(studies),
-    }
-    return Section(
-        "arbitration",
-        "Arbitration: the cases that differ most, integrated independently",
-        "arbitration.html.j2",
-        context,
-    )
 
 
 def _buckling(studies: Sequence[Record]) -> Section:
@@ -211,13 +160,13 @@ def _groups(cases: Sequence[Record]) -> list[Record]:
 
 def _histories(outcome: Record, cases: Sequence[Record]) -> Section:
     differing = [
-        {**h, "case": c["id"], "step": n + 1, "at_threshold": h["at_threshold"]}
+        {**h, "case": c["id"], "step": n + 1}
         for c in outcome["cases"]
         for n, s in enumerate(c["steps"])
         for h in s["holes_differing"]
     ]
     histories = [
-        {"case": c, "energy": _energy(c), "picture": Picture(figures.history(c), f"Hysteresis of {c['id']}")}
+        {"case": c, "picture": Picture(figures.history(c), f"Hysteresis of {c['id']}")}
         for c in cases
         if c["group"] == "history" and c["friction"] == "per-hole"
     ]
@@ -230,20 +179,6 @@ def _histories(outcome: Record, cases: Sequence[Record]) -> Section:
         "threshold_slip": THRESHOLD_SLIP,
     }
     return Section("histories", "Loading, unloading, reloading; hole states", "histories.html.j2", context)
-
-
-def _bounds(cases: Sequence[Record]) -> list[Record]:
-    found = []
-    for routing in ("parallel", "helical"):
-        for case in cases:
-            single = (
-                case["group"] == "history" and case["friction"] == "per-hole" and len(case["tendons"]) == 1
-            )
-            if single and case["routing"] == routing:
-                picture = Picture(figures.bounds(case), f"Friction bounds, {routing}")
-                found.append({"title": f"{routing}, {case['disks']} disks", "picture": picture})
-                break
-    return found
 
 
 def _method(outcome: Record) -> Section:
@@ -263,15 +198,3 @@ def _method(outcome: Record) -> Section:
         "other_paths": outcome["counts"]["other_paths"],
     }
     return Section("method", "Method", "method.html.j2", context)
-
-
-def _energy(case: Record) -> Record:
-    """Work of the actuators by the trapezoidal rule for both solvers, and the dissipation at the holes [mJ]."""
-    result: Record = {}
-    for side, tension in (("finite_element", "base_tensions_finite_element"), ("reference", "base_tensions")):
-        pull = np.array([s[tension] for s in case["steps"]])
-        moved = np.array([s[f"displacements_{side}"] for s in case["steps"]])
-        pull, moved = (np.concatenate((np.zeros((1, pull.shape[1])), x)) for x in (pull, moved))
-        result[side] = 1e3 * float(np.sum(0.5 * (pull[1:] + pull[:-1]) * np.diff(moved, axis=0)))
-    result["dissipated"] = 1e3 * case["steps"][-1]["dissipation_reference"]
-    return result

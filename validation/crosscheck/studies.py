@@ -1,12 +1,7 @@
-"""Studies in addition to the cases.
-
-Mesh and disk convergence, compression of a bay, closed forms, results of other codes, time, arbitrations.
-"""
+"""Studies in addition to the cases: mesh convergence, compression of a bay, results of other codes, closed forms."""
 
 from __future__ import annotations
 
-import re
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -15,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import SolverSettings, simulate
-from tdcr_fe.validation.crosscheck.arbitration import integrate_again
-from tdcr_fe.validation.crosscheck.case import (
+from tdcr_fe.validation.crosscheck.cases import (
     BACKBONE,
     ELEMENTS_PER_BAY,
     LENGTH,
@@ -30,13 +24,13 @@ from tdcr_fe.validation.crosscheck.case import (
     PRESLIDING,
     ROUTINGS,
     Case,
+    all_cases,
     bay_buckling_load,
     highest_tension,
     make_load,
     make_robot,
     pulls,
 )
-from tdcr_fe.validation.crosscheck.cases import all_cases
 from tdcr_fe.validation.crosscheck.compare import compare
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 from tdcr_fe.validation.reference.closed_forms import constant_strain, elastica_tip, helix_wrench
@@ -51,57 +45,34 @@ FLOOR = 2e-8
 
 @dataclass(frozen=True)
 class Study:
-    """One study.
-
-    Attributes
-    ----------
-    id : str
-    kind : str
-        Names the function, see `run_study`.
-    arguments : tuple
-        Strings and numbers.
-    quick : bool
-        Part of the quick set.
-    """
+    """One study."""
 
     id: str
-    kind: str
+    kind: str  # names the function, see `run_study`
     arguments: tuple[Any, ...] = ()
-    quick: bool = False
+    quick: bool = False  # part of the quick set
 
 
 def all_studies() -> list[Study]:
-    """Every study that does not depend on the outcome of the cases."""
+    """Every study."""
     studies = []
     for i, routing in enumerate(ROUTINGS):
         for k, (path, friction) in enumerate(MODELS):
-            quick = k in (i % 4, (i + 3) % 4)
-            studies.append(
-                Study(f"mesh_{routing}_{path}_{friction}", "mesh", (routing, path, friction), quick)
-            )
-        studies.append(Study(f"disks_{routing}", "disks", (routing,), routing in ("parallel", "helical")))
+            name, quick = f"mesh_{routing}_{path}_{friction}", k in (i % 4, (i + 3) % 4)
+            studies.append(Study(name, "mesh", (routing, path, friction), quick))
     studies += [Study(f"buckling_{c}", "buckling", (c,), k < 2) for k, c in enumerate(NEAR_BUCKLING)]
     studies += [Study(f"literature_{i}", "literature", (i,), True) for i in range(len(LITERATURE))]
-    studies += [Study(f"closed_{_slug(name)}", "closed", (name,), True) for name in CLOSED_FORMS]
-    studies += [Study(f"time_{_slug(name)}", "time", (name,), True) for name in TIMED]
+    studies += [Study(f"closed_{i}", "closed", (name,), True) for i, name in enumerate(CLOSED_FORMS)]
     return studies
-
-
-def _slug(title: str) -> str:
-    """A title as part of a file's name."""
-    return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
 
 
 def run_study(study: Study) -> Record:
     """Run a study; returns plain numbers, ready for JSON."""
     functions: dict[str, Callable[..., Record]] = {
         "mesh": mesh_convergence,
-        "disks": disk_convergence,
         "buckling": near_buckling,
         "literature": literature,
         "closed": closed_form,
-        "time": timing,
-        "arbitration": arbitrate,
     }
     return {"id": study.id, "kind": study.kind, **functions[study.kind](*study.arguments)}
 
@@ -160,37 +131,6 @@ def mesh_convergence(routing: str, path: str, friction: str) -> Record:
         "orientation_deg": orientations,
         "order": observed_order(sizes, errors),
         "orders_between": steepness,
-    }
-
-
-def disk_convergence(routing: str) -> Record:
-    """Distance of the straight model's tip from the classical one, both from the reference, over disks."""
-    counts = (5, 10, 20, 40, 80)
-    loads, _ = make_load("tip out of plane")
-    total = 2.0
-    steps = [LoadStep("pull", pulls(routing, 1.0, total), loads=loads, substeps=1)]
-
-    def build(n: int) -> Robot:
-        robot = make_robot(routing, n)
-        if routing == "helical":  # the same routing for every number of disks
-            robot = robot.with_tendons(routing=HelicalRouting(4.5e-3, 1.0, 40.0))
-        return robot
-
-    exact = solve_reference(build(5), Model("continuous", "none"), steps).steps[-1].tip
-    reference, elements = [], []
-    for n in counts:
-        tip = solve_reference(build(n), Model("straight", "none"), steps).steps[-1].tip
-        reference.append(float(np.linalg.norm(tip - exact)) / LENGTH)
-        if n <= 40:
-            fe = simulate(build(n), Model("straight", "none", ELEMENTS_PER_BAY if n < 40 else 2), steps)
-            elements.append(float(np.linalg.norm(fe.steps[-1].tip - exact)) / LENGTH)
-    rate = -float(np.polyfit(np.log(counts[1:]), np.log(reference[1:]), 1)[0])
-    return {
-        "routing": routing,
-        "disks": list(counts),
-        "reference_percent": [100.0 * e for e in reference],
-        "finite_element_percent": [100.0 * e for e in elements],
-        "rate": rate,
     }
 
 
@@ -389,88 +329,4 @@ def closed_form(name: str) -> Record:
         "tip_finite_element": fe.steps[-1].tip.tolist(),
         "tip_reference": ref.steps[-1].tip.tolist(),
         **{f"{side}_percent": 100.0 * d for side, d in deviation.items()},
-    }
-
-
-# -------------------------------------------------------------------------------------------------- time
-
-#: The paper's robot (13 disks, 2.5 N), from straight to loaded; title to (tendon path, friction, steps).
-TIMED: dict[str, tuple[str, str, int]] = {
-    "continuous, 2.5 N": ("continuous", "none", 1),
-    "straight, no friction, 2.5 N": ("straight", "none", 1),
-    "straight, per-tendon, 2.5 N": ("straight", "per-tendon", 1),
-    "straight, per-hole, 2.5 N": ("straight", "per-hole", 1),
-    "straight, per-hole, up and down in 20 steps": ("straight", "per-hole", 20),
-}
-
-
-def timing(name: str) -> Record:
-    """Least wall time of three on one core, scene included, with iterations."""
-    path, friction, count = TIMED[name]
-    tendon = Tendon("t1", ParallelRouting(4.5e-3, 0.0), 0.3)
-    robot = Robot(BACKBONE, Disks.equally_spaced(13, LENGTH, mass=0.17e-3), (tendon,))
-    shares = [1.0] if count == 1 else [1.0 - abs(1.0 - k / (count / 2)) for k in range(1, count + 1)]
-    steps = [LoadStep(f"{2.5 * x:.3g} N", {"t1": 2.5 * x}, substeps=1) for x in shares]
-    rows = []
-    for title, n in (("finite elements, 1 per bay", 1), ("finite elements, 4 per bay", 4), ("reference", 0)):
-        model = Model(path, friction, n or 1)  # type: ignore[arg-type]
-        best, result = np.inf, None
-        for _ in range(3):
-            start = time.perf_counter()
-            result = simulate(robot, model, steps) if n else solve_reference(robot, model, steps)
-            best = min(best, time.perf_counter() - start)
-        assert result is not None
-        if not result.converged:
-            raise RuntimeError(result.message)
-        rows.append({"solver": title, "seconds": best, "iterations": sum(s.iterations for s in result.steps)})
-    return {"title": name, "rows": rows}
-
-
-# ---------------------------------------------------------------------------------------------- arbitrations
-
-
-def arbitrate(case_id: str, number: int) -> Record:
-    """Arbitration of a case with a large deviation: both solvers refined, and an independent integration.
-
-    Parameters
-    ----------
-    case_id
-        The case.
-    number
-        Load step where it differs most, from 1.
-    """
-    case: Case = next(c for c in all_cases() if c.id == case_id)
-    steps = case.steps[:number]
-    length = case.robot.backbone.length
-
-    def reference(**settings: Any) -> StepResult:
-        result = solve_reference(
-            case.robot, case.model, steps, settings=ReferenceSettings(presliding=PRESLIDING, **settings)
-        )
-        if not result.converged:
-            raise RuntimeError(result.message)
-        return result.steps[-1]
-
-    ref = reference()
-    moved = _gap(reference(max_step=0.012, max_interval=0.06), ref, length)
-    meshes = (ELEMENTS_PER_BAY, 2 * ELEMENTS_PER_BAY, 4 * ELEMENTS_PER_BAY)
-    gaps = []
-    for n in meshes:
-        fe = simulate(
-            case.robot, replace(case.model, elements_per_bay=n), steps, SolverSettings(presliding=PRESLIDING)
-        )
-        if not fe.converged:
-            raise RuntimeError(fe.message)
-        gaps.append(_gap(fe.steps[-1], ref, length))
-    verdict = integrate_again(case.robot, case.model, ref, resolve(case.robot, steps)[-1].loads)
-    return {
-        "case": case_id,
-        "step": number,
-        "elements_per_bay": list(meshes),
-        "deviation_percent": [100.0 * g for g in gaps],
-        "order": observed_order([1.0 / n for n in meshes], gaps),
-        "reference_moved_percent": 100.0 * moved,
-        "integration_shape_percent": 100.0 * verdict.shape,
-        "integration_force": verdict.force,
-        "integration_moment": verdict.moment,
     }

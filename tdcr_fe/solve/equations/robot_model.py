@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, strain_matrices
 from tdcr_fe.elements.forces import ForceModel
-from tdcr_fe.elements.friction import FrictionState, TendonLaw
-from tdcr_fe.elements.friction_models import TendonParameters
+from tdcr_fe.elements.friction import FrictionState, TendonLaw, TendonParameters
 from tdcr_fe.elements.section import ContinuousTendons, SectionForces
 from tdcr_fe.elements.tendons import CableShape
 from tdcr_fe.model.loading import Model

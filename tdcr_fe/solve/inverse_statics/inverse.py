@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import qmc
 
-from tdcr_fe.model import arguments
+from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.plausibility import strain_warnings
 from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
@@ -101,13 +101,11 @@ def follow_path(
     Interrupted
         The user pressed Ctrl-C; its attribute ``result`` has the targets reached before, as where a step fails.
     """
-    arguments.check_robot("follow_path", robot)
-    arguments.check_model("follow_path", model)
-    arguments.check_steps("follow_path", before)
-    arguments.check_settings("follow_path", settings)
-    arguments.check_callable("follow_path", "progress", progress, "It is called with every ReachedTarget.")
-    hint = "TensionLimits(largest=5.0, pretension=0.2) makes them."
-    arguments.check_instance("follow_path", "limits", limits, TensionLimits, "TensionLimits", hint)
+    check_instance(
+        "follow_path", "robot", robot, Robot, "a Robot. read_robot(path) reads one from robot.toml"
+    )
+    hint = "TensionLimits, such as TensionLimits(largest=5.0, pretension=0.2)"
+    check_instance("follow_path", "limits", limits, TensionLimits, hint)
     for name, value, allowed in (
         ("drive_by", drive_by, ("tension", "displacement")),
         ("effort", effort, ("tension", "change")),

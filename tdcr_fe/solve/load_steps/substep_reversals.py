@@ -55,18 +55,7 @@ def solve_within(
     """Solve a state within a substep, at the mobilisations of the followed path; None where that fails.
 
     Whether the path leads there exactly does not matter: in any equilibrium slips, angles and their derivatives belong
-    to its own tensions.
-
-    Parameters
-    ----------
-    solver
-        Of the load step.
-    known
-        The states known so far.
-    path
-        The followed path.
-    factor
-        Load factor within the substep [1].
+    to its own tensions. The load factor is that within the substep [1].
     """
     system = solver.system
     guess = _interpolated(solver, known, path, factor)

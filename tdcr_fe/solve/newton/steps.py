@@ -345,14 +345,5 @@ def advanced(
             new = mobilisation[i].copy()
             new[part.frictional] = np.clip(new[part.frictional] + move.fraction * slipped, -1.0, 1.0)
             mobilisation = (*mobilisation[:i], new, *mobilisation[i + 1 :])
-    moved = SolverState(
-        move.configuration,
-        tension,
-        mobilisation,
-        state.friction,
-        state.prescribed,
-        state.loads,
-        state.time,
-        state.tangent_sign,
-    )
+    moved = state._replace(configuration=move.configuration, base_tension=tension, mobilisation=mobilisation)
     return moved, move.turn

@@ -1,0 +1,82 @@
+"""Solve cases and studies in parallel processes; finished records are kept, so that a run can be resumed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from tdcr_fe.io.atomic import plain
+from tdcr_fe.io.result_files import versions as package_versions
+from tdcr_fe.io.store import Lines, OtherHead, solve_all
+from tdcr_fe.validation.crosscheck.cases import Case
+from tdcr_fe.validation.crosscheck.compare import compare
+from tdcr_fe.validation.crosscheck.studies import Study, run_study
+from tdcr_fe.validation.runner import source_digest, start_worker
+
+Record = dict[str, Any]
+Task = Case | Study
+
+#: Packages that the records depend on.
+_PACKAGES = ("elements", "model", "scene", "solve", "validation.reference", "validation.crosscheck")
+
+
+def versions() -> dict[str, str]:
+    """Versions that the records depend on: packages, and a digest of the source."""
+    return {**package_versions(), "source": source_digest(*_PACKAGES)}
+
+
+def solve(task: Task) -> Record:
+    """Solve one case or study; an error becomes part of the record instead of ending the run."""
+    try:
+        record = compare(task) if isinstance(task, Case) else run_study(task)
+        record["error"] = ""
+    except Exception as error:
+        record = {"id": task.id, "error": f"{type(error).__name__}: {error}"}
+    found: Record = plain(record)
+    return found
+
+
+def run(
+    tasks: Sequence[Task], file: Path, processes: int, progress: Callable[[Record, bool], None]
+) -> dict[str, Record]:
+    """Solve tasks, or load the records of those finished before.
+
+    Parameters
+    ----------
+    tasks
+        Cases and studies.
+    file
+        Where the records are kept; those of other code are discarded.
+    processes
+        How many to use.
+    progress
+        Called with every record, and whether it was recalled.
+
+    Returns
+    -------
+    dict
+        Records by id.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Interrupted; finished records are kept.
+    """
+    store = Lines(file, versions())
+    try:
+        store.begin_or_check()
+    except OtherHead:
+        store.begin()
+    by_id = {task.id: task for task in tasks}
+    solved = solve_all(
+        by_id, solve, store, processes, start_worker, again=lambda record: bool(record["error"])
+    )
+    # Closed explicitly: on an interruption the workers end before this function does.
+    with closing(solved):
+        records: dict[str, Record] = {}
+        for key, record, known in solved:
+            records[key] = record
+            progress(record, known)
+    return {task.id: records[task.id] for task in tasks}
