@@ -83,7 +83,7 @@ MUTATIONS: Mapping[str, Mutation] = {
     "tendon: converging holes": Mutation(
         "rate = (self.end_offset - self.offset) / end",
         "rate = (self.end_offset - self.offset) / (1.01 * end)",
-        ("model/test_routing.py",),
+        ("model/test_robot_facts.py",),
     ),
     "tangent: no geometric stiffness": Mutation(
         "return self.measured.shape.lines.stiffness(self.field.tension)",
@@ -93,12 +93,12 @@ MUTATIONS: Mapping[str, Mutation] = {
     "backbone: torsional stiffness of the section": Mutation(
         "return float(self.shear_modulus * 2.0 * self.second_moment)",
         "return float(self.shear_modulus * 1.9 * self.second_moment)",
-        ("model/test_schema.py", "elements/test_backbone.py", "solve/test_solver.py"),
+        ("model/test_robot_facts.py",),
     ),
     "backbone: a shear correction": Mutation(
         "return self.shear_modulus * self.area",
         "return 0.9 * self.shear_modulus * self.area",
-        ("elements/test_backbone.py", "solve/test_solver.py"),
+        ("model/test_robot_facts.py",),
     ),
     "backbone: disks are not rigid": Mutation(
         "stiffness[rigid] *= INSERT_FACTORS",
@@ -146,8 +146,8 @@ MUTATIONS: Mapping[str, Mutation] = {
         ("scene/test_disk_contact.py",),
     ),
     "effect: torsion of stiffness_scale": Mutation(
-        'torsional_stiffness=b.GJ * values["torsion"]',
-        'torsional_stiffness=b.GJ * values["bending"]',
+        'b.GJ * values["torsion"]',
+        'b.GJ * values["bending"]',
         ("effects/test_effects.py",),
     ),
     "effect: size of the backlash": Mutation(
@@ -163,7 +163,7 @@ MUTATIONS: Mapping[str, Mutation] = {
     "reader: angle_deg in degrees": Mutation(
         "angle = np.deg2rad(self.angle_deg) + rate * s",
         "angle = self.angle_deg + rate * s",
-        ("model/test_routing.py",),
+        ("model/test_robot_facts.py",),
     ),
     "reader: a negative tension is taken": Mutation(
         'if column.startswith("tension_") and value < 0.0:',
