@@ -219,6 +219,8 @@ def test_stiffness_scale_is_another_modulus():
     scaled = with_effect(setup(0.2), "stiffness_scale", bending=0.8, torsion=0.8)
     modulus = setup(robot=paper(0.2, backbone=replace(BACKBONE, youngs_modulus=0.8 * 85e9)))
     assert tip(scaled) == pytest.approx(tip(modulus), abs=5e-6)
+    apart = with_effect(setup(0.2), "stiffness_scale", bending=0.9, torsion=1.2).robot.backbone
+    assert pytest.approx((0.9 * BACKBONE.EI, 1.2 * BACKBONE.GJ)) == (apart.EI, apart.GJ)
 
 
 def arc(moment, backbone=BACKBONE):

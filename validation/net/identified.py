@@ -1,6 +1,13 @@
 """The part of the net that takes hours: what the identification says of blind, faulty and measured data.
 
-It is read from folders of finished campaigns (blind, blind_laws, faulty_data) and of ``tdcr-fe identify``.
+It is read from a folder with results of campaigns, and of ``tdcr-fe identify FOLDER -o FOLDER/NAME``:
+
+| folder | campaign |
+| --- | --- |
+| ``plan7`` | ``blind -n 60 --plan 7`` |
+| ``places`` | ``blind -n 21 --effects stuck_hole kink soft_spot side_spring`` |
+| ``laws``, ``faulty`` | ``blind_laws``, ``faulty_data`` |
+| ``practice/set1`` to ``set10``, ``helical`` | measured data, ``helical`` with ``--minutes 60`` |
 """
 
 from __future__ import annotations
@@ -25,8 +32,7 @@ def read_identified(folder: Path) -> dict[str, Record]:
     Parameters
     ----------
     folder
-        With one folder a campaign or data set: ``plan7`` (``blind -n 60 --seed 7``), ``places`` (``-n 21 --effects
-        stuck_hole kink soft_spot side_spring``), ``laws``, ``faulty``, ``practice/set1``, ``helical`` ...
+        With one folder a campaign or data set, as in the net.
     """
     found = {}
     for path in sorted([*folder.rglob("*.json"), *folder.rglob("*.jsonl")]):
@@ -77,7 +83,7 @@ def record(document: Mapping[str, Any]) -> Record:
             error = error["held_out"]
         if isinstance(error, dict):
             error = next(iter(error.values()))
-        if error is not None:
+        if error is not None and np.isfinite(error):
             found[f"held-out error {key}"] = _floats([error])
     return found
 
