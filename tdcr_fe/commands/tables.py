@@ -80,21 +80,15 @@ def response_tables(result: SequenceResult) -> str:
     parts = []
     for found in result.steps[-1].responses:
         holes = "all holes stick (reversal)" if found.reversal else "holes as they are"
-        rows = [[axis, *(f"{1e3 * c:.4g}" for c in found.compliance[k, :3])] for k, axis in enumerate("xyz")]
-        table = _aligned(["", "x", "y", "z"], rows)
-        parts.append(f"tip after the last step, {holes}: displacement by force [mm/N]\n{table}")
-        for some in _groups(names):
-            rows = [
-                [axis, *(f"{1e3 * c:.4g}" for c in found.by_tension[k][some])] for k, axis in enumerate("xyz")
-            ]
-            table = _aligned(["", *names[some]], rows)
-            parts.append(f"tip after the last step, {holes}: displacement by tension [mm/N]\n{table}")
-        for some in _groups(names):
-            rows = [
-                [n, *(f"{1e-3 * c:.4g}" for c in found.motor_stiffness[k][some])] for k, n in enumerate(names)
-            ]
-            table = _aligned(["", *names[some]], rows)
-            parts.append(f"tension by displacement, {holes} [N/mm]\n{table}")
+        tip = f"tip after the last step, {holes}: displacement by"
+        for title, rows, columns, values in (
+            (f"{tip} force [mm/N]", "xyz", ("x", "y", "z"), 1e3 * found.compliance[:3, :3]),
+            (f"{tip} tension [mm/N]", "xyz", names, 1e3 * found.by_tension[:3]),
+            (f"tension by displacement, {holes} [N/mm]", names, names, 1e-3 * found.motor_stiffness),
+        ):
+            for some in _groups(columns):
+                body = [[row, *(f"{x:.4g}" for x in v[some])] for row, v in zip(rows, values, strict=True)]
+                parts.append(f"{title}\n{_aligned(['', *columns[some]], body)}")
     return "\n\n".join(parts)
 
 
