@@ -12,7 +12,6 @@ import io
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from tdcr_fe import __version__
@@ -20,9 +19,9 @@ from tdcr_fe.commands.common import (
     INTERRUPTED,
     SUCCESS,
     WRONG_INPUT,
+    Noted,
     complain,
     count,
-    document,
     stdout_kept_free,
 )
 from tdcr_fe.io.processes import sigterm_as_interrupt
@@ -70,19 +69,22 @@ def main(argv: Sequence[str] | None = None) -> int:
             errors="backslashreplace"
         )  # a label must not stop a terminal of another encoding
     given = list(sys.argv[1:] if argv is None else argv)
+    noted, command = Noted(), ""
     try:
         args = _parser().parse_args(given)
+        args.noted, command = noted, args.command
         with sigterm_as_interrupt() as termination, stdout_kept_free(args):
-            ended = _run(args)
+            status = _run(args)
     except WrongArguments as error:
         error.parser.print_usage(sys.stderr)
         print(f"{error.parser.prog}: error: {error}", file=sys.stderr)
         if "--json" in given:
-            _print_json("", WRONG_INPUT, None, Ended(WRONG_INPUT, (error.problem,), str(error)))
+            noted.errors, noted.message = (error.problem,), str(error)
+            _print_json(noted, command, WRONG_INPUT)
         raise SystemExit(WRONG_INPUT) from None
-    status = termination.status if ended.status == INTERRUPTED else ended.status
+    status = termination.status if status == INTERRUPTED else status
     if getattr(args, "json", False):
-        _print_json(args.command, status, args, ended)
+        _print_json(noted, command, status)
     return status
 
 
@@ -115,40 +117,19 @@ class _Parser(argparse.ArgumentParser):
         raise WrongArguments(self, message)
 
 
-@dataclass(frozen=True)
-class Ended:
-    """How a command ended.
-
-    Attributes
-    ----------
-    status : int
-        Exit status.
-    problems : tuple of Problem
-        Mistakes in the input.
-    message : str
-        Why it failed.
-    """
-
-    status: int
-    problems: tuple[Problem, ...] = ()
-    message: str = ""
-
-
-def _run(args: argparse.Namespace) -> Ended:
+def _run(args: argparse.Namespace) -> int:
     """Call the handler of the subcommand; errors and interruptions become exit statuses."""
     try:
         status = int(args.handler(args))
         sys.stdout.flush()
-        return Ended(status)
+        return status
     except KeyboardInterrupt:
-        complain("interrupted; no results were written")
-        return Ended(INTERRUPTED, message="interrupted; no results were written")
+        return _ended(args, INTERRUPTED, "interrupted; no results were written")
     except BrokenPipeError:  # the reader of the output was closed
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return Ended(SUCCESS)
+        return SUCCESS
     except OSError as error:  # a disk that is full, a directory that is read-only
-        complain(f"stopped: {error}")
-        return Ended(WRONG_INPUT, message=f"stopped: {error}")
+        return _ended(args, WRONG_INPUT, f"stopped: {error}")
     except WrongArguments:
         raise
     except Exception as error:
@@ -156,18 +137,25 @@ def _run(args: argparse.Namespace) -> Ended:
 
         if not isinstance(error, InputError):
             raise
+        args.noted.errors = error.problems
         complain(f"{count(len(error.problems), 'mistake')} in the input; nothing was written")
         for problem in error.problems[:MOST_PROBLEMS]:
             print(f"  {problem}", file=sys.stderr)
         if len(error.problems) > MOST_PROBLEMS:
             print(f"  and {len(error.problems) - MOST_PROBLEMS} more", file=sys.stderr)
-        return Ended(WRONG_INPUT, error.problems)
+        return WRONG_INPUT
 
 
-def _print_json(command: str, status: int, args: argparse.Namespace | None, ended: Ended) -> None:
+def _ended(args: argparse.Namespace, status: int, message: str) -> int:
+    complain(message)
+    args.noted.message = message
+    return status
+
+
+def _print_json(noted: Noted, command: str, status: int) -> None:
     from tdcr_fe.io.atomic import to_json
 
-    sys.stdout.write(to_json(document(command, status, args, ended.problems, ended.message)))
+    sys.stdout.write(to_json(noted.document(command, status)))
     sys.stdout.flush()
 
 

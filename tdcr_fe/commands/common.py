@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -103,39 +104,29 @@ def progress_bar(args: argparse.Namespace, total: int | None = None, **options: 
     return tqdm(total=total, leave=False, file=sys.stderr, disable=silent, **options)
 
 
-def note(
-    args: argparse.Namespace,
-    *,
-    files: Iterable[str | Path] = (),
-    figures: Mapping[str, Any] | None = None,
-    warnings: Iterable[str] = (),
-    message: str = "",
-) -> None:
-    """Keep what ``--json`` prints at the end; several calls add up.
+@dataclass
+class Noted:
+    """What ``--json`` prints beside command and status."""
 
-    Parameters
-    ----------
-    args
-        Of the command.
-    files
-        That were written.
-    figures
-        Main results; units are in the names.
-    warnings
-        Sentences.
-    message
-        Why the command failed.
-    """
-    known = _noted(args)
-    known["files"] += [Path(f).as_posix() for f in files]
-    known["figures"].update(figures or {})
-    known["warnings"] += warnings
-    known["message"] = message or known["message"]
+    files: list[str | Path] = field(default_factory=list)  # that were written
+    figures: dict[str, Any] = field(default_factory=dict)  # main results; units are in the names
+    warnings: list[str] = field(default_factory=list)
+    errors: Sequence[Problem] = ()  # mistakes in the input
+    message: str = ""  # why the command failed
 
-
-def _noted(args: argparse.Namespace | None) -> dict[str, Any]:
-    nothing: dict[str, Any] = {"files": [], "figures": {}, "warnings": [], "message": ""}
-    return nothing if args is None else vars(args).setdefault("noted", nothing)
+    def document(self, command: str, status: int) -> dict[str, Any]:
+        """The object that is printed; the name of the command is empty where the arguments named none."""
+        errors = [{"file": p.file, "key": p.key, "value": p.value, "allowed": p.allowed} for p in self.errors]
+        return {
+            "command": command,
+            "status": STATUSES.get(status, "failed"),
+            "exit_status": status,
+            "files": [Path(f).as_posix() for f in self.files],
+            "figures": self.figures,
+            "warnings": self.warnings,
+            "errors": errors,
+            "message": self.message,
+        }
 
 
 @contextmanager
@@ -147,32 +138,3 @@ def stdout_kept_free(args: argparse.Namespace) -> Iterator[None]:
     args.quiet = True
     with redirect_stdout(sys.stderr):
         yield
-
-
-def document(
-    command: str, status: int, args: argparse.Namespace | None, problems: Iterable[Problem], message: str = ""
-) -> dict[str, Any]:
-    """The object that ``--json`` prints.
-
-    Parameters
-    ----------
-    command
-        Its name; empty where the arguments named none.
-    status
-        Exit status.
-    args
-        With what `note` kept; None where the arguments were wrong.
-    problems
-        Mistakes in the input.
-    message
-        Why the command failed, where `note` has no message.
-    """
-    noted = _noted(args)
-    return {
-        "command": command,
-        "status": STATUSES.get(status, "failed"),
-        "exit_status": status,
-        **{name: noted[name] for name in ("files", "figures", "warnings")},
-        "errors": [{"file": p.file, "key": p.key, "value": p.value, "allowed": p.allowed} for p in problems],
-        "message": noted["message"] or message,
-    }

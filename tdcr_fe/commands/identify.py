@@ -78,7 +78,7 @@ def _processes(args: argparse.Namespace) -> int:
     if asked <= most:
         return int(asked)
     text = f"--processes {asked}: this machine has {common.count(most, 'core')}, so that one process for each is used"
-    common.note(args, warnings=[text])
+    args.noted.warnings.append(text)
     complain(text)
     return most
 
@@ -122,15 +122,15 @@ def run(args: argparse.Namespace) -> int:
     try:
         result = _identified(args, data, settings)
     except NotSolved as error:
-        common.note(args, message=str(error))
+        args.noted.message = str(error)
         complain(str(error))
         return FAILURE
     result, names, interrupted = write_result(
         result, out, begun + (1.0 + GRACE_OF_TABLES) * settings.time_limit
     )
     document = result.to_json()
-    figures = {name: document[name] for name in FIGURES if name in document}
-    common.note(args, files=[out / name for name in names], figures=figures)
+    args.noted.figures = {name: document[name] for name in FIGURES if name in document}
+    args.noted.files += [out / name for name in names]
     if not args.quiet:
         print(summary(result))
         print(f"\nWritten to {out}: {', '.join(names)}")
@@ -146,7 +146,7 @@ def _warn(args: argparse.Namespace, data: MeasuredData) -> None:
 
     left_out = [f"left out: {row}" for row in data.left_out]
     odd = plausibility_warnings(data.robot, data.model, data.steps)
-    common.note(args, warnings=[*left_out, *odd])
+    args.noted.warnings += [*left_out, *odd]
     for text in (*left_out, *(f"warning: {w}" for w in odd)):
         complain(text)
 

@@ -110,7 +110,7 @@ def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) ->
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
     odd = plausibility_warnings(scenario.robot, scenario.model, scenario.steps)
-    common.note(args, warnings=odd)
+    args.noted.warnings += odd
     for warning in odd:
         complain(f"warning: {warning}")
     if not args.quiet and (duration := long_run(scenario)):
@@ -118,16 +118,15 @@ def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) ->
     result = _solve(scenario, args)
     found = [warning for warning in result.warnings if warning not in odd]
     result = replace(result, warnings=(*odd, *found))
-    common.note(args, figures=figures(result, scenario), warnings=found, message=result.message)
+    args.noted.figures, args.noted.message = figures(result, scenario), result.message
+    args.noted.warnings += found
     try:
         written = write_results(result, out, scenario.digests, len(scenario.steps), not args.no_pictures)
     except KeyboardInterrupt:  # while drawing, most likely; what was solved is kept
-        common.note(
-            args, files=write_results(result, out, scenario.digests, len(scenario.steps), pictures=False)
-        )
+        args.noted.files += write_results(result, out, scenario.digests, len(scenario.steps), pictures=False)
         complain(f"interrupted while writing; the tables are in {out}, without pictures")
         return INTERRUPTED
-    common.note(args, files=written)
+    args.noted.files += written
     if not args.quiet:
         _print(result, out, written)
     for warning in found:
