@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from functools import cache
 from importlib.resources import files
-from typing import Any
 
 import jinja2
 
@@ -24,36 +23,29 @@ _PREFIXED = {"m", "N", "N m", "s", "g", "N/m", "N m²"}
 _PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""), (1e3, "k"), (1e6, "M"))
 
 
-def _missing(value: Any) -> bool:
-    return value is None or (isinstance(value, float) and not math.isfinite(value))
-
-
 def _signed(text: str) -> str:
     return text.replace("-", MINUS)
 
 
 def significant(value: float | None, digits: int = 3) -> str:
     """A number with some significant digits, below 100,000 without an exponent; a dash where there is none."""
-    if _missing(value):
+    if value is None or not math.isfinite(value):
         return DASH
-    assert value is not None
     text = f"{value + 0.0:.{digits}g}"
     return _signed(f"{float(text):.0f}" if "e+" in text and int(text[-2:]) < 5 else text)
 
 
 def fixed(value: float | None, decimals: int = 2) -> str:
     """A number with fixed decimals; a dash where there is none."""
-    if _missing(value):
+    if value is None or not math.isfinite(value):
         return DASH
-    assert value is not None
     return _signed(f"{round(value, decimals) + 0.0:.{decimals}f}")
 
 
 def short(value: float | None) -> str:
     """A small deviation for a table: four decimals, or a power of ten below 1e-4."""
-    if _missing(value):
+    if value is None or not math.isfinite(value):
         return DASH
-    assert value is not None
     if value == 0.0:
         return "0"
     if abs(value) >= 1e-4:
@@ -89,9 +81,8 @@ def shown_unit(unit: str, size: float) -> tuple[float, str]:
 
 def quantity(value: float | None, unit: str, digits: int = 3) -> str:
     """A number with its unit and an SI prefix: 0.0188 m becomes "18.8 mm"; radians become degrees."""
-    if _missing(value):
+    if value is None or not math.isfinite(value):
         return DASH
-    assert value is not None
     factor, symbol = shown_unit(unit, value)
     return significant(value * factor, digits) + (SPACE + symbol if symbol else "")
 

@@ -62,6 +62,13 @@ class _Drawing:
             "tension", colormaps["plasma"](np.linspace(0.0, 0.86, 64))
         )
         self.largest = max((float(np.max(t, initial=0.0)) for t in motion.tensions), default=0.0) or 1.0
+        loads = [load for by_name in motion.loads for load in by_name.values()]
+        sizes = {False: [load.force for load in loads], True: [load.moment for load in loads]}
+        #: Largest force [N] and moment [N m].
+        self.largest_loads = {
+            moment: max((float(np.linalg.norm(v)) for v in vectors), default=0.0)
+            for moment, vectors in sizes.items()
+        }
         self.figure = Figure(figsize=SIZE, dpi=DPI)
         self.space: Any = self.figure.add_axes((0.0, 0.0, 0.62, 0.92), projection="3d")
         response = self.figure.add_axes((0.69, 0.13, 0.29, 0.66))
@@ -147,19 +154,12 @@ class _Drawing:
             sides = np.stack((corners[:-1], corners[1:]), axis=1)
             colours = self.heat(tensions[0, tendon.segments] / self.largest)
             parts.append(self.space.add_collection3d(Line3DCollection(list(sides), colors=colours, lw=1.6)))
-        for (_, at, vector, moment), scale in zip(m.load_arrows(0), self._scales(m), strict=True):
+        for _, at, vector, moment in m.load_arrows(0):
             colour = "#7a1fa2" if moment else "#b3001b"
-            parts.append(self.space.quiver(*(f * at), *(scale * vector), color=colour, lw=1.6))
+            # The largest force, and the largest moment, is a fifth of the backbone.
+            scaled = 0.2 * f * m.length / self.largest_loads[moment] * vector
+            parts.append(self.space.quiver(*(f * at), *scaled, color=colour, lw=1.6))
         self.moving = parts
-
-    def _scales(self, now: Motion) -> list[float]:
-        """Length of each load arrow over its size, so that the largest of its kind is a fifth of the backbone."""
-        largest = {True: 0.0, False: 0.0}
-        for k in range(len(self.motion.steps)):
-            for load in self.motion.loads[k].values():
-                largest[False] = max(largest[False], float(np.linalg.norm(load.force)))
-                largest[True] = max(largest[True], float(np.linalg.norm(load.moment)))
-        return [0.2 * self.factor * self.motion.length / largest[x[3]] for x in now.load_arrows(0)]
 
 
 def write_video(motion: Motion, path: str | Path, progress: Callable[[float], None] | None = None) -> Path:

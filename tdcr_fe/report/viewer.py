@@ -109,17 +109,9 @@ def _svg_path(points: Array, closed: bool = False) -> str:
     return f"M{text}{'Z' if closed else ''}"
 
 
-def still(motion: Motion, step: int | None = None) -> str:
-    """Backbone, disks, tendons and measured markers in one load step, as SVG text.
-
-    Parameters
-    ----------
-    motion
-        What is drawn.
-    step
-        From 0; None is the one with the largest bending angle of the tip.
-    """
-    k = int(np.argmax(motion.bending_angles)) if step is None else step
+def still(motion: Motion) -> str:
+    """Backbone, disks, tendons and measured markers in the load step that bends the tip most, as SVG text."""
+    k = int(np.argmax(motion.bending_angles))
     view, turns = _view(motion.tips[k], motion.length), motion.matrices(k)
     angle = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
     circle = motion.disk_radius * np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=-1)
