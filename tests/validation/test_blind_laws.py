@@ -16,7 +16,7 @@ from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.validation.blind.laws import LAWS, make_law_set
 from tdcr_fe.validation.campaigns.blind_laws import judge
 from tdcr_fe.validation.reference import Extras, ReferenceSettings, solve_reference
-from tdcr_fe.validation.reference.extras import PointForce
+from tdcr_fe.validation.reference.settings import PointForce
 
 LENGTH = 0.2
 ROBOT = Robot(Backbone(LENGTH, 0.5e-3, 60e9, 0.3, 6000.0), Disks.equally_spaced(4, LENGTH), ())

@@ -9,7 +9,7 @@ from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
-from tdcr_fe.validation.reference.complementarity import natural_residual, solve_box
+from tdcr_fe.validation.reference.newton import natural_residual, solve_box
 
 L = 0.25
 BACKBONE = Backbone(L, 0.4e-3, 85e9, 0.3, density=5600.0)

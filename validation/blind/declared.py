@@ -228,10 +228,7 @@ def draw_loading(
     """
     inputs = _Inputs.draw(robot, drive, rng)
     sequence = _Sequence(
-        inputs.names,
-        inputs.by_displacement,
-        robot.backbone.length,
-        dict.fromkeys(inputs.names, inputs.rest),
+        inputs.names, inputs.by_displacement, robot.backbone.length, dict.fromkeys(inputs.names, inputs.rest)
     )
     sequence.add("start")
     if rng.random() < 0.7:

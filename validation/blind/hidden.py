@@ -120,9 +120,7 @@ DRAW: dict[str, Callable[[_Sizes, np.random.Generator], dict[str, float]]] = {
         "dead_band": float(rng.uniform(0.02, 0.12)) * sizes.tension,
         "efficiency": float(rng.uniform(0.85, 0.98)),
     },
-    "hole_adhesion": lambda sizes, rng: {
-        "drop": float(rng.uniform(0.1, 0.35)) * sizes.tension / sizes.holes,
-    },
+    "hole_adhesion": lambda sizes, rng: {"drop": float(rng.uniform(0.1, 0.35)) * sizes.tension / sizes.holes},
     "superelastic": lambda sizes, rng: {
         "threshold_strain": float(rng.uniform(0.3, 0.6)) * sizes.strain,
         "plateau_ratio": float(rng.uniform(0.3, 0.7)),
@@ -130,46 +128,32 @@ DRAW: dict[str, Callable[[_Sizes, np.random.Generator], dict[str, float]]] = {
     "precurvature": lambda sizes, rng: {
         f"kappa_{axis}": _either(rng, 0.05, 0.3) / sizes.length for axis in "xy"
     },
-    "rigid_disks": lambda sizes, rng: {
-        "thickness": float(rng.uniform(0.1, 0.45)) * sizes.shortest_bay,
-    },
-    "routing_twist": lambda sizes, rng: {
-        "angle_tip": _either(rng, 0.1, 0.5),
-    },
+    "rigid_disks": lambda sizes, rng: {"thickness": float(rng.uniform(0.1, 0.45)) * sizes.shortest_bay},
+    "routing_twist": lambda sizes, rng: {"angle_tip": _either(rng, 0.1, 0.5)},
     "hole_clearance": lambda sizes, rng: {
-        "clearance": min(float(rng.uniform(1e-4, 5e-4)), 0.4 * sizes.smallest_offset),
+        "clearance": min(float(rng.uniform(1e-4, 5e-4)), 0.4 * sizes.smallest_offset)
     },
     "tip_payload": lambda sizes, rng: {
-        "mass": float(rng.uniform(0.1, 0.35)) * 2.0 * sizes.bending_stiffness / (9.81 * sizes.length**2),
+        "mass": float(rng.uniform(0.1, 0.35)) * 2.0 * sizes.bending_stiffness / (9.81 * sizes.length**2)
     },
     "frame_misalignment": lambda sizes, rng: {f"rot_{axis}": _either(rng, 0.01, 0.05) for axis in "xyz"},
     "marker_offset": lambda sizes, rng: {f"offset_{axis}": _either(rng, 5e-4, 2.5e-3) for axis in "xy"},
     "tendon_stretch": lambda sizes, rng: {
         "axial_stiffness": sizes.tension
         * sizes.length
-        / (float(rng.uniform(0.05, 0.25)) * sizes.displacement),
+        / (float(rng.uniform(0.05, 0.25)) * sizes.displacement)
     },
     "base_compliance": lambda sizes, rng: {
-        "stiffness": sizes.bending_stiffness / (float(rng.uniform(0.05, 0.2)) * sizes.length),
+        "stiffness": sizes.bending_stiffness / (float(rng.uniform(0.05, 0.2)) * sizes.length)
     },
-    "time_lag": lambda sizes, rng: {
-        "lag": float(rng.uniform(2.0, 8.0)),
-    },
-    "pretension": lambda sizes, rng: {
-        "tension": float(rng.uniform(0.1, 0.6)) * sizes.tension,
-    },
-    "actuator_backlash": lambda sizes, rng: {
-        "backlash": float(rng.uniform(0.05, 0.2)) * sizes.displacement,
-    },
+    "time_lag": lambda sizes, rng: {"lag": float(rng.uniform(2.0, 8.0))},
+    "pretension": lambda sizes, rng: {"tension": float(rng.uniform(0.1, 0.6)) * sizes.tension},
+    "actuator_backlash": lambda sizes, rng: {"backlash": float(rng.uniform(0.05, 0.2)) * sizes.displacement},
     "actuator_gain": lambda sizes, rng: {
-        "gain": float(rng.choice([rng.uniform(0.85, 0.95), rng.uniform(1.05, 1.15)])),
+        "gain": float(rng.choice([rng.uniform(0.85, 0.95), rng.uniform(1.05, 1.15)]))
     },
-    "idle_tension": lambda sizes, rng: {
-        "tension": float(rng.uniform(0.03, 0.15)) * sizes.tension,
-    },
-    "creep": lambda sizes, rng: {
-        "rate": float(rng.uniform(0.05, 0.25)) / sizes.duration,
-    },
+    "idle_tension": lambda sizes, rng: {"tension": float(rng.uniform(0.03, 0.15)) * sizes.tension},
+    "creep": lambda sizes, rng: {"rate": float(rng.uniform(0.05, 0.25)) / sizes.duration},
 }
 
 

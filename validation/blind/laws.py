@@ -21,7 +21,7 @@ from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.blind.declared import draw_loading, draw_markers, draw_robot, planned_readings, read
 from tdcr_fe.validation.reference import Extras, ReferenceSettings, solve_reference
-from tdcr_fe.validation.reference.extras import BackboneState, PointForce
+from tdcr_fe.validation.reference.settings import BackboneState, PointForce
 
 Array = NDArray[np.float64]
 

@@ -39,12 +39,7 @@ MOST_TENSION, MOST_COMPRESSION = 4.0, 0.3
 
 ROUTINGS = ("parallel", "two-segment", "helical", "converging")
 #: (tendon path, friction)
-MODELS = (
-    ("continuous", "none"),
-    ("straight", "none"),
-    ("straight", "per-tendon"),
-    ("straight", "per-hole"),
-)
+MODELS = (("continuous", "none"), ("straight", "none"), ("straight", "per-tendon"), ("straight", "per-hole"))
 LOADS = ("no load", "tip in plane", "tip out of plane", "mid-span", "gravity")
 DISKS = (5, 10, 15, 20)
 GRAVITY = (2.0, -9.0, -3.0)

@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.simulate import PathRecord, SolverSettings, simulate
-from tdcr_fe.validation.crosscheck.cases import (
-    PRESLIDING,
-    Case,
-)
+from tdcr_fe.validation.crosscheck.cases import PRESLIDING, Case
 from tdcr_fe.validation.fuzz.rod import courses
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
@@ -104,10 +101,7 @@ def _solve_both(case: Case) -> tuple[SequenceResult, SequenceResult, list[_Frict
     # The reference is sampled at the nodes of the finite elements.
     nodes = tuple(float(x) for x in fe.steps[0].s) if fe.steps else ()
     ref = solve_reference(
-        case.robot,
-        case.model,
-        case.steps,
-        settings=ReferenceSettings(presliding=PRESLIDING, sample_at=nodes),
+        case.robot, case.model, case.steps, settings=ReferenceSettings(presliding=PRESLIDING, sample_at=nodes)
     )
     friction: list[_Friction] = []
     before: Array | float = 0.0

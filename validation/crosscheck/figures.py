@@ -11,10 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from tdcr_fe.report.style import BAD, COLOURS, INK, REFERENCE, SOFT, no_axes, styled, svg
-from tdcr_fe.validation.crosscheck.cases import (
-    LOADS,
-    ROUTINGS,
-)
+from tdcr_fe.validation.crosscheck.cases import LOADS, ROUTINGS
 
 Record = dict[str, Any]
 

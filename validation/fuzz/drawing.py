@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -403,8 +403,3 @@ def _effects(rng: Random, robot: Robot) -> dict[str, dict[str, float]]:
         names = ["gravity", "stiffness_scale", "precurvature", "tip_payload"]
     chosen = rng.choice(names, int(rng.integers(1, 3)), replace=False)
     return {str(n): {p: float(rng.uniform(*bounds)) for p, bounds in _EFFECTS[n].items()} for n in chosen}
-
-
-def with_mesh(case: FuzzCase, elements_per_bay: int) -> FuzzCase:
-    """The same case with another mesh."""
-    return replace(case, model=replace(case.model, elements_per_bay=elements_per_bay))

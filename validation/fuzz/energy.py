@@ -12,12 +12,7 @@ from numpy.typing import NDArray
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.validation.fuzz.rod import (
-    Elements,
-    courses,
-    relative_twists,
-    unloaded_pose,
-)
+from tdcr_fe.validation.fuzz.rod import Elements, courses, relative_twists, unloaded_pose
 
 Array = NDArray[np.float64]
 

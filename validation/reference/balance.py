@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.validation.reference.lie import hat
-from tdcr_fe.validation.reference.rod import Flow
+from tdcr_fe.validation.reference.rod import Flow, hat
 from tdcr_fe.validation.reference.tendons import Segments, TendonEquations, Tendons
 
 Array = NDArray[np.float64]

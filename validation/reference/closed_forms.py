@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
-from tdcr_fe.validation.reference.lie import hat
+from tdcr_fe.validation.reference.rod import hat
 
 Array = NDArray[np.float64]
 

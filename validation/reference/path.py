@@ -84,12 +84,7 @@ class Ramp:
 
     @classmethod
     def between(
-        cls,
-        statics: Statics,
-        before: Actuation | None,
-        target: Actuation,
-        state: State,
-        direction: Array,
+        cls, statics: Statics, before: Actuation | None, target: Actuation, state: State, direction: Array
     ) -> Ramp:
         """Ramp from a state to the targets of a step; a tendon that changes its mode starts from its present value."""
         tendons = statics.tendons

@@ -81,10 +81,7 @@ def bending_curvature(
 #: Quadrature over the unit disk, exact for polynomials of degree 5: points (q, 2) and weights (q,) that add up to 1.
 _RADII, _RADIAL = np.polynomial.legendre.leggauss(4)
 _ANGLES = np.arange(8) * np.pi / 4.0
-_DISK = np.stack(
-    [np.outer(0.5 * (_RADII + 1.0), f(_ANGLES)).ravel() for f in (np.cos, np.sin)],
-    axis=1,
-)
+_DISK = np.stack([np.outer(0.5 * (_RADII + 1.0), f(_ANGLES)).ravel() for f in (np.cos, np.sin)], axis=1)
 _DISK_WEIGHTS = np.repeat(_RADIAL * 0.5 * (_RADII + 1.0), len(_ANGLES)) / len(_ANGLES)
 
 

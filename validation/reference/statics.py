@@ -12,11 +12,9 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.model.loading import Load, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.reference.balance import Balance, Forces, GroundedSpring, Poses
-from tdcr_fe.validation.reference.extras import BackboneState, Extras
 from tdcr_fe.validation.reference.layout import Layout, lay_out
-from tdcr_fe.validation.reference.lie import adjoint
-from tdcr_fe.validation.reference.rod import Flow, Rod
-from tdcr_fe.validation.reference.settings import ReferenceSettings
+from tdcr_fe.validation.reference.rod import Flow, Rod, adjoint
+from tdcr_fe.validation.reference.settings import BackboneState, Extras, ReferenceSettings
 from tdcr_fe.validation.reference.tendons import Driver, TendonEquations, Tendons, straight_segments
 
 Array = NDArray[np.float64]

@@ -11,9 +11,9 @@ from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.validation.reference.extras import HoleFriction
 from tdcr_fe.validation.reference.layout import Layout
-from tdcr_fe.validation.reference.lie import hat
+from tdcr_fe.validation.reference.rod import hat
+from tdcr_fe.validation.reference.settings import HoleFriction
 
 #: Turn of a tendon at which it has shifted by 0.7 of its clearance [rad].
 CLEARANCE_ANGLE = 0.01
