@@ -16,7 +16,7 @@ a table of what the constants below change.
 from __future__ import annotations
 
 from math import isfinite
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +54,7 @@ from tdcr_fe.solve.friction_path.rates import (
     tension_columns,
     with_changed,
 )
-from tdcr_fe.solve.friction_path.slips import complement_rates, slips_at
+from tdcr_fe.solve.friction_path.slips import InterpolatedSlips, complement_rates, slips_at
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -180,48 +180,6 @@ def projected(
     return new, with_changed(state, free, columns, moved - here), unclipped
 
 
-class Slips(Protocol):
-    """Slips as functions of load factor, mobilisations and tensions, as `slip_model.InterpolatedSlips`."""
-
-    @property
-    def presliding(self) -> float:
-        """Presliding distance [m]."""
-        ...
-
-    @property
-    def breakpoints(self) -> Array:
-        """Load factors up to which the slips are smooth, ascending; the last one is 1 [1]."""
-        ...
-
-    @property
-    def cubic_coefficient(self) -> float:
-        """Largest coefficient of the cube of the load factor in the slips [m]."""
-        ...
-
-    @property
-    def compilable(self) -> bool:
-        """Whether compiled functions take them."""
-        ...
-
-    def at(self, factor: float, z: Array, tension: Array) -> SlipState:
-        """Slips and derivatives at a load factor, unknowns, and about these tensions of the segments."""
-        ...
-
-    def branches(self, z: Array, tension: Array) -> Flags:
-        """Flags that change where the derivatives of the tensions jump; none where they never do."""
-        ...
-
-    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
-        """Load factor from here to where these flags change at constant rates [1]."""
-        ...
-
-    def complement_rates(
-        self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
-    ) -> tuple[bool, Array]:
-        """Rates of the complements at given rates of the unknowns [m]; and whether derivatives have not jumped."""
-        ...
-
-
 class _Evaluation(NamedTuple):
     """Where the derivatives of the slips were evaluated."""
 
@@ -247,7 +205,9 @@ class _LastReversals(NamedTuple):
     factor: Array
 
 
-def follow_friction(slips: Slips, mobilisation: Array, base_tension: Array, tension: Array) -> FrictionPath:
+def follow_friction(
+    slips: InterpolatedSlips, mobilisation: Array, base_tension: Array, tension: Array
+) -> FrictionPath:
     """Follow the friction states through a substep.
 
     Parameters
@@ -274,7 +234,12 @@ def follow_friction(slips: Slips, mobilisation: Array, base_tension: Array, tens
 
 
 def _integrated(
-    slips: Slips, unknowns: PathUnknowns, z: Array, tension: Array, breakpoints: Array, longest: float
+    slips: InterpolatedSlips,
+    unknowns: PathUnknowns,
+    z: Array,
+    tension: Array,
+    breakpoints: Array,
+    longest: float,
 ) -> tuple[Array, _LastReversals, PathSegments, int, bool]:
     """Integrate the friction states."""
     holes, most, factor, count, passed = unknowns.holes, 50 + 6 * len(z), 0.0, 0, 0
@@ -342,7 +307,7 @@ def _is_near(evaluation: _Evaluation, factor: float, tension: Array, fraction: f
 
 @compilable
 def _next_segment(
-    slips: Slips, unknowns: PathUnknowns, here: _Here, slack: Array, longest: float
+    slips: InterpolatedSlips, unknowns: PathUnknowns, here: _Here, slack: Array, longest: float
 ) -> tuple[bool, bool, PathSegment]:
     """Whether numbers are finite, whether rates change within the path segment, and that up to the next event."""
     z, state, rates = here.z, here.state, here.rates
@@ -368,7 +333,9 @@ def _next_segment(
 
 
 @compilable
-def _slope(slips: Slips, here: _Here, tension_rate: Array, longest: float, holes: int) -> tuple[bool, Array]:
+def _slope(
+    slips: InterpolatedSlips, here: _Here, tension_rate: Array, longest: float, holes: int
+) -> tuple[bool, Array]:
     """Derivative by the load factor of the rates of the complements at constant rates of the unknowns [m].
 
     And before it, whether there is one: not where the rates jump.
@@ -416,7 +383,7 @@ def _fraction_before_reversal(
     return max(fraction, 1.0 - MOST_SHORTENED)
 
 
-def _longest_segment(slips: Slips) -> float:
+def _longest_segment(slips: InterpolatedSlips) -> float:
     """Largest part of a substep over which slip rates are taken as linear in the load factor [1]."""
     smooth = float(np.cbrt(OVERSHOOT * slips.presliding / max(slips.cubic_coefficient, 1e-300)))
     return min(LONGEST_SMOOTH_SEGMENT, max(LONGEST_SEGMENT, smooth))
@@ -426,28 +393,28 @@ def _longest_segment(slips: Slips) -> float:
 
 
 @compiled_as(slips_at)
-def evaluated(slips: Slips, factor: float, z: Array, tension: Array) -> SlipState:
-    """See `Slips.at`."""
+def evaluated(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) -> SlipState:
+    """See `InterpolatedSlips.at`."""
     return slips.at(factor, z, tension)
 
 
 @compiled_as(complement_rates)
 def complement_rates_of(
-    slips: Slips, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
+    slips: InterpolatedSlips, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
 ) -> tuple[bool, Array]:
-    """See `Slips.complement_rates`."""
+    """See `InterpolatedSlips.complement_rates`."""
     return slips.complement_rates(factor, z, tension, rate, near)
 
 
 @compiled_as(lambda slips, z, tension: np.zeros(0, dtype=np.bool_))
-def branches_of(slips: Slips, z: Array, tension: Array) -> Flags:
-    """See `Slips.branches`."""
+def branches_of(slips: InterpolatedSlips, z: Array, tension: Array) -> Flags:
+    """See `InterpolatedSlips.branches`."""
     return slips.branches(z, tension)
 
 
 @compiled_as(lambda slips, z, rate, tension, tension_rate: np.inf)
 def distance_to_branch_change(
-    slips: Slips, z: Array, rate: Array, tension: Array, tension_rate: Array
+    slips: InterpolatedSlips, z: Array, rate: Array, tension: Array, tension_rate: Array
 ) -> float:
-    """See `Slips.distance_to_branch_change`."""
+    """See `InterpolatedSlips.distance_to_branch_change`."""
     return slips.distance_to_branch_change(z, rate, tension, tension_rate)
