@@ -159,7 +159,7 @@ def test_a_path_that_is_not_resolved_is_reported_with_its_error():
     error = coarse.steps[-1].details["refinement_error"]
     true = distance(resolved.tips[-1], coarse.tips[-1]) / LENGTH
     assert 1e-3 < true < error < 30.0 * true
-    assert any(f"by {error:.1e} of the length" in w for w in coarse.warnings)
+    assert any(f"by {100.0 * error:.2g} % of the length" in w for w in coarse.warnings)
     assert not any("not resolved" in w for w in resolved.warnings)
 
 
