@@ -52,7 +52,7 @@ def _tendon_schema() -> dict[str, Any]:
 
 _POSITIONS = Quantity(
     "arc lengths of the disks",
-    unit="m",
+    "m",
     gt=0.0,
     min_items=1,
     allowed="arc lengths of the disks [m], at least one, ascending from above 0 to at most the length",
@@ -90,9 +90,7 @@ _DISKS = Quantity(
 )
 _TENDONS = Quantity("one table per tendon", allowed="tables [[tendons]]", contents=_tendon_schema)
 _MODEL = Quantity(
-    "how the robot is modelled",
-    allowed="a table [model]",
-    contents=lambda: keys_of(Model).json_schema,
+    "how the robot is modelled", allowed="a table [model]", contents=lambda: keys_of(Model).json_schema
 )
 _SOLVER = Quantity(
     "numerics of the quasi-static solver",

@@ -98,13 +98,13 @@ class StiffnessPatch:
         Factors on all stiffnesses, those above included, and on the density there: another material [1].
     """
 
-    start: Annotated[float, Quantity("arc length where it begins", unit="m", ge=0.0)]
-    end: Annotated[float, Quantity("arc length where it ends", unit="m", gt=0.0)]
+    start: Annotated[float, Quantity("arc length where it begins", "m", ge=0.0)]
+    end: Annotated[float, Quantity("arc length where it ends", "m", gt=0.0)]
     bending: Annotated[float, Quantity("factor on the bending stiffness", gt=0.0)] = 1.0
     torsion: Annotated[float, Quantity("factor on the torsional stiffness", gt=0.0)] = 1.0
     precurvature: Annotated[
         tuple[float, float],
-        Quantity("turning rate about x and y when unloaded, added to the backbone's", unit="1/m"),
+        Quantity("turning rate about x and y when unloaded, added to the backbone's", "1/m"),
     ] = (0.0, 0.0)
     modulus: Annotated[float, Quantity("factor on all stiffnesses: another material", gt=0.0)] = 1.0
     density: Annotated[float, Quantity("factor on the density: another material", ge=0.0)] = 1.0
@@ -148,32 +148,32 @@ class Backbone:
         [s]. It acts in dynamics only.
     """
 
-    length: Annotated[float, Quantity("length from base plate to tip", unit="m", gt=0.0, le=1000.0)]
-    radius: Annotated[float, Quantity("radius of the (round) cross-section", unit="m", gt=0.0)]
-    youngs_modulus: Annotated[float, Quantity("Young's modulus E", unit="Pa", gt=0.0)]
+    length: Annotated[float, Quantity("length from base plate to tip", "m", gt=0.0, le=1000.0)]
+    radius: Annotated[float, Quantity("radius of the (round) cross-section", "m", gt=0.0)]
+    youngs_modulus: Annotated[float, Quantity("Young's modulus E", "Pa", gt=0.0)]
     poisson_ratio: Annotated[
         float, Quantity("Poisson's ratio nu; the shear modulus is G = E / (2 (1 + nu))", gt=-1.0, le=0.5)
     ]
     density: Annotated[
-        float, Quantity("density of the material, for gravity and dynamics", unit="kg/m^3", ge=0.0)
+        float, Quantity("density of the material, for gravity and dynamics", "kg/m^3", ge=0.0)
     ] = 0.0
     bending_stiffness: Annotated[
-        float | None, Quantity("bending stiffness EI instead of E pi r^4 / 4", unit="N m^2", gt=0.0)
+        float | None, Quantity("bending stiffness EI instead of E pi r^4 / 4", "N m^2", gt=0.0)
     ] = None
     torsional_stiffness: Annotated[
-        float | None, Quantity("torsional stiffness GJ instead of G pi r^4 / 2", unit="N m^2", gt=0.0)
+        float | None, Quantity("torsional stiffness GJ instead of G pi r^4 / 2", "N m^2", gt=0.0)
     ] = None
     axial_stiffness: Annotated[
-        float | None, Quantity("axial stiffness EA instead of E pi r^2", unit="N", gt=0.0)
+        float | None, Quantity("axial stiffness EA instead of E pi r^2", "N", gt=0.0)
     ] = None
     shear_stiffness: Annotated[
-        float | None, Quantity("shear stiffness GA instead of G pi r^2", unit="N", gt=0.0)
+        float | None, Quantity("shear stiffness GA instead of G pi r^2", "N", gt=0.0)
     ] = None
     precurvature: Annotated[
         tuple[float, float],
         Quantity(
             "turning rate of the section about its x and y axes in the unloaded state",
-            unit="1/m",
+            "1/m",
             note="such as [0.0, 2.5]",
         ),
     ] = (0.0, 0.0)
@@ -185,8 +185,7 @@ class Backbone:
         tuple[StiffnessPatch, ...], Quantity("parts of the backbone with another stiffness or precurvature")
     ] = ()
     creep_rate: Annotated[
-        float,
-        Quantity("growth of bending and torsional compliance per time under load", unit="1/s", ge=0.0),
+        float, Quantity("growth of bending and torsional compliance per time under load", "1/s", ge=0.0)
     ] = 0.0
     retardation_time: Annotated[
         float,
@@ -196,7 +195,7 @@ class Backbone:
     ] = 0.0
     taper: Annotated[
         tuple[tuple[float, float], ...],
-        Quantity("arc length and radius, from base to tip", unit="m", in_file=False),
+        Quantity("arc length and radius, from base to tip", "m", in_file=False),
     ] = ()
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,20 +71,24 @@ class Channel:
     """
 
     quantity: str
-    unit: str
     location: Literal["arc length", "tendon", ""]
     meaning: str
     predict: Prediction
+    derive: Derivation | None
+    unit: str
     limits: Callable[[float], tuple[float, float]]
     largest_sigma: Callable[[float], float]
     resolution: Callable[[float], float]
-    display_unit: str
-    display_factor: float
-    family: str
-    at_rest: Callable[[Location], float] = lambda location: 0.0
+    display_unit: str = ""
+    display_factor: float = 1.0
     mistaken_unit: str = ""
     mistaken_factor: float = 1.0
-    derive: Derivation | None = None
+    family: str = ""
+    at_rest: Callable[[Location], float] = lambda location: 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "display_unit", self.display_unit or self.unit)
+        object.__setattr__(self, "family", self.family or self.quantity)
 
     def derivatives(self, step: ObservedStep, change: ObservedChange, locations: Sequence[Location]) -> Array:
         """Derivatives of the prediction by parameters, shape (k, P).
@@ -163,148 +167,120 @@ def _from_z_change(vector: Array, change: Array) -> Array:
     return np.asarray(turned / (distance**2 + vector[2] ** 2))
 
 
-def _length(
-    quantity: str,
-    location: Literal["arc length", "tendon", ""],
-    meaning: str,
-    predict: Prediction,
-    family: str = "",
-    at_rest: Callable[[Location], float] = lambda location: 0.0,
-    derive: Derivation | None = None,
-) -> Channel:
-    """A channel in metres."""
-    return Channel(
-        quantity,
-        "m",
-        location,
-        meaning,
-        predict,
-        limits=lambda length: (-LARGEST_POSITION * length, LARGEST_POSITION * length),
-        largest_sigma=lambda length: 0.5 * length,
-        resolution=lambda length: 2e-5 * length,
-        display_unit="mm",
-        display_factor=1e3,
-        family=family or quantity,
-        at_rest=at_rest,
-        mistaken_unit="mm",
-        mistaken_factor=1e-3,
-        derive=derive,
-    )
+def _along(values: Callable[[ObservedStep, Array], Array], axis: int) -> Prediction:
+    return lambda step, locations: values(step, arc_lengths(locations))[:, axis]
+
+
+def _along_derivation(
+    values: Callable[[ObservedStep, ObservedChange, Array], Array], axis: int
+) -> Derivation:
+    return lambda step, change, locations: values(step, change, arc_lengths(locations))[:, axis]
+
+
+#: What channels of one unit share.
+_METRES: dict[str, Any] = {
+    "unit": "m",
+    "limits": lambda length: (-LARGEST_POSITION * length, LARGEST_POSITION * length),
+    "largest_sigma": lambda length: 0.5 * length,
+    "resolution": lambda length: 2e-5 * length,
+    "display_unit": "mm",
+    "display_factor": 1e3,
+    "mistaken_unit": "mm",
+    "mistaken_factor": 1e-3,
+}
+_RADIANS: dict[str, Any] = {
+    "unit": "rad",
+    "limits": lambda length: (-0.2, math.pi + 0.2),
+    "largest_sigma": lambda length: 1.6,
+    "resolution": lambda length: 2e-5,
+    "display_unit": "deg",
+    "display_factor": math.degrees(1.0),
+    "mistaken_unit": "degrees",
+    "mistaken_factor": math.radians(1.0),
+}
+_PER_METRE: dict[str, Any] = {
+    "unit": "1/m",
+    "limits": lambda length: (-LARGEST_TURN / length, LARGEST_TURN / length),
+    "largest_sigma": lambda length: 0.5 * LARGEST_TURN / length,
+    "resolution": lambda length: 2e-5 / length,
+}
+_NEWTONS: dict[str, Any] = {
+    "unit": "N",
+    "limits": lambda length: (-math.inf, math.inf),
+    "largest_sigma": lambda length: math.inf,
+    "resolution": lambda length: 1e-5,
+}
 
 
 def _position(axis: int) -> Channel:
-    def predict(step: ObservedStep, locations: Sequence[Location]) -> Array:
-        return step.markers(arc_lengths(locations))[:, axis]
-
-    def derive(step: ObservedStep, change: ObservedChange, locations: Sequence[Location]) -> Array:
-        return step.marker_changes(change, arc_lengths(locations))[:, axis]
-
-    return _length(
+    return Channel(
         f"position_{'xyz'[axis]}",
         "arc length",
         f"{'xyz'[axis]} coordinate of a marker in the measuring frame",
-        predict,
+        _along(ObservedStep.markers, axis),
+        _along_derivation(ObservedStep.marker_changes, axis),
         family="position",
         at_rest=(lambda location: float(location or 0.0)) if axis == 2 else (lambda location: 0.0),
-        derive=derive,
-    )
-
-
-def _angle(
-    quantity: str,
-    meaning: str,
-    vector: Callable[[ObservedStep], Array],
-    change: Callable[[ObservedStep, ObservedChange], Array],
-) -> Channel:
-    """A channel of the angle between a vector and the z axis."""
-    return Channel(
-        quantity,
-        "rad",
-        "",
-        meaning,
-        _single(lambda step: _from_z(vector(step))),
-        limits=lambda length: (-0.2, math.pi + 0.2),
-        largest_sigma=lambda length: 1.6,
-        resolution=lambda length: 2e-5,
-        display_unit="deg",
-        display_factor=math.degrees(1.0),
-        family=quantity,
-        mistaken_unit="degrees",
-        mistaken_factor=math.radians(1.0),
-        derive=_single_derivation(lambda step, by: _from_z_change(vector(step), change(step, by))),
+        **_METRES,
     )
 
 
 def _curvature(axis: int) -> Channel:
-    def predict(step: ObservedStep, locations: Sequence[Location]) -> Array:
-        return step.curvature(arc_lengths(locations))[:, axis]
-
-    def derive(step: ObservedStep, change: ObservedChange, locations: Sequence[Location]) -> Array:
-        return step.curvature_change(change, arc_lengths(locations))[:, axis]
-
     return Channel(
         f"curvature_{'xy'[axis]}",
-        "1/m",
         "arc length",
         f"turning rate of the section about its own {'xy'[axis]} axis, as from fibre gratings",
-        predict,
-        limits=lambda length: (-LARGEST_TURN / length, LARGEST_TURN / length),
-        largest_sigma=lambda length: 0.5 * LARGEST_TURN / length,
-        resolution=lambda length: 2e-5 / length,
-        display_unit="1/m",
-        display_factor=1.0,
+        _along(ObservedStep.curvature, axis),
+        _along_derivation(ObservedStep.curvature_change, axis),
         family="curvature",
-        derive=derive,
+        **_PER_METRE,
     )
 
 
 #: Every quantity that can be measured.
 CHANNELS: tuple[Channel, ...] = (
-    _position(0),
-    _position(1),
-    _position(2),
-    _angle(
+    *(_position(axis) for axis in range(3)),
+    Channel(
         "bending_angle",
+        "",
         "angle between the tip tangent and the z axis",
-        lambda step: step.tangent,
-        lambda step, change: step.tangent_change(change),
+        _single(lambda step: _from_z(step.tangent)),
+        _single_derivation(lambda step, change: _from_z_change(step.tangent, step.tangent_change(change))),
+        **_RADIANS,
     ),
-    _angle(
+    Channel(
         "chord_angle",
+        "",
         "angle between the line from base to tip and the z axis",
-        lambda step: step.tip,
-        lambda step, change: step.tip_change(change),
+        _single(lambda step: _from_z(step.tip)),
+        _single_derivation(lambda step, change: _from_z_change(step.tip, step.tip_change(change))),
+        **_RADIANS,
     ),
-    _length(
+    Channel(
         "tip_offset",
         "",
         "distance of the tip from the z axis",
         _single(lambda step: math.hypot(step.tip[0], step.tip[1])),
-        derive=_single_derivation(lambda step, change: _off_axis_change(step.tip, step.tip_change(change))),
+        _single_derivation(lambda step, change: _off_axis_change(step.tip, step.tip_change(change))),
+        **_METRES,
     ),
-    _length(
+    Channel(
         "tendon_displacement",
         "tendon",
         "tendon pulled in at the base plate since the straight, unloaded state",
         _tendon_table(lambda step: step.displacements),
-        derive=_tendon_derivation(lambda change: change.displacements),
+        _tendon_derivation(lambda change: change.displacements),
+        **_METRES,
     ),
     Channel(
         "distal_tension",
-        "N",
         "tendon",
         "tension of a tendon at its anchor",
         _tendon_table(lambda step: step.distal_tensions),
-        limits=lambda length: (-math.inf, math.inf),
-        largest_sigma=lambda length: math.inf,
-        resolution=lambda length: 1e-5,
-        display_unit="N",
-        display_factor=1.0,
-        family="distal_tension",
-        derive=_tendon_derivation(lambda change: change.distal_tensions),
+        _tendon_derivation(lambda change: change.distal_tensions),
+        **_NEWTONS,
     ),
-    _curvature(0),
-    _curvature(1),
+    *(_curvature(axis) for axis in range(2)),
 )
 
 _BY_NAME = {c.quantity: c for c in CHANNELS}

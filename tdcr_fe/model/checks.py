@@ -231,10 +231,7 @@ def _course_contradictions(key: str, tendon: Tendon, end: float, length: float) 
     if arcs is not None and (abs(arcs[0]) > ARC_TOLERANCE or abs(arcs[-1] - end) > ARC_TOLERANCE):
         sentence = f"points must lead from the base plate to the tendon's end, 0 to {end:.9g} m"
         found.append(Contradiction(f"{key}.holes", f"{arcs[0]:.9g} to {arcs[-1]:.9g} m", sentence))
-    of_holes = {
-        "clearance": tendon.clearance > 0.0,
-        "tight_holes": bool(tendon.tight_holes),
-    }
+    of_holes = {"clearance": tendon.clearance > 0.0, "tight_holes": bool(tendon.tight_holes)}
     sentence = "a robot without disks has no holes; give [disks], which may be massless, or leave it out"
     found += [Contradiction(f"{key}.{name}", "given", sentence) for name, there in of_holes.items() if there]
     return found

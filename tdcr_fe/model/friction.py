@@ -88,12 +88,10 @@ class StribeckFriction:
     static: Annotated[float, Quantity("coefficient at rest", ge=0.0, le=100.0)]
     kinetic: Annotated[float, Quantity("coefficient of fast slip, without viscosity", ge=0.0, le=100.0)]
     stribeck_rate: Annotated[
-        float, Quantity("slip rate at which the difference has fallen to 1/e", unit="m/s", gt=0.0)
+        float, Quantity("slip rate at which the difference has fallen to 1/e", "m/s", gt=0.0)
     ]
     exponent: Annotated[float, Quantity("shape of the fall, 2 is Gaussian", ge=1.0, le=10.0)] = 2.0
-    viscous: Annotated[float, Quantity("rise of the coefficient with the slip rate", unit="s/m", ge=0.0)] = (
-        0.0
-    )
+    viscous: Annotated[float, Quantity("rise of the coefficient with the slip rate", "s/m", ge=0.0)] = 0.0
     kind: Literal["stribeck"] = "stribeck"
 
     def __post_init__(self) -> None:
@@ -130,12 +128,12 @@ class ForceDependentFriction:
     """
 
     mu: Annotated[float, Quantity("coefficient at the reference force", ge=0.0, le=100.0)]
-    reference_force: Annotated[float, Quantity("normal force", unit="N", gt=0.0)]
+    reference_force: Annotated[float, Quantity("normal force", "N", gt=0.0)]
     exponent: Annotated[
         float, Quantity("power of the normal force; -1/3 is an elastic contact of Hertz", ge=-1.0, le=1.0)
     ] = -1.0 / 3.0
     smallest_force: Annotated[
-        float, Quantity("normal force below which the coefficient becomes constant", unit="N", gt=0.0)
+        float, Quantity("normal force below which the coefficient becomes constant", "N", gt=0.0)
     ] = 1e-3
     kind: Literal["force-dependent"] = "force-dependent"
 

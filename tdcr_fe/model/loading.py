@@ -42,16 +42,15 @@ class Load:
         float,
         Quantity(
             "arc length, also between disks",
-            unit="m",
+            "m",
             ge=0.0,
             allowed="an arc length [m], from 0 to the length of the backbone",
         ),
     ]
-    force: Annotated[Vector, Quantity("force", unit="N", note="such as [0.0, 0.05, 0.0]")] = (0.0, 0.0, 0.0)
-    moment: Annotated[Vector, Quantity("moment", unit="N m")] = (0.0, 0.0, 0.0)
+    force: Annotated[Vector, Quantity("force", "N", note="such as [0.0, 0.05, 0.0]")] = (0.0, 0.0, 0.0)
+    moment: Annotated[Vector, Quantity("moment", "N m")] = (0.0, 0.0, 0.0)
     frame: Annotated[
-        Literal["world", "section"],
-        Quantity('frame of force and moment; "section" follows the section'),
+        Literal["world", "section"], Quantity('frame of force and moment; "section" follows the section')
     ] = "world"
 
     def __post_init__(self) -> None:
@@ -79,20 +78,17 @@ class LoadStep:
     """
 
     label: Annotated[str, Quantity("label of the step in tables and pictures")] = ""
-    tensions: Annotated[
-        Mapping[str, float],
-        Quantity("tension at the base, by tendon name", unit="N", ge=0.0),
-    ] = field(default_factory=dict)
+    tensions: Annotated[Mapping[str, float], Quantity("tension at the base, by tendon name", "N", ge=0.0)] = (
+        field(default_factory=dict)
+    )
     displacements: Annotated[
-        Mapping[str, float],
-        Quantity("tendon pulled in at the base, by tendon name", unit="m"),
+        Mapping[str, float], Quantity("tendon pulled in at the base, by tendon name", "m")
     ] = field(default_factory=dict)
-    loads: Annotated[
-        Mapping[str, Load],
-        Quantity("concentrated loads, by a name of your choice"),
-    ] = field(default_factory=dict)
+    loads: Annotated[Mapping[str, Load], Quantity("concentrated loads, by a name of your choice")] = field(
+        default_factory=dict
+    )
     substeps: Annotated[int | None, Quantity("number of substeps", ge=1, le=100_000)] = None
-    time: Annotated[float | None, Quantity("time at the end of the step", unit="s", ge=0.0)] = None
+    time: Annotated[float | None, Quantity("time at the end of the step", "s", ge=0.0)] = None
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -130,7 +126,7 @@ class Model:
         Vector,
         Quantity(
             "acceleration of gravity, world frame",
-            unit="m/s^2",
+            "m/s^2",
             ge=-1e5,
             le=1e5,
             allowed="three finite numbers [m/s^2] of at most 1e5, such as [0.0, 0.0, -9.81]",
@@ -267,57 +263,35 @@ class SolverSettings:
         Quantity("largest unbalanced force, relative to the scale of the acting forces", ge=1e-13, le=1e-2),
     ] = 1e-8
     step_tolerance: Annotated[
-        float,
-        Quantity(
-            "a Newton step that moves no node by more than this fraction of the length ends the iteration",
-            ge=1e-15,
-            le=1e-4,
-        ),
+        float, Quantity("Newton step that ends the iteration, over the length", ge=1e-15, le=1e-4)
     ] = 1e-10
     max_iterations: Annotated[int, Quantity("Newton iterations of one attempt", ge=1, le=1000)] = 20
     max_turn: Annotated[
-        float,
-        Quantity("largest change of an element's rotation in one iteration", unit="rad", gt=0.0, le=3.0),
+        float, Quantity("largest change of an element's rotation in one iteration", "rad", gt=0.0, le=3.0)
     ] = 0.5
     path_tolerance: Annotated[
         float,
-        Quantity(
-            "a step with friction is divided until its path moves no node by more than this fraction of the length",
-            ge=1e-9,
-            le=1.0,
-        ),
+        Quantity("uncertainty of the path, over the length, above which a step is divided", ge=1e-9, le=1.0),
     ] = 1e-5
     max_substeps: Annotated[
         int, Quantity("maximum substeps used to resolve path dependence", ge=1, le=100_000)
     ] = 64
     min_substep: Annotated[
         float,
-        Quantity(
-            "smallest substep tried where Newton does not converge, as a fraction of the load step",
-            ge=1e-6,
-            le=1.0,
-        ),
+        Quantity("smallest substep where Newton does not converge, over the load step", ge=1e-6, le=1.0),
     ] = 1.0 / 256.0
     max_substep_turn: Annotated[
         float,
         Quantity(
-            "a substep that turns a section by more is checked against its halves",
-            unit="rad",
-            gt=0.0,
-            le=10.0,
+            "turn of a section above which a substep is compared with its halves", "rad", gt=0.0, le=10.0
         ),
     ] = 0.7
     presliding: Annotated[
-        float,
-        Quantity("tendon travel through a hole from rest to full friction", unit="m", ge=1e-9, le=1e-2),
+        float, Quantity("tendon travel through a hole from rest to full friction", "m", ge=1e-9, le=1e-2)
     ] = 1e-6
     mesh_tolerance: Annotated[
         float,
-        Quantity(
-            "largest estimated discretisation error, as a fraction of the length; inf leaves the estimate out",
-            gt=0.0,
-            infinite=True,
-        ),
+        Quantity("largest estimated mesh error, over the length; inf: no estimate", gt=0.0, infinite=True),
     ] = 1e-4
 
     def __post_init__(self) -> None:

@@ -40,17 +40,17 @@ class Disks:
         tuple[float, ...],
         Quantity(
             "arc lengths of the disks",
-            unit="m",
+            "m",
             gt=0.0,
             allowed="arc lengths of the disks [m], at least one, ascending from above 0 to at most the length",
         ),
     ] = ()
-    mass: Annotated[float, Quantity("mass of each disk", unit="kg", ge=0.0)] = 0.0
+    mass: Annotated[float, Quantity("mass of each disk", "kg", ge=0.0)] = 0.0
     thickness: Annotated[
-        float, Quantity("length of backbone made rigid, centred on the disk", unit="m", ge=0.0)
+        float, Quantity("length of backbone made rigid, centred on the disk", "m", ge=0.0)
     ] = 0.0
     radius: Annotated[
-        float, Quantity("radius of the disks and of the base plate", unit="m", gt=0.0, le=1000.0)
+        float, Quantity("radius of the disks and of the base plate", "m", gt=0.0, le=1000.0)
     ] = 5e-3
 
     def __post_init__(self) -> None:
@@ -83,10 +83,8 @@ class SideSpring:
         [N/m].
     """
 
-    at: Annotated[float, Quantity("arc length", unit="m", gt=0.0)]
-    stiffness: Annotated[
-        float, Quantity("stiffness sideways, the same in every direction", unit="N/m", ge=0.0)
-    ]
+    at: Annotated[float, Quantity("arc length", "m", gt=0.0)]
+    stiffness: Annotated[float, Quantity("stiffness sideways, the same in every direction", "N/m", ge=0.0)]
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -120,11 +118,10 @@ class Robot:
     disks: Annotated[Disks, Quantity("the rigid disks on it")] = Disks()
     tendons: Annotated[tuple[Tendon, ...], Quantity("one table per tendon", in_file=False)] = ()
     name: Annotated[str, Quantity("name of the robot", name=True)] = "robot"
-    tip_mass: Annotated[float, Quantity("point mass at the tip besides the disk", unit="kg", ge=0.0)] = 0.0
+    tip_mass: Annotated[float, Quantity("point mass at the tip besides the disk", "kg", ge=0.0)] = 0.0
     springs: Annotated[tuple[SideSpring, ...], Quantity("springs from the backbone to ground")] = ()
     base_stiffness: Annotated[
-        float | None,
-        Quantity("stiffness of the base against turning about x and y", unit="N m/rad", gt=0.0),
+        float | None, Quantity("stiffness of the base against turning about x and y", "N m/rad", gt=0.0)
     ] = None
 
     def __post_init__(self) -> None:

@@ -23,12 +23,11 @@ Array = NDArray[np.float64]
 _Factor = tuple[NDArray[np.complex128], tuple[complex | NDArray[np.inexact], ...]]
 
 Offset = Annotated[
-    float, Quantity("distance of the holes from the backbone", unit="m", ge=0.0, note="not outside the disk")
+    float, Quantity("distance of the holes from the backbone", "m", ge=0.0, note="not outside the disk")
 ]
-Angle = Annotated[float, Quantity("angle at the base plate, from +x towards +y", unit="deg")]
+Angle = Annotated[float, Quantity("angle at the base plate, from +x towards +y", "deg")]
 Turns = Annotated[
-    float,
-    Quantity("turns from base plate to end", ge=-1000.0, le=1000.0, note="negative for left-handed"),
+    float, Quantity("turns from base plate to end", ge=-1000.0, le=1000.0, note="negative for left-handed")
 ]
 
 
@@ -238,8 +237,7 @@ class ConvergingRouting(Routing):
 
     offset: Offset
     end_offset: Annotated[
-        float,
-        Quantity("offset at the end; linear in between", unit="m", ge=0.0, note="not outside the disk"),
+        float, Quantity("offset at the end; linear in between", "m", ge=0.0, note="not outside the disk")
     ]
     angle_deg: Angle = 0.0
     kind: ClassVar[str] = "converging"
@@ -276,13 +274,13 @@ class PointsRouting(Routing):
     """
 
     arc_lengths: Annotated[
-        tuple[float, ...], Quantity("arc length of every hole", unit="m", ge=0.0, in_file=False)
+        tuple[float, ...], Quantity("arc length of every hole", "m", ge=0.0, in_file=False)
     ]
     holes: Annotated[
         tuple[tuple[float, float], ...],
         Quantity(
             "[x, y] of every hole",
-            unit="m",
+            "m",
             allowed="pairs [x, y] in m, one a hole: base plate first, then every disk up to the end",
         ),
     ]
@@ -384,7 +382,7 @@ class TwistedRouting(TurnedRouting):
         Rotation per arc length [rad/m].
     """
 
-    rate: Annotated[float, Quantity("rotation per arc length", unit="rad/m", in_file=False)]
+    rate: Annotated[float, Quantity("rotation per arc length", "rad/m", in_file=False)]
     kind: ClassVar[str] = "twisted"
 
     def _factor(self, s: Array, end: float) -> _Factor:
@@ -415,9 +413,9 @@ class MisplacedRouting(TurnedRouting):
     ] = 1.0
     factor_end: Annotated[float, Quantity("factor on the offset at the end", ge=0.0, in_file=False)] = 1.0
     angle_base: Annotated[
-        float, Quantity("angle of displacement at the base plate", unit="rad", in_file=False)
+        float, Quantity("angle of displacement at the base plate", "rad", in_file=False)
     ] = 0.0
-    angle_end: Annotated[float, Quantity("angle of displacement at the end", unit="rad", in_file=False)] = 0.0
+    angle_end: Annotated[float, Quantity("angle of displacement at the end", "rad", in_file=False)] = 0.0
     kind: ClassVar[str] = "misplaced"
 
     def _factor(self, s: Array, end: float) -> _Factor:

@@ -1,6 +1,6 @@
 """Bounds, units and descriptions as annotations of dataclass fields, checked by pydantic.
 
-A field such as ``length: Annotated[float, Quantity("from base plate to tip", unit="m", gt=0.0)]`` is checked by
+A field such as ``length: Annotated[float, Quantity("from base plate to tip", "m", gt=0.0)]`` is checked by
 `check_fields` when the object is made, and by `Keys.read` when a file is read. The JSON schema of the same annotation
 says what is allowed: in errors, in the templates of files, and to editors. pydantic is imported when it is needed.
 """
@@ -169,7 +169,7 @@ class Keys(Mapping[str, Any]):
     Attributes
     ----------
     annotations : mapping
-        By name, such as ``Annotated[float, Quantity("mass", unit="kg", ge=0.0)]``.
+        By name, such as ``Annotated[float, Quantity("mass", "kg", ge=0.0)]``.
     defaults : mapping
         Of keys that may be left out.
     """

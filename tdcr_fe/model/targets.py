@@ -41,10 +41,10 @@ class TipTarget:
         At which the target is to be reached [s]; for creep and for friction that depends on the slip rate.
     """
 
-    position: Annotated[Vector, Quantity("position of the tip", unit="m")]
+    position: Annotated[Vector, Quantity("position of the tip", "m")]
     direction: Annotated[Vector | None, Quantity("direction of the tangent at the tip")] = None
     label: str = ""
-    time: Annotated[float | None, Quantity("at which the target is to be reached", unit="s")] = None
+    time: Annotated[float | None, Quantity("at which the target is to be reached", "s")] = None
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -22,8 +22,8 @@ class TightHole:
         Tension that it takes at most [N]; a few times the largest tension holds the tendon fast.
     """
 
-    at: Annotated[float, Quantity("arc length of a disk between base plate and anchor", unit="m", gt=0.0)]
-    drop: Annotated[float, Quantity("tension that it takes at most", unit="N", ge=0.0)]
+    at: Annotated[float, Quantity("arc length of a disk between base plate and anchor", "m", gt=0.0)]
+    drop: Annotated[float, Quantity("tension that it takes at most", "N", ge=0.0)]
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -68,25 +68,23 @@ class Tendon:
         float | None,
         Quantity(
             "arc length of the disk it is anchored to; any arc length without disks",
-            unit="m",
+            "m",
             gt=0.0,
             note="where a disk is",
         ),
     ] = None
-    axial_stiffness: Annotated[
-        float | None, Quantity("axial stiffness EA of the tendon", unit="N", gt=0.0)
-    ] = None
+    axial_stiffness: Annotated[float | None, Quantity("axial stiffness EA of the tendon", "N", gt=0.0)] = None
     adhesion: Annotated[
-        float, Quantity("tension drop per hole that does not grow with the tension", unit="N", ge=0.0)
+        float, Quantity("tension drop per hole that does not grow with the tension", "N", ge=0.0)
     ] = 0.0
     clearance: Annotated[
-        float, Quantity("how far the tendon can shift sideways in an oversized hole", unit="m", ge=0.0)
+        float, Quantity("how far the tendon can shift sideways in an oversized hole", "m", ge=0.0)
     ] = 0.0
     pretension: Annotated[
         float,
         Quantity(
             "tension in the unloaded shape where all displacements are zero",
-            unit="N",
+            "N",
             ge=0.0,
             note="needs axial_stiffness",
         ),
@@ -97,8 +95,7 @@ class Tendon:
     friction: Annotated[
         FrictionCoefficient | None,
         Quantity(
-            "law of a coefficient that depends on slip rate or normal force",
-            variants=FRICTION_COEFFICIENTS,
+            "law of a coefficient that depends on slip rate or normal force", variants=FRICTION_COEFFICIENTS
         ),
     ] = None
 

@@ -80,6 +80,7 @@ def test_it_goes_through_the_files(data, tmp_path):
     assert again.experiment == declared.experiment
 
 
+@pytest.mark.integration
 def test_identify_finds_nothing_missing_where_all_is_declared(data, tmp_path):
     rng = np.random.default_rng(4)
     noisy = replace(

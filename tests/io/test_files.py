@@ -19,11 +19,7 @@ from tdcr_fe.io.toml import digest, read_model, read_model_file, read_robot, rea
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.backbone import Backbone, StiffnessPatch, Superelastic
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.friction import (
-    ConstantFriction,
-    ForceDependentFriction,
-    StribeckFriction,
-)
+from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import (

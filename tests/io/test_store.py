@@ -47,6 +47,7 @@ def test_an_interruption_keeps_what_was_found(tmp_path, kind):
     assert known == ["0", "1"]
 
 
+@pytest.mark.integration
 def test_processes_find_the_same(tmp_path):
     store = Folder(tmp_path)
     with closing(solve_all({str(k): k for k in range(7)}, square, store, processes=2)) as found:
