@@ -1,4 +1,4 @@
-"""The command ``tdcr-fe identify``: finds the effects that the model of measured data lacks, and writes the report."""
+"""The command ``tdcr-fe identify``: finds the effects that a model of measured data is missing."""
 
 from __future__ import annotations
 
@@ -73,11 +73,13 @@ def cores() -> int:
 
 
 def _processes(args: argparse.Namespace) -> int:
-    """Worker processes, one a core at most: more would only take memory and wait for each other."""
+    """Worker processes, at most one per core: more would only take memory and wait for each other."""
     asked, most = args.processes, cores()
     if asked <= most:
         return int(asked)
-    text = f"--processes {asked}: this machine has {common.count(most, 'core')}, so that one process for each is used"
+    text = (
+        f"--processes {asked}: this machine has {common.count(most, 'core')}, so one process per core is used"
+    )
     args.noted.warnings.append(text)
     complain(text)
     return most
@@ -100,7 +102,7 @@ def _minutes(text: str) -> float:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Identify what the model of a folder of measured data lacks."""
+    """Identify what the model of a folder of measured data is missing."""
     from tdcr_fe.identify.identification import NotSolved
     from tdcr_fe.identify.report import write_result
     from tdcr_fe.identify.sentences import summary

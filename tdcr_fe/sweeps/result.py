@@ -54,7 +54,7 @@ class Collected:
 
     def __init__(self, count: int) -> None:
         self._codes = np.full(count, _NOT_RUN, dtype=np.int8)
-        self._numbers: dict[str, Array] = {}  # by column, one a case
+        self._numbers: dict[str, Array] = {}  # by column, one per case
         self._seconds: Array = np.full(count, np.nan)
         self._reasons: dict[int, str] = {}  # by number of the case
         self._warnings = np.zeros(count, dtype=np.int16)  # their number
@@ -105,7 +105,7 @@ class Collected:
         )
 
     def _frame(self, sweep: Sweep, design: Design) -> pd.DataFrame:
-        """One row a case, in the order of cases: number, status, reason, values, results."""
+        """One row per case, in the order of cases: number, status, reason, values, results."""
         robots = [sweep.tables.robot, *(tables.robot for _, tables in sweep.robots)]
         tendons = dict.fromkeys(str(t["name"]) for robot in robots if robot for t in robot.get("tendons", ()))
         suffixes = [f"_step{k}" for k in sweep.output.steps] or [""]

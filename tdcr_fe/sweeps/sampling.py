@@ -207,7 +207,7 @@ class Design:
     method : str
         One of `METHODS`.
     columns : tuple of Column
-        One a variation.
+        One per variation.
     count : int
         Number of cases.
     base_samples : int
@@ -220,7 +220,7 @@ class Design:
     base_samples: int = 0
 
     def case(self, number: int) -> tuple[Any, ...]:
-        """Values of a case, counted from 0, one a variation."""
+        """Values of a case, counted from 0, one per variation."""
         return tuple(column[number] for column in self.columns)
 
 

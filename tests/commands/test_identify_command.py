@@ -36,5 +36,5 @@ def test_there_is_one_process_for_each_core_at_most(tmp_path, capsys, monkeypatc
         main(["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out"), "-q", "--processes", number])
     assert asked == [2, 2, 1]
     said = capsys.readouterr().err
-    assert said.count("--processes 99: this machine has 2 cores, so that one process for each is used") == 1
+    assert said.count("--processes 99: this machine has 2 cores, so one process per core is used") == 1
     assert said.count("this machine has") == 1
