@@ -133,4 +133,4 @@ def test_the_report_says_when_no_experiment_helps(ambiguous):
         planned, separated=(), separation=(), parameter="a.b", remaining_share=0.97
     )
     (text,) = next_sentence(Made())
-    assert text.startswith("No experiment within the inputs measured helps much.")
+    assert text.startswith("No experiment within the measured inputs helps much.")
