@@ -11,7 +11,7 @@ import numpy as np
 
 from tdcr_fe.effects import Effect, EffectAtPlace, Experiment, PlaceEffect
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.criteria import noise_cost, rank, reduced_chi_square, required_drop, residual_is_noise
+from tdcr_fe.identify.criteria import noise_cost, rank, reduced_chi_square, required_drop
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import Candidate
 from tdcr_fe.identify.screening import Score, screen
@@ -123,7 +123,7 @@ def propose(
                     note = "more parameters than these readings determine"
             entry = Candidate(this.number, fit.names, score.effect.name, score.drop / noise, note=note)
             state = replace(state, candidates=(*state.candidates, entry))
-        if this.ahead is None and not residual_is_noise(state.problem, fit, search.significance):
+        if this.ahead is None and not search.is_noise(state.problem, fit):
             state, pairs = _pairs(search, state, this.number, fit)
             proposals += _promising(pairs, [p for p in proposals if p[1].parent is fit])
     chosen: dict[Names, Extended] = {}
@@ -273,11 +273,11 @@ def fit_and_rank(
         search.report(f"fitting {listed_names([x.score.effect.name for x in new])}", contest.progress)
     # The first effect is fitted to the end, whatever time that takes.
     race = fitting.Race(lowest, search.deadline if state.best.effects else math.inf)
-    explained = contest.explained or residual_is_noise(problem, state.best, search.significance)
+    explained = contest.explained or search.is_noise(problem, state.best)
     begun: list[tuple[Extended, Fit]] = []
     if most is not None and not explained:
         begun = _first(problem, new[:FIRST], race)
-        explained = any(residual_is_noise(problem, f, search.significance) for _, f in begun)
+        explained = any(search.is_noise(problem, f) for _, f in begun)
     rest = [x for x in new[len(begun) :] if _has_a_chance(problem, x, race, explained)]
     begun += _begun(problem, rest, race)
     if most is not None:
@@ -415,7 +415,7 @@ def local_scores_beside(search: Search, state: SearchState, fit: Fit) -> tuple[S
     if key not in state.local_scores:
         state, scores = first_order_local_scores(state, fit)
         least = min((x.cost(state.problem) for x in scores), default=math.inf)
-        explained = residual_is_noise(state.problem, state.best, search.significance)
+        explained = search.explained(state)
         beaten = fit is not state.best and state.best.cost <= SOLVED * fit.cost
         if least > SOLVED * fit.cost and not (explained or beaten):
             scores = sorted([*scores, *_strong_scores(state.problem, fit)], key=lambda s: -s.drop)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.identify.criteria import residual_is_noise, robust_threshold, unusable_data
+from tdcr_fe.identify.criteria import robust_threshold, unusable_data
 from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.judge import Found, conclude
@@ -202,7 +202,7 @@ def _planned(search: Search, state: SearchState) -> tuple[NextExperiment | None,
 
 def _input_noise(search: Search, state: SearchState) -> tuple[InputNoise | None, SearchState]:
     """Scatter of the inputs that would account for what is left, where that is not noise, if the time suffices."""
-    if residual_is_noise(state.problem, state.best, search.significance):
+    if search.explained(state):
         return None, state
     try:
         return find_input_noise(state.problem, state.best), state

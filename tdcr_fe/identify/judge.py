@@ -16,7 +16,6 @@ from tdcr_fe.identify.criteria import (
     insufficient_data,
     mostly_estimated_noise,
     reduced_chi_square,
-    residual_is_noise,
 )
 from tdcr_fe.identify.data_faults import jump_of_residual, wrong_sigma
 from tdcr_fe.identify.explainable_variance import held_out_ceiling
@@ -152,7 +151,7 @@ class _Judgement(NamedTuple):
 def _judged(search: Search, state: SearchState, found: Found) -> _Judgement:
     """What is to be thought of the data and of what is left."""
     problem, best = state.problem, state.best
-    explained = residual_is_noise(problem, best, search.significance)
+    explained = search.is_noise(problem, best)
     insufficient = insufficient_data(problem, state.declared, best, explained)
     alone = not (insufficient or best.effects or found.law)
     inputs_explain = alone and found.input_noise is not None and found.input_noise.explains_all

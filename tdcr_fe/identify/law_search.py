@@ -141,7 +141,7 @@ def _fitted(
         found = fit_law(ready.problem, ready.base, law, ready.reading, ready.response)
         if found is not None:
             fits.append((which, found))
-            if residual_is_noise(ready.problem, found.as_fit(), search.significance):
+            if search.is_noise(ready.problem, found.as_fit()):
                 limit = min(limit, 2.0 * least + 60.0)
     return fits
 
@@ -205,7 +205,7 @@ def law_ahead(search: Search, state: SearchState, iterations: int = LEAST_ITERAT
     early = replace(search, report=lambda text, _: search.report(text, EARLY_PROGRESS))
     promise = max(NEARLY * noise_cost(problem), PROMISE * state.best.cost)
     law, others = search_law(ready, early, budget, most_terms=1, promise=promise)
-    if law is None or not residual_is_noise(problem, law.as_fit(), search.significance):
+    if law is None or not search.is_noise(problem, law.as_fit()):
         return state
     state = state.with_history(f"an unlisted law leaves only noise: {law.terms[0].key}")
     return replace(state, law_ahead=LawAhead(law, others))
@@ -274,7 +274,7 @@ def _may_have_law(search: Search, state: SearchState) -> bool:
     problem, best = state.problem, state.best
     if problem.experiment.restarts or not np.any(problem.held_out) or lacks_test(problem, best):
         return False
-    return best.solved and not residual_is_noise(problem, best, search.significance)
+    return best.solved and not search.is_noise(problem, best)
 
 
 def _sought(
@@ -298,7 +298,7 @@ def _sought(
         law, others = search_law(ready, search, budget)
         if law is not None and (found is None or law_bic(problem, law) < law_bic(problem, found)):
             found, alternatives = law, others
-        if found is not None and residual_is_noise(problem, found.as_fit(), search.significance):
+        if found is not None and search.is_noise(problem, found.as_fit()):
             break
     return found, alternatives, state
 
@@ -350,7 +350,7 @@ def _explains_more(search: Search, state: SearchState, law: LawFit, rival: Fit) 
     noise = effective_noise(problem, law.as_fit(), search.significance)
     gain = bic(problem, rival) - law_bic(problem, law)
     needed = (1.0 - LOWER) * rival.held_cost
-    if residual_is_noise(problem, rival, search.significance):
+    if search.is_noise(problem, rival):
         needed = HELD_OUT_DROP * noise
     return gain > BIC_DIFFERENCE * noise and rival.held_cost - law.held_cost > needed
 

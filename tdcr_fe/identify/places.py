@@ -26,7 +26,6 @@ from tdcr_fe.identify.criteria import (
     is_improvement,
     reduced_chi_square,
     required_drop,
-    residual_is_noise,
 )
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.screening import Score, screen
@@ -47,7 +46,7 @@ OUT_OF_REACH = 10.0
 def local_search(search: Search, state: SearchState) -> Stage:
     """Try single bays, and springs at one location, beside the best model, smaller ones, and the declared one."""
     bases: dict[Names, Fit] = {frozenset(): state.declared}
-    if not residual_is_noise(state.problem, state.best, search.significance):
+    if not search.explained(state):
         bases[frozenset(state.best.names)] = state.best
     for e in state.best.effects:
         state, smaller = without(state, e)
@@ -80,7 +79,7 @@ def place_ahead(search: Search, state: SearchState) -> tuple[SearchState, Search
         return state, None
     located = search_places(search, state, [declared])
     found = located.best is not state.best
-    explains = found and residual_is_noise(located.problem, located.best, search.significance)
+    explains = found and search.explained(located)
     return state, located if explains else None
 
 
@@ -89,7 +88,7 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
     found: list[tuple[float, Extended]] = []
     sizes: dict[str, Mapping[str, float]] = {}
     problem = state.problem
-    explained = residual_is_noise(problem, state.best, search.significance)
+    explained = search.is_noise(problem, state.best)
     for base in sorted(bases, key=lambda f: bic(problem, f))[:3]:
         # A local cause is fitted only if it does about as well as the best model to first order; the best candidate
         # has more margin, because the linearisation is inaccurate, unless the best model leaves noise.
@@ -112,7 +111,7 @@ def search_places(search: Search, state: SearchState, bases: Sequence[Fit]) -> S
     search.report(f"fitting {listed_names([x.score.effect.name for x in chosen])}", 0.9)
     race = fitting.Race(state.best.cost, search.deadline)
     fits = fitting.run_fits(state.problem, [candidate_fit(state.problem, x, None, race) for x in chosen])
-    explained = explained or any(residual_is_noise(state.problem, f, search.significance) for f in fits)
+    explained = explained or any(search.is_noise(state.problem, f) for f in fits)
     movable = MOVABLE_BESIDE_NOISE if explained else MOVABLE
     fits = finished(state.problem, better_places(state.problem, fits, sizes, race, movable), race)
     for new in fits:

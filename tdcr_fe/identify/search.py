@@ -34,7 +34,6 @@ from tdcr_fe.identify.criteria import (
     lacks_test,
     rank,
     reduced_chi_square,
-    residual_is_noise,
 )
 from tdcr_fe.identify.law_search import LEAST_ITERATIONS, law_ahead
 from tdcr_fe.identify.places import local_search, place_ahead, saturated_pairs, search_places
@@ -204,13 +203,13 @@ def search_effects(search: Search, state: SearchState) -> Stage:
     if search.out_of_time:
         state = state.without_trying(PLACES)
         yield state
-    elif state.best.effects or not residual_is_noise(state.problem, state.best, search.significance):
+    elif state.best.effects or not search.explained(state):
         search.report("local causes along the backbone", 0.85)
         before = state.best
         state = yield from in_time(state, local_search(search, state), PLACES)
         if state.best is not before:
             state = yield from _beside_local_cause(search, state)
-        if not (search.out_of_time or residual_is_noise(state.problem, state.best, search.significance)):
+        if not (search.out_of_time or search.explained(state)):
             before = state.best
             state = yield from in_time(state, saturated_pairs(search, state), PLACES)
             if state.best is not before:
@@ -223,14 +222,12 @@ def search_effects(search: Search, state: SearchState) -> Stage:
 
 def _law_is_ahead(search: Search, state: SearchState) -> bool:
     """Whether an unlisted law leaves noise, and the best listed effects do not."""
-    return state.law_ahead is not None and not residual_is_noise(
-        state.problem, state.best, search.significance
-    )
+    return state.law_ahead is not None and not search.explained(state)
 
 
 def _beside_local_cause(search: Search, state: SearchState) -> Stage:
     """What is left beside a local cause may be an effect along the whole robot; others may be unnecessary then."""
-    if not residual_is_noise(state.problem, state.best, search.significance):
+    if not search.explained(state):
         beside = forward_selection(search, state, locate=False)
         state = yield from in_time(state, beside, FURTHER_EFFECTS)
     return (yield from in_time(state, backward_selection(search, state), EXCHANGES))
@@ -247,11 +244,7 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
     for number in range(1, search.settings.max_effects + 1):
         if len(state.best.effects) >= search.settings.max_effects:
             break
-        if (
-            number > 1
-            and search.out_of_time
-            and not residual_is_noise(state.problem, state.best, search.significance)
-        ):
+        if number > 1 and search.out_of_time and not search.explained(state):
             state = state.without_trying(FURTHER_EFFECTS)
             break
         progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
@@ -266,7 +259,7 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
         yield state
         state, fits = fit_proposals(search, state, this, proposals)
         accepted = _accepted(search, state, fits)
-        explaining = any(residual_is_noise(state.problem, f, search.significance) for f in accepted)
+        explaining = any(search.is_noise(state.problem, f) for f in accepted)
         if located is not None and not explaining:
             state = replace(state, best=located.best).with_history(
                 "no effect along the whole robot explains as much"
@@ -288,7 +281,7 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
         )
         yield state
         others = [state.fits[frozenset(f.names)] for f in accepted[1 : search.settings.beam]]
-        explained = residual_is_noise(problem, best, search.significance)
+        explained = search.is_noise(problem, best)
         if not explained and number == 1:
             again = [fitting.descend(problem, f, fitting.Race(), 5) for f in others]
             others = fitting.run_fits(problem, again)
@@ -299,7 +292,7 @@ def forward_selection(search: Search, state: SearchState, locate: bool = True) -
         state = yield from _causes_ahead(search, state, number, state.problem.forward.iterations - begun)
         if state.best is not before:
             level = [state.best]
-            if residual_is_noise(state.problem, state.best, search.significance):
+            if search.explained(state):
                 break
     yield state
     return state
@@ -341,7 +334,7 @@ def _with_local_cause(search: Search, state: SearchState) -> SearchState:
     """
     located = search_places(search, state, [state.declared])
     if located.best is not state.best:
-        explains = residual_is_noise(located.problem, located.best, search.significance)
+        explains = search.explained(located)
         if explains or located.best.cost < FAR_AHEAD * state.best.cost:
             return located
     problem = replace(state.problem, scales=located.problem.scales)

@@ -55,6 +55,14 @@ class Search:
         """Chance of adding an effect to data that miss nothing [1]."""
         return self.settings.significance
 
+    def is_noise(self, problem: FitProblem, fit: Fit) -> bool:
+        """Whether a model leaves noise."""
+        return residual_is_noise(problem, fit, self.significance)
+
+    def explained(self, state: SearchState) -> bool:
+        """Whether the best model leaves noise."""
+        return self.is_noise(state.problem, state.best)
+
 
 @dataclass(frozen=True)
 class SearchState:
@@ -148,7 +156,7 @@ def in_time(state: SearchState, stage: Stage, what: str) -> Stage:
 
 def cut_short(search: Search, state: SearchState, part: str) -> SearchState:
     """With a part noted as not tried where its fits ended with the time, more than noise is left, and none is noted."""
-    if not search.out_of_time or residual_is_noise(state.problem, state.best, search.significance):
+    if not search.out_of_time or search.explained(state):
         return state
     return state.without_trying(part) if MAY_EXPLAIN.isdisjoint(state.not_tried) else state
 
