@@ -85,6 +85,7 @@ def test_hysteresis_is_drawn_where_a_tension_rises_and_falls():
         "bending angle of the tip [deg]",
     )
     assert len(ax.lines) == len(result.steps) - 1
+    assert ax.lines[0].get_ydata() == pytest.approx(np.degrees(result.bending_angles[:2]))
 
 
 def test_no_hysteresis_where_tensions_only_rise(tmp_path):
