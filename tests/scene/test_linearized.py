@@ -183,10 +183,11 @@ def test_the_static_gain_is_what_statics_give(drive, mu):
         assert gain[:, k] == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
 
 
-def test_the_gain_with_stuck_holes_is_that_of_a_small_release_after_slip():
+@pytest.mark.parametrize("rest", [{}, ELASTIC], ids=["inextensible", "elastic"])
+def test_the_gain_with_stuck_holes_is_that_of_a_small_release_after_slip(rest):
     """Holes at the bound of friction stick when the tendon is released."""
     settings = SolverSettings(presliding=1e-4)
-    _keep, mbs, handle = scene(three(0.3), assemble=False, presliding=1e-4)
+    _keep, mbs, handle = scene(three(0.3, **rest), assemble=False, presliding=1e-4)
     sensor = handle.add_sensors()["tip_position"]
     mbs.Assemble()
     handle.set_tensions([1.0, 0.0, 0.0])
