@@ -120,15 +120,9 @@ def angles_at_holes(step, model):
     return np.arctan2(np.linalg.norm(np.cross(t[:-1], t[1:]), axis=1), np.sum(t[:-1] * t[1:], axis=1))
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
-    ("name", "friction"),
-    [
-        ("parallel", "per-hole"),
-        *(
-            pytest.param(name, friction, marks=pytest.mark.integration)
-            for name, friction in (("helical", "per-hole"), ("converging", "per-tendon"))
-        ),
-    ],
+    ("name", "friction"), [("parallel", "per-hole"), ("helical", "per-hole"), ("converging", "per-tendon")]
 )
 def test_ratios_lie_within_the_capstan_bounds_and_on_them_where_it_slips(name, friction):
     model = robot(ROUTINGS[name], mu=0.3)
