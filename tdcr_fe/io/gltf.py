@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tdcr_fe.io.atomic import write_bytes
 from tdcr_fe.report.motion import Motion
 from tdcr_fe.report.viewer_data import thinned
 
@@ -30,36 +31,6 @@ TENDONS = ((0.54, 0.03, 0.07), (0.0, 0.19, 0.25), (0.58, 0.16, 0.0), (0.14, 0.07
 
 _FLOAT, _SHORT = 5126, 5123
 _ARRAY, _ELEMENTS = 34962, 34963
-
-
-class _Buffer:
-    """The binary part of the file, with its views and accessors."""
-
-    def __init__(self) -> None:
-        self.data = bytearray()
-        self.views: list[dict[str, int]] = []
-        self.accessors: list[dict[str, Any]] = []
-
-    def add(self, values: NDArray[np.generic], bounds: bool = False, target: int | None = None) -> int:
-        """Number of the accessor of an array of floats, or of whole numbers."""
-        whole = values.dtype.kind in "iu"
-        stored = np.ascontiguousarray(values, dtype="<u2" if whole else "<f4")
-        raw = stored.tobytes()
-        view = {"buffer": 0, "byteOffset": len(self.data), "byteLength": len(raw)}
-        self.views.append(view if target is None else {**view, "target": target})
-        self.data += raw + b"\0" * (-len(raw) % 4)
-        kind = "SCALAR" if values.ndim == 1 else f"VEC{values.shape[1]}"
-        accessor: dict[str, Any] = {
-            "bufferView": len(self.views) - 1,
-            "componentType": _SHORT if whole else _FLOAT,
-            "count": len(values),
-            "type": kind,
-        }
-        if bounds:
-            rows = stored.reshape(len(values), -1)
-            accessor |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
-        self.accessors.append(accessor)
-        return len(self.accessors) - 1
 
 
 def _rod() -> tuple[Array, Array, NDArray[np.int64]]:
@@ -114,21 +85,38 @@ class _Model:
 
     def __init__(self, motion: Motion) -> None:
         self.motion = motion
-        self.buffer = _Buffer()
-        points, normals, triangles = _rod()
-        self.shape = {
-            "attributes": {
-                "POSITION": self.buffer.add(points, bounds=True, target=_ARRAY),
-                "NORMAL": self.buffer.add(normals, target=_ARRAY),
-            },
-            "indices": self.buffer.add(triangles, target=_ELEMENTS),
-        }
-        self.times = self.buffer.add(SECONDS * np.arange(len(motion.steps), dtype=float), bounds=True)
+        self.data = bytearray()  # binary part of the file
+        self.views: list[dict[str, int]] = []
+        self.accessors: list[dict[str, Any]] = []
         self.nodes: list[dict[str, Any]] = []
         self.samplers: list[dict[str, Any]] = []
         self.channels: list[dict[str, Any]] = []
         self.materials: list[dict[str, Any]] = []
         self.meshes: list[dict[str, Any]] = []
+        points, normals, triangles = _rod()
+        position, normal = self.array(points, bounds=True, target=_ARRAY), self.array(normals, target=_ARRAY)
+        indices = self.array(triangles, target=_ELEMENTS)
+        self.shape = {"attributes": {"POSITION": position, "NORMAL": normal}, "indices": indices}
+        self.times = self.array(SECONDS * np.arange(len(motion.steps), dtype=float), bounds=True)
+
+    def array(self, values: NDArray[np.generic], bounds: bool = False, target: int | None = None) -> int:
+        """Number of the accessor of an array of floats, or of whole numbers."""
+        whole = values.dtype.kind in "iu"
+        stored = np.ascontiguousarray(values, dtype="<u2" if whole else "<f4")
+        view = {"buffer": 0, "byteOffset": len(self.data), "byteLength": stored.nbytes}
+        self.views.append(view if target is None else {**view, "target": target})
+        self.data += stored.tobytes() + b"\0" * (-stored.nbytes % 4)
+        accessor: dict[str, Any] = {
+            "bufferView": len(self.views) - 1,
+            "componentType": _SHORT if whole else _FLOAT,
+            "count": len(values),
+            "type": "SCALAR" if values.ndim == 1 else f"VEC{values.shape[1]}",
+        }
+        if bounds:
+            rows = stored.reshape(len(values), -1)
+            accessor |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
+        self.accessors.append(accessor)
+        return len(self.accessors) - 1
 
     def mesh(self, name: str, colour: tuple[float, float, float]) -> int:
         """Number of a rod of that colour."""
@@ -149,7 +137,7 @@ class _Model:
         for path, values in (("translation", place), ("rotation", turn), ("scale", size)):
             if np.all(values == values[0]):
                 continue
-            self.samplers.append({"input": self.times, "output": self.buffer.add(values)})
+            self.samplers.append({"input": self.times, "output": self.array(values)})
             target = {"node": len(self.nodes) - 1, "path": path}
             self.channels.append({"sampler": len(self.samplers) - 1, "target": target})
 
@@ -177,9 +165,9 @@ class _Model:
             "meshes": self.meshes,
             "materials": self.materials,
             **({"animations": [animation]} if self.channels else {}),
-            "accessors": self.buffer.accessors,
-            "bufferViews": self.buffer.views,
-            "buffers": [{"byteLength": len(self.buffer.data)}],
+            "accessors": self.accessors,
+            "bufferViews": self.views,
+            "buffers": [{"byteLength": len(self.data)}],
         }
 
 
@@ -214,18 +202,11 @@ def glb(motion: Motion) -> bytes:
             model.side(name, mesh, corners[:, i], corners[:, i + 1], turn, THINNEST_TENDON * m.length)
     text = json.dumps(model.document(), separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
-    data = bytes(model.buffer.data)
+    data = bytes(model.data)
     chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
 def write_glb(motion: Motion, path: str | Path) -> None:
     """Write a ``.glb`` file; its folder is made where it does not exist."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        partial.write_bytes(glb(motion))
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    write_bytes(glb(motion), path)

@@ -1,7 +1,7 @@
 """Records of many cases, kept as they are found, so that a run that was interrupted goes on where it stopped.
 
 `solve_all` is the loop: it yields the records that are kept, then solves the cases that are left, in processes, and
-keeps every record at once. A store keeps records: `Folder` in a file each, `Lines` in one file, a line each.
+keeps every record at once. `Lines` keeps records in one file, a line of JSON each.
 """
 
 from __future__ import annotations
@@ -10,73 +10,15 @@ import json
 import os
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
-from tdcr_fe.io.atomic import to_json, write_json, write_text
+from tdcr_fe.io.atomic import to_json, write_text
 from tdcr_fe.io.processes import worker_pool
 
 Record = dict[str, Any]
 Task = TypeVar("Task")
-
-
-class Store(Protocol):
-    """Keeps records by key."""
-
-    def recall(self, keys: Iterable[str]) -> Iterator[tuple[str, Record]]:
-        """Records that are kept of some keys."""
-        ...
-
-    def keep(self, key: str, record: Mapping[str, Any]) -> None:
-        """Keep a record, so that a kill does not lose it."""
-        ...
-
-
-@dataclass(frozen=True)
-class Folder:
-    """A file of JSON for each record.
-
-    Attributes
-    ----------
-    folder : pathlib.Path
-        Made where it does not exist.
-    digest : callable or None
-        From a key to a digest of what its record depends on: a record with another digest is not recalled. None: every
-        record is recalled, and its file holds nothing but the record.
-    about : mapping
-        Written beside each record, for people.
-    indent : int or None
-        Of the files.
-    """
-
-    folder: Path
-    digest: Callable[[str], str] | None = None
-    about: Mapping[str, Any] = field(default_factory=dict)
-    indent: int | None = None
-
-    def path(self, key: str) -> Path:
-        """File of a record."""
-        return self.folder / f"{key}.json"
-
-    def recall(self, keys: Iterable[str]) -> Iterator[tuple[str, Record]]:
-        """See `Store.recall`."""
-        for key in keys:
-            try:
-                found = json.loads(self.path(key).read_text(encoding="utf-8"))
-                if self.digest is not None:
-                    found = found["record"] if found["digest"] == self.digest(key) else None
-            except (OSError, ValueError, TypeError, KeyError):
-                continue
-            if isinstance(found, dict):
-                yield key, found
-
-    def keep(self, key: str, record: Mapping[str, Any]) -> None:
-        """See `Store.keep`."""
-        document: Mapping[str, Any] = record
-        if self.digest is not None:
-            document = {"digest": self.digest(key), **self.about, "record": record}
-        write_json(document, self.path(key), indent=self.indent)
 
 
 class OtherHead(ValueError):
@@ -174,7 +116,7 @@ class Lines:
             file.write(lines.encode())
 
     def recall(self, keys: Iterable[str]) -> Iterator[tuple[str, Record]]:
-        """See `Store.recall`; of several records of a key the last counts."""
+        """Records that are kept of some keys; of several records of a key the last counts."""
         wanted = set(keys)
         found = {}
         for record in self.records():
@@ -184,7 +126,7 @@ class Lines:
         yield from found.items()
 
     def keep(self, key: str, record: Mapping[str, Any]) -> None:
-        """See `Store.keep`."""
+        """Keep a record, so that a kill does not lose it."""
         self.append([{"key": key, **record}])
 
     def _check(self, line: bytes) -> None:
@@ -202,7 +144,7 @@ class Lines:
 def solve_all(
     tasks: Mapping[str, Task],
     solve: Callable[[Task], Record],
-    store: Store,
+    store: Lines,
     processes: int = 1,
     initializer: Callable[[], None] | None = None,
     *,

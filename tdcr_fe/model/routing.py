@@ -107,23 +107,31 @@ class Routing:
         return {name: getattr(self, name) for name in keys_of(type(self))}
 
 
-def _polar(radius: list[Array], angle: list[Array], derivative: int) -> Array:
-    """Position ``radius * exp(i angle)`` and derivatives from [value, first, second] of both."""
-    (r, dr, ddr), (a, da, dda) = radius, angle
-    z = np.exp(1j * a)
-    if derivative == 0:
-        z = r * z
-    elif derivative == 1:
-        z = (dr + 1j * r * da) * z
-    elif derivative == 2:
-        z = (ddr - r * da**2 + 1j * (2.0 * dr * da + r * dda)) * z
-    else:
-        raise ValueError(f"derivative {derivative}: a routing gives the orders 0, 1 and 2")
-    return np.stack((z.real, z.imag), axis=-1)
+class _PolarRouting(Routing):
+    """A routing by distance from the backbone and angle, ``z = r exp(i a)``, in the plane of the section."""
+
+    def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
+        """See `Routing.position`."""
+        s = np.asarray(s, dtype=float)
+        r, dr, a, da, dda = (np.zeros_like(s) + x for x in self._course(s, end))
+        z = np.exp(1j * a)
+        if derivative == 0:
+            z = r * z
+        elif derivative == 1:
+            z = (dr + 1j * r * da) * z
+        elif derivative == 2:
+            z = (-r * da**2 + 1j * (2.0 * dr * da + r * dda)) * z
+        else:
+            raise ValueError(f"derivative {derivative}: a routing gives the orders 0, 1 and 2")
+        return np.stack((z.real, z.imag), axis=-1)
+
+    def _course(self, s: Array, end: float) -> tuple[float | Array, ...]:
+        """Distance [m] and its rate [1], angle [rad] and its first and second rate [rad/m, rad/m^2]."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class ParallelRouting(Routing):
+class ParallelRouting(_PolarRouting):
     """Holes at constant offset and angle: the tendon runs parallel to the backbone.
 
     Attributes
@@ -141,16 +149,12 @@ class ParallelRouting(Routing):
     def __post_init__(self) -> None:
         check_fields(self)
 
-    def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
-        """See `Routing.position`."""
-        s = np.asarray(s, dtype=float)
-        zero = np.zeros_like(s)
-        angle = np.full_like(s, np.deg2rad(self.angle_deg))
-        return _polar([zero + self.offset, zero, zero], [angle, zero, zero], derivative)
+    def _course(self, s: Array, end: float) -> tuple[float | Array, ...]:
+        return self.offset, 0.0, np.deg2rad(self.angle_deg), 0.0, 0.0
 
 
 @dataclass(frozen=True)
-class HelicalRouting(Routing):
+class HelicalRouting(_PolarRouting):
     """Holes that wind about the backbone at constant offset.
 
     Attributes
@@ -171,17 +175,13 @@ class HelicalRouting(Routing):
     def __post_init__(self) -> None:
         check_fields(self)
 
-    def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
-        """See `Routing.position`."""
-        s = np.asarray(s, dtype=float)
-        zero = np.zeros_like(s)
+    def _course(self, s: Array, end: float) -> tuple[float | Array, ...]:
         rate = 2.0 * np.pi * self.turns / end
-        angle = np.deg2rad(self.angle_deg) + rate * s
-        return _polar([zero + self.offset, zero, zero], [angle, zero + rate, zero], derivative)
+        return self.offset, 0.0, np.deg2rad(self.angle_deg) + rate * s, rate, 0.0
 
 
 @dataclass(frozen=True)
-class VaryingHelicalRouting(Routing):
+class VaryingHelicalRouting(_PolarRouting):
     """Holes that wind about the backbone at constant offset, with a rate that changes linearly with arc length.
 
     At ``x = s / end`` the angle is ``angle + 2 pi (turns_base x + (turns_end - turns_base) x^2 / 2)``: the rate of
@@ -213,18 +213,15 @@ class VaryingHelicalRouting(Routing):
     def __post_init__(self) -> None:
         check_fields(self)
 
-    def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
-        """See `Routing.position`."""
-        s = np.asarray(s, dtype=float)
-        zero = np.zeros_like(s)
+    def _course(self, s: Array, end: float) -> tuple[float | Array, ...]:
         rate = 2.0 * np.pi * self.turns_base / end
         growth = 2.0 * np.pi * (self.turns_end - self.turns_base) / end**2
         angle = np.deg2rad(self.angle_deg) + (rate + 0.5 * growth * s) * s
-        return _polar([zero + self.offset, zero, zero], [angle, rate + growth * s, zero + growth], derivative)
+        return self.offset, 0.0, angle, rate + growth * s, growth
 
 
 @dataclass(frozen=True)
-class ConvergingRouting(Routing):
+class ConvergingRouting(_PolarRouting):
     """Holes whose offset changes linearly with arc length.
 
     Attributes
@@ -249,13 +246,9 @@ class ConvergingRouting(Routing):
         """See `Routing.deciding_field`."""
         return "end_offset" if hole > 0 else "offset"
 
-    def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
-        """See `Routing.position`."""
-        s = np.asarray(s, dtype=float)
-        zero = np.zeros_like(s)
+    def _course(self, s: Array, end: float) -> tuple[float | Array, ...]:
         rate = (self.end_offset - self.offset) / end
-        angle = np.full_like(s, np.deg2rad(self.angle_deg))
-        return _polar([self.offset + rate * s, zero + rate, zero], [angle, zero, zero], derivative)
+        return self.offset + rate * s, rate, np.deg2rad(self.angle_deg), 0.0, 0.0
 
 
 @dataclass(frozen=True)

@@ -257,6 +257,8 @@ class Keys(Mapping[str, Any]):
             return {}, set(self)
         values, errors = self.validated({n: v for n, v in data.items() if n not in elsewhere})
         errors += [{"type": "missing", "loc": (n,)} for n in self if n not in data and n not in self.defaults]
+        order = {name: k for k, name in enumerate(self)}  # unknown keys come last
+        errors.sort(key=lambda e: order.get(e["loc"][0], len(order)))
         for mistake in _mistakes(errors, self.json_schema, data, key, elsewhere):
             note(mistake)
         bad = {e["loc"][0] for e in errors} & set(self)

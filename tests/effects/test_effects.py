@@ -363,9 +363,10 @@ def test_turned_frame_turns_positions_and_directions_exactly():
 def test_markers_move_with_their_section():
     s = setup(robot=three(0.1), steps=pulled(1.0))
     readings = [Reading(1, f"position_{a}", LENGTH, 0.0) for a in "xyz"]
-    moved = read(with_effect(s, "marker_offset", offset_x=1e-3, offset_y=2e-3), readings) - read(s, readings)
+    off = with_effect(s, "marker_offset", offset_x=1e-3, offset_y=2e-3, offset_z=3e-3)
+    moved = read(off, readings) - read(s, readings)
     rotation = simulate(s.robot, s.model, s.steps).steps[0].rotations[-1]
-    assert moved == pytest.approx(rotation @ [1e-3, 2e-3, 0.0], abs=1e-12)
+    assert moved == pytest.approx(rotation @ [1e-3, 2e-3, 3e-3], abs=1e-12)
 
 
 # ------------------------------------------------------------------------------------------------ from files

@@ -143,6 +143,11 @@ def test_missing_effect_is_no_fault_of_the_data():
     assert fault_of(measured(GRAVITY)) == ""
 
 
+def test_every_reading_counts_by_its_own_sigma(clean):
+    data = changed(clean, lambda r: replace(r, sigma=(1.0 + 0.1 * r.step) * r.sigma))
+    assert begun(data).problem.sigma == pytest.approx([r.sigma for r in data.readings])
+
+
 @pytest.mark.parametrize(
     ("factor", "words"), [(0.1, "sigma is too small"), (10.0, "sigma is too large"), (1.0, "")]
 )

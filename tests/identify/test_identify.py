@@ -15,6 +15,7 @@ from identify_data import (
     concluded,
     measured,
     problem_of,
+    state_of,
     with_model,
 )
 
@@ -22,10 +23,11 @@ from tdcr_fe.cli import main
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.identify import NotSolved, fitting, identification, identify
 from tdcr_fe.identify.candidates import FIRST
+from tdcr_fe.identify.criteria import residual_is_noise
 from tdcr_fe.identify.forward import ForwardModel, Job, run_settings
 from tdcr_fe.identify.load_steps import blocks, choose_held_out
 from tdcr_fe.identify.noise import chi_square_z_score, estimate_sigma, is_noise, outliers, structure
-from tdcr_fe.identify.problem import refine
+from tdcr_fe.identify.problem import Fit, refine
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.sentences import summary
 from tdcr_fe.io.measured import MeasuredData, write_measured
@@ -76,6 +78,35 @@ def test_noise_passes_and_structure_does_not():
     assert "0.2" in tests[0].group or "0.2" in tests[1].group
     r[7] = 30.0
     assert outliers(r) == ((7, 30.0),)
+
+
+@pytest.mark.parametrize(("size", "shift", "noise"), [(1.0, 0.0, True), (1.5, 0.0, False), (0.8, 0.8, False)])
+def test_a_residual_larger_than_sigma_or_to_one_side_is_no_noise(size, shift, noise):
+    problem = problem_of(measured())
+    r = shift + size * np.random.default_rng(2).normal(size=problem.count)
+    left = Fit((), {}, r, float(r @ r), 0.0, np.zeros((r.size, 0)), (), None)
+    assert residual_is_noise(problem, left, 1e-3) == noise
+
+
+@pytest.mark.parametrize(
+    ("effects", "verdict"),
+    [({}, "unexplained"), ({"precurvature": {"kappa_x": 0.1, "kappa_y": 0.0}}, "partly explained")],
+)
+def test_what_leaves_more_than_noise_is_not_called_explained(effects, verdict):
+    state = state_of(problem_of(measured(GRAVITY), held=(9, 10, 11)))
+    assert concluded(with_model(state, effects) if effects else state).verdict == verdict
+
+
+def test_held_out_readings_do_not_act_on_a_fit():
+    data, held = measured(GRAVITY), (9, 10, 11)
+    off = [replace(r, value=r.value + 0.01 * (r.step in held)) for r in data.readings]
+    values = [
+        fitting.fit(
+            problem_of(x, held), (effect("gravity"),), [dict(gravity=dict(g_x=0.0, g_y=0.0, g_z=0.0))]
+        ).values
+        for x in (data, replace(data, readings=tuple(off)))
+    ]
+    assert values[0]["gravity"] == pytest.approx(values[1]["gravity"], abs=1e-6)
 
 
 def test_a_fit_recovers_parameters_within_their_errors():

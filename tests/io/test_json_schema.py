@@ -103,6 +103,7 @@ def test_files_of_the_reader_tests_fit_the_schema():
         ("scenario", {"solver": {"tolerance": 1.0}}),
         ("scenario", {"effects": {"gravty": {}}}),
         ("scenario", {"effects": {"gravity": {"g_z": -100.0}}}),
+        ("scenario", {"effects": {"gravity": {"g_z": 100.0}}}),
         ("scenario", {"steps": []}),
         ("scenario", {"steps.0.tensions.t1": -1.0}),
         ("scenario", {"steps.0.loads.tip.frame": "body"}),

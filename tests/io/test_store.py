@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import closing
 
 import pytest
 
-from tdcr_fe.io.store import Folder, Lines, OtherHead, solve_all
+from tdcr_fe.io.store import Lines, OtherHead, solve_all
 
 HEAD = {"source": "abc", "n": 3}
 
@@ -21,15 +20,14 @@ def solved(store, tasks, **more):
         return list(found)
 
 
-def stores(tmp_path):
+@pytest.fixture
+def store(tmp_path):
     lines = Lines(tmp_path / "records.jsonl", HEAD)
     lines.begin_or_check()
-    return [Folder(tmp_path / "plain"), Folder(tmp_path / "digest", digest=lambda key: "d" + key), lines]
+    return lines
 
 
-@pytest.mark.parametrize("kind", range(3))
-def test_what_is_kept_is_not_solved_again(tmp_path, kind):
-    store = stores(tmp_path)[kind]
+def test_what_is_kept_is_not_solved_again(store):
     assert solved(store, {"2": 2}) == [("2", {"square": 4}, False)]
     assert solved(store, {"2": 2, "3": 3}) == [("2", {"square": 4}, True), ("3", {"square": 9}, False)]
     again = solved(store, {"2": 2, "3": 3}, again=lambda record: record["square"] == 9)
@@ -37,9 +35,7 @@ def test_what_is_kept_is_not_solved_again(tmp_path, kind):
     assert dict(store.recall(["3"])) == {"3": {"square": 9}}
 
 
-@pytest.mark.parametrize("kind", range(3))
-def test_an_interruption_keeps_what_was_found(tmp_path, kind):
-    store = stores(tmp_path)[kind]
+def test_an_interruption_keeps_what_was_found(store):
     with closing(solve_all({str(k): k for k in range(5)}, square, store, own_process=False)) as found:
         for _ in range(2):
             next(found)
@@ -48,23 +44,11 @@ def test_an_interruption_keeps_what_was_found(tmp_path, kind):
 
 
 @pytest.mark.integration
-def test_processes_find_the_same(tmp_path):
-    store = Folder(tmp_path)
+def test_processes_find_the_same(store):
     with closing(solve_all({str(k): k for k in range(7)}, square, store, processes=2)) as found:
-        assert sorted((int(key), record["square"]) for key, record, _ in found) == [
-            (k, k * k) for k in range(7)
-        ]
-    assert len(list(tmp_path.iterdir())) == 7
-
-
-def test_a_record_of_another_digest_or_a_broken_file_is_solved_again(tmp_path):
-    store = Folder(tmp_path, digest=lambda key: "new", about={"versions": {"numpy": "2"}})
-    store.keep("1", {"square": 1})
-    assert json.loads(store.path("1").read_text())["versions"] == {"numpy": "2"}
-    assert list(Folder(tmp_path, digest=lambda key: "other").recall(["1"])) == []
-    for text in ("", "{", "[]", '{"digest": "new"}', '{"digest": "new", "record": 3}'):
-        store.path("1").write_text(text)
-        assert list(store.recall(["1", "2"])) == []
+        records = sorted((int(key), record["square"]) for key, record, _ in found)
+    assert records == [(k, k * k) for k in range(7)]
+    assert len(dict(store.recall(map(str, range(7))))) == 7
 
 
 def test_a_line_that_a_kill_cut_off_is_removed(tmp_path):

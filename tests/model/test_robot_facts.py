@@ -25,7 +25,7 @@ def test_the_section_of_a_round_rod():
     ("routing", "expected"),
     [
         (ParallelRouting(4e-3, 90.0), [[0.0, 4.0], [0.0, 4.0], [0.0, 4.0]]),
-        (HelicalRouting(4e-3, 0.5, 0.0), [[4.0, 0.0], [0.0, 4.0], [-4.0, 0.0]]),
+        (HelicalRouting(4e-3, 0.5, 90.0), [[0.0, 4.0], [-4.0, 0.0], [0.0, -4.0]]),
         (ConvergingRouting(4e-3, 1e-3, 180.0), [[-4.0, 0.0], [-2.5, 0.0], [-1.0, 0.0]]),
     ],
     ids=["parallel", "helical", "converging"],

@@ -183,6 +183,28 @@ def test_the_static_gain_is_what_statics_give(drive, mu):
         assert gain[:, k] == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("rest", [{}, ELASTIC], ids=["inextensible", "elastic"])
+def test_the_gain_with_stuck_holes_is_that_of_a_small_release_after_slip(rest):
+    """Holes at the bound of friction stick when the tendon is released."""
+    settings = SolverSettings(presliding=1e-4)
+    _keep, mbs, handle = scene(three(0.3, **rest), assemble=False, presliding=1e-4)
+    sensor = handle.add_sensors()["tip_position"]
+    mbs.Assemble()
+    handle.set_tensions([1.0, 0.0, 0.0])
+    SolveTDCR(mbs, settings)
+    assert np.any(handle.actuation.state.mobilisation == 1.0)
+    stuck, sliding = (
+        mbs.TDCRLinearized(holes=holes, sensors=[sensor]).static_gain()[:, 0]
+        for holes in ("stuck", "sliding")
+    )
+    start = handle.tip_position
+    handle.set_tensions([1.0 - 1e-4, 0.0, 0.0])
+    SolveTDCR(mbs, settings)
+    released = (start - handle.tip_position) / 1e-4
+    assert stuck == pytest.approx(released, abs=1e-3 * np.abs(released).max())
+    assert np.abs(sliding - stuck).max() > 0.2 * np.abs(stuck).max()
+
+
 def test_modes_and_state_space_agree():
     """Eigenvalues of the first-order system are the frequencies of `TDCREigenvalues`."""
     _keep, mbs, _, sensor = at_rest("tension", 0.3)

@@ -160,3 +160,13 @@ def test_the_solution_is_at_rest():
     # Tip of a cantilever under a small force, shear included.
     bent = 0.005 * LENGTH**3 / (3 * BACKBONE.EI) + 0.005 * LENGTH / BACKBONE.GA
     assert handle.tip_position[1] == pytest.approx(bent, rel=0.01)
+
+
+@pytest.mark.parametrize("frame", ["world", "section"])
+def test_a_small_force_across_a_straight_robot_bends_it_in_either_frame(frame):
+    """Tip of a cantilever along x, shear included; the axes of the section are those of the world there."""
+    _keep, mbs, handle, load = with_load(paper(0.0), frame, friction="none", elements_per_bay=2)
+    load.set([1e-5, 0.0, 0.0])
+    SolveTDCR(mbs)
+    bent = 1e-5 * LENGTH**3 / (3 * BACKBONE.EI) + 1e-5 * LENGTH / BACKBONE.GA
+    assert handle.tip_position == pytest.approx([bent, 0.0, LENGTH], rel=1e-3, abs=1e-9)

@@ -186,6 +186,7 @@ def test_tip_stiffness_of_a_cantilever_is_inverted_exactly():
     assert stiffness.bending_stiffness_of_tip(transverse, robot) == pytest.approx(rod.EI, rel=1e-12)
 
 
+@pytest.mark.integration
 def test_stiffness_of_the_reference_is_found_to_one_per_cent():
     found = stiffness.study_stiffness()
     assert found["found EI"] == pytest.approx(found["true EI"], rel=0.01)

@@ -152,6 +152,7 @@ def test_integration_is_of_order_eight():
     assert np.all(orders > 7.3), orders
 
 
+@pytest.mark.integration
 def test_default_settings_err_by_less_than_1e_minus_8_of_the_length():
     robot = Robot(
         BACKBONE, Disks.equally_spaced(5, L, mass=0.17e-3), (Tendon("t", ParallelRouting(4.5e-3, 20.0)),)

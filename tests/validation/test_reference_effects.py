@@ -76,6 +76,7 @@ def test_clearance_has_no_effect_on_a_straight_robot():
     assert still.displacements[0] == pytest.approx(0.0, abs=1e-15)
 
 
+@pytest.mark.integration
 def test_tangent_of_clearance_is_exact():
     """Newton's last correction is quadratic: few iterations to 1e-10 even in one step from straight to bent."""
     helix = robot(HelicalRouting(4.5e-3, 0.6), ConvergingRouting(5e-3, 2e-3, 140.0), clearance=3e-4)
@@ -93,6 +94,7 @@ LOADING = [
 ]
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     "routings",
     [
@@ -147,6 +149,7 @@ def test_creep_under_a_tip_moment_is_an_arc_of_growing_curvature():
         np.testing.assert_allclose(step.positions[:, 0], (1.0 - np.cos(k * step.s)) / k, atol=1e-10)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("law", "elements"), [(None, 4), (Superelastic(2e-3, 0.6), 8)], ids=["linear", "superelastic"]
 )

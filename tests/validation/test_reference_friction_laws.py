@@ -54,6 +54,7 @@ def test_slipping_holes_obey_the_law_at_their_own_normal_force():
     np.testing.assert_allclose(np.log(tension[:-1] / tension[1:]), mu * angle, rtol=1e-7)
 
 
+@pytest.mark.integration
 def test_finite_elements_agree_on_a_coefficient_that_depends_on_the_normal_force():
     model = robot(friction=ForceDependentFriction(0.3, 0.1))
     own, other = simulate(model, MODEL, STEPS), solve_reference(model, MODEL, STEPS)

@@ -18,6 +18,7 @@ from tdcr_fe.validation.reference.path import LoadStepPath, NotConverged
 MODEL = Model("straight", "per-hole")
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("tendons", [1, 2, 3, 4, 5, 6])
 def test_a_whole_step_agrees_with_the_step_divided_into_64(tendons):
     """Within 1e-4 of the length, or the step is flagged."""
@@ -31,6 +32,7 @@ def test_a_whole_step_agrees_with_the_step_divided_into_64(tendons):
     assert np.count_nonzero(resolved) >= 2
 
 
+@pytest.mark.integration
 def test_slip_that_ends_where_it_began_is_detected():
     """A tip force reverses the slip at a hole between the points of coarse substeps; compared with 512 substeps."""
     robot = random_robot(1, 16)
@@ -42,6 +44,7 @@ def test_slip_that_ends_where_it_began_is_detected():
     assert np.all(largest_gap(whole, cut) < 2e-5)
 
 
+@pytest.mark.integration
 def test_a_step_taken_whole_misses_slip_reversals():
     """The default of the reference at e3bbe5d: one substep, without a warning."""
     robot = random_robot(4, 1)
@@ -54,6 +57,7 @@ def test_a_step_taken_whole_misses_slip_reversals():
     assert all(s.details["path_resolved"] is None for s in single.steps)
 
 
+@pytest.mark.integration
 def test_a_tolerance_that_is_not_met_is_reported_with_the_refinement_error():
     robot = random_robot(4, 1)
     result = solve_reference(
@@ -72,6 +76,7 @@ def test_a_tolerance_that_is_not_met_is_reported_with_the_refinement_error():
         assert "between load factors" in warning
 
 
+@pytest.mark.integration
 def test_where_a_smaller_substep_does_not_converge_the_larger_is_kept_and_flagged(monkeypatch):
     """Every substep that ends between two 16ths of the load step fails here."""
     honest = LoadStepPath._substep
@@ -107,6 +112,7 @@ def test_settings_out_of_range_are_refused(name):
         ReferenceSettings(**{name: 0})
 
 
+@pytest.mark.integration
 def test_finite_elements_take_a_helix_of_varying_pitch_as_the_reference_does():
     """The reference reads the routing's positions and slopes alone, so a new routing needs no change there."""
     routing = VaryingHelicalRouting(4.5e-3, 0.2, 1.5, 30.0)

@@ -8,6 +8,7 @@ from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting
 from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.validation.crosscheck.studies import LITERATURE
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 from tdcr_fe.validation.reference.newton import natural_residual, solve_box
 
@@ -41,50 +42,12 @@ TWO = Robot(
     tuple(Tendon(f"a{i}", ParallelRouting(4.5e-3, a), end=0.15) for i, a in enumerate((90.0, -30.0, 210.0)))
     + tuple(Tendon(f"b{i}", ParallelRouting(3e-3, a)) for i, a in enumerate((30.0, 150.0, 270.0))),
 )
-LITERATURE = {
-    "straight": (
-        robot(ParallelRouting(4.5e-3, 90.0), 12),
-        "straight",
-        LoadStep(tensions={"t": 1.5}),
-        (0.0, 0.116729591, 0.208913102),
-        (0.0, 0.8516199, 0.5241598),
-    ),
-    "continuous, tip force": (
-        robot(ParallelRouting(4.5e-3, 90.0), 12),
-        "continuous",
-        LoadStep(tensions={"t": 1.5}, loads=SIDE),
-        (0.114854092, 0.091730689, 0.183677266),
-        (0.6498777, 0.6678782, 0.3627639),
-    ),
-    "two segments": (
-        TWO,
-        "continuous",
-        LoadStep(tensions={"a0": 1.5, "b0": 1.2}),
-        (0.128612154, 0.232111762, 0.265667176),
-        (0.6075647, 0.7237992, 0.3270778),
-    ),
-    "helical": (
-        robot(HelicalRouting(4.5e-3, 2.0), 12),
-        "continuous",
-        LoadStep(tensions={"t": 1.2}),
-        (2.5530e-5, 0.015802078, 0.249006139),
-        (-0.0124805, 0.0012600, 0.9999213),
-    ),
-    "converging": (
-        robot(ConvergingRouting(4.5e-3, 0.15e-3), 12),
-        "continuous",
-        LoadStep(tensions={"t": 1.5}, loads=SIDE),
-        (0.157687722, 0.0, 0.178131348),
-        (0.8763387, 0.0, 0.4816954),
-    ),
-}
 
 
-@pytest.mark.parametrize("name", LITERATURE)
-def test_figures_of_two_public_codes(name):
+@pytest.mark.parametrize("title, robot, path, step, tip, tangent", LITERATURE, ids=range(len(LITERATURE)))
+def test_figures_of_two_public_codes(title, robot, path, step, tip, tangent):
     """tdcr-modeling (Rao et al. 2021) and Tummers et al. 2023, to all the digits they are quoted with."""
-    model, path, step, tip, tangent = LITERATURE[name]
-    result = run(model, [step], path).steps[0]
+    result = run(robot, [step], path).steps[0]
     np.testing.assert_allclose(result.tip, tip, atol=1.1e-9)
     np.testing.assert_allclose(result.tangent, tangent, atol=6e-8)
 
@@ -157,8 +120,10 @@ def angles_at_holes(step, model):
     return np.arctan2(np.linalg.norm(np.cross(t[:-1], t[1:]), axis=1), np.sum(t[:-1] * t[1:], axis=1))
 
 
-@pytest.mark.parametrize("friction", ["per-hole", "per-tendon"])
-@pytest.mark.parametrize("name", ROUTINGS)
+@pytest.mark.integration
+@pytest.mark.parametrize(
+    ("name", "friction"), [("parallel", "per-hole"), ("helical", "per-hole"), ("converging", "per-tendon")]
+)
 def test_ratios_lie_within_the_capstan_bounds_and_on_them_where_it_slips(name, friction):
     model = robot(ROUTINGS[name], mu=0.3)
     for step in run(model, pulls(*CYCLE, loads=SIDE), friction=friction, gravity=(0.0, -9.81, 0.0)).steps:
@@ -182,6 +147,7 @@ def test_no_friction_coefficient_is_no_friction_to_the_last_bit(friction):
     assert set(one.steps[-1].hole_states[0]) == {"stick", "anchor"}
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("name", ROUTINGS)
 def test_dissipation_at_every_hole_never_falls(name):
     result = run(robot(ROUTINGS[name], mu=0.3), pulls(*CYCLE, loads=SIDE), friction="per-hole")
@@ -190,12 +156,14 @@ def test_dissipation_at_every_hole_never_falls(name):
     assert np.all(lost[-1] > 0.0)
 
 
+@pytest.mark.integration
 def test_monotone_loading_is_the_same_per_tendon_and_per_hole():
     steps = pulls(0.5, 1.0, 2.0, 3.0)
     one, other = (run(robot(mu=0.3), steps, friction=f) for f in ("per-tendon", "per-hole"))
     np.testing.assert_allclose(one.tips, other.tips, atol=1e-10)
 
 
+@pytest.mark.integration
 def test_a_cycle_needs_the_work_that_is_dissipated():
     def net(count):
         up = np.linspace(0.0, 2.5, count + 1)[1:]
@@ -214,6 +182,7 @@ def test_a_cycle_needs_the_work_that_is_dissipated():
     assert abs(fine - less) < 0.6 * abs(coarse - lost)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("path", ["straight", "continuous"])
 def test_turning_robot_and_loads_about_z_turns_the_answer(path):
     friction = "none" if path == "continuous" else "per-hole"
@@ -264,6 +233,7 @@ def test_adhesion_takes_a_drop_at_every_hole_down_to_zero():
     assert set(step.hole_states[0][7:]) == {"stick", "anchor"}
 
 
+@pytest.mark.integration
 def test_more_disks_approach_the_continuous_model():
     routing = HelicalRouting(4.5e-3, 1.0)
     exact = run(robot(routing), pulls(1.5), "continuous").steps[0].tip
@@ -272,6 +242,7 @@ def test_more_disks_approach_the_continuous_model():
     assert np.all(np.diff(np.log(errors)) / np.log(2.0) < -0.8)
 
 
+@pytest.mark.integration
 def test_large_bending_helix_and_convergence_need_no_initial_guess():
     assert run(robot(disks=13), pulls(4.5)).steps[0].bending_angle > 2.5
     angle = [s.bending_angle for s in run(robot(disks=20), pulls(2.0, 4.0, 4.7), "continuous").steps]
@@ -280,6 +251,7 @@ def test_large_bending_helix_and_convergence_need_no_initial_guess():
     run(robot(ConvergingRouting(4.5e-3, 0.15e-3), 5), pulls(6.0))
 
 
+@pytest.mark.integration
 def test_stuck_antagonists_converge():
     tendons = tuple(
         Tendon(str(i), ParallelRouting(4.5e-3, 90.0 * i), friction_coefficient=0.3) for i in range(4)
@@ -294,6 +266,7 @@ def test_stuck_antagonists_converge():
     np.testing.assert_allclose(result.tips, finer.tips, atol=2e-4)
 
 
+@pytest.mark.integration
 def test_every_feature_of_the_description_together():
     model = Robot(
         BACKBONE,

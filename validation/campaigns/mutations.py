@@ -186,7 +186,7 @@ MUTATIONS: Mapping[str, Mutation] = {
     "command: exit status of a run that fails": Mutation(
         "return INTERRUPTED if interrupted else FAILURE\n\n\ndef long_run",
         "return INTERRUPTED if interrupted else SUCCESS\n\n\ndef long_run",
-        ("commands/test_run.py",),
+        ("commands/test_cli.py",),
     ),
     "sweep: Sobol index of total order": Mutation(
         "0.5 * (change**2).mean(axis=0) / variance",
@@ -196,20 +196,20 @@ MUTATIONS: Mapping[str, Mutation] = {
     "identify: sigma is ignored": Mutation(
         "problem = replace(problem, sigma=sigma)\n",
         "problem = replace(problem, sigma=np.full_like(sigma, np.median(sigma)))\n",
-        ("identify/test_identify.py", "identify/test_holdout.py"),
+        ("identify/test_data_faults.py",),
     ),
     "identify: held-out readings are fitted": Mutation(
-        "return ~self.held_out", "return np.ones_like(self.held_out)", ("identify/test_holdout.py",)
+        "return ~self.held_out", "return np.ones_like(self.held_out)", ("identify/test_identify.py",)
     ),
-    "identify: threshold of the noise": Mutation(
-        "NOISE_Z_SCORE = 4.0",
-        "NOISE_Z_SCORE = 400.0",
-        ("identify/test_verdicts.py", "identify/test_identify.py"),
+    "identify: structure of the residual": Mutation(
+        "return is_noise(structure(problem.data, r, len(fit.free)), significance)",
+        "return True",
+        ("identify/test_identify.py",),
     ),
     "identify: verdict of a part": Mutation(
         "return Verdict.PARTLY_EXPLAINED if state.best.effects",
         "return Verdict.EXPLAINED if state.best.effects",
-        ("identify/test_verdicts.py",),
+        ("identify/test_identify.py",),
     ),
 }
 
