@@ -22,26 +22,26 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-#: Lines of code that a room may have.
+#: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 3709,
-    "tdcr_fe": 367,
-    "tdcr_fe/commands": 1331,
-    "tdcr_fe/effects": 1538,
-    "tdcr_fe/identify": 7124,
-    "tdcr_fe/io": 2747,
-    "tdcr_fe/model": 2687,
-    "tdcr_fe/report": 1378,
-    "tdcr_fe/scene": 1929,
-    "tdcr_fe/solve": 8651,
-    "tdcr_fe/sweeps": 2159,
-    "validation": 11401,
-    "tests": 21137,
+    "elements": 3104,
+    "tdcr_fe": 253,
+    "tdcr_fe/commands": 1005,
+    "tdcr_fe/effects": 1428,
+    "tdcr_fe/identify": 6686,
+    "tdcr_fe/io": 2398,
+    "tdcr_fe/model": 2484,
+    "tdcr_fe/report": 1329,
+    "tdcr_fe/scene": 1500,
+    "tdcr_fe/solve": 8124,
+    "tdcr_fe/sweeps": 1724,
+    "validation": 9514,
+    "tests": 17387,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
 #: Words in all pages under `docs`.
-WORDS = 64766
+WORDS = 38000
 #: More parameters than these are counted, and files below and above these numbers of lines.
 PARAMETERS, SMALL, LARGE = 5, 80, 500
 
