@@ -1,11 +1,22 @@
-"""Closed forms of the description: stiffness of the section, places of the holes."""
+"""Facts of the description: stiffness of the section, places of the holes, what stays from step to step."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from tdcr_fe import Backbone, ConvergingRouting, Disks, HelicalRouting, ParallelRouting, Robot, Tendon
+from tdcr_fe import (
+    Backbone,
+    ConvergingRouting,
+    Disks,
+    HelicalRouting,
+    Load,
+    LoadStep,
+    ParallelRouting,
+    Robot,
+    Tendon,
+)
+from tdcr_fe.model.loading import resolve
 
 RADIUS, MODULUS, RATIO = 0.5e-3, 60e9, 0.25
 
@@ -36,3 +47,19 @@ def test_holes_are_where_the_angle_in_degrees_and_the_offset_say(routing, expect
         Backbone(0.2, RADIUS, MODULUS, RATIO), Disks.equally_spaced(2, 0.2), (Tendon("t", routing),)
     )
     assert 1e3 * robot.hole_points(robot.tendons[0])[:, :2] == pytest.approx(np.array(expected), abs=1e-12)
+
+
+def test_what_a_step_does_not_name_stays_as_it_was():
+    """Inputs of the other tendon, how it is driven, loads and time."""
+    tendons = tuple(Tendon(name, ParallelRouting(4e-3, angle)) for name, angle in (("a", 0.0), ("b", 180.0)))
+    robot = Robot(Backbone(0.2, RADIUS, MODULUS, RATIO), Disks.equally_spaced(2, 0.2), tendons)
+    push = Load(0.2, (0.0, 0.05, 0.0))
+    steps = (
+        LoadStep(tensions={"a": 1.5}, loads={"push": push}, time=2.0),
+        LoadStep(displacements={"b": 1e-3}),
+        LoadStep(tensions={"a": 0.5}, loads={"couple": Load(0.1, moment=(1e-3, 0.0, 0.0))}),
+    )
+    _, second, third = resolve(robot, steps)
+    assert second.values.tolist() == [1.5, 1e-3] and second.by_displacement.tolist() == [False, True]
+    assert dict(second.loads) == {"push": push} and second.time == 2.0
+    assert third.values.tolist() == [0.5, 1e-3] and set(third.loads) == {"push", "couple"}

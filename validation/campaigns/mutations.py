@@ -128,7 +128,7 @@ MUTATIONS: Mapping[str, Mutation] = {
     "history: loads that a step does not name end": Mutation(
         "loads = {**loads, **step.loads}",
         "loads = dict(step.loads)",
-        ("solve/test_sequences.py", "commands/test_run.py"),
+        ("model/test_robot_facts.py",),
     ),
     "mesh: half the estimated error": Mutation(
         'return float(np.sqrt(np.max(np.einsum("ni,ni->n", self.nodes, self.nodes))))',
@@ -161,8 +161,8 @@ MUTATIONS: Mapping[str, Mutation] = {
         ("effects/test_effects.py", "identify/test_reader.py"),
     ),
     "reader: angle_deg in degrees": Mutation(
-        "angle = np.deg2rad(self.angle_deg) + rate * s",
-        "angle = self.angle_deg + rate * s",
+        "np.deg2rad(self.angle_deg) + rate * s",
+        "self.angle_deg + rate * s",
         ("model/test_robot_facts.py",),
     ),
     "reader: a negative tension is taken": Mutation(
