@@ -8,7 +8,7 @@ from importlib import import_module as _import_module
 
 import lazy_loader as _lazy_loader
 
-__version__ = "0.2.0.dev0"
+__version__ = "0.2.0"
 
 # In a clone, `elements/` and `validation/` lie beside this folder, where Python does not look for parts of the package;
 # in an installed copy they lie inside it.

@@ -6,7 +6,6 @@ import importlib
 import re
 import runpy
 import shlex
-import tomllib
 from itertools import pairwise
 from pathlib import Path
 
@@ -211,11 +210,11 @@ def test_messages_on_the_page_troubleshooting_are_those_of_the_program():
     assert len(quoted) >= 30 and not stale
 
 
-def test_the_citation_names_the_version_of_the_package():
-    """Version 0.1.0 was still named when the package was 0.2.0.dev0."""
-    project = tomllib.loads(text_of(ROOT / "pyproject.toml"))["project"]
-    cited = re.search(r"^version: (.+)$", text_of(ROOT / "CITATION.cff"), re.MULTILINE)[1]
-    assert cited == project["version"] == tdcr_fe.__version__
+def test_citation_and_changelog_name_the_version_and_its_date():
+    cited = dict(re.findall(r"^([\w-]+): (.+)$", text_of(ROOT / "CITATION.cff"), re.MULTILINE))
+    newest = re.search(r"^## \[(.+)\] - (.+)$", text_of(ROOT / "CHANGELOG.md"), re.MULTILINE)
+    assert (cited["version"], cited["date-released"]) == newest.groups()
+    assert cited["version"] == tdcr_fe.__version__
 
 
 def test_the_navigation_has_every_page_once():

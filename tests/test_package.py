@@ -5,9 +5,9 @@ from __future__ import annotations
 import importlib
 import os
 import re
-import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from pathlib import Path
@@ -37,6 +37,13 @@ def python(code: str, cwd: Path, path: Path | str) -> str:
     )
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
+
+
+def build(kind: str, out: Path, tree: Path = ROOT) -> str:
+    """Name of the distribution of ``kind`` that the build backend writes to ``out``."""
+    code = f"import hatchling.build as b; print(b.build_{kind}({str(out)!r}))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tree, capture_output=True, text=True, check=True)
+    return done.stdout.split()[-1]
 
 
 @pytest.mark.parametrize("name", sorted(NEEDED.union(tdcr.__all__)))
@@ -87,14 +94,13 @@ def test_registering_twice_changes_nothing():
     assert (exu.MainSystem.CreateTDCR, exu.MainSystem.SolveTDCR) == once
 
 
-def test_every_package_of_the_tree_is_in_the_wheel_and_nothing_else():
-    """A folder that is missing there is missing in every installed copy."""
-    folders = {"tdcr_fe": "tdcr_fe", "tdcr_fe.elements": "elements", "tdcr_fe.validation": "validation"}
-    found = set()
-    for name, folder in folders.items():
-        for init in (ROOT / folder).glob("**/__init__.py"):
-            found.add(".".join((name, *init.parent.relative_to(ROOT / folder).parts)))
-    assert set(PROJECT["tool"]["setuptools"]["packages"]) == found
+def test_an_editable_install_is_a_plain_path(tmp_path):
+    """Editors and type checkers read a path; import hooks they do not."""
+    built = tmp_path / build("editable", tmp_path)
+    archive = zipfile.ZipFile(built)
+    paths = [archive.read(n).decode().strip() for n in archive.namelist() if n.endswith(".pth")]
+    assert [Path(path) for path in paths] == [ROOT]
+    assert not [n for n in archive.namelist() if n.endswith(".py")]
 
 
 def test_classifiers_name_the_pythons_that_are_tested():
@@ -127,16 +133,12 @@ print(tdcr_fe.__file__, round(float(result.bending_angles[0]), 3))
 
 @pytest.fixture(scope="session")
 def wheel(tmp_path_factory):
-    """The project built as a wheel from a copy of the tree."""
-    tree, out = tmp_path_factory.mktemp("tree"), tmp_path_factory.mktemp("wheel")
-    for name in ("tdcr_fe", "elements", "validation", "tests", "docs"):
-        shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, tree)
-    code = f"from setuptools.build_meta import build_wheel; print(build_wheel({str(out)!r}))"
-    subprocess.run([sys.executable, "-W", "ignore", "-c", code], cwd=tree, capture_output=True, check=True)
-    (built,) = out.glob("*.whl")
-    return built
+    """The project built as a wheel, from its source distribution."""
+    out = tmp_path_factory.mktemp("wheel")
+    with tarfile.open(out / build("sdist", out)) as archive:
+        archive.extractall(out, filter="data")
+        (tree,) = {name.split("/")[0] for name in archive.getnames()}
+    return out / build("wheel", out, out / tree)
 
 
 @pytest.mark.integration
