@@ -162,6 +162,7 @@ def _allowed(row: dict[str, Any], top: dict[str, Any]) -> str:
     if choices:
         return ", or ".join(dict.fromkeys(filter(None, (_allowed(c, top) for c in choices))))
     kind = row.get("type")
+    kind = kind[0] if isinstance(kind, list) else kind  # a number, or a text with its unit
     if kind in ("number", "integer"):
         words = [] if kind == "number" else ["whole"]
         for bound, word in (

@@ -13,6 +13,7 @@ from tdcr_fe.model.robot import DiskCount, Disks, Robot
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import Keys, Quantity, all_keys_of, keys_of
 from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.model.units import PATTERN, has_unit
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -157,7 +158,9 @@ def _number_schema(p: Parameter) -> dict[str, Any]:
     """Of one parameter."""
     bounds = {"minimum": p.lower, "maximum": p.upper}
     finite = {k: v for k, v in bounds.items() if abs(v) != float("inf")}
-    return {"type": "number", "description": f"{p.meaning} [{p.unit}]", **finite}
+    text = {"type": ["number", "string"], "unit": p.unit, "pattern": PATTERN}
+    kind = text if has_unit(p.unit) else {"type": "number"}
+    return {**kind, "description": f"{p.meaning} [{p.unit}]", **finite}
 
 
 def json_schema(file: Literal["robot", "scenario", "model"]) -> dict[str, Any]:

@@ -38,6 +38,7 @@ from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ROUTINGS, ParallelRouting
 from tdcr_fe.model.schema import FieldError, keys_of
 from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.model.units import number_or_none
 
 Steps = tuple[LoadStep, ...]
 
@@ -247,13 +248,10 @@ def _build_step(i: int, data: Any, parts: RobotParts, reporter: Reporter) -> Loa
     tensions = raw["tensions"] if isinstance(raw.get("tensions"), dict) else {}
     displacements = raw["displacements"] if isinstance(raw.get("displacements"), dict) else {}
     loads = raw["loads"] if isinstance(raw.get("loads"), dict) else {}
-    at = {n: x["at"] for n, x in loads.items() if isinstance(x, dict) and _is_number(x.get("at"))}
+    places = {n: number_or_none(x.get("at"), "m") for n, x in loads.items() if isinstance(x, dict)}
+    at = {name: s for name, s in places.items() if s is not None}
     reporter.contradictions(step_contradictions(i, tensions, displacements, at, parts.names, parts.length))
     return LoadStep(**values) if len(reporter.problems) == before else None
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 # --------------------------------------------------------------------------------------------------- reading
@@ -474,7 +472,7 @@ def build_scenario(
     settings = _build_settings(top["solver"], reporter) if "solver" in top else None
     given = top.get("steps", ())
     steps = [_build_step(i, table, parts, reporter) for i, table in enumerate(given)]
-    times = [t.get("time") if isinstance(t, dict) and _is_number(t.get("time")) else None for t in given]
+    times = [number_or_none(t.get("time"), "s") if isinstance(t, dict) else None for t in given]
     reporter.contradictions(time_contradictions(times))
 
     robot = parts.robot

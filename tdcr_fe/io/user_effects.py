@@ -15,6 +15,7 @@ from tdcr_fe.io.problems import InputError, Problem, Report
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.messages import meant
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.units import number_or_none, with_units
 
 
 def read_effects(
@@ -89,15 +90,16 @@ def checked_effects(
         sound[name] = {}
         for key, value in values.items():
             p = parameters.get(key)
-            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            number = None if p is None else number_or_none(value, p.unit)
             if p is None:
                 text = f"unknown parameter{meant(key, parameters)}; there are {allowed}"
                 report(f"effects.{name}.{key}", str(value), text)
-            elif not is_number or not p.lower <= value <= p.upper:
+            elif number is None or not p.lower <= number <= p.upper:
                 text = f"must be a number from {p.lower:g} to {p.upper:g} {p.unit}"
+                text = with_units(text, value, p.unit) if isinstance(value, str) else text
                 report(f"effects.{name}.{key}", str(value), text)
             else:
-                sound[name][key] = float(value)
+                sound[name][key] = float(number)
     return sound
 
 

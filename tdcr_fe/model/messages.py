@@ -9,6 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 _COUNTS = {1: "one", 2: "two", 3: "three"}
+#: By type in a JSON schema; numbers with a unit may be texts.
+_NOUNS = {"number": "number", "['number', 'string']": "number", "integer": "whole number"}
 _BOUNDS = {
     "exclusiveMinimum": "above {:g}",
     "minimum": "at least {:g}",
@@ -85,8 +87,8 @@ def allowed(node: Mapping[str, Any]) -> str:
     if options(node):
         *first, last = (quoted(o) for o in options(node))
         return f"{', '.join(first)} or {last}" if first else last
-    if node.get("type") in ("number", "integer"):
-        return numbers(node, "a ", "number" if node["type"] == "number" else "whole number", rest)
+    if noun := _NOUNS.get(str(node.get("type"))):
+        return numbers(node, "a ", noun, rest)
     if node.get("type") == "array":
         return _list(node, rest)
     if "properties" in node:
@@ -95,7 +97,7 @@ def allowed(node: Mapping[str, Any]) -> str:
         if "properties" in item:
             return f"a table of tables by name, each with {', '.join(item['properties'])}"
         return f"a table of values by name, each {allowed({**item, **rest})}"
-    return {"string": "a text in quotes", "object": "a table"}.get(node.get("type", ""), "another value")
+    return {"string": "a text in quotes", "object": "a table"}.get(str(node.get("type")), "another value")
 
 
 def numbers(node: Mapping[str, Any], article: str, noun: str, rest: Mapping[str, Any]) -> str:
@@ -119,8 +121,8 @@ def _list(node: Mapping[str, Any], rest: Mapping[str, Any]) -> str:
         return f"a list of tables with {', '.join(item.get('properties', ()))}"
     if item.get("type") == "array":
         return f"a list of lists, each {allowed({**item, **rest})}"
-    noun = {"number": "numbers", "integer": "whole numbers"}.get(item.get("type", ""))
+    noun = _NOUNS.get(str(item.get("type")))
     if noun is None:
         return "a list of texts in quotes"
     count = len(node.get("prefixItems", ()))
-    return numbers(item, f"{_COUNTS.get(count, str(count))} " if count else "a list of ", noun, rest)
+    return numbers(item, f"{_COUNTS.get(count, str(count))} " if count else "a list of ", f"{noun}s", rest)

@@ -18,6 +18,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from tdcr_fe.model.messages import allowed, join, meant, options, quoted, shown
+from tdcr_fe.model.units import PATTERN, UnitError, has_unit, number_of, with_units
 
 #: Stands for the default, or the value, of a key that has none.
 REQUIRED: Any = object()
@@ -60,7 +61,7 @@ class Quantity:
     description : str
         What it is, for documentation and editors.
     unit : str
-        Of every number in it; empty where there is none.
+        Of every number in it; empty where there is none. Files may give a text with another unit, such as "250 mm".
     gt, ge, lt, le : float or None
         Bounds of every number in it.
     allowed : str
@@ -111,17 +112,40 @@ class Quantity:
         return schema
 
     def _tighten(self, schema: dict[str, Any]) -> None:
-        """Bounds for all numbers in a schema; only numbers are numbers, texts and truth values are not."""
+        """Bounds and units for all numbers in a schema; texts without a unit and truth values are no numbers."""
         if schema["type"] in ("float", "int"):
             bounds = {b: getattr(self, b) for b in ("gt", "ge", "lt", "le")}
             schema |= {"strict": True, **{b: x for b, x in bounds.items() if x is not None}}
         if schema["type"] == "float":
             schema["allow_inf_nan"] = self.infinite
+            if has_unit(self.unit):
+                self._with_unit(schema)
         parts = [schema.get(k) for k in ("schema", "items_schema", "values_schema", "choices")]
         for part in parts:
             for inner in part if isinstance(part, list) else [part]:
                 if isinstance(inner, dict):
                     self._tighten(inner)
+
+    def _with_unit(self, schema: dict[str, Any]) -> None:
+        """Let a number also be a text with its unit."""
+        from pydantic_core import core_schema
+
+        number = core_schema.float_schema(**{k: v for k, v in schema.items() if k != "type"})
+        convert = core_schema.no_info_plain_validator_function(self._number_of)
+        text = core_schema.chain_schema([core_schema.str_schema(strict=True), convert, number])
+        either = core_schema.union_schema([text, number], mode="left_to_right")
+        described = {"type": ["number", "string"], "pattern": PATTERN}
+        number = {**number, "metadata": {"pydantic_js_updates": described}}
+        schema.clear()
+        schema.update(core_schema.json_or_python_schema(number, either))
+
+    def _number_of(self, text: str) -> float:
+        from pydantic_core import PydanticCustomError
+
+        try:
+            return number_of(text, self.unit)
+        except UnitError as error:
+            raise PydanticCustomError("unit_type", "no number with a unit") from error
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
         """JSON schema with description, unit and what else is said in errors."""
@@ -411,8 +435,10 @@ def _mistake(error: Mapping[str, Any], place: _Place, elsewhere: Sequence[str] |
         return Mistake(key, value, f"must be of type {cls}", True)
     if elsewhere is None and "title" in node.get("items", {}):
         return Mistake(key, value, f"must be a sequence of {node['items']['title']}", wrong_type)
-    hint = meant(value, options(node)) if isinstance(value, str) else ""
-    return Mistake(key, value, f"must be {allowed(node)}{hint}", wrong_type)
+    text = f"must be {allowed(node)}"
+    if isinstance(value, str):
+        text = with_units(text, value, node.get("unit", "")) + meant(value, options(node))
+    return Mistake(key, value, text, wrong_type)
 
 
 def _child(node: Mapping[str, Any], part: str | int) -> Any:

@@ -19,9 +19,10 @@ from tdcr_fe.io.user_effects import effects_reader, read_own_effects
 from tdcr_fe.model.dataframes import AFTER_TENDONS, OF_TENDONS
 from tdcr_fe.model.messages import meant, shown
 from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.units import number_or_none
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.sweeps.description import Mode, Output, Sampling, Sweep, Variation
-from tdcr_fe.sweeps.keys import Change, Key, KeyProblem, parse_key, set_value
+from tdcr_fe.sweeps.keys import Change, Key, KeyProblem, parse_key, set_value, unit_of
 
 #: "converged"; "not converged": a load step failed; "invalid": no robot or scenario has these values; "error": an
 #: unexpected failure, also of a function of the user's own; "not run".
@@ -160,10 +161,11 @@ def _change(key: Key, mode: Mode, value: Any) -> Change:
     def change(declared: Any) -> Any:
         if mode == "value":
             return value
-        if isinstance(declared, bool) or not isinstance(declared, int | float):
+        number = number_or_none(declared, unit_of(key))
+        if number is None:
             given = "is not in the file" if declared is None else f"is {shown(declared)} in the file"
             raise KeyProblem(f'{key.text} {given}; mode = "{mode}" needs a number there')
-        return declared * value if mode == "factor" else declared + value
+        return number * value if mode == "factor" else number + value
 
     return change
 

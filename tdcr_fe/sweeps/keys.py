@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
-from tdcr_fe.io.keys import ROBOT, SCENARIO
+from tdcr_fe.io.keys import ROBOT, SCENARIO, json_schema
 from tdcr_fe.io.toml import ScenarioTables
 from tdcr_fe.model.backbone import Backbone, StiffnessPatch
 from tdcr_fe.model.loading import Load, Model
@@ -75,6 +76,24 @@ def parse_key(text: str) -> Key:
     if path[0] not in options:
         raise KeyProblem(f"unknown key{meant(path[0], options)}; must begin with one of {', '.join(options)}")
     return Key(text, tuple(path))
+
+
+@cache
+def unit_of(key: Key) -> str:
+    """Unit of the numbers at a key; empty where they have none."""
+    nodes = [(json_schema("robot" if key.in_robot else "scenario"), "")]
+    for part in key.path:
+        nodes = [(n, n.get("unit", unit)) for node, unit in nodes for n in _below(node, part)]
+    return next((unit for _, unit in nodes if unit), "")
+
+
+def _below(node: Any, part: str | int) -> list[dict[str, Any]]:
+    """JSON schemas of what may stand at one part of a key: of a list also in each of its tables."""
+    alternatives = [n for word in ("oneOf", "anyOf") for x in node.get(word, ()) for n in _below(x, part)]
+    items = [x for x in (*node.get("prefixItems", ()), node.get("items")) if x]
+    found = [*items, *(n for x in items if isinstance(part, str) for n in _below(x, part))]
+    named = node.get("properties", {}).get(part, node.get("additionalProperties"))
+    return [*found, *([named] if isinstance(named, dict) else []), *alternatives]
 
 
 def set_value(tables: ScenarioTables, key: Key, change: Change) -> ScenarioTables:

@@ -29,10 +29,11 @@ from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import join, meant, quoted, shown
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import Keys, Quantity, keys_of
+from tdcr_fe.model.schema import Keys, Mistake, Quantity, keys_of
+from tdcr_fe.model.units import number_or_none, with_units
 from tdcr_fe.sweeps.cases import ABOUT_CASE, columns_of_steps, tables_with
 from tdcr_fe.sweeps.description import MOST_CASES, Mode, Output, Range, Sampling, Sweep, Variation
-from tdcr_fe.sweeps.keys import IN_SCENARIO, KeyProblem, parse_key
+from tdcr_fe.sweeps.keys import IN_SCENARIO, KeyProblem, parse_key, unit_of
 from tdcr_fe.sweeps.sampling import DISTRIBUTIONS, SAMPLED, Column, Uniform
 
 #: Most values of one variation that are checked (of more, as many at equal distances), most cases that are tried with
@@ -266,7 +267,14 @@ def _sampling(table: Any, report: Reporter) -> Sampling | None:
 def _variation(i: int, table: Any, report: Reporter) -> Variation | None:
     """One table ``[[vary]]``; None where it has mistakes."""
     before, where = len(report.problems), f"vary[{i}]"
-    values, _ = VARY.read(table, where, report.mistake)
+    unit = _unit(table) if isinstance(table, dict) else ""
+
+    def note(found: Mistake) -> None:
+        is_number = isinstance(found.value, str) and "number" in found.allowed
+        said = with_units(found.allowed, found.value, unit) if is_number else found.allowed
+        report.mistake(found._replace(allowed=said))
+
+    values, _ = VARY.read(_with_numbers(table, unit), where, note)
     if not isinstance(table, dict):
         return None
     if "key" in table and "keys" in table:
@@ -294,6 +302,28 @@ def _variation(i: int, table: Any, report: Reporter) -> Variation | None:
     if variation.names_robot and not (options and all(isinstance(x, str) for x in options)):
         report(f"{where}.values", "", 'must be paths of robot.toml files, in quotes, for key = "robot"')
     return variation if len(report.problems) == before else None
+
+
+def _unit(table: Mapping[str, Any]) -> str:
+    """Unit of the values of a variation; empty for factors, and where its key is wrong."""
+    keys = table.get("keys")
+    key = table.get("key", keys[0] if isinstance(keys, list) and keys else None)
+    if not isinstance(key, str) or table.get("mode") == "factor":
+        return ""
+    try:
+        return unit_of(parse_key(key))
+    except KeyProblem:
+        return ""
+
+
+def _with_numbers(values: Any, unit: str) -> Any:
+    """A table of `sweep.toml` with numbers in place of texts such as "250 mm"."""
+    if isinstance(values, dict):
+        return {name: _with_numbers(x, unit) for name, x in values.items()}
+    if isinstance(values, list):
+        return [_with_numbers(x, unit) for x in values]
+    number = number_or_none(values, unit) if isinstance(values, str) else None
+    return values if number is None else number
 
 
 def _workspace(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -26,11 +27,12 @@ def errors(schema, value, key=""):
         "$schema", "title", "description", "default", "type", "properties", "required", "additionalProperties",
         "items", "minItems", "maxItems", "enum", "const", "anyOf", "oneOf", "minimum", "maximum",
         "exclusiveMinimum", "exclusiveMaximum", "minLength", "prefixItems",
-        "unit", "note", "allowed",
+        "pattern", "patternProperties", "unit", "note", "allowed",
     }  # fmt: skip
     assert not unknown, unknown
     kind = schema.get("type")
-    if kind and (not isinstance(value, TYPES[kind]) or (isinstance(value, bool) and kind != "boolean")):
+    kinds = kind if isinstance(kind, list) else [kind] * bool(kind)
+    if kinds and (isinstance(value, bool) or not any(isinstance(value, TYPES[k]) for k in kinds)):
         return [key]
     found = []
     if ("enum" in schema and value not in schema["enum"]) or ("const" in schema and value != schema["const"]):
@@ -42,8 +44,9 @@ def errors(schema, value, key=""):
             low <= value <= high and (above is None or value > above) and (below is None or value < below)
         )
         found += [] if inside else [key]
-    if isinstance(value, str) and len(value) < schema.get("minLength", 0):
-        found.append(key)
+    if isinstance(value, str):
+        fits = len(value) >= schema.get("minLength", 0) and re.search(schema.get("pattern", ""), value)
+        found += [] if fits else [key]
     if isinstance(value, list):
         if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
             found.append(key)
@@ -122,6 +125,9 @@ def test_wrong_value_does_not_fit_the_schema(file, change):
         ("robot", {"tendons.0.friction": {"kind": "constant", "mu": 0.2}, "tendons.0.adhesion": 0.1}),
         ("scenario", {"model.elements_per_bay": "auto", "solver": {"max_substeps": 128}}),
         ("scenario", {"effects": {"gravity": {"g_z": -9.81}}}),
+        ("scenario", {"effects": {"gravity": {"g_z": "-9.81 m/s^2"}}, "steps.0.tensions.t1": "1500 mN"}),
+        ("robot", {"backbone.length": "250 mm", "backbone.precurvature": ["1/m", "2.5e-3 1/mm"]}),
+        ("robot", {"backbone.radius": [[0, "0.4 mm"], ["25 cm", 0.3e-3]]}),
     ],
 )
 def test_optional_keys_fit_the_schema(file, change):

@@ -50,7 +50,7 @@ FIELDS = [
     for cls in SOUND
     for name, node in all_keys_of(cls).json_schema["properties"].items()
 ]
-NUMBERS = [p for p in FIELDS if p.values[2].get("type") == "number"]
+NUMBERS = [p for p in FIELDS if "number" in p.values[2].get("type", ())]
 WIDER = {"minimum": -1, "maximum": 1, "exclusiveMinimum": 0, "exclusiveMaximum": 0}
 
 

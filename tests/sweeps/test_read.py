@@ -11,7 +11,8 @@ from sweep_files import InProcess, write_files
 import tdcr_fe as tdcr
 from tdcr_fe import cli
 from tdcr_fe.io.problems import InputError
-from tdcr_fe.sweeps.cases import STATUSES
+from tdcr_fe.io.toml import build_scenario
+from tdcr_fe.sweeps.cases import STATUSES, tables_with
 from tdcr_fe.sweeps.sampling import DISTRIBUTIONS, METHODS
 
 
@@ -201,3 +202,52 @@ def test_the_sweeps_of_the_page_are_the_files_of_the_examples(name, cases):
 def test_the_page_names_everything():
     for word in (*METHODS, *STATUSES, *DISTRIBUTIONS, "factor", "offset"):  # keys are generated
         assert re.search(rf'[`"]{re.escape(word)}["`]', PAGE), word
+
+
+UNITS = """
+[sampling]
+method = "latin-hypercube"
+samples = 3
+[[vary]]
+key = "tendons.t1.offset"
+values = ["3 mm", 4e-3]
+[[vary]]
+key = "steps.tensions.t1"
+range = { start = "500 mN", stop = "2 N", count = 4 }
+[[vary]]
+key = "backbone.youngs_modulus"
+normal = { mean = "85 GPa", std = "3 GPa" }
+[[vary]]
+key = "tendons[1].angle_deg"
+uniform = { lower = "90 deg", upper = "2.0943951023931953 rad" }
+[[vary]]
+key = "backbone.length"
+mode = "factor"
+values = [0.9, 1.1]
+"""
+
+
+def test_values_with_units_are_numbers_in_the_units_of_their_keys(tmp_path):
+    scenario = write_files(tmp_path, HEAD + UNITS)
+    robot = (tmp_path / "robot.toml").read_text("utf-8").replace("length = 0.2", 'length = "20 cm"')
+    (tmp_path / "robot.toml").write_text(robot, encoding="utf-8")
+    sweep = tdcr.read_sweep(scenario)
+    offset, tension, modulus, angle, _ = sweep.variations
+    assert offset.options == (3e-3, 4e-3)
+    assert tension.options == pytest.approx([0.5, 1.0, 1.5, 2.0], rel=1e-15)
+    assert (modulus.distribution.mean, modulus.distribution.std) == (85e9, 3e9)
+    assert (angle.distribution.lower, angle.distribution.upper) == pytest.approx((90.0, 120.0), rel=1e-15)
+    cases = (zip(sweep.variations, sweep.design().case(k), strict=True) for k in range(3))
+    lengths = {build_scenario(tables_with(sweep, case)).robot.backbone.length for case in cases}
+    assert lengths <= {0.2 * 0.9, 0.2 * 1.1}
+
+
+def test_a_wrong_unit_of_a_sweep_is_named(tmp_path):
+    text = UNITS.replace('"3 mm"', '"3 N"').replace('"3 GPa"', '"3 Gpa"').replace('"2 N"', '"2 m"')
+    assert all(
+        any(words in p for p in problems_of(tmp_path, HEAD + text))
+        for words in (
+            'vary[1].range.stop = "2 m": must be a finite number, or a number with its unit',
+            'vary[2].normal.std = "3 Gpa": must be a positive number, or a number with its unit',
+        )
+    )
