@@ -1,4 +1,4 @@
-"""Pictures of the report on an identification, as SVG text: measured against predicted, and where the error lies."""
+"""Pictures of the report on an identification: measured against predicted, and where the error lies."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tdcr_fe.identify.load_steps import directions
 from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.report.environment import shown_unit
-from tdcr_fe.report.style import CORRECTED, DECLARED, HELD_OUT, MEASURED, logarithmic, styled, svg
+from tdcr_fe.report.style import CORRECTED, DECLARED, HELD_OUT, MEASURED, logarithmic, styled
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ _LOOP_STEPS = 4
 # --------------------------------------------------------------------------------- measured against predicted
 
 
-def comparison(result: IdentificationResult) -> str:
+def comparison(result: IdentificationResult) -> Figure:
     """Tip path, shapes and a loop of loading and unloading: measured, and predicted before and after.
 
     Without position readings, the readings of the most frequent quantity over the load steps.
@@ -48,7 +48,7 @@ def comparison(result: IdentificationResult) -> str:
         if not result.held_out_steps:
             del handles[1]
         figure.legend(handles=handles, loc="outside lower center", ncols=4)
-    return svg(figure)
+    return figure
 
 
 def _tip(result: IdentificationResult) -> tuple[Array, Array, Array]:
@@ -318,7 +318,7 @@ def _step_axis(axes: Axes, result: IdentificationResult) -> None:
     axes.set_xlabel("load step")
 
 
-def by_step(result: IdentificationResult) -> str:
+def by_step(result: IdentificationResult) -> Figure:
     """Error in every load step, before and after."""
     position = {n: k for k, n in enumerate(result.data.step_ids)}
     with styled():
@@ -339,15 +339,15 @@ def by_step(result: IdentificationResult) -> str:
         if result.held_out_steps:
             handles, labels = [*handles, Patch(color=HELD_OUT)], [*labels, "held out"]
         figure.legend(handles, labels, loc="outside upper center", ncols=4)
-    return svg(figure)
+    return figure
 
 
-def along(result: IdentificationResult) -> str:
-    """Error over the arc length; empty where fewer than two locations on the backbone were measured."""
+def along(result: IdentificationResult) -> Figure | None:
+    """Error over the arc length; None where fewer than two locations on the backbone were measured."""
     chosen, _, _ = _errors(result, result.residual_before)
     s = [result.data.readings[i].location for i in chosen]
     if not all(isinstance(x, float) for x in s) or len(set(s)) < 2:
-        return ""
+        return None
     with styled():
         figure = Figure(figsize=(5.4, 2.9), layout="constrained")
         axes = figure.subplots()
@@ -362,10 +362,10 @@ def along(result: IdentificationResult) -> str:
         axes.set_xlabel("arc length s [mm]")
         axes.set_ylabel(_label(result, unit))
         figure.legend(loc="outside upper center", ncols=3)
-    return svg(figure)
+    return figure
 
 
-def over_input(result: IdentificationResult) -> str:
+def over_input(result: IdentificationResult) -> Figure:
     """Error over the largest input: loading and unloading, tip loaded or not."""
     data = result.data
     position = {n: k for k, n in enumerate(data.step_ids)}
@@ -399,14 +399,14 @@ def over_input(result: IdentificationResult) -> str:
             Line2D([], [], color=MEASURED, marker="o", mfc="white", ms=5, ls="", label="open: tip loaded")
         )
         figure.legend(handles=handles, loc="outside lower center", ncols=4)
-    return svg(figure)
+    return figure
 
 
-def missing_moment(result: IdentificationResult) -> str:
-    """Bending moment that the model lacks, by step and arc length; empty where it was not computed."""
+def missing_moment(result: IdentificationResult) -> Figure | None:
+    """Bending moment that the model lacks, by step and arc length; None where it was not computed."""
     rest = result.remaining
     if rest.moment is None or rest.bays is None:
-        return ""
+        return None
     with styled():
         size = 1e3 * np.sqrt(np.sum(rest.moment**2, axis=2)).T
         figure = Figure(figsize=(11.6, 3.0), layout="constrained")
@@ -416,4 +416,4 @@ def missing_moment(result: IdentificationResult) -> str:
         figure.colorbar(mesh, ax=axes, label="missing moment [N mm]")
         _step_axis(axes, result)
         axes.set_ylabel("arc length s [mm]")
-    return svg(figure)
+    return figure

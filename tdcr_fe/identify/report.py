@@ -100,22 +100,24 @@ def _error_section(result: IdentificationResult) -> Section:
         Picture(figures.by_step(result), by_step, f"{by_step}. Shaded steps were held out."),
         Picture(figures.over_input(result), over_input, f"{over_input}, by direction of loading."),
     ]
-    svg = figures.along(result)
-    if svg:
-        pictures.append(Picture(svg, "Error along the backbone", "Error along the backbone."))
+    along = figures.along(result)
+    if along is not None:
+        pictures.append(Picture(along, "Error along the backbone", "Error along the backbone."))
     return Section("error", "Where the error is", "pictures.html.j2", {"pictures": pictures})
 
 
 def _rest_section(result: IdentificationResult) -> Section:
     text = result.remaining.description
-    svg = figures.missing_moment(result) if result.verdict in ("unexplained", "partly explained") else ""
+    missing = (
+        figures.missing_moment(result) if result.verdict in ("unexplained", "partly explained") else None
+    )
     caption = (
         "Bending moment that the model is missing, computed from the measured shapes, by arc length and step."
     )
-    picture = Picture(svg, "Missing bending moment by step and arc length", caption)
+    what = "Missing bending moment by step and arc length"
     context = {
         "text": f"{text[:1].upper()}{text[1:]}.",
-        "picture": picture if svg else None,
+        "picture": None if missing is None else Picture(missing, what, caption),
         "tests": result.structure,
     }
     return Section("rest", "What remains, and whether it is noise", "rest.html.j2", context)
@@ -191,8 +193,7 @@ def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
         pictures=(Picture(figures.comparison(result), shown, f"{caption}."),),
         summary=_first_screen(result),
         sections=tuple(sections),
-        styles=() if motion is None else (viewer.style(),),
-        scripts=() if motion is None else (viewer.script(),),
+        has_panel=motion is not None,
         notes=(f"Errors: {what} {result.runs} simulated sequences in {result.wall_time:.0f} s. {made}.",),
     )
 

@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
 from tdcr_fe.report.environment import environment
+from tdcr_fe.report.style import panels
 
 #: Level of a verdict or a mark in a table: as required, in part, not as required, or undecided.
 Level = Literal["good", "part", "bad", "open"]
@@ -21,22 +23,25 @@ class Picture:
 
     Attributes
     ----------
-    svg : str
-        The figure (see `tdcr_fe.report.style.svg`).
+    figure : matplotlib.figure.Figure
+        Its axes become panels that a narrow page shows below each other.
     text : str
         What it shows, for readers who do not see it.
     caption : str
         Below the figure: what the marks mean.
     """
 
-    svg: str
+    figure: Figure
     text: str
     caption: str = ""
 
     @property
-    def source(self) -> str:
-        """The figure as a data address, so that the page needs no other file."""
-        return f"data:image/svg+xml;base64,{base64.b64encode(self.svg.encode()).decode()}"
+    def panels(self) -> list[tuple[str, float]]:
+        """Each panel as a data address, so that the page needs no other file, and its width in pixels."""
+        return [
+            (f"data:image/svg+xml;base64,{base64.b64encode(text.encode()).decode()}", width)
+            for text, width in panels(self.figure)
+        ]
 
 
 @dataclass(frozen=True)
@@ -100,8 +105,8 @@ class Page:
     sections : tuple of Section
     notes : tuple of str
         At the end: versions, time, command.
-    styles, scripts : tuple of str
-        Further style sheets and scripts that sections need.
+    has_panel : bool
+        Whether a section has the 3D panel (see `tdcr_fe.report.viewer.panel`).
     """
 
     title: str
@@ -113,8 +118,7 @@ class Page:
     summary: Section | None = None
     sections: tuple[Section, ...] = ()
     notes: tuple[str, ...] = ()
-    styles: tuple[Markup, ...] = ()
-    scripts: tuple[Markup, ...] = ()
+    has_panel: bool = False
 
 
 def render(page: Page, package: str) -> str:
@@ -132,10 +136,9 @@ def render(page: Page, package: str) -> str:
     def text(section: Section) -> Markup:
         return Markup(made.get_template(section.template).render(section.context))
 
-    return made.get_template("base.html.j2").render(
+    return made.get_template("report.html.j2").render(
         page=page,
         summary=text(page.summary) if page.summary else "",
         sections=[(s, text(s)) for s in page.sections],
-        styles=(Markup(made.get_template("page.css").render()), *page.styles),
-        scripts=(Markup(made.get_template("page.js").render()), *page.scripts),
+        has_panel=page.has_panel,
     )

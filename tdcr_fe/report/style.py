@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -65,10 +66,42 @@ def svg(figure: Figure) -> str:
             format="svg",
             bbox_inches="tight",
             pad_inches=0.04,
+            transparent=True,
             metadata={"Date": None, "Creator": None},
         )
     text = buffer.getvalue()
     return text[text.index("<svg") :]
+
+
+def panels(figure: Figure) -> list[tuple[str, float]]:
+    """Every column of axes in a figure as SVG text of its own, with its width in pixels; legends come last.
+
+    What a row has at its left end only is repeated, since panels may stand below each other. Colour bars stay beside
+    the last column. The layout of the figure is fixed from then on.
+    """
+    columns: dict[Any, list[Any]] = {}
+    first: dict[Any, Axes] = {}
+    for ax in figure.axes:
+        spec = ax.get_subplotspec()
+        if ax.get_label() == "<colorbar>" or spec is None:
+            columns[next(reversed(columns))].append(ax)
+        elif ax.get_visible():
+            columns.setdefault(spec.colspan, []).append(ax)
+            start = first.setdefault(spec.rowspan, ax)
+            ax.tick_params(labelleft=True)
+            ax.set_ylabel(ax.get_ylabel() or start.get_ylabel())
+    parts = [*columns.values(), *([legend] for legend in figure.legends)]
+    with styled():
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    found = []
+    for part in parts:
+        for artist in (artist for other in parts for artist in other):
+            artist.set_visible(artist in part)
+        text = svg(figure)
+        width = re.search(r'width="([\d.]+)pt"', text)
+        found.append((text, 96.0 / 72.0 * float(width[1] if width else 0.0)))
+    return found
 
 
 def logarithmic(axes: Axes, decades: float = 2.0) -> None:

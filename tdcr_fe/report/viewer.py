@@ -21,39 +21,17 @@ LIFT, OFF_PLANE, UNBENT = 0.32, 0.3, -0.96
 WIDTH, HEIGHT, MARGIN = 640, 560, 0.06
 #: Sections of the backbone's curve at most.
 POINTS = 240
-#: Parts of the script, in the order in which they refer to each other.
-SCRIPTS = ("viewer_data.js", "viewer_gl.js", "viewer_scene.js", "viewer_plots.js", "viewer.js")
 
 
-def _text(name: str) -> str:
-    return environment().get_template(name).render()
-
-
-def style() -> Markup:
-    """Style sheet of the panel, once a page."""
-    return Markup(_text("viewer.css"))
-
-
-def script() -> Markup:
-    """Script of the panel, once a page; its names are visible to itself only."""
-    return Markup("(() => {\n" + "\n".join(_text(name) for name in SCRIPTS) + "\n})();")
-
-
-def panel(
-    motion: Motion,
-    theme: Literal["auto", "light", "dark"] = "light",
-    extent: Literal["part", "whole"] = "part",
-) -> Markup:
-    """The panel as a part of an HTML page that contains `style` and `script`.
+def panel(motion: Motion, extent: Literal["part", "whole"] = "part") -> Markup:
+    """The panel as a part of an HTML page whose template is told that it ``has_panel``.
 
     Parameters
     ----------
     motion
         What is drawn.
-    theme
-        "auto" follows the reader's system.
     extent
-        Whether it is part of a page or the whole of it; only then it hears all keys and has a switch of the theme.
+        Whether it is part of a page or the whole of it; only then it hears all keys and has links to its views.
     """
     text = json.dumps(panel_data(motion), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return Markup(
@@ -61,7 +39,6 @@ def panel(
         .get_template("viewer.html.j2")
         .render(
             name=motion.name,
-            theme=theme,
             extent=extent,
             data=Markup(text.replace("<", "\\u003c")),
             still=Markup(still(motion)),
@@ -84,9 +61,8 @@ def view_page(motion: Motion) -> str:
         .render(
             name=motion.name,
             summary=summary(motion),
-            css=style(),
-            panel=panel(motion, "auto", "whole"),
-            script=script(),
+            panel=panel(motion, "whole"),
+            has_panel=True,
         )
     )
 

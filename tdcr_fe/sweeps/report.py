@@ -15,7 +15,7 @@ from tdcr_fe.model.messages import shown as value_text
 from tdcr_fe.report import page as kit
 from tdcr_fe.report.environment import fixed, quantity, significant
 from tdcr_fe.report.page import Card, Level, Page, Picture, Section
-from tdcr_fe.report.style import styled, svg
+from tdcr_fe.report.style import styled
 from tdcr_fe.sweeps.description import Variation
 from tdcr_fe.sweeps.figures import MOST_INPUTS, MOST_OUTPUTS, PICTURES, drawn, tip_columns, tips
 from tdcr_fe.sweeps.result import SweepResult, shown, shown_outputs
@@ -42,7 +42,7 @@ def write_report(result: SweepResult, out: Path) -> None:
 
 def _page(result: SweepResult, figures: dict[str, Figure]) -> Page:
     verdict, level = _verdict(result)
-    pictures = {n: Picture(svg(f), PICTURES[n].title, PICTURES[n].caption) for n, f in figures.items()}
+    pictures = {n: Picture(f, PICTURES[n].title, PICTURES[n].caption) for n, f in figures.items()}
     names = list(pictures)
     sections = []
     if result.failures:

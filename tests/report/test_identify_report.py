@@ -21,7 +21,7 @@ from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.result_folder import read_motion
 from tdcr_fe.io.toml import read_scenario
 from tdcr_fe.model.loading import Load, Model
-from tdcr_fe.report.style import CORRECTED, DECLARED
+from tdcr_fe.report.style import CORRECTED, DECLARED, svg
 from tdcr_fe.report.viewer import view_page
 from tdcr_fe.solve.simulate import simulate
 
@@ -49,7 +49,7 @@ def test_the_first_screen_has_verdict_errors_effects_picture_and_next_step(html)
         "Next step: run the corrected robot", "[effects] gravity = {",
     ):  # fmt: skip
         assert words in text
-    assert first.count("data:image/svg+xml") == 1
+    assert first.count("<figure>") == 1 and first.count("data:image/svg+xml") == 4  # three panels, the legend
     assert "average" not in plain(html)
 
 
@@ -126,7 +126,7 @@ def test_a_loop_is_a_run_in_which_one_tendon_moves():
 
 @pytest.mark.parametrize("draw", [figures.comparison, figures.by_step, figures.along, figures.over_input])
 def test_where_nothing_was_added_one_model_is_drawn_with_one_label(draw):
-    unchanged, changed = draw(result()), draw(result(GRAVITY))
+    unchanged, changed = svg(draw(result())), svg(draw(result(GRAVITY)))
     assert DECLARED in unchanged and CORRECTED not in unchanged
     assert DECLARED in changed and CORRECTED in changed
 

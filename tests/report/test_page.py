@@ -60,15 +60,32 @@ def page(**rest):
 def test_a_page_needs_no_other_file_and_escapes_text():
     figure = Figure()
     figure.subplots().plot([0, 1])
-    picture = Picture(style.svg(figure), "a rising line", "One line.")
+    picture = Picture(figure, "a rising line", "One line.")
     text = render(page(pictures=(picture,), cards=(Card("3 mm", "tip"),), notes=("made < today",)), HERE)
     assert "All &lt;b&gt; hold." in text and "made &lt; today" in text and "3 mm" in text
     assert "url(" not in text and "@import" not in text and "<link" not in text
-    sources = re.findall(r'(?:src|href)="([^"]*)"', text)
-    assert len(sources) == 1
-    kind, code = sources[0].split(",")
+    (source,) = re.findall(r'(?:src|href)="([^"]*)"', text)
+    kind, code = source.split(",")
     assert kind == "data:image/svg+xml;base64"
-    assert base64.b64decode(code).decode() == picture.svg
+    assert base64.b64decode(code).decode() == style.svg(figure)
+
+
+def test_columns_of_a_figure_are_panels_that_can_stand_alone():
+    figure = Figure(layout="constrained")
+    axes = figure.subplots(2, 3, sharey="row")
+    for k, ax in enumerate(axes.flat):
+        ax.plot([0, 1], label="a" if k == 0 else "")
+    axes[0, 0].set_ylabel("height")
+    mesh = axes[1, 2].pcolormesh([[0.0, 1.0]])
+    figure.colorbar(mesh, ax=axes)
+    figure.legend(loc="outside lower center")
+    found = style.panels(figure)
+    # three columns, the last with the colour bar, and the legend
+    assert [text.count('id="axes_') for text, _ in found] == [2, 2, 3, 0]
+    assert 'id="legend_1"' in found[3][0]
+    assert [ax.get_ylabel() for ax in axes[0]] == ["height"] * 3
+    assert all(label.get_visible() for ax in axes.flat for label in ax.get_yticklabels())
+    assert sum(width for _, width in found[:3]) < 96.0 * 1.05 * figure.get_figwidth()
 
 
 def test_sections_are_linked_and_folded_as_they_say():

@@ -1,4 +1,4 @@
-"""Pictures of the validation report, as SVG text."""
+"""Pictures of the validation report."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from tdcr_fe.report.style import BAD, COLOURS, INK, REFERENCE, SOFT, no_axes, styled, svg
+from tdcr_fe.report.style import BAD, COLOURS, INK, REFERENCE, SOFT, no_axes, styled
 from tdcr_fe.validation.crosscheck.cases import LOADS, ROUTINGS
 
 Record = dict[str, Any]
@@ -20,7 +20,7 @@ def _routing_colour(routing: str) -> str:
     return COLOURS[ROUTINGS.index(routing)] if routing in ROUTINGS else SOFT
 
 
-def deviations(cases: Sequence[Record], tolerance: float, median: float) -> str:
+def deviations(cases: Sequence[Record], tolerance: float, median: float) -> Figure:
     """Every case by its tip deviation, one row per routing, with tolerance and median."""
     with styled():
         figure = Figure(figsize=(9.2, 2.5))
@@ -45,7 +45,7 @@ def deviations(cases: Sequence[Record], tolerance: float, median: float) -> str:
         axes.tick_params(axis="y", length=0, labelcolor=INK)
         axes.grid(axis="y", visible=False)
         axes.set_xlabel("deviation of the tip, worst step of each case [% of the length]")
-    return svg(figure)
+    return figure
 
 
 def _project(points: np.ndarray, azimuth: float = -60.0, elevation: float = 22.0) -> np.ndarray:
@@ -56,13 +56,8 @@ def _project(points: np.ndarray, azimuth: float = -60.0, elevation: float = 22.0
     return np.stack((points @ right, points @ up), axis=1)
 
 
-def group(cases: Sequence[Record]) -> str:
-    """Shapes of both solvers at every load step, and tensions along the pulled tendons, by load."""
-    return svg(draw_group(cases))
-
-
-def draw_group(cases: Sequence[Record]) -> Figure:
-    """The figure of `group`: one column for each case."""
+def group(cases: Sequence[Record]) -> Figure:
+    """Shapes of both solvers at every load step, and tensions along the pulled tendons: one column for each case."""
     with styled():
         figure = Figure(figsize=(12.0, 5.0), layout="constrained")
         order = sorted(cases, key=lambda c: LOADS.index(c["load"]) if c["load"] in LOADS else 99)
@@ -112,7 +107,7 @@ def _draw_tensions(axes: Axes, case: Record, colour: str) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
 
 
-def history(case: Record) -> str:
+def history(case: Record) -> Figure:
     """Hysteresis of one tendon: tension over displacement, and distance of the tip from the axis over tension."""
     with styled():
         figure = Figure(figsize=(7.0, 2.9), layout="constrained")
@@ -130,4 +125,4 @@ def history(case: Record) -> str:
         name = case["tendons"][i]
         left.set(xlabel=f"{name} pulled in [mm]", ylabel=f"tension of {name} at the base [N]")
         right.set(xlabel=f"tension of {name} at the base [N]", ylabel="tip from the z axis [mm]")
-    return svg(figure)
+    return figure

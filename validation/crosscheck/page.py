@@ -95,8 +95,8 @@ def _cards(outcome: Record) -> tuple[Card, ...]:
 def _deviations(outcome: Record) -> tuple[Picture, ...]:
     if not any(c["converged"] for c in outcome["cases"]):
         return ()
-    svg = figures.deviations(outcome["cases"], TIP_TOLERANCE, outcome["worst"]["median_tip_percent"])
-    return (Picture(svg, "Deviation of the tip in every case", "One dot for each case; crosses fail."),)
+    drawn = figures.deviations(outcome["cases"], TIP_TOLERANCE, outcome["worst"]["median_tip_percent"])
+    return (Picture(drawn, "Deviation of the tip in every case", "One dot for each case; crosses fail."),)
 
 
 def _sections(outcome: Record) -> list[Section]:

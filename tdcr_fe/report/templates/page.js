@@ -6,7 +6,6 @@ const reveal = () => {
 };
 addEventListener("hashchange", reveal);
 addEventListener("DOMContentLoaded", reveal);
-addEventListener("beforeprint", () => document.querySelectorAll("details").forEach(d => { d.open = true; }));
 for (const table of document.querySelectorAll("table.sortable")) {
   const body = table.tBodies[0];
   let last = -1, way = 1;

@@ -27,6 +27,7 @@ class Panel {
     this.theme();
     new ResizeObserver(() => this.resize()).observe(this.stage);
     this.go(this.startStep());
+    if (root.dataset.page === "whole") this.restore();
     this.draw();
   }
 
@@ -114,7 +115,7 @@ class Panel {
     const pen = this.over.getContext("2d"), [width, height, sharp] = this.size;
     pen.setTransform(sharp, 0, 0, sharp, 0, 0);
     pen.clearRect(0, 0, width, height);
-    const style = getComputedStyle(this.root), ink = style.getPropertyValue("--ink"), ground = style.getPropertyValue("--ground");
+    const style = getComputedStyle(this.root), ink = style.color, ground = style.backgroundColor;
     pen.font = "12px " + style.fontFamily;
     pen.lineJoin = "round";
     const write = (text, x, y, colour = ink) => {
@@ -174,7 +175,7 @@ class Panel {
   }
 
   theme() {
-    const dark = getComputedStyle(this.root).getPropertyValue("--dark").trim() === "1";
+    const dark = document.documentElement.classList.contains("dark");
     this.look.theme = this.plots.theme = dark ? "dark" : "light";
     const stops = Array.from({ length: 9 }, (_, i) => heat(i / 8, dark).map(x => Math.round(255 * x)));
     this.find(".heat").style.background = `linear-gradient(to right, ${stops.map(c => `rgb(${c.join(" ")})`).join(", ")})`;
@@ -194,6 +195,7 @@ class Panel {
       const seen = new Set(m.state);
       STATES.forEach((state, i) => { if (seen.has(i) && state !== "anchor") item({ pull: "down", release: "up" }[state] ?? "ball", theme[state], state === "slack" ? STATE_TEXT.slack : `hole ${STATE_TEXT[state]}`); });
     }
+    if (this.look.holes && m.tendons.length) item("ball", theme.anchor, STATE_TEXT.anchor);
     if (this.look.loads && this.scene.largest.force) item("rod", theme.force, "force");
     if (this.look.loads && this.scene.largest.moment) item("rod", theme.moment, "moment (two heads)");
     if (this.look.loads && this.scene.largest.gravity) item("rod", theme.gravity, "gravity");
@@ -210,7 +212,7 @@ class Panel {
     this.find(".names").replaceChildren(...(m.tendons.length <= 12 ? m.tendons : []).map((t, j) => {
       const li = document.createElement("li"), mark = document.createElement("i");
       mark.className = "rod";
-      mark.style.setProperty("--c", theme.tendons[j % 6]);
+      mark.style.setProperty("--c", theme.tendons[j % theme.tendons.length]);
       li.append(mark, t.name);
       return li;
     }));
@@ -223,7 +225,7 @@ class Panel {
     this.slider.addEventListener("input", () => { this.playing && this.play(false); this.go(+this.slider.value); });
     const actions = { play: () => this.play(), first: () => this.go(0), last: () => this.go(this.motion.count - 1),
       reset: () => this.reset(), x: () => this.turnTo(0, 0), y: () => this.turnTo(-Math.PI / 2, 0), z: () => this.turnTo(-Math.PI / 2, 1.55),
-      theme: () => { this.root.dataset.theme = this.look.theme === "dark" ? "light" : "dark"; document.body.dataset.theme = this.root.dataset.theme; this.theme(); } };
+      save: () => this.save(), link: () => this.link() };
     for (const button of this.root.querySelectorAll("button[data-do]")) {
       button.addEventListener("click", () => { this.playing && button.dataset.do !== "play" && "first last".includes(button.dataset.do) && this.play(false); actions[button.dataset.do](); });
     }
@@ -231,7 +233,7 @@ class Panel {
       box.checked = this.look[box.dataset.show];
       box.addEventListener("change", () => { this.look[box.dataset.show] = box.checked; this.legend(); this.dirty(); });
     }
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.theme());
+    addEventListener("theme", () => this.theme());
     if (!this.motion.measured) this.find("[data-show=markers]").parentElement.remove();
     if (!this.motion.state) this.find("[data-show=holes]").parentElement.remove();
     if (!this.motion.tendons.length) {
@@ -241,6 +243,35 @@ class Panel {
     if (this.motion.count < this.motion.stepsInAll) {
       this.find(".note").textContent += ` ${this.motion.count} of ${this.motion.stepsInAll} load steps are shown.`;
     }
+  }
+
+  // The picture as it is seen, under the name of the robot.
+  save() {
+    const made = document.createElement("canvas"), pen = made.getContext("2d"), [gl, over] = ["gl", "over"].map(name => this.find(`canvas.${name}`));
+    [made.width, made.height] = [gl.width, gl.height];
+    pen.fillStyle = getComputedStyle(this.root).backgroundColor;
+    pen.fillRect(0, 0, made.width, made.height);
+    this.draw(); // what WebGL has drawn is there until the browser shows it
+    for (const canvas of [gl, over]) pen.drawImage(canvas, 0, 0);
+    const link = document.createElement("a");
+    [link.href, link.download] = [made.toDataURL(), `${this.motion.name}_step_${this.motion.steps[this.motion.step]}.png`];
+    link.click();
+  }
+
+  // The address of the page with load step and camera, which `restore` reads; copied where the browser allows it.
+  link() {
+    const { turn, lift, distance, target } = this.camera;
+    location.hash = "view=" + [this.motion.step, turn, lift, distance, ...target].map(x => +x.toPrecision(6)).join(",");
+    navigator.clipboard?.writeText(location.href).catch(() => {});
+  }
+
+  restore() {
+    const numbers = (location.hash.match(/^#view=(.*)/)?.[1] ?? "").split(",").map(Number);
+    if (numbers.length !== 7 || !numbers.every(Number.isFinite)) return;
+    const [step, turn, lift, distance, ...target] = numbers;
+    Object.assign(this.camera, { turn, lift, target });
+    this.change(() => this.camera.update(distance));
+    this.go(step);
   }
 
   reset() { this.moved = false; this.camera.reset(); this.dirty(); }
@@ -339,17 +370,4 @@ class Panel {
   }
 }
 
-// A panel in the first view starts at once, so that the page is whole when it is first painted (screenshots, print);
-// others start when they come near, those in folded parts when they are opened.
-for (const root of document.querySelectorAll(".robot-view")) {
-  const start = () => { root.panel = new Panel(root); }, box = root.getBoundingClientRect();
-  if (box.height && box.top < innerHeight && box.bottom > 0) {
-    start();
-    continue;
-  }
-  new IntersectionObserver((entries, watcher) => {
-    if (!entries.some(e => e.isIntersecting)) return;
-    watcher.disconnect();
-    start();
-  }, { rootMargin: "200px" }).observe(root);
-}
+for (const root of document.querySelectorAll(".robot-view")) root.panel = new Panel(root);

@@ -84,4 +84,4 @@ class Motion {
 }
 
 const STATES = ["stick", "pull", "release", "anchor", "slack"];
-const STATE_TEXT = { stick: "sticks", pull: "slips, tendon pulled", release: "slips, tendon released", anchor: "anchor", slack: "tendon slack" };
+const STATE_TEXT = { stick: "sticks", pull: "slips, tendon pulled", release: "slips, tendon released", anchor: "anchor of a tendon", slack: "tendon slack" };
