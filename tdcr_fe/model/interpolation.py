@@ -6,27 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+
+from tdcr_fe.elements.poses import exp_se3, inverse_tangent_se3, log_se3
 
 Array = NDArray[np.float64]
-
-
-def _skew(rotvec: Array) -> Array:
-    """Skew matrices: (..., 3) to (..., 3, 3)."""
-    w = np.zeros((*rotvec.shape[:-1], 3, 3))
-    w[..., 0, 1], w[..., 0, 2], w[..., 1, 2] = -rotvec[..., 2], rotvec[..., 1], -rotvec[..., 0]
-    return np.asarray(w - np.swapaxes(w, -1, -2))
-
-
-def _left_jacobian(rotvec: Array, scale: Array) -> Array:
-    """Integral of ``exp(x scale W)`` over x in 0..1, times scale; W the skew matrix of ``rotvec``; (m, 3, 3)."""
-    angle = np.linalg.norm(rotvec, axis=-1) * scale
-    w = _skew(rotvec) * scale[..., None, None]
-    small = angle < 1e-4
-    a = np.where(small, 1.0, angle)
-    c1 = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(a)) / a**2)
-    c2 = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (a - np.sin(a)) / a**3)
-    return scale[..., None, None] * (np.eye(3) + c1[..., None, None] * w + c2[..., None, None] * (w @ w))
 
 
 def interpolate_positions(nodes: Array, positions: Array, rotations: Array, s: Array) -> Array:
@@ -90,11 +73,19 @@ def within_elements(start: Array, turn: Array, end: Array, end_turn: Array, shar
     numpy.ndarray
         [m], shape (m, 3).
     """
-    relative = Rotation.from_matrix(np.swapaxes(turn, -1, -2) @ end_turn).as_rotvec()
-    chord = np.einsum("mji,mj->mi", turn, end - start)
-    translation = np.linalg.solve(_left_jacobian(relative, np.ones_like(share)), chord[..., None])
-    part = (_left_jacobian(relative, share) @ translation)[..., 0]
-    return np.asarray(start + np.einsum("mij,mj->mi", turn, part))
+    twist = _twists(start, turn, end, end_turn)
+    return np.asarray(start + _times(turn, exp_se3(share[:, None] * twist)[1]))
+
+
+def _twists(start: Array, turn: Array, end: Array, end_turn: Array) -> Array:
+    """Relative twists of the ends of elements, shape (m, 6)."""
+    back = np.swapaxes(turn, -1, -2)
+    return log_se3(back @ end_turn, _times(back, end - start))
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Matrices (m, n, n) times vectors (m, n)."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 class ElementChange(NamedTuple):
@@ -122,23 +113,19 @@ def within_elements_change(
 ) -> Array:
     """Derivatives of `within_elements`, shape (m, 3, P).
 
-    The position is ``start + turn x J(x v) J(v)^-1 chord`` with the relative rotation vector ``v``, the share ``x``,
-    and the left Jacobian ``J`` of SO(3), which is differentiated in closed form.
+    With the twist ``xi`` of an element and the share ``x``, the pose is that of the start times ``exp(x xi)``.
     """
-    one, back = np.ones_like(share), np.swapaxes(turn, -1, -2)
-    relative = Rotation.from_matrix(back @ end_turn).as_rotvec()
-    jacobian, part = _left_jacobian(relative, one), _left_jacobian(relative, share)
-    chord = back @ (end - start)[..., None]
-    translation = np.asarray(np.linalg.solve(jacobian, chord)[..., 0], dtype=float)
-    rotated = rotation_vector_rate(relative) @ (np.swapaxes(end_turn, -1, -2) @ (by.end_turn - by.turn))
-    lever = np.cross(by.turn, (end - start)[..., None], axis=1)
-    stretched = back @ (by.end - by.start - lever) - _left_jacobian_rate(relative, translation, one) @ rotated
-    inside = part @ np.linalg.solve(jacobian, stretched)
-    inside = inside + _left_jacobian_rate(relative, translation, share) @ rotated
-    along = Rotation.from_rotvec(relative * share[:, None]).apply(translation)
-    inside = inside + along[..., None] * by.share[:, None]
-    arm = (turn @ (part @ translation[..., None]))[..., 0]
-    return np.asarray(by.start + np.cross(by.turn, arm[..., None], axis=1) + turn @ inside)
+    twist = _twists(start, turn, end, end_turn)
+    near, far = np.swapaxes(turn, -1, -2), np.swapaxes(end_turn, -1, -2)
+    near_change = np.concatenate((near @ by.start, near @ by.turn), axis=1)
+    far_change = np.concatenate((far @ by.end, far @ by.end_turn), axis=1)
+    twist_change = inverse_tangent_se3(twist) @ far_change - inverse_tangent_se3(-twist) @ near_change
+    part = share[:, None] * twist
+    along = share[:, None, None] * twist_change + twist[..., None] * by.share[:, None]
+    rotation, arm = exp_se3(part)
+    moved = np.linalg.solve(inverse_tangent_se3(part), along)[:, :3]
+    lever = np.cross(by.turn, _times(turn, arm)[..., None], axis=1)
+    return np.asarray(by.start + lever + turn @ (rotation @ moved))
 
 
 def share_change(start: Array, end: Array, share: Array, length: Array) -> Array:
@@ -154,35 +141,3 @@ def share_change(start: Array, end: Array, share: Array, length: Array) -> Array
         Of the element [m], shape (m,).
     """
     return np.asarray(-(start + share[:, None] * (end - start)) / length[:, None])
-
-
-def _left_jacobian_rate(rotvec: Array, vector: Array, scale: Array) -> Array:
-    """Derivative of ``_left_jacobian(rotvec, scale) vector`` by ``rotvec``, (m, 3, 3)."""
-    v = rotvec * scale[..., None]
-    angle = np.linalg.norm(v, axis=-1)
-    small = angle < 1e-2
-    a = np.where(small, 1.0, angle)
-    sine, cosine = np.sin(a), np.cos(a)
-    c1 = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - cosine) / a**2)
-    c2 = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (a - sine) / a**3)
-    # Derivatives of c1 and c2 by the angle, over the angle.
-    d1 = np.where(small, -1.0 / 12.0 + angle**2 / 180.0, (a * sine - 2.0 * (1.0 - cosine)) / a**4)
-    d2 = np.where(small, -1.0 / 60.0 + angle**2 / 1260.0, (3.0 * sine - 2.0 * a - a * cosine) / a**5)
-    w, across = _skew(v), np.cross(v, vector)
-    slope = -c1[..., None, None] * _skew(vector) - c2[..., None, None] * (_skew(across) + w @ _skew(vector))
-    radial = d1[..., None] * across + d2[..., None] * np.cross(v, across)
-    return np.asarray(scale[..., None, None] ** 2 * (slope + radial[..., :, None] * v[..., None, :]))
-
-
-def rotation_vector_rate(rotvec: Array) -> Array:
-    """Matrix from a rotation of the far section about its own axes to the change of the relative rotation vector.
-
-    The inverse of the right Jacobian of SO(3) (Chirikjian, Stochastic Models, Information Theory, and Lie Groups 2,
-    Sec. 10.6): (m, 3) to (m, 3, 3).
-    """
-    angle = np.linalg.norm(rotvec, axis=-1)[..., None, None]
-    w = _skew(rotvec)
-    small = angle < 1e-3
-    a = np.where(small, 1.0, angle)
-    closed = 1.0 / a**2 - 1.0 / (2.0 * a * np.tan(0.5 * a))
-    return np.asarray(np.eye(3) + 0.5 * w + np.where(small, 1.0 / 12.0 + angle**2 / 720.0, closed) * (w @ w))

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tdcr_fe.elements.poses import inverse_tangent_se3
 from tdcr_fe.model.interpolation import (
     ElementChange,
     elements_at,
     interpolate_positions,
-    rotation_vector_rate,
     share_change,
     within_elements_change,
 )
@@ -187,7 +187,12 @@ class ObservedStep:
         used = np.unique(np.concatenate((lower, upper)))
         end = np.swapaxes(self.rotations[used + 1], 1, 2)
         turn = Rotation.from_matrix(np.swapaxes(end @ self.rotations[used], 1, 2)).as_rotvec()
-        own = rotation_vector_rate(turn) @ end @ (change.rotations[used + 1] - change.rotations[used])
+        twist = np.concatenate((np.zeros_like(turn), turn), axis=1)
+        own = (
+            inverse_tangent_se3(twist)[:, 3:, 3:]
+            @ end
+            @ (change.rotations[used + 1] - change.rotations[used])
+        )
         length = (self.s[used + 1] - self.s[used])[:, None, None]
         own = own / length - turn[:, :, None] * (change.s[used + 1] - change.s[used])[:, None] / length**2
         return np.asarray(0.5 * (own[np.searchsorted(used, lower)] + own[np.searchsorted(used, upper)]))
