@@ -12,11 +12,11 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.schema import Quantity, check_fields
+from tdcr_fe.model.schema import Checked, Quantity
 
 
 @dataclass(frozen=True)
-class Superelastic:
+class Superelastic(Checked):
     """Bending moment that softens with curvature (NiTi).
 
     ``EI kappa`` up to ``kappa * radius = threshold_strain``; beyond it the slope is ``plateau_ratio * EI``;
@@ -37,12 +37,9 @@ class Superelastic:
         float, Quantity("slope beyond the threshold over the slope before it", gt=0.0, le=1.0)
     ]
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
 
 @dataclass(frozen=True)
-class NonlinearMaterial:
+class NonlinearMaterial(Checked):
     """Fibres along the backbone with the nominal stress ``E (e + quadratic e^2 + cubic e^3)`` at the strain ``e``.
 
     Bending and stretching are coupled: with ``quadratic`` below zero a compressed backbone bends less. The
@@ -64,9 +61,6 @@ class NonlinearMaterial:
         float, Quantity("coefficient c; positive: hardening, negative: softening", ge=-1000.0, le=10_000.0)
     ] = 0.0
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
     @property
     def largest_strain(self) -> float:
         """Smallest strain in tension or compression beyond which the stress falls [1]; infinite where there is none."""
@@ -83,7 +77,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class StiffnessPatch:
+class StiffnessPatch(Checked):
     """A stretch of the backbone with other stiffness, of another material, or bent when unloaded.
 
     Attributes
@@ -109,12 +103,9 @@ class StiffnessPatch:
     modulus: Annotated[float, Quantity("factor on all stiffnesses: another material", gt=0.0)] = 1.0
     density: Annotated[float, Quantity("factor on the density: another material", ge=0.0)] = 1.0
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
 
 @dataclass(frozen=True)
-class Backbone:
+class Backbone(Checked):
     """The elastic rod, with section stiffness ``diag(GJ, EI, EI, EA, GA, GA)`` (paper, below Eq. 5).
 
     Attributes
@@ -197,9 +188,6 @@ class Backbone:
         tuple[tuple[float, float], ...],
         Quantity("arc length and radius, from base to tip", "m", in_file=False),
     ] = ()
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     def compliance_factor(self, time: float) -> float:
         """By how much bending and torsional compliance have grown at a time [s]: ``1 + creep_rate time``."""

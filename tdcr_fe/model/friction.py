@@ -12,7 +12,7 @@ from typing import Annotated, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.schema import Quantity, check_fields
+from tdcr_fe.model.schema import Checked, Quantity
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class FrictionCoefficient(Protocol):
 
 
 @dataclass(frozen=True)
-class ConstantFriction:
+class ConstantFriction(Checked):
     """The same coefficient at any force and rate (Coulomb), as ``friction_coefficient`` of a tendon gives it.
 
     Attributes
@@ -56,9 +56,6 @@ class ConstantFriction:
     mu: Annotated[float, Quantity("coefficient of friction", ge=0.0, le=100.0)]
     kind: Literal["constant"] = "constant"
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
     def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
         """See `FrictionCoefficient.coefficient`."""
         zero = np.zeros_like(normal_force)
@@ -66,7 +63,7 @@ class ConstantFriction:
 
 
 @dataclass(frozen=True)
-class StribeckFriction:
+class StribeckFriction(Checked):
     """Coefficient that falls from static to kinetic with the slip rate, and rises again by viscosity.
 
     ``mu(v) = kinetic + (static - kinetic) exp(-(|v| / stribeck_rate)^exponent) + viscous |v|``; B. Armstrong-Helouvry,
@@ -94,9 +91,6 @@ class StribeckFriction:
     viscous: Annotated[float, Quantity("rise of the coefficient with the slip rate", "s/m", ge=0.0)] = 0.0
     kind: Literal["stribeck"] = "stribeck"
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
     def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
         """See `FrictionCoefficient.coefficient`."""
         x = np.abs(slip_rate) / self.stribeck_rate
@@ -107,7 +101,7 @@ class StribeckFriction:
 
 
 @dataclass(frozen=True)
-class ForceDependentFriction:
+class ForceDependentFriction(Checked):
     """Coefficient that changes with the normal force by a power law.
 
     ``mu(N) = mu ((N^2 + smallest_force^2) / reference_force^2)^(exponent / 2)``. A single elastic contact of
@@ -136,9 +130,6 @@ class ForceDependentFriction:
         float, Quantity("normal force below which the coefficient becomes constant", "N", gt=0.0)
     ] = 1e-3
     kind: Literal["force-dependent"] = "force-dependent"
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
         """See `FrictionCoefficient.coefficient`."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.model.checks import model_contradictions, step_contradictions
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import Quantity, check_fields
+from tdcr_fe.model.schema import Checked, Quantity
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -23,7 +23,7 @@ STARTING_ELEMENTS_PER_BAY = 2
 
 
 @dataclass(frozen=True)
-class Load:
+class Load(Checked):
     """A concentrated force and moment on the backbone.
 
     Attributes
@@ -53,12 +53,9 @@ class Load:
         Literal["world", "section"], Quantity('frame of force and moment; "section" follows the section')
     ] = "world"
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
 
 @dataclass(frozen=True)
-class LoadStep:
+class LoadStep(Checked):
     """One step of a loading sequence; what it does not name stays as it was.
 
     Attributes
@@ -90,12 +87,9 @@ class LoadStep:
     substeps: Annotated[int | None, Quantity("number of substeps", ge=1, le=100_000)] = None
     time: Annotated[float | None, Quantity("time at the end of the step", "s", ge=0.0)] = None
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
 
 @dataclass(frozen=True)
-class Model:
+class Model(Checked):
     """How the robot is modelled.
 
     Attributes
@@ -134,7 +128,7 @@ class Model:
     ] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         for c in model_contradictions(self.tendon_path, self.friction):
             raise ValueError(f"Model.{c.key.removeprefix('model.')} = {c.value}: {c.allowed}")
 
@@ -225,7 +219,7 @@ def resolve(robot: Robot, steps: Iterable[LoadStep]) -> list[Actuation]:
 
 
 @dataclass(frozen=True)
-class SolverSettings:
+class SolverSettings(Checked):
     """Numerics of the quasi-static solver. Also the ``[solver]`` table of ``scenario.toml``.
 
     Attributes
@@ -293,6 +287,3 @@ class SolverSettings:
         float,
         Quantity("largest estimated mesh error, over the length; inf: no estimate", gt=0.0, infinite=True),
     ] = 1e-4
-
-    def __post_init__(self) -> None:
-        check_fields(self)

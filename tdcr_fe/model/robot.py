@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import ARC_TOLERANCE, robot_contradictions
-from tdcr_fe.model.schema import Quantity, check_fields
+from tdcr_fe.model.schema import Checked, Quantity
 from tdcr_fe.model.tendon import Tendon
 
 DiskCount = Annotated[int, Quantity("disks at equal distances, the last at the tip", ge=1, le=10_000)]
 
 
 @dataclass(frozen=True)
-class Disks:
+class Disks(Checked):
     """Rigid disks on the backbone; the base plate at s = 0 is not one of them.
 
     Attributes
@@ -53,9 +53,6 @@ class Disks:
         float, Quantity("radius of the disks and of the base plate", "m", gt=0.0, le=1000.0)
     ] = 5e-3
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
     @classmethod
     def equally_spaced(cls, count: DiskCount, length: float, **rest: float) -> Disks:
         """``count`` disks at equal distances, the last at the tip."""
@@ -70,7 +67,7 @@ BAYS_WITHOUT_DISKS = 20
 
 
 @dataclass(frozen=True)
-class SideSpring:
+class SideSpring(Checked):
     """A spring from one place of the backbone to ground, at rest where the unloaded robot is.
 
     It acts sideways: along the x and y axes of the base.
@@ -86,12 +83,9 @@ class SideSpring:
     at: Annotated[float, Quantity("arc length", "m", gt=0.0)]
     stiffness: Annotated[float, Quantity("stiffness sideways, the same in every direction", "N/m", ge=0.0)]
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
 
 @dataclass(frozen=True)
-class Robot:
+class Robot(Checked):
     """A tendon-driven continuum robot.
 
     Attributes
@@ -125,7 +119,7 @@ class Robot:
     ] = None
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         found = robot_contradictions(self)
         if found:
             lines = "\n".join(f"  {c.key}: {c.value}; {c.allowed}" for c in found)

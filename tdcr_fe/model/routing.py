@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from tdcr_fe.model.schema import FieldError, Quantity, check_fields
+from tdcr_fe.model.schema import Checked, FieldError, Quantity
 
 Array = NDArray[np.float64]
 #: A rotation, and numbers or one of them for every arc length by which it is multiplied.
@@ -107,7 +107,7 @@ class Routing:
         return {name: getattr(self, name) for name in keys_of(type(self))}
 
 
-class _PolarRouting(Routing):
+class _PolarRouting(Routing, Checked):
     """A routing by distance from the backbone and angle, ``z = r exp(i a)``, in the plane of the section."""
 
     def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
@@ -146,9 +146,6 @@ class ParallelRouting(_PolarRouting):
     angle_deg: Angle = 0.0
     kind: ClassVar[str] = "parallel"
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
     def _course(self, s: Array, end: float) -> tuple[float | Array, ...]:
         return self.offset, 0.0, np.deg2rad(self.angle_deg), 0.0, 0.0
 
@@ -171,9 +168,6 @@ class HelicalRouting(_PolarRouting):
     turns: Turns
     angle_deg: Angle = 0.0
     kind: ClassVar[str] = "helical"
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     def _course(self, s: Array, end: float) -> tuple[float | Array, ...]:
         rate = 2.0 * np.pi * self.turns / end
@@ -210,9 +204,6 @@ class VaryingHelicalRouting(_PolarRouting):
     angle_deg: Angle = 0.0
     kind: ClassVar[str] = "helical-varying"
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
     def _course(self, s: Array, end: float) -> tuple[float | Array, ...]:
         rate = 2.0 * np.pi * self.turns_base / end
         growth = 2.0 * np.pi * (self.turns_end - self.turns_base) / end**2
@@ -239,9 +230,6 @@ class ConvergingRouting(_PolarRouting):
     angle_deg: Angle = 0.0
     kind: ClassVar[str] = "converging"
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
     def deciding_field(self, hole: int) -> str:
         """See `Routing.deciding_field`."""
         return "end_offset" if hole > 0 else "offset"
@@ -252,7 +240,7 @@ class ConvergingRouting(_PolarRouting):
 
 
 @dataclass(frozen=True)
-class PointsRouting(Routing):
+class PointsRouting(Routing, Checked):
     """A free list of holes.
 
     Between the holes, where only the classical model needs it, the path is the natural cubic spline
@@ -280,7 +268,7 @@ class PointsRouting(Routing):
     kind: ClassVar[str] = "points"
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if len(self.arc_lengths) != len(self.holes) or len(self.holes) < 2:
             raise ValueError(
                 f"PointsRouting: {len(self.holes)} holes and {len(self.arc_lengths)} arc lengths; must be one hole "
@@ -316,7 +304,7 @@ class PointsRouting(Routing):
 
 
 @dataclass(frozen=True)
-class TurnedRouting(Routing):
+class TurnedRouting(Routing, Checked):
     """Another routing whose holes are moved in their sections: turned about the backbone, and nearer to it or farther.
 
     Attributes
@@ -326,9 +314,6 @@ class TurnedRouting(Routing):
     """
 
     base: Annotated[Routing, Quantity("the routing as designed", in_file=False)]
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @property
     def fixed_arc_lengths(self) -> tuple[float, ...] | None:

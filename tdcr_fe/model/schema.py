@@ -1,7 +1,7 @@
 """Bounds, units and descriptions as annotations of dataclass fields, checked by pydantic.
 
 A field such as ``length: Annotated[float, Quantity("from base plate to tip", "m", gt=0.0)]`` is checked by
-`check_fields` when the object is made, and by `Keys.read` when a file is read. The JSON schema of the same annotation
+`Checked` when the object is made, and by `Keys.read` when a file is read. The JSON schema of the same annotation
 says what is allowed: in errors, in the templates of files, and to editors. pydantic is imported when it is needed.
 """
 
@@ -314,8 +314,8 @@ def keys_of(cls: type) -> Keys:
     return all_keys_of(cls).in_file
 
 
-def check_fields(instance: Any) -> None:
-    """Check all fields of a frozen dataclass, and put them in normal form: floats, tuples.
+class Checked:
+    """A frozen dataclass whose fields are checked when it is made, and put in normal form: floats, tuples.
 
     Raises
     ------
@@ -324,22 +324,24 @@ def check_fields(instance: Any) -> None:
     ValueError
         A value is out of its bounds or not finite; all of them are named.
     """
-    keys = all_keys_of(type(instance))
-    given = {n: x for n in keys if (x := getattr(instance, n)) is not keys.defaults.get(n, REQUIRED)}
-    if not given:
-        return
-    values, errors = keys.validated(given)
-    if errors:  # numbers of other libraries are taken, too
-        given = {n: _python_value(x) for n, x in given.items()}
+
+    def __post_init__(self) -> None:
+        keys = all_keys_of(type(self))
+        given = {n: x for n in keys if (x := getattr(self, n)) is not keys.defaults.get(n, REQUIRED)}
+        if not given:
+            return
         values, errors = keys.validated(given)
-    if errors:
-        found = list(_mistakes(errors, keys.json_schema, given))
-        name = type(instance).__name__
-        text = "\n".join(f"{name}.{m.key} = {shown(m.value)}: {m.allowed}" for m in found)
-        raise (TypeError if any(m.wrong_type for m in found) else ValueError)(text)
-    for name, value in values.items():
-        if value is not getattr(instance, name):
-            object.__setattr__(instance, name, value)
+        if errors:  # numbers of other libraries are taken, too
+            given = {n: _python_value(x) for n, x in given.items()}
+            values, errors = keys.validated(given)
+        if errors:
+            found = list(_mistakes(errors, keys.json_schema, given))
+            name = type(self).__name__
+            text = "\n".join(f"{name}.{m.key} = {shown(m.value)}: {m.allowed}" for m in found)
+            raise (TypeError if any(m.wrong_type for m in found) else ValueError)(text)
+        for name, value in values.items():
+            if value is not getattr(self, name):
+                object.__setattr__(self, name, value)
 
 
 def _python_value(value: Any) -> Any:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from tdcr_fe.model.loading import LoadStep, Vector
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import Quantity, check_fields
+from tdcr_fe.model.schema import Checked, Quantity
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,7 +26,7 @@ EffortKind = Literal["tension", "change"]
 
 
 @dataclass(frozen=True)
-class TipTarget:
+class TipTarget(Checked):
     """A position of the tip, and a direction of its tangent where that matters.
 
     Attributes
@@ -47,7 +47,7 @@ class TipTarget:
     time: Annotated[float | None, Quantity("at which the target is to be reached", "s")] = None
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if self.direction is not None and not any(self.direction):
             raise ValueError("TipTarget.direction = (0, 0, 0): must not be zero; None leaves it free")
 

@@ -7,11 +7,11 @@ from typing import Annotated
 
 from tdcr_fe.model.friction import FRICTION_COEFFICIENTS, FrictionCoefficient
 from tdcr_fe.model.routing import Routing
-from tdcr_fe.model.schema import Quantity, check_fields
+from tdcr_fe.model.schema import Checked, Quantity
 
 
 @dataclass(frozen=True)
-class TightHole:
+class TightHole(Checked):
     """A hole with an adhesion of its own, in place of its tendon's.
 
     Attributes
@@ -25,12 +25,9 @@ class TightHole:
     at: Annotated[float, Quantity("arc length of a disk between base plate and anchor", "m", gt=0.0)]
     drop: Annotated[float, Quantity("tension that it takes at most", "N", ge=0.0)]
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
 
 @dataclass(frozen=True)
-class Tendon:
+class Tendon(Checked):
     """A cable through one hole in the base plate and in every disk up to the one it is anchored to.
 
     In a robot without disks it follows the backbone, in a channel of the body, up to its anchor.
@@ -98,6 +95,3 @@ class Tendon:
             "law of a coefficient that depends on slip rate or normal force", variants=FRICTION_COEFFICIENTS
         ),
     ] = None
-
-    def __post_init__(self) -> None:
-        check_fields(self)

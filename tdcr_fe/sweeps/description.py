@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from tdcr_fe.io.toml import ScenarioTables
-from tdcr_fe.model.schema import Quantity, check_fields
+from tdcr_fe.model.schema import Checked, Quantity
 from tdcr_fe.sweeps.keys import Key
 from tdcr_fe.sweeps.sampling import (
     SAMPLED,
@@ -31,7 +31,7 @@ Spacing = Literal["linear", "logarithmic"]
 
 
 @dataclass(frozen=True)
-class Range:
+class Range(Checked):
     """Values at equal distances.
 
     Attributes
@@ -49,7 +49,7 @@ class Range:
     spacing: Annotated[Spacing, Quantity("equal distances or equal ratios")] = "linear"
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if self.spacing == "logarithmic" and not self.start * self.stop > 0.0:
             raise ValueError(
                 "start and stop must be both positive or both negative for spacing = logarithmic"
@@ -64,7 +64,7 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Sampling:
+class Sampling(Checked):
     """How cases are chosen.
 
     Attributes
@@ -81,9 +81,6 @@ class Sampling:
     method: Annotated[Method, Quantity("how cases are chosen")] = "grid"
     samples: Annotated[int | None, Quantity("number of points", ge=1, le=MOST_CASES)] = None
     seed: Annotated[int, Quantity("seed of the random numbers", ge=0, le=2**63 - 1)] = 0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @property
     def is_sample(self) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.stats import qmc
 
-from tdcr_fe.model.schema import Quantity, check_fields
+from tdcr_fe.model.schema import Checked, Quantity
 
 Array = NDArray[np.float64]
 
@@ -29,11 +29,11 @@ _LEAST = 1e-9
 _RANDOM = "rng" if tuple(map(int, scipy.__version__.split(".")[:2])) >= (1, 15) else "seed"
 
 
-class Distribution:
+class Distribution(Checked):
     """A random number: fields with their meaning, and the distribution of `scipy.stats` that they give."""
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         lower, upper = getattr(self, "lower", None), getattr(self, "upper", None)
         if lower is not None and upper is not None and not lower < upper:
             raise ValueError(f"lower = {lower:g} and upper = {upper:g}; lower must be below upper")
