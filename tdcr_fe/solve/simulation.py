@@ -168,9 +168,9 @@ class Simulation:
         guess = None if warm_start is None else self.system.warm_start(self.state, warm_start)
 
         def solved(divide: bool) -> SolvedPath:
-            solver = SubstepSolver(self.system, ramp, self.settings)
+            solver = SubstepSolver(self.system, ramp, self.settings, divide)
             with one_thread():
-                return LoadStepper(solver, self.position, divide, guess).solve(substeps, reference_path)
+                return LoadStepper(solver, self.position, guess).solve(substeps, reference_path)
 
         try:
             # Derivatives need a path that is divided where slips reverse.

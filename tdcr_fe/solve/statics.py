@@ -147,8 +147,8 @@ def _solve(
     state = start.state
     ramp = Ramp.of(system, state, start_time, end_time, before, user_loads)
     with one_thread():
-        solver = SubstepSolver(system, ramp, settings)
-        path = LoadStepper(solver, start, divide=bool(sensitivities)).solve(substeps)
+        solver = SubstepSolver(system, ramp, settings, divide=bool(sensitivities))
+        path = LoadStepper(solver, start).solve(substeps)
         for each in sensitivities:
             each.advance(system, ramp, state, path.increments, settings.presliding)
         if sensitivities:

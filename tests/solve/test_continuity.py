@@ -8,8 +8,8 @@ import pytest
 from tdcr_fe import Backbone, Disks, Load, LoadStep, Model, Robot, Tendon
 from tdcr_fe.model.loading import SolverSettings, resolve
 from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.solve.load_steps.judges import is_continuous
 from tdcr_fe.solve.load_steps.load_path import Ramp
-from tdcr_fe.solve.load_steps.stepping import is_continuous
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 from tdcr_fe.solve.simulation import Simulation
 

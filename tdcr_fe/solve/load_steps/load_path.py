@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -218,24 +217,6 @@ class Position(NamedTuple):
     state: SolverState
     linearization: Linearization | None = None  # Of a state near it, for the first iteration
     end: Equilibrium | None = None  # The same state with an exact linearisation, for the search of reversals
-
-
-class StepProgress(NamedTuple):
-    """How far a load step has been solved."""
-
-    path: SolvedPath  # Of the accepted substeps
-    load_factor: float = 0.0  # At its end [1]
-    # Largest displacement of a node that reversals left out of account may cause, over the length [1]
-    error: float = 0.0
-    equilibrium: Equilibrium | None = None  # The state at its end with its linearisation, where known
-    # So many more smallest substeps may be solved by a rescue (`SubstepSolver.rescue`)
-    rescues_left: float = math.inf
-
-    def with_rejected(self, iterations: int) -> StepProgress:
-        """The same after an attempt that was not accepted."""
-        if iterations == 0:
-            return self
-        return self._replace(path=replace(self.path, rejected=self.path.rejected + iterations))
 
 
 @dataclass(frozen=True)

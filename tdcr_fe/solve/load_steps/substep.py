@@ -54,6 +54,9 @@ class SubstepSolver:
     system: SceneSystem
     ramp: Ramp  # The load step
     settings: SolverSettings
+    # Whether substeps always end where slips reverse, so that each has the history of the one before, as derivatives
+    # along the path need it. Else a substep may be solved with the reversals located in it.
+    divide: bool = False
 
     def solve(
         self, state: SolverState, load_factor: float, linearization: Linearization | None, start: SolverState

@@ -7,7 +7,6 @@ Through states within a substep the slips are interpolated better than between b
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil
 from typing import NamedTuple
@@ -28,7 +27,7 @@ from tdcr_fe.solve.friction_path.reversals import (
     find_reversals,
 )
 from tdcr_fe.solve.friction_path.steady import slips_steadily
-from tdcr_fe.solve.load_steps.load_path import StepProgress
+from tdcr_fe.solve.load_steps.loop import Trial
 from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates
 from tdcr_fe.solve.newton.newton import NewtonResult, newton, with_unknowns_of
 from tdcr_fe.solve.newton.prediction import moved_elements
@@ -280,212 +279,154 @@ class KnownStates(NamedTuple):
         return point.factor == 0.0 or bool(off.max() <= NEAR_PATH * tension.max())
 
 
-class Attempt(NamedTuple):
-    """A converged substep, and what slip reversals within it change."""
+def with_reversals(trial: Trial) -> Trial:
+    """A converged substep: as it is, solved again with its reversals, or to be divided.
 
-    result: NewtonResult
-    error: float = 0.0  # Largest displacement of a node that reversals may cause, over the length [1]
-    # Where it is to be divided, as a fraction of it; 1 where it is good enough, 0 where forces have to balance
-    # first
-    division: float = 1.0
-    start: Equilibrium | None = None  # At its ends, where they were needed
-    end: Equilibrium | None = None  # as `start`
-    rejected: int = 0  # Iterations of former solutions of the substep
-    located: bool = False  # Whether `result` has the reversals located in it
-    within: tuple[tuple[float, SolverState], ...] = ()  # Load factors and states that were solved within it
+    Parameters
+    ----------
+    trial
+        The substep; `Trial.division` of what is returned says where it is to be divided, if it is.
+    """
+    system, result = trial.solver.system, trial.result
+    if not system.numbering().has_friction or has_rates(system) or trial.length == 0.0:
+        return trial
+    if trial.predicted and result.linearization is None:
+        # Nothing changes.
+        return trial
+    linear = result.linearization or trial.linearization
+    if linear is None:
+        linear = _linearised(trial.solver, result.state, trial.end).linearization
+    if _is_steady(trial, linear):
+        return trial
+    first, final = _first(trial, linear.numbering), Equilibrium.of(result.state, result.forces, linear)
+    if not first.balanced:
+        return trial._replace(division=0.0, final=final)
+    if not final.exact:
+        final = _linearised(trial.solver, result.state, trial.end)
+    return _examined(trial._replace(first=first, final=final), first, final)
 
 
-@dataclass(frozen=True, eq=False)
-class SubstepReversals:
-    """Examines converged substeps of a load step for slip reversals."""
+def _is_steady(trial: Trial, linear: Linearization) -> bool:
+    """Whether a substep is a whole load step without change of the loads in which all holes slip steadily."""
+    ramp, system = trial.solver.ramp, trial.solver.system
+    if trial.length != 1.0 or ramp.loads_change or ramp.nonlinear:
+        return False
+    result = trial.result if trial.predicted else trial.result._replace(predicted_slips=None)
+    presliding = trial.solver.settings.presliding
+    return slips_steadily(trial.before, result, linear, system.layout.clamped, presliding)
 
-    solver: SubstepSolver  # Of the load step
-    # Whether substeps always end where slips reverse. Else a substep may be solved with the reversals located
-    # in it.
-    divide: bool = False
 
-    def attempt(
-        self,
-        progress: StepProgress,
-        goal: float,
-        result: NewtonResult,
-        linear: Linearization | None,
-        *,
-        predicted: bool,
-    ) -> Attempt:
-        """A converged substep: as it is, solved again with its reversals, or to be divided.
+def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
+    """A substep with exact linearisations at both ends: accepted, solved again with its reversals, or divided."""
+    solver, settings = trial.solver, trial.solver.settings
+    share = LAST_SHARE if trial.end == 1.0 else SHARE
+    left = settings.path_tolerance - trial.progress.error
+    allowed = max(share * left, LEAST_SHARE * settings.path_tolerance)
+    known = KnownStates.of(solver, [(0.0, first), (1.0, final)], Span(trial.start, trial.end))
+    if known is None:
+        return trial
+    found = _reversals(solver, known, allowed)
+    trial = trial._replace(first=known.start, final=known.end)
+    if found is None:
+        return trial
+    trial = trial._replace(error=found.total, division=found.division)
+    if found.total <= allowed:
+        return trial._replace(division=1.0)
+    if solver.divide or found.path is None or not (found.error <= allowed or _may_be_refined(solver)):
+        return trial
+    return _located(trial, known, found, allowed)
 
-        Parameters
-        ----------
-        progress
-            Where it begins.
-        goal
-            Load factor at its end [1].
-        result
-            The solve.
-        linear
-            Linearisation with which it began, for a solve without any iteration.
-        predicted
-            Whether Newton's method began at its start. From a state near the solution, the first iteration predicts
-            nothing about the way there.
-        """
-        system = self.solver.system
-        if not system.numbering().has_friction or has_rates(system) or goal == progress.load_factor:
-            return Attempt(result)
-        if predicted and result.linearization is None:
-            # Nothing changes.
-            return Attempt(result)
-        linear = result.linearization or linear
-        if linear is None:
-            linear = self._linearised(result.state, goal).linearization
-        if self._is_steady(
-            progress, goal, result if predicted else result._replace(predicted_slips=None), linear
-        ):
-            return Attempt(result)
-        start = self._start(progress, linear.numbering)
-        end = Equilibrium.of(result.state, result.forces, linear)
-        if not start.balanced:
-            return Attempt(result, division=0.0, end=end)
-        if not end.exact:
-            end = self._linearised(result.state, goal)
-        return self._examined(
-            progress, Attempt(result, start=start, end=end), Span(progress.load_factor, goal)
+
+def _may_be_refined(solver: SubstepSolver) -> bool:
+    """Whether states may be solved within a substep: nothing but robots, and inputs and loads linear in it."""
+    linear = not solver.ramp.nonlinear and solver.ramp.before_increment is None
+    return linear and solver.system.tangent_follows_from_elements()
+
+
+def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float) -> Trial:
+    """A substep solved with the reversals located in it, again until the path to the solution has the same ones.
+
+    Where they are uncertain, the slips are interpolated through more states within the substep.
+    """
+    solver, division = trial.solver, found.division
+    most = min(MOST_INTERVALS, solver.settings.max_substeps - trial.progress.path.substeps)
+    for _ in range(MOST_CORRECTIONS):
+        if found.history is None:
+            break
+        result = _corrected(trial, found.history, known)
+        if not result.converged:
+            return trial._replace(rejected=trial.rejected + result.iterations)
+        corrected = trial._replace(
+            result=result,
+            first=known.start,
+            rejected=trial.rejected + trial.result.iterations,
+            located=True,
+            within=known.within,
         )
-
-    def _is_steady(
-        self, progress: StepProgress, goal: float, result: NewtonResult, linear: Linearization
-    ) -> bool:
-        """Whether a substep is a whole load step without change of the loads in which all holes slip steadily."""
-        ramp, system = self.solver.ramp, self.solver.system
-        if progress.load_factor != 0.0 or goal != 1.0 or ramp.loads_change or ramp.nonlinear:
-            return False
-        clamped, presliding = system.layout.clamped, self.solver.settings.presliding
-        return slips_steadily(progress.path.state, result, linear, clamped, presliding)
-
-    def _examined(self, progress: StepProgress, attempt: Attempt, span: Span) -> Attempt:
-        """A substep with exact linearisations at both ends: accepted, solved again with its reversals, or divided."""
-        start, end = attempt.start, attempt.end
-        assert start is not None and end is not None
-        settings = self.solver.settings
-        share = LAST_SHARE if span.end == 1.0 else SHARE
-        allowed = max(
-            share * (settings.path_tolerance - progress.error), LEAST_SHARE * settings.path_tolerance
+        # It ends where the path led, and not in another solution with this history.
+        close = allowed * solver.system.length
+        if found.remaining_error <= allowed and found.history.distance(result.state) <= close:
+            return corrected._replace(error=found.remaining_error, division=1.0, final=None)
+        states = known.before_end
+        if found.error > allowed:
+            states = known.refined(solver, found, allowed, most)
+        if not states:
+            return trial._replace(rejected=trial.rejected + result.iterations)
+        states = [*states, (1.0, _final(solver, result, known))]
+        linked = KnownStates.of(solver, states, known.span, known)
+        assert linked is not None
+        again = _reversals(solver, linked, allowed, solved_with_reversals=True)
+        assert again is not None
+        diverges = again.effect > found.effect
+        known, found = linked, again
+        accepted = found.total <= allowed
+        trial = corrected._replace(
+            error=found.total,
+            division=1.0 if accepted else min(division, found.division),
+            first=known.start,
+            final=known.end,
+            within=known.within,
         )
-        known = KnownStates.of(self.solver, [(0.0, start), (1.0, end)], span)
-        if known is None:
-            return attempt
-        found = self._reversals(known, allowed)
-        attempt = attempt._replace(start=known.start, end=known.end)
-        if found is None:
-            return attempt
-        attempt = attempt._replace(error=found.total, division=found.division)
-        if found.total <= allowed:
-            return attempt._replace(division=1.0)
-        if self.divide or found.path is None or not (found.error <= allowed or self._may_be_refined):
-            return attempt
-        most = min(MOST_INTERVALS, settings.max_substeps - progress.path.substeps)
-        return self._located(attempt, progress.path.state, known, found, allowed, most)
+        if accepted or diverges or (found.error > allowed and not _may_be_refined(solver)):
+            break
+    return trial
 
-    @property
-    def _may_be_refined(self) -> bool:
-        """Whether states may be solved within a substep: nothing but robots, and inputs and loads linear in it."""
-        ramp = self.solver.ramp
-        linear = not ramp.nonlinear and ramp.before_increment is None
-        return linear and self.solver.system.tangent_follows_from_elements()
 
-    def _located(
-        self,
-        attempt: Attempt,
-        before: SolverState,
-        known: KnownStates,
-        found: Reversals,
-        allowed: float,
-        most: int,
-    ) -> Attempt:
-        """A substep solved with the reversals located in it, again until the path to the solution has the same ones.
+def _corrected(trial: Trial, history: SlipHistory, known: KnownStates) -> NewtonResult:
+    """A substep solved again, with the mobilisations counted from where the slips reversed."""
+    guess = history.of(with_unknowns_of(trial.result.state, trial.before))
+    return trial.solver.solve(guess, trial.end, known.end.linearization, trial.before)
 
-        Where they are uncertain, the slips are interpolated through more states within the substep.
-        """
-        division = found.division
-        for _ in range(MOST_CORRECTIONS):
-            if found.history is None:
-                break
-            result = self._corrected(before, attempt.result, found.history, known)
-            if not result.converged:
-                return attempt._replace(rejected=attempt.rejected + result.iterations)
-            rejected = attempt.rejected + attempt.result.iterations
-            # It ends where the path led, and not in another solution with this history.
-            close = allowed * self.solver.system.length
-            if found.remaining_error <= allowed and found.history.distance(result.state) <= close:
-                error, start, within = found.remaining_error, known.start, known.within
-                return Attempt(result, error, start=start, rejected=rejected, located=True, within=within)
-            states = known.before_end
-            if found.error > allowed:
-                states = known.refined(self.solver, found, allowed, most)
-            if not states:
-                return attempt._replace(rejected=attempt.rejected + result.iterations)
-            states = [*states, (1.0, self._end(result, known))]
-            linked = KnownStates.of(self.solver, states, known.span, known)
-            assert linked is not None
-            again = self._reversals(linked, allowed, solved_with_reversals=True)
-            assert again is not None
-            diverges = again.effect > found.effect
-            known, found = linked, again
-            accepted = found.total <= allowed
-            attempt = Attempt(
-                result,
-                found.total,
-                1.0 if accepted else min(division, found.division),
-                known.start,
-                known.end,
-                rejected,
-                True,
-                known.within,
-            )
-            if accepted or diverges or (found.error > allowed and not self._may_be_refined):
-                break
-        return attempt
 
-    def _corrected(
-        self, before: SolverState, result: NewtonResult, history: SlipHistory, known: KnownStates
-    ) -> NewtonResult:
-        """A substep solved again, with the mobilisations counted from where the slips reversed."""
-        end = known.end
-        guess = history.of(with_unknowns_of(result.state, before))
-        return self.solver.solve(guess, known.span.end, end.linearization, before)
+def _first(trial: Trial, numbering: Numbering) -> Equilibrium:
+    """The state at the beginning of a substep, linearised exactly."""
+    solver, first = trial.solver, trial.progress.equilibrium
+    if first is not None and first.numbering.same_unknowns(numbering):
+        return first if first.exact else _linearised(solver, first.state, trial.start)
+    state, linear = trial.before, trial.progress.path.linearization
+    if linear is not None and numbering.same_unknowns(linear.numbering) and near_enough(state, linear):
+        return Equilibrium.of(state, solver.system.forces(state, state.time), linear)
+    return _linearised(solver, state, trial.start)
 
-    def _start(self, progress: StepProgress, numbering: Numbering) -> Equilibrium:
-        """The state at the beginning of a substep, linearised exactly."""
-        start = progress.equilibrium
-        if start is None or not start.numbering.same_unknowns(numbering):
-            state, linear = progress.path.state, progress.path.linearization
-            if (
-                linear is not None
-                and numbering.same_unknowns(linear.numbering)
-                and near_enough(state, linear)
-            ):
-                return Equilibrium.of(state, self.solver.system.forces(state, state.time), linear)
-            return self._linearised(state, progress.load_factor)
-        return start if start.exact else self._linearised(start.state, progress.load_factor)
 
-    def _end(self, result: NewtonResult, known: KnownStates) -> Equilibrium:
-        """The end of a substep that was solved once more, linearised exactly."""
-        linear = result.linearization or known.end.linearization
-        end = Equilibrium.of(result.state, result.forces, linear)
-        return end if end.exact else self._linearised(result.state, known.span.end)
+def _final(solver: SubstepSolver, result: NewtonResult, known: KnownStates) -> Equilibrium:
+    """The end of a substep that was solved once more, linearised exactly."""
+    linear = result.linearization or known.end.linearization
+    final = Equilibrium.of(result.state, result.forces, linear)
+    return final if final.exact else _linearised(solver, result.state, known.span.end)
 
-    def _linearised(self, state: SolverState, load_factor: float) -> Equilibrium:
-        """Linearise in a solved state at a load factor."""
-        target = self.solver.ramp.apply(self.solver.system, load_factor)
-        return Equilibrium.at(self.solver.system, state, target)
 
-    def _reversals(
-        self, known: KnownStates, allowed: float, solved_with_reversals: bool = False
-    ) -> Reversals | None:
-        """Slip reversals in a substep, see `find_reversals`."""
-        system, ramp = self.solver.system, self.solver.ramp
-        targets = ramp.apply(system, known.span.start), ramp.apply(system, known.span.end)
-        states = SolvedStates(
-            known.points, known.taut, targets, self.solver.settings.presliding, system.length, allowed
-        )
-        return find_reversals(states, locate=not self.divide, solved_with_reversals=solved_with_reversals)
+def _linearised(solver: SubstepSolver, state: SolverState, load_factor: float) -> Equilibrium:
+    """Linearise in a solved state at a load factor."""
+    return Equilibrium.at(solver.system, state, solver.ramp.apply(solver.system, load_factor))
+
+
+def _reversals(
+    solver: SubstepSolver, known: KnownStates, allowed: float, solved_with_reversals: bool = False
+) -> Reversals | None:
+    """Slip reversals in a substep, see `find_reversals`."""
+    system, ramp = solver.system, solver.ramp
+    targets = ramp.apply(system, known.span.start), ramp.apply(system, known.span.end)
+    presliding = solver.settings.presliding
+    states = SolvedStates(known.points, known.taut, targets, presliding, system.length, allowed)
+    return find_reversals(states, locate=not solver.divide, solved_with_reversals=solved_with_reversals)

@@ -1,0 +1,146 @@
+"""What a substep has to pass: the list of judges.
+
+Each judge returns the substep, perhaps solved better, or what is to be solved instead. Adding a judge takes its
+function here and its place in `PATH_RESOLVED`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.solve.equations.configuration import SolverState
+from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
+from tdcr_fe.solve.friction_path.reversals import InterpolationPoint
+from tdcr_fe.solve.load_steps.load_path import SolvedPath, StepFailed
+from tdcr_fe.solve.load_steps.loop import Instead, Judge, Proposal, StepProgress, Trial, take_substeps
+from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver
+from tdcr_fe.solve.load_steps.substep_reversals import twist_change, twists, with_reversals
+
+Array = NDArray[np.float64]
+
+#: Largest rotation of an element that the mean of both slopes leaves unexplained, over the largest rotation [1].
+UNEXPLAINED = 0.1
+
+
+def converged(trial: Trial) -> Trial | Instead:
+    """Whether Newton's method has found a solution, with contact that was not jumped over; else it is halved."""
+    if trial.result.converged:
+        return trial
+    if trial.solver.may_be_halved(trial.length, trial.result.status):
+        return trial.divided()
+    return Instead(trial.progress, ())
+
+
+def on_this_branch(trial: Trial) -> Trial | Instead:
+    """Whether no bay has buckled, as far as a shorter substep may avoid it; else it is halved.
+
+    Where tendons are driven by displacement, a straight backbone under great compression is a solution, too.
+    """
+    solver, after = trial.solver, trial.result.state
+    shorter = solver.may_be_halved(trial.length, trial.result.status)
+    if not (shorter and solver.passes_buckling(trial.before, after)):
+        return trial
+    continuous = is_continuous(solver, trial.before, trial.start, after, trial.end)
+    solver.ramp.apply(solver.system, trial.end)
+    return trial if continuous else trial.divided()
+
+
+def reversals_resolved(trial: Trial) -> Trial | Instead:
+    """Whether slip reversals within it are located, or move no node; else it is divided where one is.
+
+    Where no more substeps are allowed, it passes, with its error.
+    """
+    trial = with_reversals(trial)
+    room = trial.substeps < trial.solver.settings.max_substeps and trial.length > SMALLEST_PART
+    return trial.divided(trial.division) if trial.division < 1.0 and room else trial
+
+
+def did_not_jump(trial: Trial) -> Trial | Instead:
+    """Whether its halves lead to the same state, where it may have jumped to another branch; else it is halved.
+
+    Where no more substeps are allowed, it passes, with its distance from the end of the halves as its error.
+    """
+    solver, before, start = trial.solver, trial.before, trial.start
+    for end, after in (*trial.within, (trial.end, trial.result.state)):
+        if _jump_possible(solver, before, start, after, end):
+            away, spent = _distance_of_halves(solver, before, start, after, end)
+            solver.ramp.apply(solver.system, trial.end)
+            trial = trial._replace(rejected=trial.rejected + spent)
+            if away > 2.0 * solver.settings.path_tolerance:
+                room = trial.substeps < solver.settings.max_substeps and trial.length > SMALLEST_PART
+                return trial.divided() if room else trial._replace(error=trial.error + away)
+        before, start = after, end
+    return trial
+
+
+def _jump_possible(
+    solver: SubstepSolver, before: SolverState, start: float, after: SolverState, end: float
+) -> bool:
+    """Whether a substep may have jumped: its rotations are large, and neither sign nor slopes exclude it."""
+    if not solver.jump_suspected(before, after):
+        return False
+    unstable = before.tangent_sign * after.tangent_sign < 0
+    return unstable or not is_continuous(solver, before, start, after, end)
+
+
+def _distance_of_halves(
+    solver: SubstepSolver, before: SolverState, start: float, after: SolverState, end: float
+) -> tuple[float, int]:
+    """How far from a state its halves end, over the length [1], infinite where they fail; and their iterations."""
+    halves = (Proposal(0.5 * (start + end)), Proposal(end))
+    try:
+        path = take_substeps(solver, StepProgress(SolvedPath(before), start), halves, ON_THE_WAY).path
+    except StepFailed as failure:
+        return np.inf, failure.iterations
+    return solver.distance(path.state, after), path.iterations + path.rejected
+
+
+def is_continuous(
+    solver: SubstepSolver, before: SolverState, start: float, after: SolverState, end: float
+) -> bool:
+    """Whether the change of all elements in a substep is that by the slopes at its ends, on average.
+
+    On one branch of equilibria the configuration is a smooth function of the tensions of all segments and of the loads,
+    whatever friction did on the way. After a jump, the slopes would agree with its size by chance only.
+
+    Parameters
+    ----------
+    solver
+        Of the load step.
+    before, after
+        Solved states at the ends of the substep.
+    start, end
+        Their load factors [1].
+    """
+    ramp, system = solver.ramp, solver.system
+    if ramp.nonlinear or ramp.before_increment is not None or not system.tangent_follows_from_elements():
+        return False
+    first = Equilibrium.at(system, before, ramp.apply(system, start))
+    last = Equilibrium.at(system, after, ramp.apply(system, end))
+    taut = TautTendons.of((first, last))
+    if not (first.balanced and taut.tendons):
+        return False
+    first, last = (point.with_response(system.layout.clamped, taut.numbers) for point in (first, last))
+    from_end = last.load_response(system, ramp.apply(system, start)).times(-1.0)
+    from_start = first.load_response(system, ramp.apply(system, end))
+    tension = taut.tensions(last) - taut.tensions(first)
+    slopes = [
+        twist_change(point, tension, 1.0)
+        for point in (InterpolationPoint(0.0, first, from_start), InterpolationPoint(1.0, last, from_end))
+    ]
+    change = twists(last) - twists(first)
+    return _rotation(change - 0.5 * (slopes[0] + slopes[1])) <= UNEXPLAINED * _rotation(change)
+
+
+def _rotation(change: Array) -> float:
+    """Largest rotation of an element [rad]."""
+    return float(np.abs(change.reshape(-1, 6)[:, 3:]).max())
+
+
+#: Of substeps whose number is given: reversals within them are left out of account.
+MUST_CONVERGE: tuple[Judge, ...] = (converged,)
+#: Of the halves of a substep that may have jumped.
+ON_THE_WAY: tuple[Judge, ...] = (converged, on_this_branch, reversals_resolved)
+#: Of substeps that resolve the path of the friction, in this order.
+PATH_RESOLVED: tuple[Judge, ...] = (*ON_THE_WAY, did_not_jump)

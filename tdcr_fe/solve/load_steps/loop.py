@@ -1,0 +1,198 @@
+"""The loop of every load step: propose a substep, solve it, judge it, accept it or solve others instead.
+
+A substep on trial is a value that the judges hand on (`tdcr_fe.solve.load_steps.judges`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from tdcr_fe.model.loading import SolverSettings
+from tdcr_fe.solve.equations.configuration import SolverState
+from tdcr_fe.solve.equations.linearization import Linearization
+from tdcr_fe.solve.friction_path.response import Equilibrium
+from tdcr_fe.solve.load_steps.load_path import SolvedPath, StepFailed, one_substep
+from tdcr_fe.solve.load_steps.substep import SubstepSolver
+from tdcr_fe.solve.newton.newton import NewtonResult, with_unknowns_of
+
+
+class StepProgress(NamedTuple):
+    """How far a load step has been solved."""
+
+    path: SolvedPath  # Of the accepted substeps
+    load_factor: float = 0.0  # At its end [1]
+    # Largest displacement of a node that reversals left out of account may cause, over the length [1]
+    error: float = 0.0
+    equilibrium: Equilibrium | None = None  # The state at its end with its linearisation, where known
+
+    def with_rejected(self, iterations: int) -> StepProgress:
+        """The same after an attempt that was not accepted."""
+        return self._replace(path=replace(self.path, rejected=self.path.rejected + iterations))
+
+    def resolved(self, settings: SolverSettings) -> SolvedPath:
+        """The path, with its error where that is beyond the tolerance."""
+        error = self.error if self.error > settings.path_tolerance else 0.0
+        return replace(self.path, refinement_error=error, end=self.equilibrium)
+
+
+class Proposal(NamedTuple):
+    """A substep that is still to be solved, from where the one before ends."""
+
+    end: float  # Load factor [1]
+    warm_start: SolverState | None = None  # A state that is near its end
+    linearization: Linearization | None = None  # In that state, where known
+
+
+class Trial(NamedTuple):
+    """A substep that was solved, and what the judges have found out about it."""
+
+    solver: SubstepSolver
+    progress: StepProgress  # Where it begins
+    end: float  # Load factor at its end [1]
+    substeps: int  # Of the load step, if it is accepted and nothing is divided further
+    result: NewtonResult
+    linearization: Linearization | None  # With which its solution began
+    # Whether Newton's method began at its start. From a state near the solution, the first iteration predicts nothing
+    # about the way there.
+    predicted: bool = True
+    error: float = 0.0  # Largest displacement of a node that is not resolved of its path, over the length [1]
+    rejected: int = 0  # Iterations of former solutions of the substep
+    # Where reversals within it require a division, as a fraction of it; 1 where they do not, 0 where forces have to
+    # balance first
+    division: float = 1.0
+    first: Equilibrium | None = None  # The state at its beginning with its linearisation, where it was needed
+    final: Equilibrium | None = None  # The same at its end
+    located: bool = False  # Whether `result` has the reversals located in it
+    within: tuple[tuple[float, SolverState], ...] = ()  # Load factors and states that were solved within it
+
+    @property
+    def before(self) -> SolverState:
+        """The state in which it begins."""
+        return self.progress.path.state
+
+    @property
+    def start(self) -> float:
+        """Load factor at its beginning [1]."""
+        return self.progress.load_factor
+
+    @property
+    def length(self) -> float:
+        """As a part of the load step [1]."""
+        return self.end - self.start
+
+    def accepted(self) -> StepProgress:
+        """How far the load step is solved with it."""
+        path = replace(one_substep(self.result, self.end), rejected=self.rejected, located=self.located)
+        path = replace(path, increments=(*self.within, *path.increments))
+        return StepProgress(
+            self.progress.path.then(path), self.end, self.progress.error + self.error, self.final
+        )
+
+    def rescued(self) -> StepProgress:
+        """How far the load step is solved, where no smaller substep is allowed and this one did not converge."""
+        spent = self.rejected + self.result.iterations
+        try:
+            path = self.solver.rescue(self.before, self.start, self.end, self.result)
+        except StepFailed as failure:
+            failure.iterations += self.progress.path.iterations + self.progress.path.rejected + self.rejected
+            raise
+        path = self.progress.path.then(replace(path, rejected=path.rejected + spent))
+        return StepProgress(path, self.end, self.progress.error)
+
+    def divided(self, fraction: float = 0.5) -> Instead:
+        """Proposes a first part of it, a fraction of it [1], and the rest; what is known of its ends is kept."""
+        rest = Proposal(self.end)
+        if self.final is not None and not self.solver.jump_suspected(self.before, self.result.state):
+            rest = Proposal(self.end, self.final.state, self.final.linearization)
+        progress = self.progress.with_rejected(self.rejected + self.result.iterations)
+        if self.final is not None:
+            progress = progress._replace(equilibrium=self.first)
+        return Instead(progress, (Proposal(self.start + fraction * self.length), rest))
+
+
+class Instead(NamedTuple):
+    """What is to be solved instead of a substep that was not accepted; nothing where it cannot be any smaller."""
+
+    progress: StepProgress
+    proposals: tuple[Proposal, ...]
+
+
+def solved(solver: SubstepSolver, progress: StepProgress, proposal: Proposal, ahead: int) -> Trial:
+    """Solve a proposed substep: from the state near its end, or where that fails or is not known, from its start.
+
+    Parameters
+    ----------
+    solver
+        Of the load step.
+    progress
+        Where the substep begins.
+    proposal
+        The substep.
+    ahead
+        How many others are proposed after it.
+    """
+    before, substeps = progress.path.state, progress.path.substeps + ahead + 1
+    spent = 0
+    if proposal.warm_start is not None:
+        near, linear = with_unknowns_of(proposal.warm_start, before), proposal.linearization
+        result = solver.solve(near, proposal.end, linear, before)
+        if result.converged:
+            return Trial(solver, progress, proposal.end, substeps, result, linear, predicted=False)
+        spent = result.iterations
+    linear = progress.path.linearization
+    result = solver.solve(before, proposal.end, linear, before)
+    return Trial(solver, progress, proposal.end, substeps, result, linear, rejected=spent)
+
+
+#: Returns the substep, perhaps solved better, or what is to be solved instead.
+Judge = Callable[[Trial], Trial | Instead]
+
+
+def take_substeps(
+    solver: SubstepSolver, progress: StepProgress, proposals: Sequence[Proposal], judges: Sequence[Judge]
+) -> StepProgress:
+    """Solve substeps one after the other; what does not pass the judges is replaced by what they propose.
+
+    Parameters
+    ----------
+    solver
+        Of the load step.
+    progress
+        Where the first substep begins.
+    proposals
+        The substeps, in order.
+    judges
+        What a substep has to pass.
+
+    Raises
+    ------
+    StepFailed
+        A substep that cannot be any smaller does not converge.
+    """
+    ahead = list(reversed(proposals))
+    while ahead:
+        trial = solved(solver, progress, ahead.pop(), len(ahead))
+        verdict = _judged(trial, judges)
+        if isinstance(verdict, Trial):
+            progress = verdict.accepted()
+        elif verdict.proposals:
+            progress = verdict.progress
+            ahead.extend(reversed(verdict.proposals))
+        else:
+            progress = trial.rescued()
+    if progress.equilibrium is not None:
+        # The search for reversals looked at other loads.
+        solver.ramp.apply(solver.system, 1.0)
+    return progress
+
+
+def _judged(trial: Trial, judges: Sequence[Judge]) -> Trial | Instead:
+    """The substep as the judges leave it, or what the first of them that it does not pass proposes."""
+    for judge in judges:
+        verdict = judge(trial)
+        if isinstance(verdict, Instead):
+            return verdict
+        trial = verdict
+    return trial
